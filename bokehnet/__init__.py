@@ -1,0 +1,33 @@
+"""Hybrid classical and neural bokeh rendering from a picture and its depth.
+
+The public names load on first use: importing the package imports neither torch nor onnxruntime.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "BokehRenderer": "bokehnet.inference.pipeline",
+    "BokehnetError": "bokehnet.errors",
+    "RenderResult": "bokehnet.inference.pipeline",
+    "ThinLens": "bokehnet.lenses.thin",
+    "defocus_from_disparity": "bokehnet.optics.coc",
+    "defocus_map": "bokehnet.lenses.base",
+    "disparity_from_depth": "bokehnet.optics.coc",
+    "read_image": "bokehnet.io.image",
+    "write_image": "bokehnet.io.image",
+}
+
+__all__ = [*_HOME, "__version__"]  # noqa: PLE0604
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,115 @@
+"""The neural half from coarse to fine: ARNet where the blur is small, IUNet up to full size.
+
+One body for training (torch modules on tensors) and for inference (ONNX sessions on NumPy arrays).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from bokehnet.checks import Array, array_namespace
+from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
+
+__all__ = ["CoarseNetwork", "Level", "NeuralResult", "RefineNetwork", "build_levels", "render_neural"]
+
+
+class CoarseNetwork(Protocol):
+    """ARNet, as a torch module or an ONNX session."""
+
+    def __call__(self, image: Array, defocus: Array, classical: Array) -> tuple[Array, Array]:
+        """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur of at most one unit."""
+        ...
+
+
+class RefineNetwork(Protocol):
+    """IUNet, as a torch module or an ONNX session."""
+
+    def __call__(self, image: Array, defocus: Array, classical: Array, coarse: Array) -> Array:
+        """Return bokeh (B, 3, H, W), given ``coarse``, the bokeh at half the size."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Level:
+    """The inputs at one size.
+
+    Attributes:
+        image, classical: Scene-linear, (B, 3, H, W).
+        defocus: Signed radius in pixels of this size, (B, 1, H, W).
+    """
+
+    image: Array
+    defocus: Array
+    classical: Array
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NeuralResult:
+    """The neural half of the hybrid.
+
+    Attributes:
+        steps: Bokeh (B, 3, h, w) at every level, coarse to fine; the last has the picture's size.
+        error_map: (B, 1, H, W) in [0, 1], at the picture's size.
+        coarse_error_map: (B, 1, h, w), as ARNet gave it.
+    """
+
+    steps: list[Array]
+    error_map: Array
+    coarse_error_map: Array
+
+
+def build_levels(image: Array, defocus: Array, classical: Array, halvings: int) -> list[Level]:
+    """Halve the inputs ``halvings`` times; coarse to fine. Sides are padded to whole coarse 2x2 blocks."""
+    arrays = [pad_to_multiple(x, 2 ** (halvings + 1)) for x in (image, defocus, classical)]
+    levels = [Level(image=arrays[0], defocus=arrays[1], classical=arrays[2])]
+    for _ in range(halvings):
+        finer = levels[0]
+        levels.insert(
+            0,
+            Level(
+                image=downsample2(finer.image),
+                defocus=0.5 * downsample2(finer.defocus),
+                classical=downsample2(finer.classical),
+            ),
+        )
+    return levels
+
+
+def render_neural(
+    image: Array,
+    defocus: Array,
+    classical: Array,
+    *,
+    arnet: CoarseNetwork,
+    iunet: RefineNetwork,
+    unit: float,
+    extra_halvings: int = 0,
+) -> NeuralResult:
+    """Render the neural half.
+
+    The published method resizes by max|r| / unit; here the factor is the next power of two, so that every
+    step doubles exactly, no step loses detail, and pixels of all sizes are aligned.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (B, 3, H, W).
+        defocus: Signed blur radius in pixels, (B, 1, H, W).
+        classical: Classical render, scene-linear, (B, 3, H, W).
+        arnet: The coarse network.
+        iunet: The refining network.
+        unit: Largest radius ``arnet`` was trained for, pixels.
+        extra_halvings: Start this many sizes lower than needed (for training).
+
+    Source:
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
+    """
+    height, width = image.shape[-2:]
+    largest = float(array_namespace(defocus).abs(defocus).max())
+    levels = build_levels(image, defocus, classical, count_halvings(largest, unit) + extra_halvings)
+    bokeh, coarse_error_map = arnet(levels[0].image, levels[0].defocus, levels[0].classical)
+    steps, error_map = [bokeh], coarse_error_map
+    for level in levels[1:]:
+        steps.append(iunet(level.image, level.defocus, level.classical, steps[-1]))
+        error_map = upsample2(error_map)
+    steps[-1] = crop_to(steps[-1], height, width)
+    return NeuralResult(
+        steps=steps, error_map=crop_to(error_map, height, width), coarse_error_map=coarse_error_map
+    )

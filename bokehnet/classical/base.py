@@ -1,0 +1,64 @@
+"""What every classical renderer takes and gives, and the table of their names."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol
+
+import numpy as np
+
+from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+
+__all__ = ["CLASSICAL_RENDERERS", "ClassicalRenderer", "ClassicalResult", "check_inputs", "make_classical"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ClassicalResult:
+    """What a classical renderer gives.
+
+    Attributes:
+        bokeh: The rendered picture, scene-linear, (H, W, 3).
+        error_map: Where it can be wrong, (H, W) in [0, 1]; 1 = trust a network.
+    """
+
+    bokeh: np.ndarray
+    error_map: np.ndarray
+
+
+class ClassicalRenderer(Protocol):
+    """A renderer without learned parts."""
+
+    def __call__(self, image: np.ndarray, defocus: np.ndarray) -> ClassicalResult:
+        """Render.
+
+        Args:
+            image: All-in-focus picture, scene-linear, (H, W, 3), float32.
+            defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
+        """
+        ...
+
+
+# Name -> "module:function"; loaded on first use, so that a name costs nothing.
+CLASSICAL_RENDERERS = {"scatter": "bokehnet.classical.scatter:render_scatter"}
+
+
+def make_classical(name: str) -> ClassicalRenderer:
+    """Return the classical renderer called ``name``; ``ParameterError`` names the choices."""
+    check_choice("classical renderer", name, CLASSICAL_RENDERERS)
+    module, function = CLASSICAL_RENDERERS[name].split(":")
+    renderer: Callable = getattr(import_module(module), function)
+    return renderer
+
+
+def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Check a picture and its defocus map at a public door; both come back contiguous.
+
+    Raises:
+        ShapeError: Not (H, W, 3) and (H, W) of one size.
+        ParameterError: NaN or infinity in either.
+    """
+    check_image("image", image)
+    check_map("defocus", defocus)
+    check_same_size("image", image, "defocus", defocus)
+    dtype = np.float64 if image.dtype == np.float64 else np.float32
+    return np.ascontiguousarray(image, dtype), np.ascontiguousarray(defocus, dtype)

@@ -1,0 +1,90 @@
+"""Where a classical renderer can be wrong: within the blur's reach of a depth discontinuity."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from bokehnet.checks import check_map
+
+__all__ = ["geometric_error_map"]
+
+
+@njit(cache=True)
+def _boundary_reach(defocus, threshold):  # type: ignore[no-untyped-def]
+    """Largest radius around each boundary pixel, 0 where the defocus does not jump; 3x3 windows."""
+    height, width = defocus.shape
+    reach = np.zeros((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            low = high = defocus[y, x]
+            for v in range(max(0, y - 1), min(height, y + 2)):
+                for u in range(max(0, x - 1), min(width, x + 2)):
+                    low = min(low, defocus[v, u])
+                    high = max(high, defocus[v, u])
+            if high - low > threshold:
+                reach[y, x] = max(abs(low), abs(high), 1.0)
+    return reach
+
+
+@njit(cache=True)
+def _cover_discs(reach):  # type: ignore[no-untyped-def]
+    """How many discs lie over each pixel, by differences along the rows."""
+    height, width = reach.shape
+    counts = np.zeros((height, width + 1), np.int32)
+    for y in range(height):
+        for x in range(width):
+            radius = reach[y, x]
+            if radius <= 0.0:
+                continue
+            rows = int(math.floor(radius))
+            for row in range(max(0, y - rows), min(height, y + rows + 1)):
+                half = int(math.floor(math.sqrt(radius * radius - (row - y) ** 2)))
+                counts[row, max(0, x - half)] += 1
+                counts[row, min(width, x + half + 1)] -= 1
+    for y in range(height):
+        for x in range(1, width):
+            counts[y, x] += counts[y, x - 1]
+    return counts[:, :width]
+
+
+def _soften(mask: np.ndarray, reach: int) -> np.ndarray:
+    """Mean over a (2 reach + 1)^2 window, the border repeated."""
+    for axis in (0, 1):
+        width: Any = [(reach + 1, reach) if a == axis else (0, 0) for a in (0, 1)]
+        sums = np.cumsum(np.pad(mask, width, mode="edge"), axis=axis, dtype=np.float64)
+        size = mask.shape[axis]
+        upper = np.take(sums, np.arange(2 * reach + 1, 2 * reach + 1 + size), axis)
+        mask = (upper - np.take(sums, np.arange(size), axis)) / (2 * reach + 1)
+    return mask.astype(np.float32)
+
+
+def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, softness: int = 2) -> np.ndarray:
+    """Return the map of pixels that a depth discontinuity can reach.
+
+    A pixel lies on a boundary when the defocus inside its 3x3 window spans more than ``threshold``; each
+    boundary pixel marks the disc of the larger radius found there; the mask's edge is softened.
+
+    Args:
+        defocus: Signed blur radius in pixels, (H, W).
+        threshold: Span in pixels; default max(0.5, min(H, W) / 1000).
+        softness: Half the width in pixels of the soft edge, which lies outside the mask.
+
+    Returns:
+        Map (H, W) float32 in [0, 1]; 1 within reach of a boundary, 0 where the scatter is right.
+
+    Raises:
+        ShapeError, ParameterError: ``defocus`` is not (H, W) or not finite.
+
+    Source:
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
+    """
+    check_map("defocus", defocus)
+    if threshold is None:
+        threshold = max(0.5, min(defocus.shape) / 1000)
+    reach = _boundary_reach(np.ascontiguousarray(defocus, np.float32), threshold)
+    if softness > 0:
+        reach = np.where(reach > 0, reach + softness, reach).astype(np.float32)
+    mask = (_cover_discs(reach) > 0).astype(np.float32)
+    return _soften(mask, softness) if softness > 0 else mask

@@ -1,0 +1,118 @@
+"""TOML files to frozen dataclasses, and back to text.
+
+A configuration is a frozen keyword-only dataclass beside the class that it configures. Fields may be
+``bool``, ``int``, ``float``, ``str``, ``Literal[...]``, ``X | None``, ``tuple[X, ...]``, ``tuple[X, Y]``
+or another such dataclass, which is a table in the file. A missing key takes the default of its field.
+"""
+
+import dataclasses
+import json
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from bokehnet.errors import ConfigError
+
+__all__ = ["build_config", "dump_json", "load_config", "to_dict"]
+
+Config = TypeVar("Config")
+
+
+def load_config(path: str | Path, cls: type[Config], overrides: Mapping[str, Any] | None = None) -> Config:
+    """Read a TOML file into the frozen dataclass ``cls``.
+
+    Args:
+        path: The TOML file.
+        cls: A dataclass with keyword-only fields; nested dataclasses are tables.
+        overrides: Values that replace those of the file; ``"table.key"`` reaches into a table.
+
+    Raises:
+        ConfigError: The file is missing or not TOML, a key is unknown or absent without default, or a
+            value has the wrong type.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read config {path}: {error.strerror or error}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: expected TOML, found an error: {error}") from error
+    for dotted, value in (overrides or {}).items():
+        _set(table, dotted.split("."), value, str(path))
+    return build_config(table, cls, str(path))
+
+
+def build_config(table: Mapping[str, Any], cls: type[Config], source: str = "config") -> Config:
+    """Make ``cls`` from a table of plain values; ``source`` names it in messages.
+
+    Raises:
+        ConfigError: A key is unknown, absent without default, or has a value of the wrong type.
+    """
+    return typing.cast(Config, _dataclass_from(table, cls, source, ""))
+
+
+def to_dict(config: Any) -> dict[str, Any]:
+    """Return a configuration as plain, JSON-ready values; :func:`build_config` reads it back."""
+    plain = json.loads(json.dumps(dataclasses.asdict(config)))
+    assert isinstance(plain, dict)
+    return plain
+
+
+def dump_json(config: Any) -> str:
+    """Return the resolved configuration as indented JSON text with a final newline."""
+    return json.dumps(to_dict(config), indent=2) + "\n"
+
+
+def _set(table: dict[str, Any], keys: list[str], value: Any, source: str) -> None:
+    for key in keys[:-1]:
+        table = table.setdefault(key, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"{source}: cannot override {'.'.join(keys)}: {key} is not a table")
+    table[keys[-1]] = value
+
+
+def _dataclass_from(table: Any, cls: Any, source: str, prefix: str) -> Any:
+    where = prefix.rstrip(".")
+    if not isinstance(table, Mapping):
+        raise ConfigError(f"{source}: {where}: expected a table, got {table!r}")
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    for key in table:
+        if key not in fields:
+            valid = ", ".join(sorted(fields))
+            raise ConfigError(f"{source}: unknown key {prefix + str(key)!r}; valid keys: {valid}")
+    hints = typing.get_type_hints(cls)
+    values = {key: _value_from(value, hints[key], source, prefix + key) for key, value in table.items()}
+    for name, field in fields.items():
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        if required and name not in values:
+            raise ConfigError(f"{source}: missing key {prefix + name!r}")
+    return cls(**values)
+
+
+def _value_from(value: Any, hint: Any, source: str, key: str) -> Any:
+    """Return ``value`` as the annotated type ``hint``, or raise ``ConfigError`` naming ``key``."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if dataclasses.is_dataclass(hint):
+        return _dataclass_from(value, hint, source, key + ".")
+    if origin in (typing.Union, types.UnionType) and type(None) in arguments and len(arguments) == 2:
+        inner = arguments[0] if arguments[1] is type(None) else arguments[1]
+        return None if value is None else _value_from(value, inner, source, key)
+    if origin is tuple and isinstance(value, list | tuple):
+        repeated = len(arguments) == 2 and arguments[1] is Ellipsis
+        kinds = [arguments[0]] * len(value) if repeated else list(arguments)
+        if len(kinds) == len(value):
+            pairs = enumerate(zip(value, kinds, strict=True))
+            return tuple(_value_from(item, kind, source, f"{key}[{i}]") for i, (item, kind) in pairs)
+    if origin is typing.Literal and any(
+        value == choice and type(value) is type(choice) for choice in arguments
+    ):
+        return value
+    if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    if hint in (bool, int, str) and type(value) is hint:
+        return value
+    name = hint.__name__ if isinstance(hint, type) and not arguments else str(hint).replace("typing.", "")
+    raise ConfigError(f"{source}: {key}: expected {name}, got {value!r}")

@@ -1,0 +1,1 @@
+"""Files in and out: pictures, maps, and the colour between them."""

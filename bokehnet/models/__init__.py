@@ -1,0 +1,1 @@
+"""The two networks and how they are stored and exported. Needs torch: pip install 'bokehnet[train]'."""

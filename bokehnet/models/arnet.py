@@ -1,0 +1,59 @@
+"""ARNet: coarse bokeh and error map at a size where the largest blur is one unit."""
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from bokehnet.models.blocks import Backbone, decode, encode
+
+__all__ = ["ARNet", "ARNetConfig"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARNetConfig:
+    """Shape of an ARNet.
+
+    Attributes:
+        width: Channels of the hidden layers.
+        num_blocks: Residual blocks.
+        unit: Largest blur radius it is made for, pixels.
+        see_classical: Whether it sees and corrects the classical render; the published network sees the
+            all-in-focus picture alone.
+    """
+
+    width: int = 128
+    num_blocks: int = 3
+    unit: float = 10.0
+    see_classical: bool = True
+
+
+class ARNet(nn.Module):
+    """Adaptive rendering network: what a lens would have seen, and where that beats the classical render.
+
+    Shape:
+        image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels, at most one unit;
+        H and W even. Returns bokeh (B, 3, H, W), scene-linear and unclipped, and the error map's logit
+        (B, 1, H, W).
+
+    Source:
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022. Changed: light
+        is scene-linear, hence no gamma input; colours are encoded inside; the output is a correction.
+    """
+
+    def __init__(self, config: ARNetConfig) -> None:
+        super().__init__()
+        self.config = config
+        channels = 4 + 3 * config.see_classical
+        self.backbone = Backbone(4 * channels, 4, config.width, config.num_blocks)
+
+    def forward(self, image: Tensor, defocus: Tensor, classical: Tensor) -> tuple[Tensor, Tensor]:
+        """Return bokeh and the error map's logit."""
+        pictures = [encode(image)]
+        if self.config.see_classical:
+            pictures.append(encode(classical))
+        features = torch.cat([*pictures, defocus / self.config.unit], dim=1)
+        output = self.backbone(F.pixel_unshuffle(features, 2)).float()
+        correction, logit = output.split([3, 1], dim=1)
+        return decode(pictures[-1].float() + correction), logit

@@ -1,0 +1,1 @@
+"""Formulas of geometrical optics, each in one place; no state and no files."""

@@ -1,0 +1,50 @@
+"""A lens in front of a grid of pixels."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from bokehnet.checks import check_at_least
+from bokehnet.errors import ParameterError
+from bokehnet.lenses import LensModel
+
+__all__ = ["Camera"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Camera:
+    """A lens in z = 0 and a sensor behind it; the picture is upright, x to the right and y down.
+
+    Attributes:
+        lens: Any lens model.
+        width: Picture width, pixels.
+        height: Picture height, pixels.
+        pixel_pitch: Distance between the centres of two pixels, mm.
+
+    Raises:
+        ParameterError: The picture is empty or the pitch is not positive.
+    """
+
+    lens: LensModel
+    width: int
+    height: int
+    pixel_pitch: float
+
+    def __post_init__(self) -> None:
+        check_at_least("width", self.width, 1)
+        check_at_least("height", self.height, 1)
+        check_at_least("pixel_pitch", self.pixel_pitch, 0)
+        if self.pixel_pitch == 0:
+            raise ParameterError("pixel_pitch: expected more than 0 mm, got 0")
+
+    def sensor_xy(self, device: torch.device, dtype: torch.dtype) -> Tensor:
+        """Sensor positions of the pixel centres, mm, (height, width, 2).
+
+        The lens turns the image round, so a pixel that is right of and below the centre of the picture
+        stands left of and above the axis on the sensor.
+        """
+        x = torch.arange(self.width, device=device, dtype=dtype) + (0.5 - self.width / 2)
+        y = torch.arange(self.height, device=device, dtype=dtype) + (0.5 - self.height / 2)
+        planar = torch.stack([x.expand(self.height, -1), y[:, None].expand(-1, self.width)])
+        return (-self.pixel_pitch * planar).permute(1, 2, 0)
