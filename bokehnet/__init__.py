@@ -20,7 +20,7 @@ _HOME = {
     "write_image": "bokehnet.io.image",
 }
 
-__all__ = [*_HOME, "__version__"]  # noqa: PLE0604
+__all__ = [*_HOME, "__version__"]
 
 
 def __getattr__(name: str) -> Any:

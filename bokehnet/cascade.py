@@ -3,19 +3,29 @@
 One body for training (torch modules on tensors) and for inference (ONNX sessions on NumPy arrays).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 from bokehnet.checks import Array, array_namespace
 from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 
-__all__ = ["CoarseNetwork", "Level", "NeuralResult", "RefineNetwork", "build_levels", "render_neural"]
+__all__ = [
+    "CoarseNetwork",
+    "Level",
+    "NeuralResult",
+    "Refine",
+    "RefineNetwork",
+    "build_levels",
+    "refine_whole",
+    "render_neural",
+]
 
 
 class CoarseNetwork(Protocol):
     """ARNet, as a torch module or an ONNX session."""
 
-    def __call__(self, image: Array, defocus: Array, classical: Array) -> tuple[Array, Array]:
+    def __call__(self, image: Array, defocus: Array, classical: Array, /) -> tuple[Array, Array]:
         """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur of at most one unit."""
         ...
 
@@ -23,7 +33,7 @@ class CoarseNetwork(Protocol):
 class RefineNetwork(Protocol):
     """IUNet, as a torch module or an ONNX session."""
 
-    def __call__(self, image: Array, defocus: Array, classical: Array, coarse: Array) -> Array:
+    def __call__(self, image: Array, defocus: Array, classical: Array, coarse: Array, /) -> Array:
         """Return bokeh (B, 3, H, W), given ``coarse``, the bokeh at half the size."""
         ...
 
@@ -57,6 +67,16 @@ class NeuralResult:
     coarse_error_map: Array
 
 
+# How IUNet is run at one level: (network, level, bokeh at half the size, error map) to bokeh (B, 3, H, W).
+# The error map (B, 1, H, W) tells where the result will be used.
+Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
+
+
+def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
+    """Run IUNet on the whole picture at once."""
+    return iunet(level.image, level.defocus, level.classical, coarse)
+
+
 def build_levels(image: Array, defocus: Array, classical: Array, halvings: int) -> list[Level]:
     """Halve the inputs ``halvings`` times; coarse to fine. Sides are padded to whole coarse 2x2 blocks."""
     arrays = [pad_to_multiple(x, 2 ** (halvings + 1)) for x in (image, defocus, classical)]
@@ -82,6 +102,7 @@ def render_neural(
     arnet: CoarseNetwork,
     iunet: RefineNetwork,
     unit: float,
+    refine: Refine = refine_whole,
     extra_halvings: int = 0,
 ) -> NeuralResult:
     """Render the neural half.
@@ -96,6 +117,7 @@ def render_neural(
         arnet: The coarse network.
         iunet: The refining network.
         unit: Largest radius ``arnet`` was trained for, pixels.
+        refine: How IUNet is run at each level.
         extra_halvings: Start this many sizes lower than needed (for training).
 
     Source:
@@ -107,8 +129,8 @@ def render_neural(
     bokeh, coarse_error_map = arnet(levels[0].image, levels[0].defocus, levels[0].classical)
     steps, error_map = [bokeh], coarse_error_map
     for level in levels[1:]:
-        steps.append(iunet(level.image, level.defocus, level.classical, steps[-1]))
         error_map = upsample2(error_map)
+        steps.append(refine(iunet, level, steps[-1], error_map))
     steps[-1] = crop_to(steps[-1], height, width)
     return NeuralResult(
         steps=steps, error_map=crop_to(error_map, height, width), coarse_error_map=coarse_error_map

@@ -1,4 +1,4 @@
-"""How the classical and the neural half become one picture. Operators only: NumPy arrays and torch tensors."""
+"""How the classical and the neural half become one picture. Operators only: NumPy and torch."""
 
 from bokehnet.checks import Array
 

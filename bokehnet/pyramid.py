@@ -23,9 +23,7 @@ def count_halvings(max_radius: float, unit: float) -> int:
 
 def downsample2(x: Array) -> Array:
     """Mean of every 2x2 block, (..., H, W) to (..., H/2, W/2); both sides must be even."""
-    return 0.25 * (
-        x[..., 0::2, 0::2] + x[..., 0::2, 1::2] + x[..., 1::2, 0::2] + x[..., 1::2, 1::2]
-    )
+    return 0.25 * (x[..., 0::2, 0::2] + x[..., 0::2, 1::2] + x[..., 1::2, 0::2] + x[..., 1::2, 1::2])
 
 
 def _double_columns(x: Array) -> Array:

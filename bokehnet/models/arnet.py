@@ -34,13 +34,15 @@ class ARNet(nn.Module):
 
     Shape:
         image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels, at most one unit;
-        H and W even. Returns bokeh (B, 3, H, W), scene-linear and unclipped, and the error map's logit
-        (B, 1, H, W).
+        H and W even. Returns bokeh (B, 3, H, W), scene-linear, unclipped in training and at least 0 in
+        evaluation, and the error map (B, 1, H, W) in [0, 1], which can be exactly 0 and 1.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022. Changed: light
         is scene-linear, hence no gamma input; colours are encoded inside; the output is a correction.
     """
+
+    config: ARNetConfig
 
     def __init__(self, config: ARNetConfig) -> None:
         super().__init__()
@@ -49,11 +51,13 @@ class ARNet(nn.Module):
         self.backbone = Backbone(4 * channels, 4, config.width, config.num_blocks)
 
     def forward(self, image: Tensor, defocus: Tensor, classical: Tensor) -> tuple[Tensor, Tensor]:
-        """Return bokeh and the error map's logit."""
+        """Return bokeh and error map."""
         pictures = [encode(image)]
         if self.config.see_classical:
             pictures.append(encode(classical))
         features = torch.cat([*pictures, defocus / self.config.unit], dim=1)
         output = self.backbone(F.pixel_unshuffle(features, 2)).float()
         correction, logit = output.split([3, 1], dim=1)
-        return decode(pictures[-1].float() + correction), logit
+        bokeh = decode(pictures[-1].float() + correction)
+        error_map = (1.1 * logit.sigmoid() - 0.05).clamp(0, 1)
+        return bokeh if self.training else bokeh.clamp(min=0), error_map

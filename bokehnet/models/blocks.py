@@ -52,6 +52,7 @@ class Backbone(nn.Module):
         self.blocks = nn.Sequential(*(ResidualBlock(width) for _ in range(num_blocks)))
         self.head = nn.Conv2d(width, 4 * out_channels, 3, padding=1)
         nn.init.zeros_(self.head.weight)
+        assert self.head.bias is not None
         nn.init.zeros_(self.head.bias)
 
     def forward(self, features: Tensor) -> Tensor:

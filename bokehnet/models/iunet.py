@@ -33,11 +33,14 @@ class IUNet(nn.Module):
 
     Shape:
         image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels of this size; coarse
-        (B, 3, H/2, W/2), the bokeh at half the size. Returns bokeh (B, 3, H, W).
+        (B, 3, H/2, W/2), the bokeh at half the size. Returns bokeh (B, 3, H, W),
+        unclipped in training and at least 0 in evaluation.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
     """
+
+    config: IUNetConfig
 
     def __init__(self, config: IUNetConfig) -> None:
         super().__init__()
@@ -48,7 +51,9 @@ class IUNet(nn.Module):
     def keep_mask(self, defocus: Tensor) -> Tensor:
         """1 where all blur nearby is below one unit, feathered to 0 where there is nothing sharp to gain."""
         near = F.max_pool2d(defocus.abs(), 5, stride=1, padding=2)
-        return F.avg_pool2d((near < self.config.unit).to(near.dtype), 5, 1, padding=2, count_include_pad=False)
+        return F.avg_pool2d(
+            (near < self.config.unit).to(near.dtype), 5, 1, padding=2, count_include_pad=False
+        )
 
     def forward(self, image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor) -> Tensor:
         """Return the bokeh at the size of ``image``."""
@@ -60,4 +65,5 @@ class IUNet(nn.Module):
         features = torch.cat([F.pixel_unshuffle(torch.cat([*pictures, clamped], dim=1), 2), small], dim=1)
         correction = self.backbone(features).float() * self.keep_mask(defocus)
         upsampled = F.interpolate(small.float(), scale_factor=2, mode="bilinear", align_corners=False)
-        return decode(upsampled + correction)
+        bokeh = decode(upsampled + correction)
+        return bokeh if self.training else bokeh.clamp(min=0)

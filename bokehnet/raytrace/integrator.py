@@ -5,6 +5,7 @@ planes that a ray meets are composited front to back in the order of their depth
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -14,13 +15,21 @@ from bokehnet.checks import check_at_least
 from bokehnet.lenses import Rays
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
 from bokehnet.raytrace.camera import Camera
-from bokehnet.raytrace.intersect import PreparedPlane, centre_rays, look_up_background, prepare_plane
-from bokehnet.raytrace.scene import Scene
+from bokehnet.raytrace.intersect import (
+    PreparedPlane,
+    Window,
+    centre_rays,
+    look_up_background,
+    prepare_plane,
+)
+from bokehnet.raytrace.scene import Background, Scene
 
 __all__ = ["Progress", "render_all_in_focus", "render_bokeh", "render_disparity"]
 
 # Called with the number of passes done and the number of all passes.
 Progress = Callable[[int, int], None]
+# Sides of a plane are told apart beyond this share of its distance from the lens.
+_SIDE_TOLERANCE = 1e-6
 
 
 def render_bokeh(
@@ -78,7 +87,8 @@ def _integrate(
 ) -> Tensor:
     check_at_least("samples_per_pixel", samples_per_pixel, 1)
     device, dtype = scene.background.texture.device, scene.background.texture.dtype
-    groups = _group_by_depth(_prepare(scene, camera, centre_rays(camera, device, dtype)))
+    planes = _prepare(scene, camera, centre_rays(camera, device, dtype))
+    occluders = _find_occluders(planes, camera)
     sensor_xy = camera.sensor_xy(device, dtype)
     points = torch.tensor(_sample_points(samples_per_pixel), dtype=dtype, device=device)
     generator = torch.Generator().manual_seed(seed)
@@ -91,7 +101,7 @@ def _integrate(
         jitter = rotate_points(points[index, 2:], shifts[..., 2:]) - 0.5
         pupil_uv = disc_from_square(rotate_points(points[index, :2], shifts[..., :2])) if pupil else no_pupil
         rays = camera.lens.sample_rays(sensor_xy + camera.pixel_pitch * jitter, pupil_uv)
-        _add_pass(total, scene, groups, rays)
+        _add_pass(total, scene.background, planes, occluders, rays)
         if progress is not None:
             progress(index + 1, samples_per_pixel)
     return (total / samples_per_pixel).permute(1, 2, 0).contiguous()
@@ -113,61 +123,107 @@ def _prepare(scene: Scene, camera: Camera, centre: Rays) -> list[PreparedPlane]:
     return [plane for plane in prepared if plane is not None]
 
 
-def _group_by_depth(planes: list[PreparedPlane]) -> list[list[PreparedPlane]]:
-    """Split planes into groups, near to far, whose ranges of depth do not overlap.
+@dataclass(frozen=True, slots=True)
+class _Occluder:
+    """That plane ``index`` may hide another plane in ``window``; ``always`` when it is before it for all rays."""
 
-    Only planes of one group can change their order from ray to ray.
+    index: int
+    window: Window
+    always: bool
+
+
+def _find_occluders(planes: list[PreparedPlane], camera: Camera) -> list[list[_Occluder]]:
+    """Return for each plane those that may hide it, so that few pairs are compared ray by ray.
+
+    Source:
+        Newell, Newell and Sancha, "A solution to the hidden surface problem", 1972: the order of two
+        polygons is known when one lies on one side of the plane of the other.
     """
-    groups: list[list[PreparedPlane]] = []
-    farthest = 0.0
-    for plane in sorted(planes, key=lambda plane: plane.nearest):
-        if groups and plane.nearest <= farthest:
-            groups[-1].append(plane)
-        else:
-            groups.append([plane])
-        farthest = max(farthest, plane.farthest)
-    return groups
+    reach = _pupil_reach(camera)
+    occluders: list[list[_Occluder]] = []
+    for i, plane in enumerate(planes):
+        before = []
+        for j, other in enumerate(planes):
+            window = _intersection(plane.window, other.window)
+            if i == j or window is None:
+                continue
+            order = _order(other, plane, reach)
+            if order is None:
+                reverse = _order(plane, other, reach)
+                order = None if reverse is None else not reverse
+            if order is not False:
+                before.append(_Occluder(j, window, bool(order)))
+        occluders.append(before)
+    return occluders
 
 
-def _add_pass(total: Tensor, scene: Scene, groups: list[list[PreparedPlane]], rays: Rays) -> None:
-    """Add to ``total`` (3, H, W) the light of one ray per pixel."""
-    through = torch.ones_like(total[0])
-    for group in groups:
-        window = group[0].window if len(group) == 1 else _join([plane.window for plane in group])
-        hits = [plane.intersect(_crop(rays, window)) for plane in group]
-        seen = _composite(hits)
-        total[:, *window].addcmul_(seen[:3], through[window])
-        through[window] *= 1 - seen[3]
-    total.addcmul_(look_up_background(scene.background, rays), through)
+def _order(plane: PreparedPlane, other: PreparedPlane, reach: float) -> bool | None:
+    """Tell from the sides of ``plane`` if all rays meet it before ``other``, or after; None if unknown."""
+    if np.hypot(*plane.normal[:2]) * reach >= 1:  # the plane cuts the pupil, so rays start on both sides
+        return None
+    sides = other.corners @ plane.normal - 1
+    if (sides < -_SIDE_TOLERANCE).all():
+        return False
+    return True if (sides > _SIDE_TOLERANCE).all() else None
 
 
-def _composite(hits: list[tuple[Tensor, Tensor]]) -> Tensor:
-    """Composite premultiplied hits (4, h, w) by their depths (h, w), the nearest first, for each ray.
+def _pupil_reach(camera: Camera) -> float:
+    """Distance from the axis, mm, within which rays of ``camera`` leave the lens."""
+    angles = torch.linspace(0, 2 * torch.pi, 33, dtype=torch.float64)
+    rim = torch.stack([angles.cos(), angles.sin()], -1)
+    corners = camera.sensor_xy(rim.device, rim.dtype)[[[0], [-1]], [[0, -1]]].reshape(-1, 1, 2)
+    origin = camera.lens.sample_rays(corners, rim.expand(len(corners), -1, -1)).origin
+    return 1.01 * float(origin.norm(dim=-1).max())
 
-    Comparing all pairs is faster than sorting for the few planes of a group.
+
+def _add_pass(
+    total: Tensor,
+    background: Background,
+    planes: list[PreparedPlane],
+    occluders: list[list[_Occluder]],
+    rays: Rays,
+) -> None:
+    """Add to ``total`` (3, H, W) the light of one ray per pixel.
+
+    Light of a plane passes all planes that the ray meets before it. Comparing pairs of planes is faster
+    than sorting, because most pairs do not overlap in the picture or have one order for all rays.
     """
-    if len(hits) == 1:
-        return hits[0][0]
-    result = torch.zeros_like(hits[0][0])
+    hits = [plane.intersect(_crop(rays, plane.window)) for plane in planes]
     clear = [1 - seen[3] for seen, _ in hits]
-    for i, (seen, depth) in enumerate(hits):
+    unblocked = torch.ones_like(total[0])
+    for i, (plane, (seen, depth)) in enumerate(zip(planes, hits, strict=True)):
         through = torch.ones_like(depth)
-        for j, (_, other) in enumerate(hits):
-            if j != i:  # of two planes at one depth the first hides the second
-                before = other <= depth if j < i else other < depth
-                through *= torch.where(before, clear[j], 1.0)
-        result.addcmul_(seen, through)
-    return result
+        for occluder in occluders[i]:
+            j = occluder.index
+            here = _relative(occluder.window, plane.window)
+            there = _relative(occluder.window, planes[j].window)
+            passing = clear[j][there]
+            if not occluder.always:  # of two planes at one depth the first hides the second
+                other = hits[j][1][there]
+                before = other <= depth[here] if j < i else other < depth[here]
+                passing = torch.where(before, passing, 1.0)
+            through[here] *= passing
+        total[:, *plane.window].addcmul_(seen[:3], through)
+        unblocked[plane.window] *= clear[i]
+    total.addcmul_(look_up_background(background, rays), unblocked)
 
 
-def _crop(rays: Rays, window: tuple[slice, slice]) -> Rays:
+def _crop(rays: Rays, window: Window) -> Rays:
     return Rays(origin=rays.origin[window], slope=rays.slope[window])
 
 
-def _join(windows: list[tuple[slice, slice]]) -> tuple[slice, slice]:
-    """Return the smallest window that holds all ``windows``."""
-    rows, columns = zip(*windows, strict=True)
-    return (
-        slice(min(part.start for part in rows), max(part.stop for part in rows)),
-        slice(min(part.start for part in columns), max(part.stop for part in columns)),
+def _intersection(first: Window, second: Window) -> Window | None:
+    starts = [max(a.start, b.start) for a, b in zip(first, second, strict=True)]
+    stops = [min(a.stop, b.stop) for a, b in zip(first, second, strict=True)]
+    if starts[0] >= stops[0] or starts[1] >= stops[1]:
+        return None
+    return slice(starts[0], stops[0]), slice(starts[1], stops[1])
+
+
+def _relative(window: Window, outer: Window) -> Window:
+    """Return ``window`` counted from the first row and column of ``outer``."""
+    rows, columns = (
+        slice(part.start - whole.start, part.stop - whole.start)
+        for part, whole in zip(window, outer, strict=True)
     )
+    return rows, columns

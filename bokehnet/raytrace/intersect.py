@@ -15,7 +15,7 @@ from bokehnet.lenses import Rays
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.scene import Background, Plane
 
-__all__ = ["PreparedPlane", "centre_rays", "look_up_background", "prepare_plane"]
+__all__ = ["PreparedPlane", "Window", "centre_rays", "look_up_background", "prepare_plane"]
 
 Window = tuple[slice, slice]
 
@@ -32,8 +32,7 @@ class PreparedPlane:
         v_dual: The same along the rows.
         u_offset: See ``u_dual``.
         v_offset: See ``v_dual``.
-        nearest: Depth of the nearest corner, mm.
-        farthest: Depth of the farthest corner, mm.
+        corners: The four corners, mm, (4, 3).
     """
 
     texture: Tensor
@@ -43,8 +42,7 @@ class PreparedPlane:
     v_dual: np.ndarray
     u_offset: float
     v_offset: float
-    nearest: float
-    farthest: float
+    corners: np.ndarray
 
     def intersect(self, rays: Rays) -> tuple[Tensor, Tensor]:
         """Return colour times alpha with alpha, (4, h, w), and depth, mm, (h, w), for rays (h, w, 2)."""
@@ -92,8 +90,7 @@ def prepare_plane(plane: Plane, camera: Camera, centre: Rays) -> PreparedPlane |
         v_dual=v_dual,
         u_offset=float(u_dual @ centre_point),
         v_offset=float(v_dual @ centre_point),
-        nearest=float(corners[:, 2].min()),
-        farthest=float(corners[:, 2].max()),
+        corners=corners,
     )
 
 

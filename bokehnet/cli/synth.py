@@ -1,0 +1,28 @@
+"""``bokehnet synth``: write training pairs."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["synth"]
+
+
+def synth(
+    config: Annotated[Path, typer.Option(help="What to make: a TOML file, see configs/synth_*.toml.")],
+    out: Annotated[Path, typer.Option(help="Folder for the shards; a set begun there is completed.")],
+    workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+) -> None:
+    """Render random scenes with the ray tracer and write them as training pairs."""
+    from tqdm import tqdm
+
+    from bokehnet.config import load_config
+    from bokehnet.synth import SynthConfig, write_dataset
+
+    resolved = load_config(config, SynthConfig)
+    with tqdm(total=resolved.scenes, unit="scene") as bar:
+
+        def report(done: int, total: int) -> None:
+            bar.update(done - bar.n)
+
+        write_dataset(resolved, out, workers=workers, progress=report)

@@ -1,0 +1,1 @@
+"""Rendering with trained networks, without torch."""

@@ -1,0 +1,113 @@
+"""The networks as ONNX Runtime sessions, used only when they are what the manifest says."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bokehnet.errors import ModelFileError
+
+__all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_networks"]
+
+# The folder that ships with the package.
+WEIGHTS = Path(__file__).parent.parent / "weights"
+
+_FORMAT = 1
+
+
+class OnnxNetwork:
+    """One network; arrays go in by position and are fed by name."""
+
+    def __init__(self, model: bytes, input_names: tuple[str, ...], threads: int) -> None:
+        import onnxruntime  # here, so that scatter alone starts without it
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 3
+        self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._input_names = input_names
+        self._taken = {item.name for item in self._session.get_inputs()}
+
+    def __call__(self, *arrays: np.ndarray) -> Any:
+        """Run on float32 arrays (B, C, H, W), in the order of the input names; one array or a tuple back."""
+        fed = dict(zip(self._input_names, arrays, strict=True))
+        contiguous = {key: np.ascontiguousarray(fed[key], np.float32) for key in self._taken}
+        results = self._session.run(None, contiguous)
+        return results[0] if len(results) == 1 else tuple(results)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Networks:
+    """A pair of networks that belong together.
+
+    Attributes:
+        arnet: Takes image, defocus, classical; gives bokeh and error map.
+        iunet: Takes image, defocus, classical, coarse; gives bokeh.
+        unit: Largest radius that ``arnet`` was trained for, pixels.
+    """
+
+    arnet: OnnxNetwork
+    iunet: OnnxNetwork
+    unit: float
+
+
+def _read_manifest(folder: Path) -> dict[str, Any]:
+    path = folder / "manifest.json"
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelFileError(
+            f"network weights missing: cannot read {path}; install the package again, name another folder "
+            f"with --weights, or use --engine scatter"
+        ) from error
+    except ValueError as error:
+        raise ModelFileError(f"{path}: expected JSON, found an error: {error}") from error
+    found = manifest.get("format") if isinstance(manifest, dict) else None
+    if found != _FORMAT:
+        raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {found}; export again")
+    return manifest
+
+
+def _read_model(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
+    try:
+        entry = manifest["networks"][name]
+        path, expected = folder / entry["file"], entry["sha256"]
+    except (KeyError, TypeError) as error:
+        raise ModelFileError(
+            f"{folder / 'manifest.json'}: expected an entry for {name}; export again"
+        ) from error
+    try:
+        model = path.read_bytes()
+    except OSError as error:
+        raise ModelFileError(
+            f"network weights missing: cannot read {path}; install the package again or use --engine scatter"
+        ) from error
+    found = hashlib.sha256(model).hexdigest()
+    if found != expected:
+        raise ModelFileError(
+            f"{path}: expected sha256 {expected[:12]}... by the manifest, found {found[:12]}...; "
+            f"the file is damaged or was exchanged, install the package again"
+        )
+    return model
+
+
+def load_networks(folder: Path = WEIGHTS, threads: int = 0) -> Networks:
+    """Load a pair of networks after checking them against their manifest.
+
+    Args:
+        folder: Holds ``manifest.json`` and the ONNX files it names.
+        threads: Threads inside a network; 0 takes all cores.
+
+    Raises:
+        ModelFileError: A file is missing, damaged or not what the manifest says.
+    """
+    manifest = _read_manifest(folder)
+    inputs = ("image", "defocus", "classical")
+    return Networks(
+        arnet=OnnxNetwork(_read_model(folder, "arnet", manifest), inputs, threads),
+        iunet=OnnxNetwork(_read_model(folder, "iunet", manifest), (*inputs, "coarse"), threads),
+        unit=float(manifest["unit"]),
+    )

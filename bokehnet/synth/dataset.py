@@ -1,0 +1,166 @@
+"""Writes a whole set of shards; a killed run goes on where it stopped and gives the same bytes."""
+
+import contextlib
+import functools
+import json
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from bokehnet.checks import check_at_least
+from bokehnet.config import dump_json, to_dict
+from bokehnet.errors import ConfigError, DataFileError
+from bokehnet.synth.config import SynthConfig
+from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
+
+__all__ = ["write_dataset"]
+
+_TEMPORARY = ".tmp"
+
+
+def write_dataset(
+    config: SynthConfig,
+    out_dir: str | Path,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Render all scenes of ``config`` and write them as shards; shards that exist are kept.
+
+    Args:
+        config: What to make; it is also written, as ``dataset.json``.
+        out_dir: Folder, made if missing. One process may write to it at a time.
+        workers: Processes that render.
+        progress: Called with the number of scenes that are there and that there will be.
+
+    Raises:
+        ConfigError: The folder holds a set made with another configuration.
+        DataFileError: The folder cannot be written.
+        ParameterError: ``workers`` is less than 1.
+    """
+    check_at_least("workers", workers, 1)
+    folder = Path(out_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _claim(folder, config)
+        for leftover in folder.glob(f"*{_TEMPORARY}"):
+            leftover.unlink()
+        _write_missing(folder, config, workers, progress or (lambda done, total: None))
+    except OSError as error:
+        if isinstance(error, DataFileError):
+            raise
+        raise DataFileError(f"cannot write data set {folder}: {error.strerror or error}") from error
+
+
+def _write_missing(
+    folder: Path, config: SynthConfig, workers: int, progress: Callable[[int, int], None]
+) -> None:
+    missing = [number for number in range(config.shards) if not (folder / shard_name(number)).exists()]
+    wanted = [index for number in missing for index in _scenes_of(number, config)]
+    done = config.scenes - len(wanted)
+    progress(done, config.scenes)
+
+    def take(numbers: Iterable[int], samples: Iterator[bytes]) -> Iterator[tuple[str, bytes]]:
+        nonlocal done
+        for index in numbers:
+            yield f"{index:08d}.npz", next(samples)
+            done += 1
+            progress(done, config.scenes)
+
+    with _render(config, wanted, workers) as samples:
+        for number in missing:
+            with _atomic(folder / shard_name(number)) as stream:
+                write_members(stream, take(_scenes_of(number, config), samples))
+
+
+def _scenes_of(shard: int, config: SynthConfig) -> range:
+    first = shard * config.scenes_per_shard
+    return range(first, min(first + config.scenes_per_shard, config.scenes))
+
+
+def _make_bytes(config: SynthConfig, index: int) -> bytes:
+    from bokehnet.synth.pairs import make_sample  # needs torch; reading shards does not
+
+    return encode_sample(make_sample(config, index))
+
+
+@contextlib.contextmanager
+def _render(config: SynthConfig, indices: list[int], workers: int) -> Iterator[Iterator[bytes]]:
+    """Give encoded samples in the order of ``indices``; processes end with this context or its process."""
+    make = functools.partial(_make_bytes, config)
+    if workers == 1 or len(indices) < 2:
+        yield map(make, indices)
+        return
+    executor = ProcessPoolExecutor(
+        min(workers, len(indices)), multiprocessing.get_context("spawn"), initializer=_start_worker
+    )
+    try:
+        yield executor.map(make, indices)
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Use one thread, leave Ctrl-C to the parent and do not outlive it."""
+    import torch
+
+    torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _claim(folder: Path, config: SynthConfig) -> None:
+    """Write ``dataset.json``, or compare it with ``config`` when it is there."""
+    path = folder / DESCRIPTION
+    if not path.exists():
+        if any(folder.glob("shard-*.tar")):
+            raise ConfigError(f"{folder}: has shards but no {DESCRIPTION}; choose another folder")
+        with _atomic(path) as stream:
+            stream.write(dump_json(config).encode())
+        return
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ConfigError(f"{path}: expected a configuration as JSON: {error}") from error
+    difference = _first_difference(there, to_dict(config))
+    if difference is not None:
+        key, old, new = difference
+        raise ConfigError(
+            f"{folder}: holds a set with {key} = {old!r}, but {new!r} was asked for; choose another folder"
+        )
+
+
+def _first_difference(old: Any, new: Any, key: str = "") -> tuple[str, Any, Any] | None:
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in sorted(old.keys() | new.keys()):
+            found = _first_difference(old.get(name), new.get(name), f"{key}.{name}" if key else name)
+            if found is not None:
+                return found
+        return None
+    return None if old == new else (key, old, new)
+
+
+@contextlib.contextmanager
+def _atomic(path: Path) -> Iterator[BinaryIO]:
+    """Open a file for writing that appears under its name only when complete and on the disk."""
+    temporary = path.with_name(path.name + _TEMPORARY)
+    try:
+        with open(temporary, "wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,190 @@
+"""Random scenes: planes at all depths and tilts before a far background.
+
+Lengths are in millimetres, sizes in the picture are slopes (lateral extent over depth). A relative
+disparity of 1 is ``config.nearest_distance``; nothing is nearer.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.raytrace.scene import Background, Plane, Scene, background_from, plane_texture
+from bokehnet.raytrace.shapes import OPEN_SHAPES, SOLID_SHAPES, THIN_SHAPES, draw_shape
+from bokehnet.raytrace.textures import TEXTURES, dead_leaves, light_points
+from bokehnet.synth.config import SynthConfig
+from bokehnet.synth.photographs import crop_photograph, photograph_files
+
+__all__ = ["random_scene"]
+
+_MIDDLE_GREY = 0.18
+_LARGEST_TEXTURE = 512
+
+
+def random_scene(rng: np.random.Generator, config: SynthConfig) -> Scene:
+    """Draw a scene for a camera with the sensor of ``config``.
+
+    Args:
+        rng: All choices come from here.
+        config: Sensor, scale and probabilities.
+
+    Returns:
+        A scene on the CPU; no point of it is nearer than ``config.nearest_distance``.
+    """
+    return _SceneMaker(rng, config).make()
+
+
+@dataclass(frozen=True, slots=True)
+class _SceneMaker:
+    """The rules of :func:`random_scene`, with what they share."""
+
+    rng: np.random.Generator
+    config: SynthConfig
+
+    def make(self) -> Scene:
+        rng, recipe = self.rng, self.config.scene
+        far = 0.0 if rng.random() < recipe.sky_probability else rng.uniform(0.0, 0.3)
+        background = self.background(far)
+        planes = [self.plane(disparity) for disparity in self.disparities(far)]
+        if rng.random() < recipe.ground_probability:
+            planes.append(self.ground(far))
+        if rng.random() < recipe.light_probability:
+            planes.append(self.lights(far))
+        return _expose(Scene(background=background, planes=tuple(planes)), rng, recipe.exposure_stops)
+
+    def disparities(self, far: float) -> list[float]:
+        """Relative disparities of the planes; often one is much nearer than the rest."""
+        rng = self.rng
+        count = int(rng.integers(self.config.scene.planes[0], self.config.scene.planes[1] + 1))
+        nearest = rng.uniform(0.7, 1.0) if rng.random() < 0.7 else rng.uniform(far, 1.0)
+        values = [*rng.uniform(far, rng.uniform(far, 1.0), max(count - 1, 0)), nearest][:count]
+        return [float(max(value, 0.02)) for value in values]
+
+    def background(self, far: float) -> Background:
+        config, rng = self.config, self.rng
+        half_width = config.sensor_width / 2 / config.sensor_distance
+        half = (
+            half_width * rng.uniform(1.0, 1.3),
+            half_width * config.height / config.width * rng.uniform(1.0, 1.3),
+        )
+        rgb = self.paint(*self.texture_size(*half), photograph=0.85)
+        return background_from(rgb, half, far / config.nearest_distance)
+
+    def plane(self, disparity: float) -> Plane:
+        """An object of random form, size, place and tilt."""
+        config, rng = self.config, self.rng
+        field = config.sensor_width / 2 / config.sensor_distance
+        thin = rng.random() < config.scene.thin_probability
+        size = field * np.exp(rng.uniform(np.log(0.35 if thin else 0.12), np.log(1.1 if thin else 0.8)))
+        stretch = np.exp(rng.uniform(np.log(0.6), np.log(1.7)))
+        half = (size * stretch**0.5, size / stretch**0.5)
+        reach = np.array([1.0, config.height / config.width]) * field
+        middle = rng.uniform(-1.0, 1.0, 2) * reach
+        height, width = self.texture_size(*half)
+        kinds = THIN_SHAPES if thin else SOLID_SHAPES if rng.random() < 0.6 else OPEN_SHAPES
+        texture = plane_texture(self.paint(height, width), draw_shape(kinds, height, width, rng))
+        depth = config.nearest_distance / disparity
+        turn = self.rotation(0.3 if thin else np.pi)
+        centre = np.array([*middle, 1.0]) * depth
+        u, v = turn[:, 0] * half[0] * depth, turn[:, 1] * half[1] * depth
+        # A tilted corner may come too near: move the plane away and enlarge it, which keeps its picture.
+        nearest = depth - abs(u[2]) - abs(v[2])
+        if nearest < 0.2 * depth:
+            u, v = u * 0.8 / (1 - nearest / depth), v * 0.8 / (1 - nearest / depth)
+            nearest = 0.2 * depth
+        scale = max(1.0, config.nearest_distance / nearest)
+        return Plane(
+            texture=texture,
+            centre=_vector(centre * scale),
+            u_axis=_vector(u * scale),
+            v_axis=_vector(v * scale),
+        )
+
+    def ground(self, far: float) -> Plane:
+        """A floor, ceiling or wall that starts near and runs towards the background."""
+        config, rng = self.config, self.rng
+        field = config.sensor_width / 2 / config.sensor_distance
+        near = config.nearest_distance / rng.uniform(0.5, 1.0)
+        distant = near * rng.uniform(2.0, 6.0)
+        if far > 0:
+            distant = min(distant, max(1.2 * near, config.nearest_distance / far))
+        below = near * field * rng.uniform(0.5, 0.95)
+        side = distant * field * 1.6
+        texture = plane_texture(self.paint(384, 384))
+        # Texture rows run away from the camera; the plane is then rolled about the optical axis.
+        roll = rng.normal(0, 0.12) + rng.choice([0, 0, 0, np.pi / 2, -np.pi / 2, np.pi])
+        turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+        rise = below * rng.uniform(-0.3, 0.3)
+        centre = turn @ np.array([0.0, below + rise, (near + distant) / 2])
+        u, v = turn @ np.array([side, 0, 0]), turn @ np.array([0, rise, (distant - near) / 2])
+        return Plane(texture=texture, centre=_vector(centre), u_axis=_vector(u), v_axis=_vector(v))
+
+    def lights(self, far: float) -> Plane:
+        """Small lamps far away, on a transparent plane over the whole picture."""
+        config, rng = self.config, self.rng
+        half_width = 1.3 * config.sensor_width / 2 / config.sensor_distance
+        half = half_width, half_width * config.height / config.width
+        depth = config.nearest_distance / max(far * rng.uniform(1.0, 1.5) + 0.01, rng.uniform(0.02, 0.3))
+        texture = plane_texture(*light_points(*self.texture_size(*half), rng))
+        return Plane(
+            texture=texture,
+            centre=(0.0, 0.0, depth),
+            u_axis=(half[0] * depth, 0.0, 0.0),
+            v_axis=(0.0, half[1] * depth, 0.0),
+        )
+
+    def rotation(self, roll_limit: float) -> np.ndarray:
+        """Random roll about the optical axis, then for half of the planes a tilt about a lateral axis."""
+        rng = self.rng
+        roll = rng.uniform(-roll_limit, roll_limit)
+        tilt = np.radians(rng.uniform(0, self.config.scene.tilt_limit)) if rng.random() < 0.5 else 0.0
+        towards = rng.uniform(0, 2 * np.pi)
+        axis = np.array([np.cos(towards), np.sin(towards), 0])
+        cross = np.array([[0, 0, axis[1]], [0, 0, -axis[0]], [-axis[1], axis[0], 0]])
+        lean = np.eye(3) + np.sin(tilt) * cross + (1 - np.cos(tilt)) * cross @ cross
+        cosine, sine = np.cos(roll), np.sin(roll)
+        turn: np.ndarray = lean @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+        return turn
+
+    def texture_size(self, half_width: float, half_height: float) -> tuple[int, int]:
+        """Rows and columns with about one texel per pixel for half extents given as slopes."""
+        density = self.config.sensor_distance / self.config.pixel_pitch
+        height, width = (int(np.clip(2 * h * density, 8, _LARGEST_TEXTURE)) for h in (half_height, half_width))
+        return height, width
+
+    def paint(self, height: int, width: int, photograph: float = 0.65) -> np.ndarray:
+        """Colours (H, W, 3), about as bright as each other; with that probability a ``photograph``."""
+        rng = self.rng
+        if rng.random() < photograph:
+            colours = self.photograph(height, width, rng)
+        elif rng.random() < 0.5:
+            colours = dead_leaves(height, width, rng, self.photograph if rng.random() < 0.6 else None)
+        else:
+            colours = TEXTURES[list(TEXTURES)[rng.integers(len(TEXTURES))]](height, width, rng)
+        wanted = _MIDDLE_GREY * 2 ** rng.normal(0, 0.8)
+        return colours * np.float32(wanted / max(float(colours.mean()), 0.02))
+
+    def photograph(self, height: int, width: int, rng: np.random.Generator) -> np.ndarray:
+        recipe = self.config.scene
+        files = photograph_files(recipe.photographs, recipe.photograph_folder)
+        return crop_photograph(files[rng.integers(len(files))], height, width, rng)
+
+
+def _expose(scene: Scene, rng: np.random.Generator, stops: tuple[float, float]) -> Scene:
+    """Scale all light by a random exposure."""
+    gain = 2 ** rng.uniform(*stops)
+    colours = [gain * scene.background.texture, *(plane.texture * 1.0 for plane in scene.planes)]
+    for texture in colours[1:]:
+        texture[:3] *= gain
+    background = Background(
+        texture=colours[0], half_extent=scene.background.half_extent, disparity=scene.background.disparity
+    )
+    planes = tuple(
+        Plane(texture=texture, centre=plane.centre, u_axis=plane.u_axis, v_axis=plane.v_axis)
+        for texture, plane in zip(colours[1:], scene.planes, strict=True)
+    )
+    return Scene(background=background, planes=planes)
+
+
+def _vector(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,149 @@
+"""Shards: tar files of samples in the WebDataset layout, one ``{index:08d}.npz`` a sample.
+
+The bytes of a shard depend on its samples alone: no times, no owners.
+"""
+
+import io
+import json
+import tarfile
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from bokehnet.errors import DataFileError
+
+__all__ = [
+    "DESCRIPTION",
+    "ShardSet",
+    "TrainingSample",
+    "decode_sample",
+    "encode_sample",
+    "read_sample",
+    "shard_name",
+    "write_members",
+]
+
+DESCRIPTION = "dataset.json"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TrainingSample:
+    """One scene; for each view v, ``blur[v] * (disparity - focus[v])`` is the blur radius in pixels.
+
+    Attributes:
+        image: All in focus, scene-linear, (H, W, 3) float16.
+        disparity: Relative inverse depth in [0, 1], 0 = infinitely far, (H, W) float32.
+        bokeh: The truth for each view, scene-linear, (V, H, W, 3) float16.
+        blur: Radius in pixels per unit of disparity, (V,) float32.
+        focus: Relative disparity that is sharp, (V,) float32.
+    """
+
+    image: np.ndarray
+    disparity: np.ndarray
+    bokeh: np.ndarray
+    blur: np.ndarray
+    focus: np.ndarray
+
+
+def shard_name(number: int) -> str:
+    """File name of a shard."""
+    return f"shard-{number:06d}.tar"
+
+
+def encode_sample(sample: TrainingSample) -> bytes:
+    """Return ``sample`` as the bytes of an uncompressed npz file: noise does not compress."""
+    buffer = io.BytesIO()
+    np.savez(buffer, **{item.name: getattr(sample, item.name) for item in fields(TrainingSample)})
+    return buffer.getvalue()
+
+
+def decode_sample(data: bytes, source: str = "sample") -> TrainingSample:
+    """Undo :func:`encode_sample`.
+
+    Raises:
+        DataFileError: The bytes are damaged; ``source`` names them.
+    """
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return TrainingSample(**{item.name: arrays[item.name] for item in fields(TrainingSample)})
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+        raise DataFileError(f"{source}: expected a training sample, found damaged data: {error}") from error
+
+
+def write_members(stream: BinaryIO, members: Iterable[tuple[str, bytes]]) -> None:
+    """Write (name, bytes) pairs as a tar file."""
+    with tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as archive:
+        for name, data in members:
+            header = tarfile.TarInfo(name)  # time 0, no owner
+            header.size = len(data)
+            archive.addfile(header, io.BytesIO(data))
+
+
+def read_sample(shard: str | Path, key: str) -> TrainingSample:
+    """Read the sample ``key`` (the name of its member without ``.npz``) of one shard.
+
+    Raises:
+        DataFileError: The shard is missing or damaged, or has no such sample.
+    """
+    members = _index(Path(shard))
+    if key not in members:
+        raise DataFileError(f"{shard}: no sample {key!r}; it has {', '.join(sorted(members)) or 'none'}")
+    return _read(Path(shard), key, *members[key])
+
+
+class ShardSet:
+    """All samples of a folder, by number; reads one sample at a time. Can be pickled.
+
+    Args:
+        folder: Where ``bokehnet synth`` wrote.
+        allow_incomplete: Accept a set of which shards are still missing.
+
+    Raises:
+        DataFileError: No set of shards is there, one is damaged, or some are missing.
+    """
+
+    def __init__(self, folder: str | Path, allow_incomplete: bool = False) -> None:
+        self.folder = Path(folder)
+        description = self.folder / DESCRIPTION
+        try:
+            self.description: dict = json.loads(description.read_text(encoding="utf-8"))
+            expected = int(self.description["scenes"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DataFileError(f"{description}: expected the description of a data set: {error}") from error
+        shards = sorted(self.folder.glob("shard-*.tar"))
+        self._members = [
+            (path, key, offset, size) for path in shards for key, (offset, size) in _index(path).items()
+        ]
+        if not self._members or (len(self._members) < expected and not allow_incomplete):
+            found = f"{len(self._members)} of {expected} samples"
+            raise DataFileError(f"{self.folder}: found {found}; run bokehnet synth again to complete it")
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __getitem__(self, number: int) -> TrainingSample:
+        """Read sample ``number``; IndexError outside the set."""
+        return _read(*self._members[number])
+
+
+def _index(shard: Path) -> dict[str, tuple[int, int]]:
+    """Offset and size of every sample of a shard."""
+    try:
+        with tarfile.open(shard, "r:") as archive:
+            return {Path(item.name).stem: (item.offset_data, item.size) for item in archive if item.isfile()}
+    except (OSError, tarfile.TarError) as error:
+        raise DataFileError(f"{shard}: expected a shard of training samples: {error}") from error
+
+
+def _read(shard: Path, key: str, offset: int, size: int) -> TrainingSample:
+    try:
+        with open(shard, "rb") as stream:
+            stream.seek(offset)
+            data = stream.read(size)
+    except OSError as error:
+        raise DataFileError(f"cannot read shard {shard}: {error.strerror or error}") from error
+    return decode_sample(data, f"{shard}, sample {key}")

@@ -1,0 +1,54 @@
+"""The command line that the training scripts share."""
+
+import argparse
+import math
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from bokehnet.config import load_config
+from bokehnet.errors import BokehnetError, ParameterError
+from train.loop import Stopped
+
+__all__ = ["run_command"]
+
+
+def _override(text: str) -> tuple[str, Any]:
+    """``key=value`` with a TOML value."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise ParameterError(f"--set: expected key=value, got {text!r}")
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
+def run_command(
+    description: str | None, cls: type, run: Callable[[Any, Path, torch.device, float], Path]
+) -> None:
+    """Parse the arguments, load the configuration, run; a user's mistake is one line and exit code 1."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--config", required=True, type=Path, help="TOML file of the run")
+    parser.add_argument(
+        "--out", required=True, type=Path, help="folder of the run; an older run goes on there"
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument(
+        "--max-minutes", type=float, default=math.inf, help="stop with a checkpoint after this time"
+    )
+    arguments = parser.parse_args()
+    try:
+        config = load_config(arguments.config, cls, dict(_override(text) for text in arguments.set))
+        path = run(config, arguments.out, torch.device(arguments.device), arguments.max_minutes)
+    except BokehnetError as error:
+        sys.exit(f"error: {' '.join(str(error).split())}")
+    except Stopped as stopped:
+        print(stopped, file=sys.stderr)
+        sys.exit(130 if stopped.asked else 0)
+    print(f"done: {path}")

@@ -1,0 +1,67 @@
+"""What the networks are trained to make small; all on the perceptual scale of ``models.blocks.encode``."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from bokehnet.fusion import fuse
+from bokehnet.models.blocks import encode
+
+__all__ = ["arnet_loss", "iunet_loss"]
+
+# How much a pixel counts where the classical half is right and the network's answer is not used.
+OUTSIDE = 0.1
+
+
+def _encode_signed(linear: Tensor) -> Tensor:
+    """``encode``, continued below 0 by its slope there, so that negative predictions are pulled back."""
+    return encode(linear) + linear.clamp(max=0)
+
+
+def _weighted_l1(prediction: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
+    return (weight * (prediction - truth).abs()).mean() / weight.mean()
+
+
+def _gradient_l1(prediction: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
+    difference = prediction - truth
+    across = (weight[..., 1:] * difference.diff(dim=-1).abs()).mean()
+    down = (weight[..., 1:, :] * difference.diff(dim=-2).abs()).mean()
+    return (across + down) / weight.mean()
+
+
+def arnet_loss(
+    bokeh: Tensor, error_map: Tensor, classical: Tensor, truth: Tensor, target: Tensor
+) -> tuple[Tensor, dict[str, Tensor]]:
+    """Loss of the coarse network.
+
+    Args:
+        bokeh: Its picture, scene-linear, (B, 3, H, W).
+        error_map: Its error map, (B, 1, H, W).
+        classical: Classical render at the same size.
+        truth: Ray-traced bokeh at the same size.
+        target: Geometric error map, (B, 1, H, W).
+
+    Returns:
+        The sum, and its parts by name.
+    """
+    wanted, neural = _encode_signed(truth), _encode_signed(bokeh)
+    weight = OUTSIDE + (1 - OUTSIDE) * target
+    fused = _encode_signed(fuse(classical, bokeh, error_map))
+    parts = {
+        "neural": _weighted_l1(neural, wanted, weight),
+        "gradient": 0.5 * _gradient_l1(neural, wanted, weight),
+        "fused": 0.5 * _weighted_l1(fused, wanted, torch.ones_like(weight)),
+        "error_map": 0.1 * F.mse_loss(error_map, target),
+    }
+    return torch.stack(list(parts.values())).sum(), parts
+
+
+def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+    """Loss of one upsampling step; arguments and result as in :func:`arnet_loss`."""
+    wanted, neural = _encode_signed(truth), _encode_signed(bokeh)
+    weight = OUTSIDE + (1 - OUTSIDE) * target
+    parts = {
+        "neural": _weighted_l1(neural, wanted, weight),
+        "gradient": 0.5 * _gradient_l1(neural, wanted, weight),
+    }
+    return torch.stack(list(parts.values())).sum(), parts

@@ -1,0 +1,74 @@
+"""Train ARNet: ``python -m train.train_arnet --config configs/train_arnet.toml --out runs/arnet``."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from bokehnet.models.arnet import ARNet, ARNetConfig
+from bokehnet.pyramid import upsample2
+from train.command import run_command
+from train.data import DataConfig, example_loader
+from train.loop import OptimConfig, train
+from train.losses import arnet_loss
+from train.validation import held_out_examples, score_cascade
+
+__all__ = ["ARNetRun", "main"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARNetRun:
+    """A training run of ARNet.
+
+    Attributes:
+        data, optim, model: See there.
+        held_out: Held-out pictures scored at each validation.
+    """
+
+    data: DataConfig
+    optim: OptimConfig
+    model: ARNetConfig = field(default_factory=ARNetConfig)
+    held_out: int = 24
+
+
+def _bilinear(image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor) -> Tensor:
+    """Stands in for IUNet while ARNet is scored alone."""
+    return upsample2(coarse)
+
+
+def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
+    """Train, or go on training; returns the checkpoint."""
+    torch.manual_seed(config.optim.seed)
+    held_out = held_out_examples(config.data, config.held_out)
+
+    def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
+        bokeh, error_map = network(batch["image"], batch["defocus"], batch["classical"])
+        return arnet_loss(bokeh, error_map, batch["classical"], batch["truth"], batch["error_map"])
+
+    return train(
+        "arnet",
+        config,
+        ARNet(config.model),
+        out=out,
+        device=device,
+        loader=lambda step: example_loader(
+            config.data,
+            seed=config.optim.seed,
+            steps=config.optim.steps,
+            first_step=step,
+            unit=config.model.unit,
+        ),
+        loss_of=loss_of,
+        validate=lambda network: score_cascade(network, _bilinear, config.model.unit, held_out, device),
+        max_minutes=max_minutes,
+    )
+
+
+def main() -> None:
+    """Entry of the command line."""
+    run_command(__doc__, ARNetRun, run)
+
+
+if __name__ == "__main__":
+    main()

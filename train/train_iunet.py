@@ -1,0 +1,88 @@
+"""Train IUNet behind a frozen ARNet.
+
+``python -m train.train_iunet --config configs/train_iunet.toml --out runs/iunet``
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from bokehnet.cascade import render_neural
+from bokehnet.models.checkpoint import load_network
+from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.pyramid import downsample2
+from train.command import run_command
+from train.data import DataConfig, example_loader
+from train.loop import OptimConfig, train
+from train.losses import iunet_loss
+from train.validation import held_out_examples, score_cascade
+
+__all__ = ["IUNetRun", "main"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class IUNetRun:
+    """A training run of IUNet.
+
+    Attributes:
+        arnet: Checkpoint of the trained ARNet, which stays as it is.
+        data, optim, model: See there.
+        held_out: Held-out pictures scored at each validation.
+    """
+
+    arnet: str
+    data: DataConfig
+    optim: OptimConfig
+    model: IUNetConfig = field(default_factory=IUNetConfig)
+    held_out: int = 24
+
+
+def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
+    """Train, or go on training; returns the checkpoint."""
+    torch.manual_seed(config.optim.seed)
+    arnet = load_network(Path(config.arnet), "arnet").requires_grad_(False).to(device)
+    held_out = held_out_examples(config.data, config.held_out)
+
+    def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
+        # Every batch takes at least one step up; starting a size lower than needed teaches two in a row.
+        result = render_neural(
+            batch["image"],
+            batch["defocus"],
+            batch["classical"],
+            arnet=arnet,
+            iunet=network,
+            unit=config.model.unit,
+            extra_halvings=1 if float(batch["defocus"].abs().max()) <= 2 * config.model.unit else 0,
+        )
+        losses = []
+        truth, target = batch["truth"], batch["error_map"]
+        for bokeh in reversed(result.steps[1:]):
+            losses.append(iunet_loss(bokeh, truth, target))
+            truth, target = downsample2(truth), downsample2(target)
+        parts = {key: torch.stack([part[key] for _, part in losses]).mean() for key in losses[0][1]}
+        return torch.stack([loss for loss, _ in losses]).mean(), parts
+
+    return train(
+        "iunet",
+        config,
+        IUNet(config.model),
+        out=out,
+        device=device,
+        loader=lambda step: example_loader(
+            config.data, seed=config.optim.seed, steps=config.optim.steps, first_step=step
+        ),
+        loss_of=loss_of,
+        validate=lambda network: score_cascade(arnet, network, config.model.unit, held_out, device),
+        max_minutes=max_minutes,
+    )
+
+
+def main() -> None:
+    """Entry of the command line."""
+    run_command(__doc__, IUNetRun, run)
+
+
+if __name__ == "__main__":
+    main()
