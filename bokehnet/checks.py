@@ -3,6 +3,7 @@
 None of these functions imports torch: a tensor is recognised by the namespace it brings along.
 """
 
+import importlib
 import math
 import sys
 from collections.abc import Collection
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.errors import MissingExtraError, ParameterError, ShapeError
 
 __all__ = [
     "Array",
@@ -23,6 +24,7 @@ __all__ = [
     "check_map",
     "check_number",
     "check_same_size",
+    "require_extra",
 ]
 
 # A NumPy array, a torch tensor or a float: whatever the operators of a formula accept.
@@ -91,3 +93,11 @@ def check_choice(name: str, value: str, choices: Collection[str]) -> None:
     """Raise ``ParameterError`` unless ``value`` is one of ``choices``."""
     if value not in choices:
         raise ParameterError(f"{name}: expected one of {', '.join(sorted(choices))}, got {value!r}")
+
+
+def require_extra(module: str, extra: str) -> None:
+    """Raise ``MissingExtraError`` unless ``module`` can be imported; it comes with ``bokehnet[extra]``."""
+    try:
+        importlib.import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(f"this needs {module}: pip install 'bokehnet[{extra}]'") from error

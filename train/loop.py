@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from bokehnet.io.atomic import write_atomic
 from torch import Tensor, nn
 from torch.utils.data import DataLoader
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from bokehnet.config import dump_json, to_dict
-from bokehnet.errors import ConfigError
+from bokehnet.errors import ConfigError, DataFileError
+from bokehnet.io.atomic import write_text
 from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
 
 __all__ = ["OptimConfig", "Stopped", "train"]
@@ -150,7 +150,7 @@ def train(
         average.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
         step = state["step"]
-    write_atomic(out / "config.json", lambda path: path.write_text(dump_json(config)))
+    write_text(out / "config.json", dump_json(config), error=DataFileError)
     autocast = torch.autocast(device.type, torch.bfloat16, enabled=optim.bfloat16 and _has_bfloat16(device))
 
     def save() -> None:

@@ -14,15 +14,10 @@ def synth(
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
 ) -> None:
     """Render random scenes with the ray tracer and write them as training pairs."""
-    from tqdm import tqdm
-
+    from bokehnet.cli.progress import progress
     from bokehnet.config import load_config
     from bokehnet.synth import SynthConfig, write_dataset
 
     resolved = load_config(config, SynthConfig)
-    with tqdm(total=resolved.scenes, unit="scene") as bar:
-
-        def report(done: int, total: int) -> None:
-            bar.update(done - bar.n)
-
+    with progress("rendering scenes") as report:
         write_dataset(resolved, out, workers=workers, progress=report)

@@ -1,44 +1,113 @@
-"""Files that are complete or absent, never half written."""
+"""Writing a file so that a crash or a full disk never leaves half of it or destroys an older one."""
 
+import contextlib
 import os
-import tempfile
+import secrets
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 from bokehnet.errors import BokehnetError, ImageFileError
 
-__all__ = ["write_atomic"]
+__all__ = ["check_target", "write_atomic", "write_text"]
+
+
+def check_target(path: Path | str, *, error: type[BokehnetError] = ImageFileError) -> None:
+    """Raise ``error`` unless a file could be written at ``path``; nothing is touched.
+
+    Args:
+        path: where a file shall go; its folder must exist and be writable, and an older file too.
+        error: class of the error that is raised.
+    """
+    path = Path(path)
+    folder = path.parent
+    if path.is_dir():
+        raise error(f"{path}: expected the name of a file to write, found a folder")
+    if path.exists() and not path.is_file():
+        raise error(f"{path}: exists and is not a regular file, will not replace it")
+    if not folder.is_dir():
+        state = "is not a folder" if folder.exists() else "does not exist"
+        raise error(f"{path}: the folder {folder} {state}; create it first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise error(f"{path}: the folder {folder} is not writable")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise error(f"{path}: the file exists and is write-protected")
 
 
 def write_atomic(
-    path: str | Path, write: Callable[[Path], object], *, error: type[BokehnetError] = ImageFileError
+    path: Path | str,
+    write: Callable[[Path], None],
+    *,
+    error: type[BokehnetError] = ImageFileError,
+    room: int = 0,
 ) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, then put it in place of ``path``.
+    """Let ``write`` fill a temporary file beside ``path``, then put it in place in one step.
 
-    Whatever goes wrong, a crash or a full disk included, an older file at ``path`` stays as it was.
+    The temporary file is hidden, has the same extension and reaches the disk before it takes the name.
+    Whatever goes wrong, it is removed and the older file stays as it was. The new file gets the mode of
+    the older one, else that of the umask; a symbolic link is followed, not replaced.
 
     Args:
-        path: Target file; its folder must exist.
-        write: Called with the temporary path, which has the suffix of ``path``.
-        error: Raised, with one line, when the operating system refuses.
+        path: the file to write.
+        write: fills the file whose path it is given; that file exists and is empty.
+        error: class of the error that an ``OSError`` becomes.
+        room: bytes that must be free before ``write`` is called, for encoders that do not survive a
+            full disk; 0 asks for nothing.
+
+    Raises:
+        BokehnetError: of class ``error``, when the file cannot be written; whatever ``write`` raises
+            besides ``OSError`` passes through.
     """
-    path = Path(path)
-    temporary: Path | None = None
+    check_target(path, error=error)
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".bokehnet-{secrets.token_hex(6)}{target.suffix}")
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
+        _create(temporary, room)
         write(temporary)
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
-        temporary.replace(path)
-    except BokehnetError:
-        raise
-    except OSError as problem:
-        raise error(f"cannot write {path}: {problem.strerror or problem}") from problem
-    finally:
-        if temporary is not None:
+        _flush(temporary)
+        if target.exists():
+            shutil.copymode(target, temporary)
+        os.replace(temporary, target)
+        _flush_folder(target.parent)
+    except BaseException as problem:
+        with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+        if isinstance(problem, OSError) and not isinstance(problem, BokehnetError):
+            reason = problem.strerror or str(problem)
+            raise error(f"{path}: cannot be written, any older file is kept: {reason}") from problem
+        raise
+
+
+def write_text(path: Path | str, text: str, *, error: type[BokehnetError] = ImageFileError) -> None:
+    """Write ``text`` as UTF-8 through :func:`write_atomic`."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_text(text, encoding="utf-8")
+
+    write_atomic(path, write, error=error)
+
+
+def _create(temporary: Path, room: int) -> None:
+    """Make an empty file, after proof that ``room`` bytes fit."""
+    with temporary.open("xb") as file:
+        if room:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, room)
+            else:
+                file.write(bytes(room))
+                file.flush()
+            file.truncate(0)
+
+
+def _flush(file: Path) -> None:
+    with file.open("r+b") as handle:
+        os.fsync(handle.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    if os.name == "posix":  # elsewhere a folder cannot be opened
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

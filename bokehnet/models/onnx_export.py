@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from bokehnet.config import to_dict
 from bokehnet.errors import ModelFileError
-from bokehnet.io.atomic import write_atomic
+from bokehnet.io.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.iunet import IUNet
 
@@ -117,6 +117,5 @@ def export_networks(
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         entries[name] = {"file": path.name, "sha256": digest, "config": to_dict(network.config)}
     manifest = {"format": 1, "unit": unit, "networks": entries, "notes": notes}
-    text = json.dumps(manifest, indent=2) + "\n"
-    write_atomic(folder / "manifest.json", lambda path: path.write_text(text), error=ModelFileError)
+    write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n", error=ModelFileError)
     return differences

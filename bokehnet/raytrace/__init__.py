@@ -1,11 +1,8 @@
 """The distribution ray tracer: scenes of textured planes, seen through a lens, in torch on any device."""
 
-from bokehnet.errors import MissingExtraError
+from bokehnet.checks import require_extra
 
-try:
-    import torch  # noqa: F401
-except ImportError as error:
-    raise MissingExtraError("bokehnet.raytrace needs torch: pip install 'bokehnet[train]'") from error
+require_extra("torch", "train")
 
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.integrator import render_all_in_focus, render_bokeh, render_disparity

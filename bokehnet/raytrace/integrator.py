@@ -125,7 +125,7 @@ def _prepare(scene: Scene, camera: Camera, centre: Rays) -> list[PreparedPlane]:
 
 @dataclass(frozen=True, slots=True)
 class _Occluder:
-    """That plane ``index`` may hide another plane in ``window``; ``always`` when it is before it for all rays."""
+    """A plane that may hide another one in ``window``; ``always`` when it is before it for all rays."""
 
     index: int
     window: Window

@@ -28,7 +28,8 @@ class PreparedPlane:
         texture: (1, 4, Ht, Wt).
         window: Rows and columns of the picture that the plane may reach.
         normal: The plane is ``normal . p = 1``.
-        u_dual: ``u_dual . p - u_offset`` is the texture coordinate of a point p of the plane.
+        u_dual: ``u_dual . p - u_offset`` is where a point p of the plane falls in the texture: -1 and 1 are
+            the outer edges of its outer texels.
         v_dual: The same along the rows.
         u_offset: See ``u_dual``.
         v_offset: See ``v_dual``.
@@ -79,6 +80,9 @@ def prepare_plane(plane: Plane, camera: Camera, centre: Rays) -> PreparedPlane |
     centre_point, u, v = (np.array(vector, float) for vector in (plane.centre, plane.u_axis, plane.v_axis))
     normal = np.cross(u, v)
     u_dual, v_dual = (dual / (normal @ normal) for dual in (np.cross(v, normal), np.cross(normal, u)))
+    # Bilinear lookup fades over half a texel beyond the texture; let that end at the edge of the plane.
+    u_dual *= 1 + 1 / plane.texture.shape[2]
+    v_dual *= 1 + 1 / plane.texture.shape[1]
     distance = normal @ centre_point
     if distance == 0:  # seen exactly edge-on from the middle of the pupil: it has no picture
         return None

@@ -21,7 +21,7 @@ class Plane:
 
     Attributes:
         texture: Scene-linear RGB times alpha, and alpha, (4, Ht, Wt); columns run along ``u_axis``, rows
-            along ``v_axis``; transparent outside.
+            along ``v_axis``. It fades over its outermost texel and is transparent outside.
         centre: Position, mm; x to the right and y down in the picture, z along the optical axis.
         u_axis: Half extent along the columns of the texture, mm.
         v_axis: Half extent along its rows, mm.

@@ -29,7 +29,7 @@ class SceneConfig:
     tilt_limit: float = 65.0
     sky_probability: float = 0.3
     ground_probability: float = 0.3
-    light_probability: float = 0.25
+    light_probability: float = 0.2
     thin_probability: float = 0.3
     exposure_stops: tuple[float, float] = (-1.5, 1.0)
     photographs: tuple[str, ...] = ()
@@ -54,6 +54,7 @@ class SynthConfig:
         height: Picture height, pixels.
         views: Pictures with bokeh of each scene, each with its own focus and aperture.
         bokeh_samples: Rays per pixel of a bokeh picture.
+        bright_factor: How many times more rays a scene with lamps gets: few rays meet them.
         image_samples: Rays per pixel of the all-in-focus picture.
         defocus: Range from which the largest blur radius of a view is drawn (log-uniform), pixels.
         sensor_width: Sensor width, mm.
@@ -69,6 +70,7 @@ class SynthConfig:
     height: int = 256
     views: int = 3
     bokeh_samples: int = 64
+    bright_factor: int = 3
     image_samples: int = 16
     defocus: tuple[float, float] = (3.0, 26.0)
     sensor_width: float = 36.0
@@ -77,7 +79,14 @@ class SynthConfig:
     scene: SceneConfig = field(default_factory=SceneConfig)
 
     def __post_init__(self) -> None:
-        for name in ("scenes", "scenes_per_shard", "views", "bokeh_samples", "image_samples"):
+        for name in (
+            "scenes",
+            "scenes_per_shard",
+            "views",
+            "bokeh_samples",
+            "bright_factor",
+            "image_samples",
+        ):
             check_at_least(name, getattr(self, name), 1)
         for name in ("width", "height"):
             check_at_least(name, getattr(self, name), 8)

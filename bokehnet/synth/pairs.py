@@ -14,6 +14,8 @@ __all__ = ["lens_for_view", "make_sample"]
 
 # A picture with less depth than this has no blur worth learning from; it is not blown up further.
 _LEAST_RANGE = 0.1
+# Scenes with lights beyond this radiance need more rays.
+_BRIGHT = 16.0
 
 
 def make_sample(config: SynthConfig, index: int) -> TrainingSample:
@@ -25,13 +27,14 @@ def make_sample(config: SynthConfig, index: int) -> TrainingSample:
     image = render_all_in_focus(scene, pinhole, config.image_samples, int(seeds[0])).numpy()
     disparity = render_disparity(scene, pinhole).numpy() * np.float32(config.nearest_distance)
     views = [_draw_view(disparity, config, rng) for _ in range(config.views)]
+    brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
+    samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
     bokeh = [
-        render_bokeh(
-            scene, _camera(config, lens_for_view(blur, focus, config)), config.bokeh_samples, int(seed)
-        ).numpy()
+        render_bokeh(scene, _camera(config, lens_for_view(blur, focus, config)), samples, int(seed)).numpy()
         for (blur, focus), seed in zip(views, seeds[1:], strict=True)
     ]
-    assert np.isfinite(image).all() and np.isfinite(bokeh).all()
+    assert np.isfinite(image).all()
+    assert np.isfinite(bokeh).all()
     return TrainingSample(
         image=image.astype(np.float16),
         disparity=disparity,

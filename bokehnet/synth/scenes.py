@@ -18,6 +18,8 @@ __all__ = ["random_scene"]
 
 _MIDDLE_GREY = 0.18
 _LARGEST_TEXTURE = 512
+_LAMP_RADIUS = (1.2, 3.0)
+_LAMP_PEAK = (5.0, 100.0)
 
 
 def random_scene(rng: np.random.Generator, config: SynthConfig) -> Scene:
@@ -74,7 +76,7 @@ class _SceneMaker:
         config, rng = self.config, self.rng
         field = config.sensor_width / 2 / config.sensor_distance
         thin = rng.random() < config.scene.thin_probability
-        size = field * np.exp(rng.uniform(np.log(0.35 if thin else 0.12), np.log(1.1 if thin else 0.8)))
+        size = field * np.exp(rng.uniform(np.log(0.4 if thin else 0.18), np.log(1.1 if thin else 0.9)))
         stretch = np.exp(rng.uniform(np.log(0.6), np.log(1.7)))
         half = (size * stretch**0.5, size / stretch**0.5)
         reach = np.array([1.0, config.height / config.width]) * field
@@ -107,7 +109,7 @@ class _SceneMaker:
         distant = near * rng.uniform(2.0, 6.0)
         if far > 0:
             distant = min(distant, max(1.2 * near, config.nearest_distance / far))
-        below = near * field * rng.uniform(0.5, 0.95)
+        below = near * field * rng.uniform(0.7, 1.2)
         side = distant * field * 1.6
         texture = plane_texture(self.paint(384, 384))
         # Texture rows run away from the camera; the plane is then rolled about the optical axis.
@@ -124,7 +126,7 @@ class _SceneMaker:
         half_width = 1.3 * config.sensor_width / 2 / config.sensor_distance
         half = half_width, half_width * config.height / config.width
         depth = config.nearest_distance / max(far * rng.uniform(1.0, 1.5) + 0.01, rng.uniform(0.02, 0.3))
-        texture = plane_texture(*light_points(*self.texture_size(*half), rng))
+        texture = plane_texture(*light_points(*self.texture_size(*half), rng, _LAMP_RADIUS, _LAMP_PEAK))
         return Plane(
             texture=texture,
             centre=(0.0, 0.0, depth),
@@ -148,7 +150,9 @@ class _SceneMaker:
     def texture_size(self, half_width: float, half_height: float) -> tuple[int, int]:
         """Rows and columns with about one texel per pixel for half extents given as slopes."""
         density = self.config.sensor_distance / self.config.pixel_pitch
-        height, width = (int(np.clip(2 * h * density, 8, _LARGEST_TEXTURE)) for h in (half_height, half_width))
+        height, width = (
+            int(np.clip(2 * h * density, 8, _LARGEST_TEXTURE)) for h in (half_height, half_width)
+        )
         return height, width
 
     def paint(self, height: int, width: int, photograph: float = 0.65) -> np.ndarray:

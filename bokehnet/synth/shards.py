@@ -68,9 +68,13 @@ def decode_sample(data: bytes, source: str = "sample") -> TrainingSample:
         DataFileError: The bytes are damaged; ``source`` names them.
     """
     try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            damaged = archive.testzip()  # np.load would parse wrong bytes before it checks their sum
+        if damaged is not None:
+            raise ValueError(f"wrong checksum of {damaged}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return TrainingSample(**{item.name: arrays[item.name] for item in fields(TrainingSample)})
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError, NotImplementedError) as error:
         raise DataFileError(f"{source}: expected a training sample, found damaged data: {error}") from error
 
 

@@ -21,6 +21,15 @@ from bokehnet.raytrace import (
 PITCH = 0.1
 
 
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """Small pictures: threads cost more than they give, above all on a busy machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
 def constant(value, size=8):
     return np.full((size, size, 3), value, np.float32)
 
@@ -42,14 +51,15 @@ def black(disparity=0.0):
     ("depth", "focus_distance"), [(800.0, 1200.0), (3000.0, 1200.0), (900.0, math.inf), (5000.0, 900.0)]
 )
 def test_small_emitter_gives_a_disc_with_the_radius_and_energy_of_the_formula(depth, focus_distance):
-    """Authority: coc_radius; a uniform disc has <l**2> = r**2 / 2; a thin lens moves light, never loses it."""
-    view = camera(64, focus_distance)
-    side = 2.0  # pixels
+    """Authority: coc_radius; uniform discs have <l**2> = r**2 / 2; a thin lens loses no light."""
+    view = camera(64, focus_distance, f_number=1.4)
+    side = 5.0  # pixels
     half = side / 2 * PITCH * depth / view.lens.sensor_distance
     scene = Scene(
-        background=black(), planes=(facing_plane(plane_texture(constant(50.0, 32)), depth, half, (3 * half, half)),)
+        background=black(),
+        planes=(facing_plane(plane_texture(constant(50.0, 64)), depth, half, (half, half / 2)),),
     )
-    bokeh = render_bokeh(scene, view, 1024, seed=1)[..., 0].double()
+    bokeh = render_bokeh(scene, view, 4096, seed=1)[..., 0].double()
     sharp = render_all_in_focus(scene, view, 1024, seed=2)[..., 0].double()
     y, x = torch.meshgrid(torch.arange(64.0), torch.arange(64.0), indexing="ij")
     centre_x, centre_y = ((bokeh * axis).sum() / bokeh.sum() for axis in (x, y))
@@ -59,8 +69,8 @@ def test_small_emitter_gives_a_disc_with_the_radius_and_energy_of_the_formula(de
     assert radius == pytest.approx(abs(view.lens.coc_radius(1 / depth)) / PITCH, abs=0.1)
     assert float(bokeh.sum() / sharp.sum()) == pytest.approx(1, abs=1e-3)
     # Upright picture: the emitter is right of and below the axis.
-    assert float(centre_x) == pytest.approx(31.5 + 3 * side / 2, abs=0.02)
-    assert float(centre_y) == pytest.approx(31.5 + side / 2, abs=0.02)
+    assert float(centre_x) == pytest.approx(31.5 + side / 2, abs=0.02)
+    assert float(centre_y) == pytest.approx(31.5 + side / 4, abs=0.02)
 
 
 def test_plane_in_focus_is_as_sharp_as_the_all_in_focus_picture():
@@ -105,7 +115,9 @@ def test_crossing_planes_hide_each_other_on_both_sides_of_the_crossing():
     """Authority: of two planes that cross at x = 0 the nearer one is seen, on each side."""
     red, green = np.float32([1, 0, 0]), np.float32([0, 1, 0])
     planes = [
-        Plane(texture=plane_texture(constant(1.0) * colour), centre=(0, 0, 1000), u_axis=u, v_axis=(0, 300, 0))
+        Plane(
+            texture=plane_texture(constant(1.0) * colour), centre=(0, 0, 1000), u_axis=u, v_axis=(0, 300, 0)
+        )
         for colour, u in ((red, (300.0, 0.0, 250.0)), (green, (300.0, 0.0, -250.0)))
     ]
     for ordered in (planes, planes[::-1]):

@@ -1,0 +1,87 @@
+"""The application around the commands, and the one handler that turns our errors into one line."""
+
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from bokehnet import __version__
+from bokehnet.cli.info import info
+from bokehnet.cli.synth import synth
+from bokehnet.errors import BokehnetError
+
+__all__ = ["app", "main", "run"]
+
+_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+
+# Base of the parser's complaints about flags and arguments; typer does not export it by a name of its own.
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+
+app = typer.Typer(
+    name="bokehnet",
+    help="Hybrid classical and neural bokeh rendering from a picture and its depth.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+app.command()(info)
+app.command()(synth)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"bokehnet {__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code.
+
+    Args:
+        arguments: the words after the program's name.
+
+    Returns:
+        0 when done, 1 after a mistake of the user's (told in one line on stderr), 130 after Ctrl-C.
+        Any other exception is a bug and passes through with its traceback.
+    """
+    try:
+        code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
+    except BokehnetError as error:
+        return _fail(str(error))
+    except _UsageError as error:
+        return _fail(f"{error.format_message().rstrip('.')}; see bokehnet --help")  # type: ignore[attr-defined]
+    except MemoryError as error:
+        return _fail(f"out of memory, try a smaller picture ({error})")
+    except (KeyboardInterrupt, typer.Abort):
+        code = _INTERRUPTED
+    if code == _INTERRUPTED:
+        typer.echo("bokehnet: interrupted", err=True)
+    return code if isinstance(code, int) else 0
+
+
+def main() -> None:
+    """Entry point of the ``bokehnet`` program."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def _fail(message: str) -> int:
+    line = " ".join(message.split())
+    typer.echo(f"bokehnet: error: {line}", err=True)
+    return 1
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,33 @@
+"""``bokehnet info``: what is in an image file."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["info"]
+
+
+def info(file: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, WebP, EXR or HDR file.")]) -> None:
+    """Say what is in an image: size, channels, colour space, depth range."""
+    from bokehnet.io.info import image_info  # after parsing, so --help stays fast
+
+    found = image_info(file)
+    turned = "" if found.orientation == 1 else f" (turned upright, EXIF orientation {found.orientation})"
+    decoded = "linear" if found.color_space == "linear" else "sRGB as a picture, unchanged as a map"
+    parts = "" if found.parts == 1 else f" in {found.parts} parts"
+    rows = {
+        "format": found.file_format,
+        "size": f"{found.width} x {found.height} pixels{turned}",
+        "channels": f"{' '.join(found.channels)} ({found.pixel_type}){parts}",
+        "read as": decoded,
+    }
+    for name, values in found.ranges.items():
+        odd = [
+            f"{count} {what}" for count, what in ((values.infinite, "infinite"), (values.nan, "NaN")) if count
+        ]
+        rows[f"range of {name}"] = ", ".join([f"{values.lowest:g} to {values.highest:g}", *odd])
+    width = max(map(len, rows))
+    typer.echo(file)
+    for label, text in rows.items():
+        typer.echo(f"  {label:<{width}}  {text}")

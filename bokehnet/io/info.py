@@ -1,0 +1,84 @@
+"""What is in an image file, without deciding what to do with it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.io.maps import depth_channels
+from bokehnet.io.pixels import ImageFile
+
+__all__ = ["ChannelRange", "ImageInfo", "image_info"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelRange:
+    """Smallest and largest finite value of a channel as stored; both NaN when nothing is finite."""
+
+    lowest: float
+    highest: float
+    infinite: int
+    nan: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageInfo:
+    """What :func:`image_info` found.
+
+    ``width`` and ``height`` are pixels of the upright picture, ``orientation`` is the EXIF tag that turned
+    it (1: none). ``color_space`` is ``"sRGB"`` or ``"linear"``, as the file would be read. ``channels`` and
+    ``ranges`` are over all parts; ``ranges`` holds depth-like channels only.
+    """
+
+    width: int
+    height: int
+    channels: tuple[str, ...]
+    pixel_type: str
+    file_format: str
+    color_space: str
+    orientation: int
+    parts: int
+    ranges: dict[str, ChannelRange]
+
+
+def image_info(path: Path | str) -> ImageInfo:
+    """Describe an image file. All pixels are decoded, so a damaged file is found out.
+
+    Args:
+        path: JPEG, PNG, TIFF, WebP, EXR or HDR file.
+
+    Raises:
+        ImageFileError: the file cannot be read.
+    """
+    with ImageFile(path) as file:
+        ranges: dict[str, ChannelRange] = {}
+        for part in file.parts:
+            wanted = depth_channels(part.channels)
+            for start in range(0, len(part.channels), 4):  # in groups: all of an EXR may not fit in memory
+                names = part.channels[start : start + 4]
+                values = file.read(part, names)
+                ranges |= {name: _range(values[..., i]) for i, name in enumerate(names) if name in wanted}
+        first = file.parts[0]
+        turned = first.orientation >= 5
+        return ImageInfo(
+            width=first.height if turned else first.width,
+            height=first.width if turned else first.height,
+            channels=tuple(name for part in file.parts for name in part.channels),
+            pixel_type=first.pixel_type,
+            file_format=file.file_format,
+            color_space="linear" if first.linear else "sRGB",
+            orientation=first.orientation,
+            parts=len(file.parts),
+            ranges=ranges,
+        )
+
+
+def _range(values: NDArray[np.float32]) -> ChannelRange:
+    finite = values[np.isfinite(values)]
+    return ChannelRange(
+        lowest=float(finite.min()) if finite.size else float("nan"),
+        highest=float(finite.max()) if finite.size else float("nan"),
+        infinite=int(np.isinf(values).sum()),
+        nan=int(np.isnan(values).sum()),
+    )

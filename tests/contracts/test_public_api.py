@@ -1,0 +1,118 @@
+"""What users may rely on: the public names, the layers, and a package that renders without torch."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+import bokehnet
+from bokehnet import errors
+
+PUBLIC = [
+    "BokehRenderer",
+    "BokehnetError",
+    "RenderResult",
+    "ThinLens",
+    "__version__",
+    "defocus_from_disparity",
+    "defocus_map",
+    "disparity_from_depth",
+    "read_image",
+    "write_image",
+]
+
+# Imported before anything else, it makes every `import torch` fail as on a machine without torch.
+NO_TORCH = """
+import sys
+class Barrier:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in ('torch', 'kornia', 'skimage', 'scipy'):
+            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+sys.meta_path.insert(0, Barrier())
+"""
+
+
+def run_python(code: str) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+
+
+def test_public_names_are_pinned_and_exist():
+    assert sorted(bokehnet.__all__) == PUBLIC
+    for name in bokehnet.__all__:
+        assert getattr(bokehnet, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = bokehnet.nonsense
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "bokehnet.cascade",
+        "bokehnet.checks",
+        "bokehnet.classical.autograd",
+        "bokehnet.classical.base",
+        "bokehnet.classical.error_map",
+        "bokehnet.classical.kernels",
+        "bokehnet.classical.scatter",
+        "bokehnet.config",
+        "bokehnet.errors",
+        "bokehnet.inference.pipeline",
+        "bokehnet.inference.session",
+        "bokehnet.io.image",
+        "bokehnet.io.maps",
+        "bokehnet.lenses",
+        "bokehnet.models.arnet",
+        "bokehnet.models.checkpoint",
+        "bokehnet.models.iunet",
+        "bokehnet.optics.coc",
+        "bokehnet.optics.sampling",
+        "bokehnet.pyramid",
+        "bokehnet.raytrace",
+        "bokehnet.synth.shards",
+    ],
+)
+def test_every_name_in_all_exists(module):
+    loaded = import_module(module)
+    for name in loaded.__all__:
+        assert hasattr(loaded, name)
+
+
+def test_every_error_is_a_bokehnet_error():
+    for name in errors.__all__:
+        assert issubclass(getattr(errors, name), errors.BokehnetError)
+
+
+def test_importing_the_package_imports_neither_torch_nor_onnxruntime():
+    code = "import sys, bokehnet; print([m for m in ('torch', 'onnxruntime', 'numpy') if m in sys.modules])"
+    assert run_python(code).stdout.strip() == "[]"
+
+
+def test_a_hybrid_render_never_needs_torch():
+    code = NO_TORCH + (
+        "import numpy as np, bokehnet\n"
+        "image = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32)\n"
+        "defocus = np.where(np.arange(50) < 20, 8, -1).astype(np.float32)[None].repeat(40, 0)\n"
+        "result = bokehnet.BokehRenderer().render(image, defocus)\n"
+        "assert result.neural is not None and np.isfinite(result.bokeh).all()\n"
+        "assert 'torch' not in sys.modules\n"
+        "print('rendered', result.bokeh.shape)\n"
+    )
+    done = run_python(code)
+    assert done.stdout.strip() == "rendered (40, 50, 3)", done.stderr
+
+
+def test_a_name_that_needs_torch_says_how_to_get_it():
+    done = run_python(NO_TORCH + "import bokehnet.synth.dataset")
+    assert "pip install 'bokehnet[train]'" in done.stderr
+    assert "MissingExtraError" in done.stderr
+
+
+def test_results_are_arrays_of_the_documented_shape():
+    image = np.full((20, 30, 3), 0.5, np.float32)
+    result = bokehnet.BokehRenderer("scatter").render(image, np.zeros((20, 30), np.float32))
+    assert result.bokeh.shape == (20, 30, 3)
+    assert result.bokeh.dtype == np.float32
+    assert result.error_map.shape == (20, 30)
+    assert result.neural is None

@@ -1,0 +1,134 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import bokehnet
+from bokehnet.cli import app as application
+from bokehnet.cli.progress import progress
+from bokehnet.errors import BokehnetError
+from bokehnet.io.image import write_image
+
+
+def one_line(text):
+    return text.count("\n") == 1 and text.endswith("\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["info", "missing.png"], "missing.png: no such file"),
+        (["info"], "Missing argument"),
+        (["info", "--bogus", "a.png"], "--bogus"),
+        (["bogus"], "bogus"),
+        (["info", "a.png", "b.png"], "b.png"),
+    ],
+)
+def test_a_mistake_of_the_user_is_one_line_on_stderr_and_exit_code_1(cli, arguments, reason):
+    outcome = cli(*arguments)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("bokehnet: error: ")
+    assert reason in outcome.err
+    assert one_line(outcome.err)
+
+
+def test_a_truncated_png_is_one_line_in_a_process_of_its_own(tmp_path, cli_process):
+    path = tmp_path / "a.png"
+    write_image(path, np.random.default_rng(0).random((64, 64, 3)))
+    path.write_bytes(path.read_bytes()[:-500])
+    outcome = cli_process("info", path)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "truncated" in outcome.err
+    assert one_line(outcome.err)
+
+
+def test_version_and_help(cli_process, cli):
+    assert cli_process("--version").out == f"bokehnet {bokehnet.__version__}\n"
+    for arguments in ([], ["--help"]):
+        outcome = cli(*arguments)
+        assert outcome.code == 0
+        assert "info" in outcome.out
+        assert "synth" in outcome.out
+
+
+def test_help_imports_nothing_heavy(python_process):
+    source = (
+        "import sys; from bokehnet.cli.app import run\n"
+        "assert run(['--help']) == run(['info', '--help']) == 0\n"
+        "heavy = {'numpy', 'numba', 'torch', 'OpenImageIO', 'onnxruntime', 'tqdm'} & set(sys.modules)\n"
+        "sys.exit(', '.join(heavy) or 0)"
+    )
+    outcome = python_process(source)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def raiser(error):
+    def command() -> None:
+        raise error
+
+    return command
+
+
+@pytest.fixture
+def failing(monkeypatch):
+    """Add a command that raises to the application, for one test."""
+
+    def add(error):
+        monkeypatch.setattr(application.app, "registered_commands", list(application.app.registered_commands))
+        application.app.command("fail")(raiser(error))
+
+    return add
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [
+        (BokehnetError("first\nsecond"), 1, "bokehnet: error: first second\n"),
+        (MemoryError("Unable to allocate 9 TiB"), 1, "9 TiB"),
+        (KeyboardInterrupt(), 130, "bokehnet: interrupted\n"),
+    ],
+)
+def test_known_ends_are_one_line(failing, cli, error, code, text):
+    failing(error)
+    outcome = cli("fail")
+    assert (outcome.code, outcome.out) == (code, "")
+    assert text in outcome.err
+    assert one_line(outcome.err)
+
+
+def test_a_bug_keeps_its_traceback(failing):
+    failing(ZeroDivisionError("bug"))
+    with pytest.raises(ZeroDivisionError, match="bug"):
+        application.run(["fail"])
+
+
+def test_the_traceback_of_a_bug_is_the_plain_one():
+    source = (
+        "from bokehnet.cli import app\n"
+        "def fail() -> None:\n    raise ZeroDivisionError('bug')\n"
+        "app.app.command()(fail)\n"
+        "import sys; sys.argv = ['bokehnet', 'fail']; app.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("Traceback (most recent call last):")
+    assert done.stderr.endswith("ZeroDivisionError: bug\n")
+
+
+def test_progress_is_silent_when_the_work_is_short(capsys):
+    with progress("rendering") as report:
+        report(0, 3)
+        report(3, 3)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, monkeypatch):
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+    with progress("rendering") as report:
+        report(1, 4)
+        report(4, 4)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "rendering" in captured.err
+    assert "4/4" in captured.err

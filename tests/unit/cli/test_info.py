@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.image import write_image, write_map
+from bokehnet.io.info import image_info
+
+
+def test_info_describes_a_photo(tmp_path, cli):
+    write_image(tmp_path / "a.jpg", np.full((4, 6, 3), 0.5))
+    outcome = cli("info", tmp_path / "a.jpg")
+    assert (outcome.code, outcome.err) == (0, "")
+    for text in ("jpeg", "6 x 4 pixels", "R G B (uint8)", "sRGB"):
+        assert text in outcome.out
+
+
+def test_info_tells_the_depth_range_without_the_sky(tmp_path, cli):
+    import OpenImageIO as oiio  # noqa: N813
+
+    path = str(tmp_path / "z.exr")
+    output = oiio.ImageOutput.create(path)
+    spec = oiio.ImageSpec(2, 2, 1, "float")
+    spec.channelnames = ("Z",)
+    assert output.open(path, spec)
+    output.write_image(np.array([[[1.5], [20.0]], [[np.inf], [np.nan]]], np.float32))
+    output.close()
+    found = image_info(path)
+    values = found.ranges["Z"]
+    assert (values.lowest, values.highest, values.infinite, values.nan) == (1.5, 20, 1, 1)
+    assert found.color_space == "linear"
+    outcome = cli("info", path)
+    assert "range of Z  1.5 to 20, 1 infinite, 1 NaN" in outcome.out
+
+
+def test_info_gives_the_size_of_the_upright_picture(tmp_path):
+    import OpenImageIO as oiio  # noqa: N813
+
+    path = str(tmp_path / "a.png")
+    output = oiio.ImageOutput.create(path)
+    spec = oiio.ImageSpec(6, 4, 3, "uint8")
+    spec.attribute("Orientation", 8)
+    assert output.open(path, spec)
+    output.write_image(np.zeros((4, 6, 3), np.uint8))
+    output.close()
+    found = image_info(path)
+    assert (found.width, found.height, found.orientation) == (4, 6, 8)
+
+
+def test_info_names_the_colour_space_of_maps_and_exr(tmp_path):
+    write_map(tmp_path / "m.exr", np.ones((2, 2)), channel="disparity")
+    write_image(tmp_path / "i.exr", np.ones((2, 2, 3)))
+    assert list(image_info(tmp_path / "m.exr").ranges) == ["disparity"]
+    found = image_info(tmp_path / "i.exr")
+    assert (found.pixel_type, found.color_space, found.ranges, found.parts) == ("half", "linear", {}, 1)
+
+
+def test_info_finds_out_a_damaged_file(tmp_path):
+    write_image(tmp_path / "a.jpg", np.random.default_rng(0).random((64, 64, 3)))
+    whole = (tmp_path / "a.jpg").read_bytes()
+    (tmp_path / "a.jpg").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ImageFileError, match="truncated"):
+        image_info(tmp_path / "a.jpg")

@@ -1,0 +1,117 @@
+"""The hybrid as users get it, with small random networks."""
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose, assert_array_equal
+
+from bokehnet.cascade import Level, refine_whole, render_neural
+from bokehnet.classical.scatter import scatter
+from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.fusion import fuse
+from bokehnet.inference import tiling
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.inference.session import load_networks
+from bokehnet.models.arnet import ARNet, ARNetConfig
+from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.models.onnx_export import export_networks
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    torch.manual_seed(0)
+    networks = ARNet(ARNetConfig(width=8)), IUNet(IUNetConfig(width=8))
+    for network in networks:
+        torch.nn.init.normal_(network.backbone.head.weight, std=0.02)
+    folder = tmp_path_factory.mktemp("weights")
+    export_networks(*networks, folder, {})
+    return folder, networks
+
+
+def picture(height: int, width: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:height, :width]
+    inside = np.hypot(y - height / 2, x - width / 3) < height / 4
+    defocus = np.where(inside, radius, -0.2 * radius).astype(np.float32)
+    return rng.random((height, width, 3), dtype=np.float32), defocus
+
+
+@pytest.mark.parametrize(("height", "width", "radius"), [(37, 51, 4), (64, 48, 15), (61, 83, 33), (1, 1, 3)])
+def test_inference_equals_the_torch_cascade(pair, height, width, radius):
+    """One body serves training and inference: the same picture to float precision, odd sizes included."""
+    folder, (arnet, iunet) = pair
+    image, defocus = picture(height, width, radius)
+    result = BokehRenderer(weights=folder).render(image, defocus)
+    classical = scatter(image, defocus)
+    tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
+    with torch.no_grad():
+        wanted = render_neural(*tensors, arnet=arnet.eval(), iunet=iunet.eval(), unit=10.0)
+    fused = fuse(tensors[2], wanted.steps[-1], wanted.error_map)
+    assert_allclose(result.bokeh, fused[0].permute(1, 2, 0).numpy(), atol=1e-4)
+    assert_allclose(result.error_map, wanted.error_map[0, 0].numpy(), atol=1e-4)
+
+
+def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
+    """The halo covers the receptive field: no seam, at least 60 dB, here to float precision."""
+    folder, _ = pair
+    monkeypatch.setattr(tiling, "TILE", 64)
+    iunet = load_networks(folder).iunet
+    rng = np.random.default_rng(1)
+    level = Level(
+        image=rng.random((1, 3, 150, 202), dtype=np.float32),
+        defocus=rng.uniform(-12, 12, (1, 1, 150, 202)).astype(np.float32),
+        classical=rng.random((1, 3, 150, 202), dtype=np.float32),
+    )
+    coarse = rng.random((1, 3, 75, 101), dtype=np.float32)
+    everywhere = np.ones((1, 1, 150, 202), np.float32)
+    tiled = tiling.refine_in_tiles(iunet, level, coarse, everywhere)
+    assert_allclose(tiled, refine_whole(iunet, level, coarse, everywhere), atol=1e-5)
+
+
+def test_tiles_without_error_are_not_refined(pair):
+    def never(*arrays):
+        raise AssertionError("ran on a tile whose error map is zero")
+
+    level = Level(
+        image=np.zeros((1, 3, 32, 32), np.float32),
+        defocus=np.zeros((1, 1, 32, 32), np.float32),
+        classical=np.zeros((1, 3, 32, 32), np.float32),
+    )
+    coarse = np.full((1, 3, 16, 16), 0.5, np.float32)
+    assert_array_equal(tiling.refine_in_tiles(never, level, coarse, np.zeros((1, 1, 32, 32))), 0.5)
+
+
+def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
+    folder, _ = pair
+    image, defocus = picture(64, 64, 6)
+    image[10, 50] = 1000.0
+    result = BokehRenderer(weights=folder).render(image, defocus)
+    zero = result.error_map == 0
+    assert_array_equal(result.bokeh[zero], result.classical[zero])
+    assert np.isfinite(result.bokeh).all()
+    assert result.bokeh.min() >= 0
+
+
+def test_the_scatter_engine_is_the_scatter():
+    image, defocus = picture(40, 50, 8)
+    result = BokehRenderer("scatter").render(image, defocus)
+    assert_array_equal(result.bokeh, scatter(image, defocus))
+    assert result.neural is None
+
+
+def test_progress_is_reported_to_the_end(pair):
+    folder, _ = pair
+    seen = []
+    BokehRenderer(weights=folder).render(*picture(32, 32, 4), lambda done, total: seen.append((done, total)))
+    assert seen[0][0] == 0
+    assert seen[-1][0] == seen[-1][1]
+
+
+def test_bad_arguments_are_named():
+    image, defocus = picture(20, 30, 4)
+    with pytest.raises(ParameterError, match="engine: expected one of hybrid, scatter, got 'rays2'"):
+        BokehRenderer("rays2")
+    with pytest.raises(ShapeError, match="30x20 pixels but defocus is 20x30"):
+        BokehRenderer("scatter").render(image, defocus.T)
+    with pytest.raises(ParameterError, match="NaN"):
+        BokehRenderer("scatter").render(image, np.full_like(defocus, np.nan))

@@ -1,0 +1,147 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, resize_map
+
+
+@pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
+def test_integer_maps_are_scaled_without_a_curve(store, dtype, top):
+    stored = np.array([[0, 1, top // 2, top]], dtype)
+    assert_allclose(read_map(store("a.png", stored)), stored / top, rtol=1e-7)
+
+
+def test_a_colour_picture_counts_only_when_grey(store):
+    grey = np.repeat(np.arange(6, dtype=np.uint8).reshape(2, 3, 1), 3, axis=2)
+    assert_allclose(read_map(store("a.png", grey)), grey[..., 0] / 255)
+    grey[0, 0, 2] += 1
+    with pytest.raises(ImageFileError, match="colour picture"):
+        read_map(store("b.png", grey))
+
+
+def test_alpha_of_a_map_is_ignored(store):
+    stored = np.array([[[100, 128], [200, 0]]], np.uint8)
+    assert_allclose(read_map(store("a.tif", stored, ["Y", "A"])) * 255, [[100, 200]], rtol=1e-6)
+
+
+def test_orientation_of_a_map_is_applied(store):
+    stored = np.array([[0, 50, 100]], np.uint8)
+    assert_allclose(read_map(store("a.png", stored, Orientation=6)) * 255, [[0], [50], [100]], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("channels", "best"),
+    [
+        (["R", "G", "B", "Z"], "Z"),
+        (["R", "G", "B", "depth.Z"], "depth.Z"),
+        (["Y", "depth"], "depth"),
+        (["disparity", "Y"], "disparity"),
+        (["odd"], "odd"),
+        (["View.Mist.Z", "View.Depth.Z"], "View.Depth.Z"),
+        (["V.Normal.X", "V.Normal.Y", "V.Normal.Z", "V.Depth.Z"], "V.Depth.Z"),
+        (["R", "G", "B", "A", "View.Z"], "View.Z"),
+    ],
+)
+def test_the_default_channel_follows_the_order_of_names(store, channels, best):
+    stored = np.broadcast_to(np.arange(len(channels), dtype=np.float32), (2, 2, len(channels)))
+    assert read_map(store("a.exr", stored, channels))[0, 0] == channels.index(best)
+
+
+@pytest.mark.parametrize("channels", [["Left.Z", "Right.Z"], ["N.X", "N.Y", "N.Z"], ["P", "Q"]])
+def test_an_unclear_channel_is_asked_for_by_name(store, channels):
+    stored = np.broadcast_to(np.arange(len(channels), dtype=np.float32), (2, 2, len(channels)))
+    path = store("a.exr", stored, channels)
+    with pytest.raises(ImageFileError, match=", ".join(channels)):
+        read_map(path)
+    assert read_map(path, channels[1])[0, 0] == 1
+    with pytest.raises(ImageFileError, match="no channel 'nope'.*" + channels[0]):
+        read_map(path, "nope")
+
+
+def test_a_channel_is_found_in_a_later_part(store_parts):
+    path = store_parts("a.exr", [(["R", "G", "B"], np.zeros((2, 2, 3))), (["Z"], np.full((2, 2, 1), 7.0))])
+    assert (read_map(path) == 7).all()
+
+
+def test_depth_channels_lists_the_best_first():
+    assert depth_channels(["Y", "R", "View.Z", "Z", "N.X", "N.Z"]) == ["Z", "Y", "View.Z"]
+
+
+def test_disparity_is_normalised_by_its_own_range(store):
+    stored = np.array([[-3.0, 1.0, 5.0]], np.float32)
+    assert_array_equal(read_disparity(store("a.exr", stored, ["disparity"])), [[0, 0.5, 1]])
+    wide = np.array([[-3e38, 0.0, 3e38]], np.float32)
+    assert_array_equal(read_disparity(store("b.exr", wide, ["disparity"])), [[0, 0.5, 1]])
+
+
+@pytest.mark.parametrize(("value", "expected"), [(0.25, 0.25), (7.0, 1.0), (-2.0, 0.0)])
+def test_a_constant_disparity_keeps_its_value(store, value, expected):
+    path = store("a.exr", np.full((2, 2), value, np.float32), ["Y"])
+    assert (read_disparity(path) == expected).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_disparity_that_is_not_finite_is_an_error_with_its_place(store, bad):
+    stored = np.ones((3, 4), np.float32)
+    stored[1, 2] = stored[2, 0] = bad
+    with pytest.raises(ImageFileError, match=r"at 2 pixels, first at x=2, y=1"):
+        read_disparity(store("a.exr", stored, ["Y"]))
+
+
+def test_depth_becomes_millimetres_and_sky_stays_far(store):
+    stored = np.array([[0.5, 2.0, 1e10, np.inf, 3e38]], np.float32)
+    depth = read_depth(store("a.exr", stored, ["Z"]))
+    assert depth.dtype == np.float32
+    assert_allclose(depth, [[500, 2000, 1e13, np.inf, np.inf]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, -np.inf])
+def test_depth_that_is_not_positive_is_an_error_with_count_place_and_way_out(store, bad):
+    stored = np.ones((3, 4), np.float32)
+    stored[2, 1] = bad
+    with pytest.raises(ImageFileError, match=r"at 1 pixels, first at x=1, y=2 .*; set sky to infinity"):
+        read_depth(store("a.exr", stored, ["Z"]))
+
+
+def test_integer_depth_is_refused_because_its_unit_is_unknown(store):
+    with pytest.raises(ImageFileError, match=r"uint16.*EXR"):
+        read_depth(store("a.png", np.ones((2, 2), np.uint16)))
+
+
+def test_resizing_to_the_same_size_changes_nothing():
+    values = np.random.default_rng(0).random((5, 7), dtype=np.float32)
+    assert_array_equal(resize_map(values, 5, 7), values)
+
+
+def test_resizing_a_slope_is_linear_at_pixel_centres():
+    """Formula: a plane sampled at pixel centres, away from the border where it is extended."""
+    column = (np.arange(64, dtype=np.float32) + 0.5) / 64
+    values = np.broadcast_to(column, (64, 64))
+    expected = (np.arange(192) + 0.5) / 192
+    result = resize_map(values, 192, 192)
+    assert_allclose(result[:, 3:-3], np.broadcast_to(expected[3:-3], (192, 186)), atol=1e-6)
+
+
+def test_resizing_makes_up_no_depth_between_near_and_far():
+    values = np.zeros((6, 6), np.float32)
+    values[:, 3:] = 1
+    result = resize_map(values, 40, 50)
+    assert set(np.unique(result)) == {0.0, 1.0}
+    assert (result[:, :25] == 0).all()
+    assert (result[:, 25:] == 1).all()
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (3, 11), (40, 2)])
+def test_resizing_stays_within_the_range_and_has_the_asked_size(height, width):
+    values = np.random.default_rng(0).random((7, 5), dtype=np.float32)
+    result = resize_map(values, height, width)
+    assert result.shape == (height, width)
+    assert values.min() <= result.min() <= result.max() <= values.max()
+
+
+def test_real_maps_are_read(shared):
+    disparity = read_disparity(shared("real/21.png"))
+    assert disparity.shape == (1350, 1080)
+    assert (disparity.min(), disparity.max()) == (0, 1)
+    assert 400 < read_depth(shared("cycles/s1_still_life/depth.exr")).min() < 500

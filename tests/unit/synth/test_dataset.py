@@ -1,0 +1,124 @@
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+
+import numpy as np
+import pytest
+
+from bokehnet.config import load_config, to_dict
+from bokehnet.errors import ConfigError, DataFileError, ParameterError
+from bokehnet.synth import ShardSet, SynthConfig, read_sample, write_dataset
+from bokehnet.synth.pairs import make_sample
+
+TINY = "configs/synth_tiny.toml"
+
+
+@pytest.fixture(scope="module")
+def config():
+    return load_config(TINY, SynthConfig)
+
+
+@pytest.fixture(scope="module")
+def whole(config, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    write_dataset(config, folder)
+    return folder
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_set_holds_every_scene_once_and_reads_at_random(config, whole):
+    samples = ShardSet(whole)
+    assert len(samples) == config.scenes
+    expected = make_sample(config, 3)
+    for found in (samples[3], read_sample(whole / "shard-000001.tar", "00000003")):
+        for field in dataclasses.fields(found):
+            assert np.array_equal(getattr(found, field.name), getattr(expected, field.name))
+    with pytest.raises(IndexError):
+        samples[config.scenes]
+    assert json.loads((whole / "dataset.json").read_text()) == to_dict(config)
+    with tarfile.open(whole / "shard-000000.tar") as archive:
+        assert [(item.name, item.mtime) for item in archive] == [("00000000.npz", 0), ("00000001.npz", 0)]
+
+
+def test_processes_give_the_bytes_of_one_process(config, whole, tmp_path):
+    calls = []
+    write_dataset(config, tmp_path, workers=2, progress=lambda done, total: calls.append((done, total)))
+    assert contents(tmp_path) == contents(whole)
+    assert calls == [(done, 4) for done in range(5)]
+
+
+def test_killed_run_resumes_to_the_bytes_of_an_uninterrupted_one(config, whole, tmp_path):
+    script = (
+        "from bokehnet.config import load_config\nfrom bokehnet.synth import SynthConfig, write_dataset\n"
+        "import sys, time\n"
+        "def slow(done, total):\n    time.sleep(20 if done == 3 else 0)\n"
+        f"write_dataset(load_config({TINY!r}, SynthConfig), sys.argv[1], progress=slow)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)])
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("shard-000001.tar.*")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["dataset.json", "shard-000000.tar", "shard-000001.tar.tmp"]
+    with pytest.raises(DataFileError, match="2 of 4 samples"):
+        ShardSet(tmp_path)
+    assert len(ShardSet(tmp_path, allow_incomplete=True)) == 2
+    first = (tmp_path / "shard-000000.tar").stat().st_mtime_ns
+    write_dataset(config, tmp_path)
+    assert contents(tmp_path) == contents(whole)
+    assert (tmp_path / "shard-000000.tar").stat().st_mtime_ns == first
+
+
+def test_folder_of_another_configuration_is_refused_by_its_first_different_key(config, whole):
+    other = dataclasses.replace(config, scene=dataclasses.replace(config.scene, tilt_limit=10.0))
+    before = contents(whole)
+    with pytest.raises(ConfigError, match=r"scene.tilt_limit = 65.0, but 10.0 was asked for"):
+        write_dataset(other, whole)
+    assert contents(whole) == before
+
+
+def test_unknown_key_names_the_file_the_key_and_the_valid_keys(tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text("seed = 1\nscenes = 2\n[scene]\ntilt = 3\n")
+    with pytest.raises(ConfigError, match=r"wrong.toml: unknown key 'scene.tilt'; valid keys: .*tilt_limit"):
+        load_config(path, SynthConfig)
+
+
+def test_damaged_missing_and_unwritable_data_get_a_clear_error(config, whole, tmp_path):
+    with pytest.raises(DataFileError, match="no sample 'x'; it has 00000000, 00000001"):
+        read_sample(whole / "shard-000000.tar", "x")
+    with pytest.raises(DataFileError, match="expected a shard"):
+        read_sample(tmp_path / "none.tar", "x")
+    with pytest.raises(DataFileError, match="description of a data set"):
+        ShardSet(tmp_path)
+    data = bytearray((whole / "shard-000000.tar").read_bytes())
+    data[600:5000] = bytes(4400)
+    (tmp_path / "bad.tar").write_bytes(data)
+    with pytest.raises(DataFileError, match="sample 00000000: expected a training sample"):
+        read_sample(tmp_path / "bad.tar", "00000000")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataFileError, match="cannot write data set"):
+        write_dataset(config, tmp_path / "file")
+    with pytest.raises(ParameterError, match="workers"):
+        write_dataset(config, tmp_path / "new", workers=0)
+
+
+def test_shards_are_read_without_torch(whole):
+    script = (
+        "import sys\nsys.modules['torch'] = None\nfrom bokehnet.synth import ShardSet\n"
+        "print(ShardSet(sys.argv[1])[1].image.shape)\n"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", script, str(whole)], capture_output=True, text=True, check=True
+    )
+    assert shown.stdout.strip() == "(64, 64, 3)"
