@@ -7,7 +7,9 @@ from typing import Annotated
 import typer
 
 from bokehnet import __version__
+from bokehnet.cli.demo import demo
 from bokehnet.cli.info import info
+from bokehnet.cli.render import render
 from bokehnet.cli.synth import synth
 from bokehnet.errors import BokehnetError
 
@@ -25,6 +27,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+app.command()(render)
+app.command()(demo)
 app.command()(info)
 app.command()(synth)
 

@@ -1,0 +1,1 @@
+"""Classical renderers: bokeh without learned parts, as NumPy functions and numba kernels."""
