@@ -15,12 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
+from numpy.typing import ArrayLike
+from torch import Tensor
 
 from bokehnet.cli.demo import BLUR, FOCUS
 from bokehnet.cli.progress import progress
 from bokehnet.errors import ImageFileError
 from bokehnet.io.image import read_image, write_image
 from bokehnet.raytrace import (
+    Background,
     Camera,
     Plane,
     Scene,
@@ -42,16 +45,16 @@ SENSOR_WIDTH = 36.0  # mm
 SENSOR_DISTANCE = 50.0  # mm
 DENSITY = SENSOR_DISTANCE * WIDTH / SENSOR_WIDTH  # pixels per unit of slope (lateral extent over depth)
 HALF = np.array([WIDTH, HEIGHT]) / 2 / DENSITY  # slopes at the edges of the picture
-TABLE = 165.0  # mm: the table lies this far below the camera
+TABLE = 185.0  # mm: the table lies this far below the camera
 TABLE_NEAR, TABLE_FAR, TABLE_SIDE = 520.0, 2300.0, 1300.0  # mm
 NEAREST = 470.0  # mm: the leaves
 
-# Printed photographs: file, part (top, left, height, width), width mm, foot (x, z) mm, turn and lean in degrees.
+# Photographs: file, part (top, left, height, width), width mm, foot (x, z) mm, turn and lean in degrees.
 PRINTS = (
-    ("chelsea", (0, 62, 300, 330), 330.0, (-40.0, 1000.0), 14.0, 12.0),
-    ("coffee", (20, 90, 370, 330), 250.0, (310.0, 1240.0), -24.0, 10.0),
-    ("astronaut", (0, 60, 400, 340), 330.0, (-470.0, 1560.0), 20.0, 8.0),
-    ("rocket", (20, 190, 400, 300), 300.0, (180.0, 2050.0), -8.0, 8.0),
+    ("chelsea", (0, 62, 300, 330), 275.0, (-45.0, 1000.0), 14.0, 12.0),
+    ("coffee", (20, 90, 370, 330), 215.0, (290.0, 1240.0), -24.0, 10.0),
+    ("astronaut", (0, 60, 400, 340), 255.0, (-415.0, 1560.0), 20.0, 8.0),
+    ("rocket", (20, 190, 400, 300), 215.0, (225.0, 1950.0), -8.0, 8.0),
 )
 
 
@@ -74,7 +77,7 @@ def make_print(
     top, left, rows, columns = part
     photograph = read_image(photograph_files((name,))[0])[top : top + rows, left : left + columns]
     border = round(0.05 * columns)
-    sheet = np.pad(photograph * 0.85, ((border, border), (border, border), (0, 0)), constant_values=0.6)
+    sheet = np.pad(photograph * 0.85, ((border, border), (border, border), (0, 0)), constant_values=0.5)
     height = width * sheet.shape[0] / sheet.shape[1]
     about, back = np.radians(turn), np.radians(lean)
     right = np.array([np.cos(about), 0, np.sin(about)])
@@ -112,22 +115,24 @@ def make_lamps(rng: np.random.Generator) -> Plane:
     height, width = int(2 * half[1] * DENSITY), int(2 * half[0] * DENSITY)
     wire = Canvas(height, width)
     colour, alpha = np.zeros((height, width, 3)), np.zeros((height, width))
-    for top, sag, count in ((0.10, 0.16, 10), (0.20, 0.13, 8)):
+    for top, sag, count in ((0.09, 0.13, 10), (0.17, 0.11, 8)):
         t = np.linspace(-0.02, 1.02, 80)
         curve = np.stack([t * width, (top + 4 * sag * t * (1 - t) - 0.05 * t) * height], -1)
         wire.add_path(curve, np.full(len(curve), 0.6))
         for k in range(count):
             place = curve[int((k + rng.uniform(0.3, 0.7)) * len(curve) / count)] + [0, 8.0]
             radius = rng.uniform(5.5, 7.5)
-            tint = np.array([1.0, rng.uniform(0.55, 0.75), rng.uniform(0.16, 0.4)])
+            tint = np.array([1.0, rng.uniform(0.5, 0.72), rng.uniform(0.12, 0.34)])
             _lamp(colour, alpha, place, radius, tint)
-            _lamp(colour, alpha, place, 0.5 * radius, 4.0 * tint**0.5)
+            _lamp(colour, alpha, place, 0.4 * radius, 3.0 * tint**0.7)
     cover = np.maximum(alpha, wire.alpha)
     colour = np.where(alpha[..., None] > 0, colour, 0.004)
-    return _plane(plane_texture(colour, cover), [0, 0, depth], [half[0] * depth, 0, 0], [0, half[1] * depth, 0])
+    return _plane(
+        plane_texture(colour, cover), [0, 0, depth], [half[0] * depth, 0, 0], [0, half[1] * depth, 0]
+    )
 
 
-def make_town(rng: np.random.Generator):
+def make_town(rng: np.random.Generator) -> Background:
     """An evening sky over dark houses with bright windows, infinitely far."""
     half = HALF * 1.1
     height, width = int(2 * half[1] * DENSITY), int(2 * half[0] * DENSITY)
@@ -135,17 +140,17 @@ def make_town(rng: np.random.Generator):
     glow = np.exp(-(((y - 0.15) / 0.45) ** 2))
     sky = np.array([0.008, 0.014, 0.04]) + glow * np.array([0.09, 0.035, 0.045])
     sky = sky * (0.7 + 0.6 * fractal_noise(height, width, rng, 1.7)[..., None])
-    alpha = np.zeros((height, width))
+    opaque = np.ones((height, width))
     left = 0
     while left < width:
         size = int(rng.uniform(30, 75))
-        roof = int(height * rng.uniform(0.36, 0.52))
+        roof = int(height * rng.uniform(0.2, 0.36))
         sky[roof:, left : left + size] = np.array([0.006, 0.007, 0.011]) * rng.uniform(0.6, 1.8)
-        for _ in range(rng.integers(1, 4)):
-            place = np.array([left + rng.uniform(9, max(10, size - 9)), roof + rng.uniform(10, 90)])
+        for _ in range(rng.integers(3, 6)):
+            place = np.array([left + rng.uniform(9, max(10, size - 9)), roof + rng.uniform(10, 125)])
             warm = np.array([1.0, rng.uniform(0.5, 0.9), rng.uniform(0.1, 0.7)])
             cold = np.array([0.35, rng.uniform(0.6, 0.9), 1.0])
-            _lamp(sky, alpha, place, rng.uniform(3.0, 5.0), warm if rng.random() < 0.75 else cold)
+            _lamp(sky, opaque, place, rng.uniform(3.0, 5.2), warm if rng.random() < 0.75 else cold)
         left += size
     return background_from(sky, (float(half[0]), float(half[1])))
 
@@ -159,15 +164,15 @@ def make_leaves(rng: np.random.Generator) -> Plane:
     twig = np.stack([(1 - 0.86 * t) * width, (0.04 + 0.30 * t + 0.22 * t**2) * height], -1)
     _paint(colour, alpha, twig, np.linspace(7, 2.5, len(twig)), np.array([0.05, 0.028, 0.014]))
     for k in range(3, 30, 2):
+        ahead = np.arctan2(*(twig[k] - twig[k - 1])[::-1])
         for side in (-1, 1):
-            angle = np.pi - 0.45 + side * rng.uniform(0.5, 1.0)
+            angle = ahead + side * rng.uniform(0.6, 1.05)
             length = rng.uniform(62, 88) * (1 - 0.35 * t[k])
-            reach = length + rng.uniform(12, 24)
-            centre = twig[k] + reach * np.array([np.cos(angle), -np.sin(angle) * side * side])
-            centre[1] = twig[k][1] + reach * np.sin(-angle)
-            stalk = np.stack([twig[k], centre])
-            _paint(colour, alpha, stalk, np.array([1.8, 1.2]), np.array([0.06, 0.06, 0.02]))
-            _leaf(colour, alpha, centre, -angle, length, rng)
+            centre = twig[k] + (length + rng.uniform(10, 20)) * np.array([np.cos(angle), np.sin(angle)])
+            _paint(
+                colour, alpha, np.stack([twig[k], centre]), np.array([1.8, 1.2]), np.array([0.06, 0.06, 0.02])
+            )
+            _leaf(colour, alpha, centre, angle, length, rng)
     z = NEAREST * 1.06
     middle = np.array([HALF[0] + 0.02 - half[0], -HALF[1] - 0.02 + half[1], 1]) * z
     return _plane(
@@ -244,9 +249,9 @@ def _smooth_rows(values: np.ndarray, size: int) -> np.ndarray:
     return (total[size:] - total[:-size]) / size
 
 
-def _plane(texture, centre, u_axis, v_axis) -> Plane:
+def _plane(texture: Tensor, centre: ArrayLike, u_axis: ArrayLike, v_axis: ArrayLike) -> Plane:
     """A :class:`Plane` from vectors of any kind."""
-    c, u, v = (tuple(float(x) for x in vector) for vector in (centre, u_axis, v_axis))
+    c, u, v = (tuple(np.asarray(vector, float).tolist()) for vector in (centre, u_axis, v_axis))
     return Plane(texture=texture, centre=c, u_axis=u, v_axis=v)
 
 

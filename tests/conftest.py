@@ -70,3 +70,17 @@ def python_process() -> Callable[..., Outcome]:
         return Outcome(done.returncode, done.stdout, done.stderr)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with small untrained networks and their manifest."""
+    torch = pytest.importorskip("torch")
+    from bokehnet.models.arnet import ARNet, ARNetConfig
+    from bokehnet.models.iunet import IUNet, IUNetConfig
+    from bokehnet.models.onnx_export import export_networks
+
+    torch.manual_seed(0)
+    folder = tmp_path_factory.mktemp("weights")
+    export_networks(ARNet(ARNetConfig(width=8)), IUNet(IUNetConfig(width=8)), folder, {})
+    return folder

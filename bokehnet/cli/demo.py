@@ -16,7 +16,8 @@ FOCUS = {"near": 0.94, "middle": 0.46, "far": 0.0}  # leaves, cat, town
 
 def demo(
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Where the contact sheet goes; its extension picks the format.")
+        Path,
+        typer.Option("--output", "-o", help="Where the contact sheet goes; its extension picks the format."),
     ] = Path("bokehnet_demo.png"),
     engine: Annotated[str, typer.Option(help="hybrid (classical and networks) or scatter.")] = "hybrid",
 ) -> None:
@@ -33,7 +34,9 @@ def demo(
     renderer = BokehRenderer(engine)
     picture = read_image(ASSETS / "demo.png")
     disparity = read_disparity(ASSETS / "demo_disparity.png")
-    grey = srgb_to_linear(disparity)[..., None].repeat(3, axis=-1)  # so that a viewer shows the values as grey
+    grey = srgb_to_linear(disparity)[..., None].repeat(
+        3, axis=-1
+    )  # so that a viewer shows the values as grey
     results = []
     with progress("rendering") as report:
         for index, (name, focus) in enumerate(FOCUS.items()):

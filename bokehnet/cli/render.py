@@ -1,11 +1,13 @@
 """``bokehnet render``: bokeh from a picture and its depth or disparity."""
 
+import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ImageFileError, ParameterError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,6 +53,7 @@ def render(
     from bokehnet.inference.pipeline import BokehRenderer
     from bokehnet.io.image import check_writable, read_image, write_image
     from bokehnet.io.maps import read_depth, read_disparity, resize_map
+    from bokehnet.optics.coc import disparity_from_depth
 
     relative = {"--blur": blur, "--focus": focus}
     metric = {
@@ -61,12 +64,17 @@ def render(
     }
     _check_options(disparity, depth, relative, metric, focus_at)
     check_writable(output)
+    if save_maps is not None:
+        _check_folder(save_maps)
     renderer = BokehRenderer(engine, weights=weights)
     picture = read_image(image)
     height, width = picture.shape[:2]
     kind, source = ("disparity", disparity) if disparity is not None else ("depth", depth)
     assert source is not None
-    values = (read_disparity if kind == "disparity" else read_depth)(source, channel)
+    if kind == "disparity":
+        values = read_disparity(source, channel)
+    else:  # sky at infinite depth is 0 from here on
+        values = disparity_from_depth(read_depth(source, channel))
     if resize_disparity and values.shape != (height, width):
         values = resize_map(values, height, width)
     check_same_size("the picture", picture, f"its {kind}", values, "--resize-disparity brings them together")
@@ -144,12 +152,11 @@ def _defocus_from_disparity(values: "np.ndarray", blur: float, focus: float | No
 
 
 def _defocus_from_depth(
-    values: "np.ndarray", metric: dict[str, float | None], chosen: float | None, width: int
+    disparity: "np.ndarray", metric: dict[str, float | None], chosen: float | None, width: int
 ) -> "np.ndarray":
-    """Defocus of metric depth in mm, focused on ``chosen`` (mm) or on ``--focus-distance`` (metres)."""
+    """Defocus of inverse depth in 1/mm, sharp at ``chosen`` (1/mm) or at ``--focus-distance`` (metres)."""
     from bokehnet.checks import check_number
     from bokehnet.lenses import ThinLens, defocus_map
-    from bokehnet.optics.coc import disparity_from_depth
 
     focal_length, f_number, focus_distance, sensor_width = metric.values()
     assert focal_length is not None
@@ -160,17 +167,27 @@ def _defocus_from_depth(
         raise ParameterError(f"--sensor-width: expected mm above 0, got {sensor_width:g}")
     if chosen is None:
         assert focus_distance is not None
-        chosen = 1000 * focus_distance
-    lens = ThinLens(focal_length=focal_length, f_number=f_number, focus_distance=chosen)
-    defocus: np.ndarray = defocus_map(disparity_from_depth(values), lens, sensor_width / width)
+        focus = 1000 * focus_distance
+    else:
+        focus = 1 / chosen if chosen > 0 else math.inf
+    lens = ThinLens(focal_length=focal_length, f_number=f_number, focus_distance=focus)
+    defocus: np.ndarray = defocus_map(disparity, lens, sensor_width / width)
     return defocus
+
+
+def _check_folder(folder: Path) -> None:
+    """Raise ``ImageFileError`` unless ``folder`` is there, or could be made; nothing is touched."""
+    nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not nearest.is_dir():
+        raise ImageFileError(f"--save-maps: expected a folder, found the file {nearest}")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise ImageFileError(f"--save-maps: the folder {nearest} is not writable")
 
 
 def _save_maps(folder: Path, result: "RenderResult", defocus: "np.ndarray") -> None:
     """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR."""
     import numpy as np
 
-    from bokehnet.errors import ImageFileError
     from bokehnet.io.image import write_image, write_map
 
     try:

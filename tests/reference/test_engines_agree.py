@@ -53,7 +53,7 @@ def inner(picture: np.ndarray, margin: int) -> np.ndarray:
 
 @pytest.mark.parametrize("radius", [3.0, 9.5])
 def test_a_facing_textured_plane_agrees_to_45_db(radius):
-    """One depth, no edges: both must give the disc convolution. Borders, unseen by the scatter, are left out."""
+    """One depth, no edges: both give the disc convolution; borders, unseen by the scatter, are left out."""
     seen = camera(radius)
     scene = textured_wall(seen, srgb_to_linear(coffee()[60:348, 150:438].astype(np.float32) / 255))
     sharp = render_all_in_focus(scene, seen, 256, seed=0).numpy()

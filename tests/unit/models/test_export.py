@@ -74,7 +74,7 @@ def test_an_export_that_differs_is_refused_and_leaves_no_manifest(tmp_path, monk
 
 
 def test_networks_with_different_units_do_not_go_together(tmp_path):
-    with pytest.raises(ModelFileError, match="share one unit, got 10.0 and 8.0"):
+    with pytest.raises(ModelFileError, match=r"share one unit, got 10\.0 and 8\.0"):
         export_networks(ARNet(ARNetConfig(width=8)), IUNet(IUNetConfig(width=8, unit=8.0)), tmp_path, {})
 
 

@@ -1,0 +1,40 @@
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+
+from bokehnet.io.image import write_image, write_map
+
+WIDTH, HEIGHT = 64, 40
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, write_channels):
+    """Work in a folder with photo.png, disparity.png (3 steps), camera.exr (R, G, B, Z, far), all 64x40."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    photo = rng.random((HEIGHT, WIDTH, 3), dtype=np.float32)
+    disparity = np.zeros((HEIGHT, WIDTH))
+    disparity[:, 20:] = 102 / 255
+    disparity[:, 44:] = 1
+    metres = np.where(disparity == 0, np.inf, 1 / np.maximum(disparity, 0.1)).astype(np.float32)
+    write_image("photo.png", photo)
+    write_map("disparity.png", disparity)
+    write_channels("camera.exr", R=photo[..., 0], G=photo[..., 1], B=photo[..., 2], Z=metres, far=metres + 2)
+    return tmp_path
+
+
+@pytest.fixture
+def write_channels():
+    """Write maps (H, W) as the float channels of an EXR, without the code under test."""
+
+    def write(path, **channels):
+        array = np.stack(list(channels.values()), -1).astype(np.float32)
+        spec = oiio.ImageSpec(array.shape[1], array.shape[0], array.shape[2], "float")
+        spec.channelnames = tuple(channels)
+        spec.alpha_channel = spec.z_channel = -1
+        output = oiio.ImageOutput.create(str(path))
+        assert output.open(str(path), spec), output.geterror()
+        assert output.write_image(array), output.geterror()
+        assert output.close()
+
+    return write

@@ -1,0 +1,182 @@
+"""Bad input to ``bokehnet render``: one line that says what is wrong, exit code 1, nothing written."""
+
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from bokehnet.io.image import write_image, write_map
+
+WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
+PHOTO = ["render", "photo.png", "--engine", "scatter"]
+MAP = [*PHOTO, "--disparity", "disparity.png"]
+SIZES = ["--blur", 6, "--focus", 0.4]
+CAMERA = ["--focal-length", 50, "--f-number", 2, "--sensor-width", 36]
+LENS = [*CAMERA, "--focus-distance", 1]
+ALL = [*MAP, *SIZES]
+
+
+def snapshot(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def fails(folder, cli):
+    """Assert that a command line fails as it shall: without, and then with an older output file."""
+
+    def check(arguments, *words, output="out.png"):
+        for older in (False, True):
+            if older and (not (folder / output).parent.is_dir() or (folder / output).exists()):
+                return
+            if older:
+                (folder / output).write_bytes(b"older")
+            before = snapshot(folder)
+            outcome = cli(*arguments, "-o", output)
+            assert (outcome.code, outcome.out) == (1, "")
+            assert outcome.err.startswith("bokehnet: error: ")
+            assert outcome.err.count("\n") == 1
+            assert outcome.err.endswith("\n")
+            for word in words:
+                assert word in outcome.err
+            assert snapshot(folder) == before
+            assert not (folder / "maps").exists()
+
+    return check
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([*PHOTO, "--disparity", "missing.png", *SIZES], ["missing.png: no such file"]),
+        (["render", "missing.jpg", *ALL[2:]], ["missing.jpg: no such file"]),
+        ([*PHOTO, "--depth", "missing.exr", *LENS], ["missing.exr: no such file"]),
+        ([*PHOTO, *SIZES], ["expected one of --disparity and --depth", "neither"]),
+        ([*ALL, "--depth", "camera.exr"], ["expected one of --disparity and --depth", "both"]),
+        ([*MAP, "--blur", 6, "--focus", 1.2], ["--focus", "0..1", "1.2"]),
+        ([*MAP, "--blur", 6, "--focus", -0.1], ["--focus", "0..1", "-0.1"]),
+        ([*MAP, "--blur", 6, "--focus", "nan"], ["--focus", "0..1", "nan"]),
+        ([*MAP, "--blur", 6], ["--focus and --focus-at", "neither"]),
+        ([*ALL, "--focus-at", "1,1"], ["--focus and --focus-at", "both"]),
+        ([*MAP, "--focus", 0.4], ["--disparity needs --blur"]),
+        ([*MAP, "--blur", -1, "--focus", 0.4], ["--blur", "at least 0", "-1"]),
+        ([*MAP, "--blur", "nan", "--focus", 0.4], ["--blur", "finite", "nan"]),
+        ([*MAP, "--blur", "inf", "--focus", 0.4], ["--blur", "finite", "inf"]),
+        ([*MAP, "--blur", "wide", "--focus", 0.4], ["--blur", "valid"]),
+        ([*ALL, "--f-number", 2], ["--f-number", "cannot go with --disparity"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--blur", 3], ["--blur", "cannot go with --depth"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS[2:]], ["--depth needs --focal-length"]),
+        ([*PHOTO, "--depth", "camera.exr", *CAMERA], ["--focus-distance and --focus-at", "neither"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS[:-1], 0.04], ["focus distance > focal length"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--f-number", 0], ["positive f-number"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--sensor-width", 0], ["--sensor-width", "above 0"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--sensor-width", "nan"], ["--sensor-width", "finite"]),
+        ([*PHOTO, "--depth", "camera.exr", *LENS, "--channel", "W"], ["no channel 'W'", "Z"]),
+        ([*PHOTO, "--depth", "disparity.png", *LENS], ["floating point", "disparity"]),
+        ([*ALL, "--engine", "magic"], ["hybrid, scatter", "magic"]),
+        ([*ALL, "--save-maps", "photo.png/maps"], ["--save-maps", "photo.png"]),
+    ],
+)
+def test_a_mistake_in_the_words(fails, arguments, words):
+    fails(arguments, *words)
+
+
+@pytest.mark.parametrize("pixel", [f"{WIDTH},0", f"0,{HEIGHT}", "-1,0", "999999,5"])
+def test_focus_at_outside_the_picture(fails, pixel):
+    fails([*MAP, "--blur", 6, "--focus-at", pixel], "--focus-at", f"{WIDTH}x{HEIGHT}", pixel)
+
+
+@pytest.mark.parametrize("pixel", ["3", "1,2,3", "1.5,2", "a,b", ""])
+def test_focus_at_that_is_no_pixel(fails, pixel):
+    fails([*MAP, "--blur", 6, "--focus-at", pixel], "--focus-at", "X,Y", repr(pixel))
+
+
+@pytest.mark.parametrize("extension", ["png", "jpg", "exr", "tif", "webp"])
+@pytest.mark.parametrize("victim", ["picture", "map"])
+def test_a_truncated_file(fails, folder, extension, victim):
+    path = folder / f"cut.{extension}"
+    write_image(path, np.random.default_rng(1).random((HEIGHT, WIDTH, 3)))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    if victim == "picture":
+        fails(["render", path.name, "--disparity", "disparity.png", *SIZES, "--engine", "scatter"], path.name)
+    else:
+        fails([*PHOTO, "--disparity", path.name, *SIZES], path.name)
+
+
+def test_a_file_that_is_no_picture(fails, folder):
+    (folder / "empty.png").touch()
+    (folder / "letter.png").write_text("hello")
+    fails([*PHOTO, "--disparity", "empty.png", *SIZES], "empty.png", "0 bytes")
+    fails([*PHOTO, "--disparity", "letter.png", *SIZES], "letter.png", "expected PNG")
+
+
+def test_sizes_that_differ_are_told_with_the_way_out(fails, folder, write_channels):
+    write_map("small.png", np.linspace(0, 1, 30 * 20).reshape(20, 30))
+    words = (f"{WIDTH}x{HEIGHT}", "30x20", "--resize-disparity")
+    fails([*PHOTO, "--disparity", "small.png", *SIZES], "disparity", *words)
+    write_channels("small.exr", Z=np.ones((20, 30)))
+    fails([*PHOTO, "--depth", "small.exr", *LENS], "depth", *words)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_disparity_that_is_not_finite_is_told_with_its_place(fails, value, write_channels):
+    disparity = np.linspace(0, 1, HEIGHT * WIDTH).reshape(HEIGHT, WIDTH)
+    disparity[3, 7] = value
+    write_channels("bad.exr", Y=disparity)
+    fails([*PHOTO, "--disparity", "bad.exr", *SIZES], "bad.exr", "NaN or infinite", "x=7, y=3")
+
+
+@pytest.mark.parametrize("value", [0, -2.5, np.nan, -np.inf])
+def test_depth_that_is_not_above_zero_is_told_with_its_place(fails, value, write_channels):
+    depth = np.full((HEIGHT, WIDTH), 2.0)
+    depth[3, 7] = value
+    write_channels("bad.exr", Z=depth)
+    fails([*PHOTO, "--depth", "bad.exr", *LENS], "bad.exr", "not above 0", "x=7, y=3")
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        ("nowhere/out.png", ["nowhere", "does not exist"]),
+        ("photo.png/out.png", ["photo.png", "is not a folder"]),
+        ("out.gif", ["unknown extension '.gif'", ".png", ".exr"]),
+        ("out", ["unknown extension ''"]),
+        (".", ["found a folder"]),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_told_before_any_work(fails, output, words):
+    fails(["render", "unread.png", "--disparity", "unread.png", *SIZES], *words, output=output)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_that_is_write_protected(fails, folder):
+    (folder / "locked").mkdir(mode=0o500)
+    fails(ALL, "locked", "not writable", output="locked/out.png")
+    fails([*ALL, "--save-maps", "locked/maps"], "--save-maps", "not writable")
+
+
+def test_weights_that_are_missing(fails, folder, random_weights):
+    hybrid = [*ALL, "--engine", "hybrid", "--weights", "weights"]
+    fails(hybrid, "weights missing", "manifest.json", "--engine scatter")
+    shutil.copytree(random_weights, folder / "weights")
+    (folder / "weights" / "iunet.onnx").unlink()
+    (folder / "out.png").unlink()
+    fails(hybrid, "weights missing", "iunet.onnx")
+
+
+def test_weights_with_a_wrong_hash(fails, folder, random_weights):
+    shutil.copytree(random_weights, folder / "weights")
+    network = folder / "weights" / "arnet.onnx"
+    network.write_bytes(network.read_bytes()[:-1] + b"?")
+    fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "arnet.onnx", "sha256", "damaged")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("not json", ["expected JSON"]), (json.dumps({"format": 99}), ["format 1, found 99"]), ("[]", ["None"])],
+)
+def test_a_manifest_that_is_none(fails, folder, text, words):
+    (folder / "weights").mkdir()
+    (folder / "weights" / "manifest.json").write_text(text)
+    fails([*ALL, "--engine", "hybrid", "--weights", "weights"], "manifest.json", *words)

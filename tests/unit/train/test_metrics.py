@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from train.metrics import compare, edge_pixels
+
+
+def test_psnr_of_a_known_error():
+    """An error of 0.1 on the sRGB scale everywhere is 20 dB."""
+    from bokehnet.io.color import srgb_to_linear
+
+    truth, render = (srgb_to_linear(np.full((40, 40, 3), value)) for value in (0.5, 0.6))
+    defocus = np.where(np.arange(40) < 20, 4.0, 0.0)[None].repeat(40, 0)
+    scores = compare(render, truth, defocus)
+    assert scores["psnr"] == pytest.approx(20)
+    assert scores["edge_psnr"] == pytest.approx(20)
+
+
+def test_edge_scores_see_edge_pixels_only():
+    rng = np.random.default_rng(0)
+    truth = rng.random((60, 60, 3))
+    defocus = np.where(np.arange(60) < 30, 5.0, 0.0)[None].repeat(60, 0)
+    near = edge_pixels(defocus)
+    assert near[:, 24:36].all()
+    assert not near[:, :23].any()
+    render = np.where(near[..., None], truth, 0.5)
+    scores = compare(render, truth, defocus)
+    assert scores["edge_psnr"] == 100
+    assert scores["psnr"] < 20
+
+
+def test_a_perfect_render_scores_best_and_no_edges_give_no_edge_score():
+    truth = np.random.default_rng(1).random((30, 30, 3))
+    scores = compare(truth, truth, np.zeros((30, 30)))
+    assert scores["ssim"] == pytest.approx(1)
+    assert scores["psnr"] == 100
+    assert np.isnan(scores["edge_psnr"])

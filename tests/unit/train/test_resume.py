@@ -1,0 +1,81 @@
+"""A training run that is killed goes on as if nothing had happened."""
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from bokehnet.models.checkpoint import load_checkpoint, load_network
+from tests.unit.train.runs import arguments, finish, start
+
+pytestmark = pytest.mark.train
+
+STEPS = 60
+
+
+def wait_for(path: Path, changed_since: float = 0.0) -> None:
+    deadline = time.monotonic() + 240
+    while not path.exists() or path.stat().st_mtime <= changed_since:
+        assert time.monotonic() < deadline, f"{path} did not appear"
+        time.sleep(0.02)
+
+
+def assert_same_weights(a: Path, b: Path) -> None:
+    first, second = load_checkpoint(a), load_checkpoint(b)
+    assert first["step"] == second["step"] == STEPS
+    for part in ("network", "raw"):
+        for key, weights in first[part].items():
+            torch.testing.assert_close(weights, second[part][key], rtol=0, atol=0)
+
+
+def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_pairs, tmp_path):
+    """SIGKILL at an arbitrary step, twice, then SIGTERM; the last start reaches the end."""
+    finish(arguments("arnet", tiny_pairs, tmp_path / "whole", STEPS))
+    out = tmp_path / "killed"
+    line = arguments("arnet", tiny_pairs, out, STEPS)
+    seen = 0.0
+    for kind in (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM):
+        process = start(line)
+        wait_for(out / "last.pt", seen)
+        process.send_signal(kind)
+        process.communicate(timeout=60)
+        seen = (out / "last.pt").stat().st_mtime
+        assert load_checkpoint(out / "last.pt")["step"] <= STEPS
+    finish(line)
+    assert_same_weights(tmp_path / "whole/last.pt", out / "last.pt")
+
+
+def test_iunet_trains_behind_arnet_and_both_export(tiny_pairs, tmp_path):
+    """The whole path: pairs, ARNet, IUNet, ONNX, and the torch-free renderer takes the result."""
+    from bokehnet.inference.pipeline import BokehRenderer
+    from bokehnet.models.onnx_export import export_networks
+
+    finish(arguments("arnet", tiny_pairs, tmp_path / "a", 4))
+    arnet = tmp_path / "a/last.pt"
+    finish(arguments("iunet", tiny_pairs, tmp_path / "i", 4, arnet=f'"{arnet}"'))
+    networks = load_network(arnet, "arnet"), load_network(tmp_path / "i/last.pt", "iunet")
+    export_networks(*networks, tmp_path / "weights", {})
+    assert BokehRenderer(weights=tmp_path / "weights").engine == "hybrid"
+    assert list((tmp_path / "i").glob("events.out.tfevents.*"))
+
+
+def test_mistakes_are_one_line(tiny_pairs, tmp_path):
+    line = arguments("arnet", tiny_pairs, tmp_path / "a", 2)
+    finish(line)
+
+    def error_of(arguments: list[str]) -> str:
+        process = start(arguments)
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 1
+        return errors.strip()
+
+    other = error_of([*line, "--set", "optim.learning_rate=0.1"])
+    assert "another optim.learning_rate" in other
+    assert other.count("\n") == 0
+    assert "unknown key 'optim.speed'; valid keys" in error_of([*line, "--set", "optim.speed=3"])
+    missing = error_of(arguments("iunet", tiny_pairs, tmp_path / "i", 2, arnet='"nowhere.pt"'))
+    assert "no checkpoint at nowhere.pt" in missing
+    empty = arguments("arnet", tmp_path / "nothing", tmp_path / "b", 2)
+    assert "expected the description of a data set" in error_of(empty)
