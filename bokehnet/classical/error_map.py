@@ -35,12 +35,12 @@ def _cover_discs(reach):  # type: ignore[no-untyped-def]
     counts = np.zeros((height, width + 1), np.int32)
     for y in range(height):
         for x in range(width):
-            radius = reach[y, x]
+            radius = float(reach[y, x])
             if radius <= 0.0:
                 continue
-            rows = int(math.floor(radius))
+            rows = int(math.floor(min(radius, height)))
             for row in range(max(0, y - rows), min(height, y + rows + 1)):
-                half = int(math.floor(math.sqrt(radius * radius - (row - y) ** 2)))
+                half = int(math.floor(min(math.sqrt(radius * radius - (row - y) ** 2), width)))
                 counts[row, max(0, x - half)] += 1
                 counts[row, min(width, x + half + 1)] -= 1
     for y in range(height):

@@ -21,10 +21,13 @@ from typing import Any
 import numpy as np
 from numba import njit, prange
 
-__all__ = ["SMALLEST_RADIUS", "scatter_backward", "scatter_forward"]
+__all__ = ["LARGEST_RADIUS", "SMALLEST_RADIUS", "scatter_backward", "scatter_forward"]
 
 # A disc of half a pixel or less lies inside its own pixel: the scatter is the identity there.
 SMALLEST_RADIUS = 0.5
+
+# Far beyond any picture, and small enough that the weight 1 / (pi r^2) is a normal float32.
+LARGEST_RADIUS = 1e9
 
 BAND_ROWS = 32
 
@@ -88,7 +91,7 @@ def _row_reach(defocus):  # type: ignore[no-untyped-def]
         largest = SMALLEST_RADIUS
         for x in range(defocus.shape[1]):
             largest = max(largest, abs(defocus[y, x]))
-        reach[y] = int(math.floor(largest + 0.5))
+        reach[y] = int(math.floor(min(largest, LARGEST_RADIUS) + 0.5))
     return reach
 
 
@@ -103,8 +106,8 @@ def _scatter_band(image, defocus, reach, first, last, total, weight):  # type: i
             continue
         nearest = max(0, first - y, y - (last - 1))
         for x in range(width):
-            radius = max(abs(float(defocus[y, x])), SMALLEST_RADIUS)
-            farthest = int(math.floor(radius + 0.5))
+            radius = min(max(abs(float(defocus[y, x])), SMALLEST_RADIUS), LARGEST_RADIUS)
+            farthest = min(int(math.floor(radius + 0.5)), max(last - 1 - y, y - first))
             if farthest < nearest:
                 continue
             w = 1.0 / (math.pi * radius * radius)
@@ -165,22 +168,23 @@ def _scatter_backward(image, defocus, gradient, sums, grad_image, grad_defocus):
         by_radius = np.empty(channels + 1)
         for x in range(width):
             signed = float(defocus[y, x])
-            radius = max(abs(signed), SMALLEST_RADIUS)
-            farthest = int(math.floor(radius + 0.5))
+            radius = min(max(abs(signed), SMALLEST_RADIUS), LARGEST_RADIUS)
+            lowest = -min(int(math.floor(radius + 0.5)), y)
+            highest = min(int(math.floor(radius + 0.5)), height - 1 - y)
             gathered[:] = 0.0
             by_radius[:] = 0.0
-            below = half_area(-(farthest + 0.5) / radius)
-            angle_below = clamped_asin(-(farthest + 0.5) / radius)
-            for k in range(-farthest, farthest + 1):
+            below = half_area((lowest - 0.5) / radius)
+            angle_below = clamped_asin((lowest - 0.5) / radius)
+            for k in range(lowest, highest + 1):
                 above = half_area((k + 0.5) / radius)
                 angle_above = clamped_asin((k + 0.5) / radius)
                 half_width = radius * radius * (above - below)
                 growth = radius * (angle_above - angle_below)
                 below = above
                 angle_below = angle_above
-                row = y + k
-                if row < 0 or row >= height or half_width <= 0.0:
+                if half_width <= 0.0:
                     continue
+                row = y + k
                 _integral(sums[row], gradient[row], x + half_width, high)
                 _integral(sums[row], gradient[row], x - half_width, low)
                 right = int(math.floor(x + half_width + 0.5))
@@ -198,10 +202,8 @@ def _scatter_backward(image, defocus, gradient, sums, grad_image, grad_defocus):
                 slope += source * w * (by_radius[c] - 2.0 / radius * gathered[c])
                 if c < channels:
                     grad_image[y, x, c] = w * gathered[c]
-            if signed > SMALLEST_RADIUS:
-                grad_defocus[y, x] = slope
-            elif signed < -SMALLEST_RADIUS:
-                grad_defocus[y, x] = -slope
+            if SMALLEST_RADIUS < abs(signed) <= LARGEST_RADIUS:
+                grad_defocus[y, x] = slope if signed > 0 else -slope
 
 
 def scatter_forward(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -227,7 +229,7 @@ def scatter_backward(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Adjoint of :func:`scatter_forward`: gradients for the image and the defocus, at the same cost.
 
-    The derivative by a defocus of magnitude up to ``SMALLEST_RADIUS`` is 0.
+    The derivative by a defocus of magnitude up to ``SMALLEST_RADIUS``, or above ``LARGEST_RADIUS``, is 0.
     """
     gradient = np.concatenate([grad_total, grad_weight[..., None]], axis=-1, dtype=np.float64)
     sums: np.ndarray[Any, Any] = np.zeros((gradient.shape[0], gradient.shape[1] + 1, gradient.shape[2]))

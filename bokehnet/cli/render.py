@@ -140,6 +140,8 @@ def _value_at(focus_at: str | None, values: "np.ndarray") -> float | None:
 
 
 def _defocus_from_disparity(values: "np.ndarray", blur: float, focus: float | None) -> "np.ndarray":
+    import numpy as np
+
     from bokehnet.checks import check_at_least
     from bokehnet.optics.coc import defocus_from_disparity
 
@@ -147,7 +149,8 @@ def _defocus_from_disparity(values: "np.ndarray", blur: float, focus: float | No
     assert focus is not None
     if not 0 <= focus <= 1:
         raise ParameterError(f"--focus: expected a relative disparity in 0..1, got {focus:g}")
-    defocus: np.ndarray = defocus_from_disparity(values, blur, focus)
+    with np.errstate(over="ignore"):  # a blur beyond float32 is told by the renderer's check
+        defocus: np.ndarray = defocus_from_disparity(values, blur, focus)
     return defocus
 
 

@@ -68,6 +68,8 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     found = manifest.get("format") if isinstance(manifest, dict) else None
     if found != _FORMAT:
         raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {found}; export again")
+    if not isinstance(manifest.get("unit"), int | float):
+        raise ModelFileError(f"{path}: expected a number called unit; export again")
     return manifest
 
 

@@ -74,9 +74,7 @@ def _largest_difference(network: nn.Module, name: str, unit: float, path: Path) 
     return largest
 
 
-def export_networks(
-    arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, Any]
-) -> dict[str, float]:
+def export_networks(arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, Any]) -> dict[str, float]:
     """Write ``arnet.onnx``, ``iunet.onnx`` and ``manifest.json`` into ``folder``.
 
     Args:

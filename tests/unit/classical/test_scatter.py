@@ -102,10 +102,11 @@ def test_strong_highlight_leaves_no_streak_beside_its_disc():
     assert np.abs(total[np.hypot(x, y) > 22]).max() < 1e-9
 
 
-def test_radius_larger_than_the_picture_tends_to_the_mean():
-    image = np.random.default_rng(6).random((6, 8, 3))
-    mean = image.mean(axis=(0, 1), keepdims=True)
-    assert_allclose(scatter(image, np.full((6, 8), 1000.0)), np.broadcast_to(mean, image.shape), atol=1e-4)
+@pytest.mark.parametrize("radius", [1e3, 1e6, 1e12, 1e38])
+def test_radius_larger_than_the_picture_tends_to_the_mean(radius):
+    image = np.random.default_rng(6).random((6, 8, 3), dtype=np.float32)
+    mean = np.broadcast_to(image.mean(axis=(0, 1), keepdims=True), image.shape)
+    assert_allclose(scatter(image, np.full((6, 8), radius, np.float32)), mean, atol=1e-4)
 
 
 def test_bad_input_is_rejected_at_the_door():
