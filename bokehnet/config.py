@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from bokehnet.errors import ConfigError
 
-__all__ = ["build_config", "dump_json", "load_config", "to_dict"]
+__all__ = ["build_config", "dump_json", "first_difference", "load_config", "to_dict"]
 
 Config = TypeVar("Config")
 
@@ -64,6 +64,17 @@ def to_dict(config: Any) -> dict[str, Any]:
 def dump_json(config: Any) -> str:
     """Return the resolved configuration as indented JSON text with a final newline."""
     return json.dumps(to_dict(config), indent=2) + "\n"
+
+
+def first_difference(old: Any, new: Any, key: str = "") -> tuple[str, Any, Any] | None:
+    """Return the dotted key and the two values where two plain configurations first differ, or ``None``."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in sorted(old.keys() | new.keys()):
+            found = first_difference(old.get(name), new.get(name), f"{key}.{name}" if key else name)
+            if found is not None:
+                return found
+        return None
+    return None if old == new else (key, old, new)
 
 
 def _set(table: dict[str, Any], keys: list[str], value: Any, source: str) -> None:

@@ -20,8 +20,11 @@ from bokehnet.synth.shards import ShardSet, TrainingSample
 __all__ = ["DataConfig", "Example", "Examples", "example_loader", "spoil_disparity"]
 
 # One example: "image", "classical", "truth" (3, H, W) scene-linear; "defocus" (1, H, W) pixels, from the
-# spoilt disparity; "error_map" (1, H, W) geometric target.
+# spoilt disparity; "error_map" (1, H, W) geometric target; whole pairs also "extra_halvings", 0 or 1.
 Example = dict[str, Tensor]
+
+# Crops to choose from; where the error map is empty there is nothing to learn.
+TRIES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,9 +45,9 @@ class DataConfig:
     validation: str
     batch_size: int = 8
     workers: int = 0
-    spoilt: float = 0.5
+    spoilt: float = 0.35
     max_exposure: float = 1.0
-    coarse_crop: int = 128
+    coarse_crop: int = 96
 
 
 def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -99,7 +102,7 @@ def make_example(
 
 
 def coarse_example(example: Example, unit: float, crop: int, rng: np.random.Generator) -> Example:
-    """Return a random crop of the example at the size that ARNet works at."""
+    """Return a crop of the example at the size that ARNet works at: of a few, the one with most to mend."""
     halvings = count_halvings(float(example["defocus"].abs().max()), unit)
     level = build_levels(example["image"], example["defocus"], example["classical"], halvings)[0]
     coarse = {"image": level.image, "defocus": level.defocus, "classical": level.classical}
@@ -109,9 +112,11 @@ def coarse_example(example: Example, unit: float, crop: int, rng: np.random.Gene
             x = downsample2(x)
         coarse[name] = x
     height, width = coarse["image"].shape[-2:]
-    top = int(rng.integers(max(1, height - crop + 1)))
-    left = int(rng.integers(max(1, width - crop + 1)))
-    return {name: x[:, top : top + crop, left : left + crop].contiguous() for name, x in coarse.items()}
+    tops = rng.integers(max(1, height - crop + 1), size=TRIES)
+    lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
+    windows = [np.s_[:, top : top + crop, left : left + crop] for top, left in zip(tops, lefts, strict=True)]
+    best = max(windows, key=lambda window: float(coarse["error_map"][window].sum()))
+    return {name: x[best].contiguous() for name, x in coarse.items()}
 
 
 class Examples(Dataset):
@@ -130,7 +135,7 @@ class Examples(Dataset):
         view = int(rng.integers(len(sample.blur)))
         example = make_example(sample, view, rng, self.config)
         if self.unit is None:
-            return example
+            return example | {"extra_halvings": torch.tensor(int(rng.integers(2)))}
         return coarse_example(example, self.unit, self.config.coarse_crop, rng)
 
 

@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
-from bokehnet.config import dump_json, to_dict
+from bokehnet.config import dump_json, first_difference, to_dict
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.io.atomic import write_text
 from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
@@ -84,18 +84,6 @@ def _learning_rate(optim: OptimConfig, step: int) -> float:
     return optim.learning_rate * rise * (0.01 + 0.99 * fall)
 
 
-def _differing_key(old: Any, new: Any, prefix: str = "") -> str | None:
-    """Name of the first entry in which two nested tables differ."""
-    for key in {**old, **new}:
-        a, b = old.get(key), new.get(key)
-        if isinstance(a, dict) and isinstance(b, dict):
-            if found := _differing_key(a, b, f"{prefix}{key}."):
-                return found
-        elif a != b:
-            return f"{prefix}{key}"
-    return None
-
-
 def _has_bfloat16(device: torch.device) -> bool:
     if device.type == "cuda":
         return torch.cuda.is_bf16_supported()
@@ -146,9 +134,10 @@ def train(
     step = 0
     if last.exists():
         state = load_checkpoint(last)
-        if differing := _differing_key(state["run"], to_dict(config)):
+        if difference := first_difference(state["run"], to_dict(config)):
+            key, old, new = difference
             raise ConfigError(
-                f"{out} holds a run with another {differing}; choose another --out or remove it"
+                f"{out}: holds a run with {key} = {old!r}, but {new!r} was asked for; choose another --out"
             )
         network.load_state_dict(state["raw"])
         average.load_state_dict(state["network"])

@@ -10,10 +10,10 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from bokehnet.checks import check_at_least
-from bokehnet.config import dump_json, to_dict
+from bokehnet.config import dump_json, first_difference, to_dict
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
@@ -133,22 +133,12 @@ def _claim(folder: Path, config: SynthConfig) -> None:
         there = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ConfigError(f"{path}: expected a configuration as JSON: {error}") from error
-    difference = _first_difference(there, to_dict(config))
+    difference = first_difference(there, to_dict(config))
     if difference is not None:
         key, old, new = difference
         raise ConfigError(
             f"{folder}: holds a set with {key} = {old!r}, but {new!r} was asked for; choose another folder"
         )
-
-
-def _first_difference(old: Any, new: Any, key: str = "") -> tuple[str, Any, Any] | None:
-    if isinstance(old, dict) and isinstance(new, dict):
-        for name in sorted(old.keys() | new.keys()):
-            found = _first_difference(old.get(name), new.get(name), f"{key}.{name}" if key else name)
-            if found is not None:
-                return found
-        return None
-    return None if old == new else (key, old, new)
 
 
 @contextlib.contextmanager

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from skimage.data import coffee
 
 from bokehnet.classical.scatter import scatter
@@ -21,15 +20,6 @@ from bokehnet.raytrace import (
 
 SIZE = 96
 DEPTH = 2000.0
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    """Small pictures are traced faster, and on a busy machine much faster, by one thread."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def camera(radius: float) -> Camera:

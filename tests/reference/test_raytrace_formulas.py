@@ -21,15 +21,6 @@ from bokehnet.raytrace import (
 PITCH = 0.1
 
 
-@pytest.fixture(autouse=True)
-def _one_thread():
-    """Small pictures: threads cost more than they give, above all on a busy machine."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-
-
 def constant(value, size=8):
     return np.full((size, size, 3), value, np.float32)
 

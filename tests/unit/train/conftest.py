@@ -1,5 +1,4 @@
 import pytest
-import torch
 
 from bokehnet.config import load_config
 from bokehnet.synth import SynthConfig, write_dataset
@@ -9,9 +8,6 @@ from tests.unit.train.runs import ROOT
 @pytest.fixture(scope="session")
 def tiny_pairs(tmp_path_factory):
     """Four traced scenes of 64x64 pixels."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("pairs")
     write_dataset(load_config(ROOT / "configs/synth_tiny.toml", SynthConfig), folder)
-    torch.set_num_threads(before)
     return folder

@@ -1,0 +1,70 @@
+"""The networks that ship with the package do what they are for."""
+
+import numpy as np
+import pytest
+
+from bokehnet.config import load_config
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.inference.session import WEIGHTS
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.synth import SynthConfig
+from bokehnet.synth.pairs import make_sample
+from tests.conftest import ROOT
+from train.metrics import compare, edge_pixels, mean_scores
+
+HELD_OUT = {"seed": 77, "width": 160, "height": 160, "views": 2, "defocus": [4.0, 14.0]}
+
+
+@pytest.fixture(scope="module")
+def renders():
+    """Three scenes that nobody trained on: (true defocus, truth, hybrid result) of each view."""
+    config = load_config(
+        ROOT / "configs/synth_planes_val.toml", SynthConfig, {**HELD_OUT, "bokeh_samples": 64}
+    )
+    renderer = BokehRenderer()
+    rows = []
+    for index in range(3):
+        sample = make_sample(config, index)
+        for view in range(2):
+            defocus = defocus_from_disparity(
+                sample.disparity, float(sample.blur[view]), float(sample.focus[view])
+            )
+            result = renderer.render(sample.image.astype(np.float32), defocus)
+            rows.append((defocus, sample.bokeh[view].astype(np.float32), result))
+    return rows
+
+
+def test_hybrid_beats_scatter_near_edges_by_a_decibel(renders):
+    """Authority: ray-traced truth of held-out scenes, PSNR over pixels within the blur's reach of an edge."""
+    hybrid, scatter = (
+        mean_scores([compare(getattr(r, name), truth, defocus) for defocus, truth, r in renders])
+        for name in ("bokeh", "classical")
+    )
+    assert hybrid["edge_psnr"] - scatter["edge_psnr"] >= 1.0
+    assert hybrid["psnr"] > scatter["psnr"]
+
+
+def test_away_from_edges_the_hybrid_is_the_scatter(renders):
+    """Not a colour shift and not a texture lost: the two are more than 50 dB alike there."""
+    for defocus, _, result in renders:
+        near = edge_pixels(np.where(np.abs(defocus) > 0, 2 * defocus, 0))
+        far = ~near
+        if far.sum() < 200:
+            continue
+        difference = (result.bokeh - result.classical)[far] / np.maximum(result.classical[far], 0.2)
+        assert np.mean(difference**2) < 1e-5
+
+
+def test_the_package_stays_small():
+    assert sum(file.stat().st_size for file in WEIGHTS.iterdir()) < 12e6
+    assert (WEIGHTS / "MODEL_CARD.md").is_file()
+
+
+def test_hybrid_beats_scatter_on_an_independent_renderer(shared):
+    """Authority: path-traced shots that were never trained on; mean over all shots of a scene."""
+    from benchmarks.cycles import score_scene
+
+    folder = shared("cycles/s1_still_life/scene.json").parent
+    scores = mean_scores(score_scene(folder, {name: BokehRenderer(name) for name in ("hybrid", "scatter")}))
+    assert scores["hybrid/edge_psnr"] > scores["scatter/edge_psnr"]
+    assert scores["hybrid/psnr"] > scores["scatter/psnr"]
