@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from bokehnet.config import dump_json, first_difference, to_dict
 from bokehnet.errors import ConfigError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.io.atomic import remove_leftovers, write_text
 from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
 
 __all__ = ["OptimConfig", "Stopped", "train"]
@@ -124,6 +124,7 @@ def train(
     """
     optim: OptimConfig = config.optim
     out.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(out)
     last = out / "last.pt"
     if device.type == "cpu" and config.data.workers:
         # A thread more than there are cores makes every barrier wait for it: measured, four times slower.

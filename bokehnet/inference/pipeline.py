@@ -29,7 +29,8 @@ class RenderResult:
         bokeh: The result, (H, W, 3).
         classical: The classical half, (H, W, 3).
         neural: The neural half, (H, W, 3); ``None`` for a classical engine.
-        error_map: The blend, (H, W) in [0, 1], 1 = neural; for a classical engine, where it can be wrong.
+        error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
+            discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
     """
 
     bokeh: np.ndarray
@@ -88,7 +89,8 @@ class BokehRenderer:
             return RenderResult(
                 bokeh=result.bokeh, classical=result.bokeh, neural=None, error_map=result.error_map
             )
-        neural, error_map = self._render_neural(image, defocus, result.bokeh)
+        neural, learned = self._render_neural(image, defocus, result.bokeh)
+        error_map = learned * result.error_map  # where the classical half is right, it stays as it is
         report(2, steps)
         bokeh = fuse(result.bokeh, neural, error_map[..., None])
         return RenderResult(bokeh=bokeh, classical=result.bokeh, neural=neural, error_map=error_map)
@@ -96,7 +98,7 @@ class BokehRenderer:
     def _render_neural(
         self, image: np.ndarray, defocus: np.ndarray, classical: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the neural half (H, W, 3) and the error map (H, W)."""
+        """Return the neural half (H, W, 3) and the learned error map (H, W)."""
         assert self._networks is not None
         batches = [_to_batch(x) for x in (image, defocus, classical)]
         result = render_neural(

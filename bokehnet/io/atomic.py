@@ -9,7 +9,9 @@ from pathlib import Path
 
 from bokehnet.errors import BokehnetError, ImageFileError
 
-__all__ = ["check_target", "write_atomic", "write_text"]
+__all__ = ["check_target", "remove_leftovers", "write_atomic", "write_text"]
+
+_PREFIX = ".bokehnet-"
 
 
 def check_target(path: Path | str, *, error: type[BokehnetError] = ImageFileError) -> None:
@@ -60,7 +62,7 @@ def write_atomic(
     """
     check_target(path, error=error)
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".bokehnet-{secrets.token_hex(6)}{target.suffix}")
+    temporary = target.with_name(f"{_PREFIX}{secrets.token_hex(6)}{target.suffix}")
     try:
         _create(temporary, room)
         write(temporary)
@@ -85,6 +87,12 @@ def write_text(path: Path | str, text: str, *, error: type[BokehnetError] = Imag
         temporary.write_text(text, encoding="utf-8")
 
     write_atomic(path, write, error=error)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files that killed processes left in ``folder``; nobody else may write there now."""
+    for leftover in folder.glob(f"{_PREFIX}*"):
+        leftover.unlink()
 
 
 def _create(temporary: Path, room: int) -> None:

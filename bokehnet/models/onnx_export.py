@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import onnxruntime
 import torch
 from torch import Tensor, nn
@@ -56,7 +57,16 @@ def _export(network: nn.Module, name: str, unit: float, path: Path) -> None:
         verbose=False,
     )
     assert program is not None
-    program.save(str(path))
+    onnx.save(_without_traces(program.model_proto), path)
+
+
+def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
+    """Remove where in the source each node came from: it names files of the machine that exported."""
+    del model.graph.metadata_props[:]
+    for node in model.graph.node:
+        del node.metadata_props[:]
+        node.ClearField("doc_string")
+    return model
 
 
 def _largest_difference(network: nn.Module, name: str, unit: float, path: Path) -> float:

@@ -10,17 +10,15 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import BinaryIO
 
 from bokehnet.checks import check_at_least
 from bokehnet.config import dump_json, first_difference, to_dict
 from bokehnet.errors import ConfigError, DataFileError
+from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
 
 __all__ = ["write_dataset"]
-
-_TEMPORARY = ".tmp"
 
 
 def write_dataset(
@@ -47,8 +45,7 @@ def write_dataset(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _claim(folder, config)
-        for leftover in folder.glob(f"*{_TEMPORARY}"):
-            leftover.unlink()
+        remove_leftovers(folder)
         _write_missing(folder, config, workers, progress or (lambda done, total: None))
     except OSError as error:
         if isinstance(error, DataFileError):
@@ -73,8 +70,12 @@ def _write_missing(
 
     with _render(config, wanted, workers) as samples:
         for number in missing:
-            with _atomic(folder / shard_name(number)) as stream:
-                write_members(stream, take(_scenes_of(number, config), samples))
+
+            def write(temporary: Path, number: int = number) -> None:
+                with temporary.open("wb") as stream:
+                    write_members(stream, take(_scenes_of(number, config), samples))
+
+            write_atomic(folder / shard_name(number), write, error=DataFileError)
 
 
 def _scenes_of(shard: int, config: SynthConfig) -> range:
@@ -126,8 +127,7 @@ def _claim(folder: Path, config: SynthConfig) -> None:
     if not path.exists():
         if any(folder.glob("shard-*.tar")):
             raise ConfigError(f"{folder}: has shards but no {DESCRIPTION}; choose another folder")
-        with _atomic(path) as stream:
-            stream.write(dump_json(config).encode())
+        write_text(path, dump_json(config), error=DataFileError)
         return
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
@@ -139,18 +139,3 @@ def _claim(folder: Path, config: SynthConfig) -> None:
         raise ConfigError(
             f"{folder}: holds a set with {key} = {old!r}, but {new!r} was asked for; choose another folder"
         )
-
-
-@contextlib.contextmanager
-def _atomic(path: Path) -> Iterator[BinaryIO]:
-    """Open a file for writing that appears under its name only when complete and on the disk."""
-    temporary = path.with_name(path.name + _TEMPORARY)
-    try:
-        with open(temporary, "wb") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise

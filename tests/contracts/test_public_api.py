@@ -103,8 +103,9 @@ def test_a_hybrid_render_never_needs_torch():
     assert done.stdout.strip() == "rendered (40, 50, 3)", done.stderr
 
 
-def test_a_name_that_needs_torch_says_how_to_get_it():
-    done = run_python(NO_TORCH + "import bokehnet.synth.dataset")
+@pytest.mark.parametrize("module", ["bokehnet.models", "bokehnet.raytrace", "bokehnet.synth.pairs"])
+def test_a_room_that_needs_torch_says_how_to_get_it(module):
+    done = run_python(NO_TORCH + f"import {module}")
     assert "pip install 'bokehnet[train]'" in done.stderr
     assert "MissingExtraError" in done.stderr
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def random_networks() -> tuple[ARNet, IUNet]:
     torch.manual_seed(0)
     networks = ARNet(ARNetConfig(width=8, num_blocks=1)), IUNet(IUNetConfig(width=8, num_blocks=1))
     for network in networks:
-        torch.nn.init.normal_(network.backbone.head.weight, std=0.05)
+        torch.nn.init.normal_(network.backbone.head.weight, std=0.01)
     return networks
 
 
@@ -64,6 +65,13 @@ def test_manifest_holds_the_hash_of_each_file(exported):
         entry = manifest["networks"][name]
         assert entry["sha256"] == hashlib.sha256((folder / entry["file"]).read_bytes()).hexdigest()
     assert manifest["notes"] == {"why": "test"}
+
+
+def test_files_tell_nothing_of_the_machine_that_exported(exported):
+    folder, _, _ = exported
+    for file in folder.iterdir():
+        assert str(Path(__file__).parents[3]).encode() not in file.read_bytes()
+        assert b"stack_trace" not in file.read_bytes()
 
 
 def test_an_export_that_differs_is_refused_and_leaves_no_manifest(tmp_path, monkeypatch):
