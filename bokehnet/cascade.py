@@ -45,11 +45,13 @@ class Level:
     Attributes:
         image, classical: Scene-linear, (B, 3, H, W).
         defocus: Signed radius in pixels of this size, (B, 1, H, W).
+        doubt: Where the classical render can be wrong, (B, 1, H, W) in [0, 1].
     """
 
     image: Array
     defocus: Array
     classical: Array
+    doubt: Array
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -58,13 +60,12 @@ class NeuralResult:
 
     Attributes:
         steps: Bokeh (B, 3, h, w) at every level, coarse to fine; the last has the picture's size.
-        error_map: (B, 1, H, W) in [0, 1], at the picture's size.
-        coarse_error_map: (B, 1, h, w), as ARNet gave it.
+        error_map: (B, 1, H, W) in [0, 1], at the picture's size: ARNet's times the classical renderer's, so
+            that nothing changes where the classical render is right.
     """
 
     steps: list[Array]
     error_map: Array
-    coarse_error_map: Array
 
 
 # How IUNet is run at one level: (network, level, bokeh at half the size, error map) to bokeh (B, 3, H, W).
@@ -77,10 +78,10 @@ def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: A
     return iunet(level.image, level.defocus, level.classical, coarse)
 
 
-def build_levels(image: Array, defocus: Array, classical: Array, halvings: int) -> list[Level]:
+def build_levels(image: Array, defocus: Array, classical: Array, doubt: Array, halvings: int) -> list[Level]:
     """Halve the inputs ``halvings`` times; coarse to fine. Sides are padded to whole coarse 2x2 blocks."""
-    arrays = [pad_to_multiple(x, 2 ** (halvings + 1)) for x in (image, defocus, classical)]
-    levels = [Level(image=arrays[0], defocus=arrays[1], classical=arrays[2])]
+    arrays = [pad_to_multiple(x, 2 ** (halvings + 1)) for x in (image, defocus, classical, doubt)]
+    levels = [Level(image=arrays[0], defocus=arrays[1], classical=arrays[2], doubt=arrays[3])]
     for _ in range(halvings):
         finer = levels[0]
         levels.insert(
@@ -89,6 +90,7 @@ def build_levels(image: Array, defocus: Array, classical: Array, halvings: int) 
                 image=downsample2(finer.image),
                 defocus=0.5 * downsample2(finer.defocus),
                 classical=downsample2(finer.classical),
+                doubt=downsample2(finer.doubt),
             ),
         )
     return levels
@@ -98,6 +100,7 @@ def render_neural(
     image: Array,
     defocus: Array,
     classical: Array,
+    doubt: Array,
     *,
     arnet: CoarseNetwork,
     iunet: RefineNetwork,
@@ -114,6 +117,7 @@ def render_neural(
         image: All-in-focus picture, scene-linear, (B, 3, H, W).
         defocus: Signed blur radius in pixels, (B, 1, H, W).
         classical: Classical render, scene-linear, (B, 3, H, W).
+        doubt: The classical renderer's own error map, (B, 1, H, W) in [0, 1].
         arnet: The coarse network.
         iunet: The refining network.
         unit: Largest radius ``arnet`` was trained for, pixels.
@@ -125,13 +129,11 @@ def render_neural(
     """
     height, width = image.shape[-2:]
     largest = float(array_namespace(defocus).abs(defocus).max())
-    levels = build_levels(image, defocus, classical, count_halvings(largest, unit) + extra_halvings)
-    bokeh, coarse_error_map = arnet(levels[0].image, levels[0].defocus, levels[0].classical)
-    steps, error_map = [bokeh], coarse_error_map
+    levels = build_levels(image, defocus, classical, doubt, count_halvings(largest, unit) + extra_halvings)
+    bokeh, learned = arnet(levels[0].image, levels[0].defocus, levels[0].classical)
+    steps = [bokeh]
     for level in levels[1:]:
-        error_map = upsample2(error_map)
-        steps.append(refine(iunet, level, steps[-1], error_map))
+        learned = upsample2(learned)
+        steps.append(refine(iunet, level, steps[-1], learned * level.doubt))
     steps[-1] = crop_to(steps[-1], height, width)
-    return NeuralResult(
-        steps=steps, error_map=crop_to(error_map, height, width), coarse_error_map=coarse_error_map
-    )
+    return NeuralResult(steps=steps, error_map=crop_to(learned * levels[-1].doubt, height, width))

@@ -23,6 +23,7 @@ __all__ = [
     "check_image",
     "check_map",
     "check_number",
+    "check_rank",
     "check_same_size",
     "require_extra",
 ]

@@ -104,13 +104,18 @@ def make_example(
 def coarse_example(example: Example, unit: float, crop: int, rng: np.random.Generator) -> Example:
     """Return a crop of the example at the size that ARNet works at: of a few, the one with most to mend."""
     halvings = count_halvings(float(example["defocus"].abs().max()), unit)
-    level = build_levels(example["image"], example["defocus"], example["classical"], halvings)[0]
-    coarse = {"image": level.image, "defocus": level.defocus, "classical": level.classical}
-    for name in ("truth", "error_map"):
-        x = example[name]
-        for _ in range(halvings):
-            x = downsample2(x)
-        coarse[name] = x
+    keys = ("image", "defocus", "classical", "error_map")
+    level = build_levels(*(example[key] for key in keys), halvings)[0]
+    truth = example["truth"]
+    for _ in range(halvings):
+        truth = downsample2(truth)
+    coarse = {
+        "image": level.image,
+        "defocus": level.defocus,
+        "classical": level.classical,
+        "error_map": level.doubt,
+        "truth": truth,
+    }
     height, width = coarse["image"].shape[-2:]
     tops = rng.integers(max(1, height - crop + 1), size=TRIES)
     lefts = rng.integers(max(1, width - crop + 1), size=TRIES)

@@ -52,6 +52,7 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
             batch["image"],
             batch["defocus"],
             batch["classical"],
+            batch["error_map"],
             arnet=arnet,
             iunet=network,
             unit=config.model.unit,

@@ -48,10 +48,10 @@ def score_cascade(
     """Render all examples with the hybrid; mean scores beside the scatter's, and pictures of a few."""
     rows, pictures = [], {}
     for number, (example, defocus) in enumerate(zip(held_out.examples, held_out.defocus, strict=True)):
-        image, radius, classical = (example[key].to(device) for key in ("image", "defocus", "classical"))
-        result = render_neural(image, radius, classical, arnet=arnet, iunet=iunet, unit=unit)
-        error_map = result.error_map * example["error_map"].to(device)
-        hybrid = fuse(classical, result.steps[-1], error_map)
+        keys = ("image", "defocus", "classical", "error_map")
+        image, radius, classical, doubt = (example[key].to(device) for key in keys)
+        result = render_neural(image, radius, classical, doubt, arnet=arnet, iunet=iunet, unit=unit)
+        hybrid = fuse(classical, result.steps[-1], result.error_map)
         truth = _array(example["truth"])
         scores = {f"hybrid/{key}": x for key, x in compare(_array(hybrid), truth, defocus).items()}
         scores |= {f"scatter/{key}": x for key, x in compare(_array(classical), truth, defocus).items()}
@@ -59,7 +59,7 @@ def score_cascade(
         if number < 4:
             shown = [classical, result.steps[-1], hybrid, example["truth"].to(device)]
             encoded = [linear_to_srgb(picture.clamp(0, 1))[0] for picture in shown]
-            encoded.append(error_map[0].expand(3, -1, -1))
+            encoded.append(result.error_map[0].expand(3, -1, -1))
             pictures[f"classical_neural_hybrid_truth_error/{number}"] = torch.cat(encoded, dim=-1).cpu()
     scores = mean_scores(rows)
     scores["gain/edge_psnr"] = scores["hybrid/edge_psnr"] - scores["scatter/edge_psnr"]

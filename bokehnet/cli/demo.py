@@ -34,9 +34,8 @@ def demo(
     renderer = BokehRenderer(engine)
     picture = read_image(ASSETS / "demo.png")
     disparity = read_disparity(ASSETS / "demo_disparity.png")
-    grey = srgb_to_linear(disparity)[..., None].repeat(
-        3, axis=-1
-    )  # so that a viewer shows the values as grey
+    shown = srgb_to_linear(disparity)  # so that a viewer sees the stored values
+    grey = shown[..., None].repeat(3, axis=-1)
     results = []
     with progress("rendering") as report:
         for index, (name, focus) in enumerate(FOCUS.items()):

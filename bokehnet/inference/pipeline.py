@@ -8,7 +8,7 @@ import numpy as np
 
 from bokehnet.cascade import render_neural
 from bokehnet.checks import check_choice
-from bokehnet.classical.base import CLASSICAL_RENDERERS, check_inputs, make_classical
+from bokehnet.classical.base import CLASSICAL_RENDERERS, ClassicalResult, check_inputs, make_classical
 from bokehnet.fusion import fuse
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.tiling import refine_in_tiles
@@ -89,18 +89,17 @@ class BokehRenderer:
             return RenderResult(
                 bokeh=result.bokeh, classical=result.bokeh, neural=None, error_map=result.error_map
             )
-        neural, learned = self._render_neural(image, defocus, result.bokeh)
-        error_map = learned * result.error_map  # where the classical half is right, it stays as it is
+        neural, error_map = self._render_neural(image, defocus, result)
         report(2, steps)
         bokeh = fuse(result.bokeh, neural, error_map[..., None])
         return RenderResult(bokeh=bokeh, classical=result.bokeh, neural=neural, error_map=error_map)
 
     def _render_neural(
-        self, image: np.ndarray, defocus: np.ndarray, classical: np.ndarray
+        self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the neural half (H, W, 3) and the learned error map (H, W)."""
+        """Return the neural half (H, W, 3) and the error map (H, W)."""
         assert self._networks is not None
-        batches = [_to_batch(x) for x in (image, defocus, classical)]
+        batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
         result = render_neural(
             *batches,
             arnet=self._networks.arnet,

@@ -25,7 +25,7 @@ def _spans(length: int) -> Iterator[tuple[int, int]]:
 def refine_in_tiles(
     iunet: RefineNetwork, level: Level, coarse: np.ndarray, error_map: np.ndarray
 ) -> np.ndarray:
-    """Run IUNet on the tiles where the error map is above zero; elsewhere ``coarse`` is interpolated.
+    """Run IUNet on the tiles within ``HALO`` of an error map above zero; elsewhere interpolate ``coarse``.
 
     Args:
         iunet: Its receptive field must not exceed ``HALO``.
@@ -34,17 +34,18 @@ def refine_in_tiles(
         error_map: (1, 1, H, W).
 
     Returns:
-        (1, 3, H, W); inside a refined tile the same as from the whole picture at once.
+        (1, 3, H, W); inside a refined tile the same as from the whole picture at once. A skipped tile is
+        so far from every pixel in use that it cannot reach one at a finer level either.
     """
     height, width = level.image.shape[-2:]
     result = np.ascontiguousarray(upsample2(coarse))
     for top, bottom in _spans(height):
         for left, right in _spans(width):
-            if not error_map[..., top:bottom, left:right].any():
-                continue
             y0, y1 = max(0, top - HALO), min(height, bottom + HALO)
             x0, x1 = max(0, left - HALO), min(width, right + HALO)
             window = np.s_[..., y0:y1, x0:x1]
+            if not error_map[window].any():
+                continue
             half = np.s_[..., y0 // 2 : y1 // 2, x0 // 2 : x1 // 2]
             refined = iunet(level.image[window], level.defocus[window], level.classical[window], coarse[half])
             result[..., top:bottom, left:right] = refined[..., top - y0 : bottom - y0, left - x0 : right - x0]

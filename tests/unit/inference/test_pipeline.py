@@ -45,8 +45,9 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     result = BokehRenderer(weights=folder).render(image, defocus)
     classical = scatter(image, defocus)
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
+    everywhere = torch.ones(1, 1, height, width)
     with torch.no_grad():
-        wanted = render_neural(*tensors, arnet=arnet.eval(), iunet=iunet.eval(), unit=10.0)
+        wanted = render_neural(*tensors, everywhere, arnet=arnet.eval(), iunet=iunet.eval(), unit=10.0)
     error_map = wanted.error_map * torch.from_numpy(geometric_error_map(defocus))
     fused = fuse(tensors[2], wanted.steps[-1], error_map)
     assert_allclose(result.bokeh, fused[0].permute(1, 2, 0).numpy(), atol=1e-4)
@@ -63,11 +64,39 @@ def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
         image=rng.random((1, 3, 150, 202), dtype=np.float32),
         defocus=rng.uniform(-12, 12, (1, 1, 150, 202)).astype(np.float32),
         classical=rng.random((1, 3, 150, 202), dtype=np.float32),
+        doubt=np.ones((1, 1, 150, 202), np.float32),
     )
     coarse = rng.random((1, 3, 75, 101), dtype=np.float32)
     everywhere = np.ones((1, 1, 150, 202), np.float32)
     tiled = tiling.refine_in_tiles(iunet, level, coarse, everywhere)
     assert_allclose(tiled, refine_whole(iunet, level, coarse, everywhere), atol=1e-5)
+
+
+def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
+    """Several levels up, a pixel in use must not see that tiles away from all edges were skipped."""
+    folder, _ = pair
+    monkeypatch.setattr(tiling, "TILE", 64)
+    rng = np.random.default_rng(2)
+    defocus = np.full((400, 600), -1.0, np.float32)
+    defocus[150:200, 250:290] = 38.0
+    image = rng.random((400, 600, 3), dtype=np.float32)
+    batches = [x.transpose(2, 0, 1)[None] for x in (image, defocus[..., None], scatter(image, defocus))]
+    loaded = load_networks(folder)
+    ran = []
+
+    def iunet(*arrays):
+        ran.append(arrays[0].shape)
+        return loaded.iunet(*arrays)
+
+    doubt = geometric_error_map(defocus)[None, None]
+    shared = {"arnet": loaded.arnet, "unit": loaded.unit}
+    whole = render_neural(*batches, doubt, iunet=loaded.iunet, **shared)
+    tiled = render_neural(*batches, doubt, iunet=iunet, refine=tiling.refine_in_tiles, **shared)
+    used = (whole.error_map > 0)[0, 0]
+    assert 0.05 < used.mean() < 0.6
+    assert len(ran) < 7 * 10 + 4 * 5
+    assert_array_equal(tiled.error_map, whole.error_map)
+    assert_allclose(tiled.steps[-1][..., used], whole.steps[-1][..., used], atol=1e-5)
 
 
 def test_tiles_without_error_are_not_refined(pair):
@@ -78,6 +107,7 @@ def test_tiles_without_error_are_not_refined(pair):
         image=np.zeros((1, 3, 32, 32), np.float32),
         defocus=np.zeros((1, 1, 32, 32), np.float32),
         classical=np.zeros((1, 3, 32, 32), np.float32),
+        doubt=np.zeros((1, 1, 32, 32), np.float32),
     )
     coarse = np.full((1, 3, 16, 16), 0.5, np.float32)
     assert_array_equal(tiling.refine_in_tiles(never, level, coarse, np.zeros((1, 1, 32, 32))), 0.5)
