@@ -6,21 +6,31 @@ shot. PSNR and SSIM are those of :mod:`train.metrics`.
 
 import argparse
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
+from benchmarks.quality import Engine, Shot, print_header, print_scores, score
 from bokehnet.inference.pipeline import ENGINES, BokehRenderer
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_depth
 from bokehnet.lenses import ThinLens, defocus_map
+from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import disparity_from_depth
-from train.metrics import compare, mean_scores
+
+__all__ = ["read_shots", "scene_folders", "whole_engine"]
 
 
-def score_scene(folder: Path, renderers: dict[str, BokehRenderer]) -> list[dict[str, float]]:
-    """Scores of every shot, keyed ``engine/score``."""
+def scene_folders(folder: Path) -> list[Path]:
+    """Scenes below ``folder``, by name."""
+    return sorted(path.parent for path in folder.glob("*/scene.json"))
+
+
+def read_shots(folder: Path) -> Iterator[Shot]:
+    """Every shot of one scene."""
     scene = json.loads((folder / "scene.json").read_text())
     image, depth = read_image(folder / "image.exr"), read_depth(folder / "depth.exr")
-    rows = []
     for shot in scene["shots"]:
         lens = ThinLens(
             focal_length=scene["focal_length_mm"],
@@ -28,13 +38,22 @@ def score_scene(folder: Path, renderers: dict[str, BokehRenderer]) -> list[dict[
             focus_distance=1000 * shot["focus_distance_m"],
         )
         defocus = defocus_map(disparity_from_depth(depth), lens, scene["sensor_width_mm"] / scene["width"])
-        truth = read_image(folder / shot["file"])
-        row = {}
-        for name, renderer in renderers.items():
-            scores = compare(renderer.render(image, defocus).bokeh, truth, defocus)
-            row |= {f"{name}/{key}": value for key, value in scores.items()}
-        rows.append(row)
-    return rows
+        yield Shot(
+            image=image,
+            defocus=defocus,
+            truth=read_image(folder / shot["file"]),
+            aperture=Aperture(blades=shot["blades"], rotation=shot["blade_rotation_deg"]),
+        )
+
+
+def whole_engine(name: str, weights: Path | None = None) -> Engine:
+    """The engine that people use; the hybrid knows no aperture but the disc."""
+
+    def render(image: np.ndarray, defocus: np.ndarray, *, aperture: Aperture) -> np.ndarray:
+        shape = Aperture() if name == "hybrid" else aperture
+        return BokehRenderer(name, aperture=shape, weights=weights).render(image, defocus).bokeh
+
+    return render
 
 
 def main() -> None:
@@ -43,18 +62,14 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--weights", type=Path)
     arguments = parser.parse_args()
-    renderers = {engine: BokehRenderer(engine, weights=arguments.weights) for engine in ENGINES}
-    columns = ("psnr", "ssim", "edge_psnr", "edge_ssim")
-    print(f"{'scene':22s}{'engine':10s}" + "".join(f"{column:>11s}" for column in columns))
+    engines = {name: whole_engine(name, arguments.weights) for name in ENGINES}
+    print_header("scene")
     everything = []
-    for folder in sorted(path.parent for path in arguments.folder.glob("*/scene.json")):
-        rows = score_scene(folder, renderers)
+    for folder in scene_folders(arguments.folder):
+        rows = score(read_shots(folder), engines)
         everything += rows
-        for label, some in ((folder.name, rows), ("all so far", everything)):
-            scores = mean_scores(some)
-            for name in renderers:
-                values = "".join(f"{scores[f'{name}/{column}']:11.4f}" for column in columns)
-                print(f"{label:22s}{name:10s}{values}")
+        print_scores(folder.name, rows)
+        print_scores("all so far", everything)
 
 
 if __name__ == "__main__":

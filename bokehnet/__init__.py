@@ -9,8 +9,10 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "Aperture": "bokehnet.optics.aperture",
     "BokehRenderer": "bokehnet.inference.pipeline",
     "BokehnetError": "bokehnet.errors",
+    "Highlights": "bokehnet.optics.tone",
     "RenderResult": "bokehnet.inference.pipeline",
     "ThinLens": "bokehnet.lenses.thin",
     "defocus_from_disparity": "bokehnet.optics.coc",

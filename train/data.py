@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from bokehnet.cascade import build_levels
+from bokehnet.classical.base import make_classical
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.scatter import scatter
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.pyramid import count_halvings, downsample2
 from bokehnet.synth.shards import ShardSet, TrainingSample
@@ -39,6 +39,7 @@ class DataConfig:
         spoilt: Share of examples whose disparity is blurred, dilated or eroded before it is used.
         max_exposure: Light is scaled by 2 ** u, u uniform in [-max_exposure, max_exposure].
         coarse_crop: Side of the crops at ARNet's size, pixels.
+        classical: The classical renderer whose result the networks correct.
     """
 
     folder: str
@@ -48,6 +49,7 @@ class DataConfig:
     spoilt: float = 0.35
     max_exposure: float = 1.0
     coarse_crop: int = 96
+    classical: str = "scatter"
 
 
 def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -93,10 +95,11 @@ def make_example(
             disparity = spoil_disparity(disparity, rng)
     blur, focus = float(sample.blur[view]), float(sample.focus[view])
     defocus, true_defocus = (defocus_from_disparity(d, blur, focus) for d in (disparity, true_disparity))
-    target = geometric_error_map(defocus)
+    result = make_classical(config.classical)(image, defocus)
+    target = result.error_map
     if true_disparity is not disparity:
         target = np.maximum(target, geometric_error_map(true_defocus))
-    colours = {"image": image, "classical": scatter(image, defocus), "truth": truth}
+    colours = {"image": image, "classical": result.bokeh, "truth": truth}
     example = {name: torch.from_numpy(x).permute(2, 0, 1).contiguous() for name, x in colours.items()}
     return example | {"defocus": torch.from_numpy(defocus)[None], "error_map": torch.from_numpy(target)[None]}
 

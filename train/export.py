@@ -7,7 +7,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from bokehnet.errors import BokehnetError
+from bokehnet.errors import BokehnetError, ModelFileError
 from bokehnet.models.checkpoint import load_checkpoint, load_network
 from bokehnet.models.onnx_export import PARITY, export_networks
 
@@ -27,7 +27,13 @@ def main() -> None:
             state = load_checkpoint(getattr(arguments, name))
             notes[name] = {"steps": state["step"], "run": state["run"]}
         arnet, iunet = (load_network(getattr(arguments, name), name) for name in ("arnet", "iunet"))
-        differences = export_networks(arnet, iunet, arguments.out, notes)
+        bases = {name: note["run"]["data"].get("classical", "scatter") for name, note in notes.items()}
+        if bases["arnet"] != bases["iunet"]:
+            raise ModelFileError(
+                f"both networks must correct one classical renderer, found {bases['arnet']} for ARNet and "
+                f"{bases['iunet']} for IUNet; train IUNet again with data.classical = {bases['arnet']!r}"
+            )
+        differences = export_networks(arnet, iunet, arguments.out, notes, bases["arnet"])
     except BokehnetError as error:
         sys.exit(f"error: {error}")
     for name, difference in differences.items():

@@ -8,38 +8,58 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from bokehnet.checks import check_rank, check_same_size
-from bokehnet.classical.kernels import scatter_backward, scatter_forward
+from bokehnet.classical import levels, torch_scatter
+from bokehnet.classical.levels import Spread
+from bokehnet.classical.shapes import spread_operator
+from bokehnet.classical.spread import LARGEST_RADIUS
+from bokehnet.optics.aperture import Aperture
 
-__all__ = ["scatter"]
+__all__ = ["scatter", "spread"]
 
 
-class _Scatter(torch.autograd.Function):
+class _Spread(torch.autograd.Function):
     """Bind the NumPy kernels to autograd. Zero-copy, so CPU tensors only."""
 
     @staticmethod
-    def forward(ctx: Any, image: Tensor, defocus: Tensor) -> tuple[Tensor, Tensor]:
-        ctx.save_for_backward(image, defocus)
-        total, weight = scatter_forward(image.detach().numpy(), defocus.detach().numpy())
-        return torch.from_numpy(total), torch.from_numpy(weight)
+    def forward(ctx: Any, values: Tensor, defocus: Tensor, operator: Spread) -> Tensor:
+        ctx.save_for_backward(values, defocus)
+        ctx.operator = operator
+        sums = levels.spread_forward(values.detach().numpy(), defocus.detach().numpy(), operator)
+        return torch.from_numpy(sums)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad_total: Tensor, grad_weight: Tensor) -> tuple[Tensor, Tensor]:
-        image, defocus = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
-        gradients: tuple[np.ndarray, np.ndarray] = scatter_backward(
-            image, defocus, grad_total.numpy(), grad_weight.numpy()
+    def backward(ctx: Any, grad_sums: Tensor) -> tuple[Tensor, Tensor, None]:
+        values, defocus = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
+        gradients: tuple[np.ndarray, np.ndarray] = levels.spread_backward(
+            values, defocus, grad_sums.contiguous().numpy(), ctx.operator
         )
-        return torch.from_numpy(gradients[0]), torch.from_numpy(gradients[1])
+        return torch.from_numpy(gradients[0]), torch.from_numpy(gradients[1]), None
 
 
 @torch.compiler.disable  # Dynamo cannot trace a Numba dispatcher
-def scatter(image: Tensor, defocus: Tensor) -> Tensor:
-    """Render bokeh by scattering; differentiable in both arguments, once.
+def spread(values: Tensor, defocus: Tensor, operator: Spread = levels.DISC) -> Tensor:
+    """Spread values over shapes and add up: :func:`bokehnet.classical.levels.spread_forward` on tensors.
 
     Args:
-        image: Scene-linear colours, (H, W, C) on the CPU, float32 or float64.
-        defocus: Signed blur radius in pixels, (H, W), of the same dtype. Where its magnitude is 0.5 or
-            less the picture does not depend on it, and the gradient is 0.
+        values: What each pixel spreads, (H, W, C) on the CPU, float32 or float64.
+        defocus: Signed blur radius in pixels, (H, W), of the same dtype.
+        operator: The shape.
+
+    Returns:
+        Sums (H, W, C), once differentiable in both tensors.
+    """
+    return _Spread.apply(values.contiguous(), defocus.contiguous(), operator)
+
+
+def scatter(image: Tensor, defocus: Tensor, aperture: Aperture | None = None) -> Tensor:
+    """Render bokeh by scattering; differentiable in both tensors, once.
+
+    Args:
+        image: Scene-linear colours, (H, W, C), float32 or float64, on the CPU or a CUDA device.
+        defocus: Signed blur radius in pixels, (H, W), of the same dtype and device. Where its magnitude is
+            0.5 or less the picture does not depend on it, and the gradient is 0.
+        aperture: Shape of the lens opening; default a plain disc.
 
     Returns:
         Picture (H, W, C).
@@ -50,5 +70,12 @@ def scatter(image: Tensor, defocus: Tensor) -> Tensor:
     check_rank("image", image, 3, "(H, W, C)")
     check_rank("defocus", defocus, 2, "(H, W)")
     check_same_size("image", image, "defocus", defocus)
-    total, weight = _Scatter.apply(image.contiguous(), defocus.contiguous())
-    return total / weight[..., None]
+    values = torch.cat([image, torch.ones_like(image[..., :1])], -1)
+    defocus = defocus.clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
+    if image.is_cuda:
+        sums = torch_scatter.spread(values, defocus, aperture)
+    else:
+        sums = spread(values, defocus, spread_operator(aperture))
+    weight = sums[..., -1:]
+    lit = weight > 0
+    return torch.where(lit, sums[..., :-1] / torch.where(lit, weight, torch.ones_like(weight)), image)

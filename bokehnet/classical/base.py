@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.optics.aperture import Aperture
 
 __all__ = ["CLASSICAL_RENDERERS", "ClassicalRenderer", "ClassicalResult", "check_inputs", "make_classical"]
 
@@ -28,18 +29,24 @@ class ClassicalResult:
 class ClassicalRenderer(Protocol):
     """A renderer without learned parts."""
 
-    def __call__(self, image: np.ndarray, defocus: np.ndarray) -> ClassicalResult:
+    def __call__(
+        self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None
+    ) -> ClassicalResult:
         """Render.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3), float32.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
+            aperture: Shape of the lens opening; default a plain disc.
         """
         ...
 
 
 # Name -> "module:function"; loaded on first use, so that a name costs nothing.
-CLASSICAL_RENDERERS = {"scatter": "bokehnet.classical.scatter:render_scatter"}
+CLASSICAL_RENDERERS = {
+    "rays": "bokehnet.classical.rays:render_rays",
+    "scatter": "bokehnet.classical.scatter:render_scatter",
+}
 
 
 def make_classical(name: str) -> ClassicalRenderer:

@@ -1,241 +1,285 @@
-"""Numba kernels that scatter every pixel over a disc, and their adjoint.
+"""Numba kernels that spread every pixel over its disc, and their adjoint. One grid, no shortcuts.
 
-A pixel with blur radius r lights the disc of that radius around its centre. The disc is cut into rows
-one pixel high; row k gets the exact area of the disc between k - 1/2 and k + 1/2, laid out as one
-interval centred on the pixel, whose two ends cover their pixels in part. Divided by the disc's area the
-weights sum to one for every radius, and they change smoothly with it. Only the two ends of an interval
-are written, as differences along the row; one running sum per row then fills the insides, so that a
-pixel costs O(r), not O(r^2).
+A pixel with blur radius r lights the disc of that radius around its centre; every pixel gets the exact
+area of the disc that falls on it (:mod:`bokehnet.classical.disc`), over the disc's area. Only the ends of
+the intervals that make up a row are written, as differences along the row; one running sum per row then
+fills the insides, so that a pixel costs O(r), not O(r^2). The adjoint reads, at the same places, running
+sums of the gradient that come from the row's end.
 
 Destination rows are worked in bands of a fixed height. One thread owns a band and visits all sources
-that reach it in a fixed order: the result has the same bits for any number of threads.
+that reach it in a fixed order: the result has the same bits for any number of threads. A band is kept in
+float64, so that beyond a bright disc nothing is left of it but 1e-16 of its light.
+
+Rows hold four channels side by side, and one more pixel behind the last, which nobody looks at.
 
 Source: Kosloff, Tao and Barsky, "Depth of field postprocessing for layered scenes using constant-time
-rectangle spreading", Graphics Interface 2009, for spreading by differences; the rows are ours.
+rectangle spreading", Graphics Interface 2009, for spreading by differences; the discs are ours.
 """
 
 import math
-import threading
-from typing import Any
 
 import numpy as np
 from numba import njit, prange
 
-__all__ = ["LARGEST_RADIUS", "SMALLEST_RADIUS", "scatter_backward", "scatter_forward"]
+from bokehnet.classical.disc import SMALLEST_RADIUS, TABLE_RADIUS, find_step, list_row
+from bokehnet.classical.vector import add_interval, difference, load_four
 
-# A disc of half a pixel or less lies inside its own pixel: the scatter is the identity there.
-SMALLEST_RADIUS = 0.5
+__all__ = ["BAND_ROWS", "LARGEST_RADIUS", "gather_discs", "spread_discs", "sum_from_end"]
 
-# Far beyond any picture, and small enough that the weight 1 / (pi r^2) is a normal float32.
-LARGEST_RADIUS = 1e9
+# Far beyond any picture, and small enough that 1 / (pi r^2) stands far above the rounding of the sums.
+LARGEST_RADIUS = 1e4
 
-BAND_ROWS = 32
+BAND_ROWS = 64
 
-# Two Python threads inside one parallel region would abort the process on numba's workqueue layer.
-_parallel_region = threading.Lock()
-
-
-@njit(cache=True)
-def half_area(t):  # type: ignore[no-untyped-def]
-    """Area under the unit circle's upper half from 0 to t, t clamped to [-1, 1]."""
-    if t >= 1.0:
-        return math.pi / 4
-    if t <= -1.0:
-        return -math.pi / 4
-    return 0.5 * (t * math.sqrt(1.0 - t * t) + math.asin(t))
+# How much farther than its radius a disc can reach: half a pixel, and to the end of its step in the table.
+_MARGIN = 1.5
 
 
-@njit(cache=True)
-def clamped_asin(t):  # type: ignore[no-untyped-def]
-    """Arc sine of t clamped to [-1, 1]; r times it is the derivative of the area by the radius."""
-    if t >= 1.0:
-        return math.pi / 2
-    if t <= -1.0:
-        return -math.pi / 2
-    return math.asin(t)
-
-
-@njit(cache=True)
-def _deposit(row, left, right, value):  # type: ignore[no-untyped-def]
-    """Add ``value`` over the interval [left, right] (pixel i covers i - 1/2 .. i + 1/2) as differences."""
-    width = row.shape[0] - 1
-    channels = value.shape[0]
-    if left <= -0.5:
-        for c in range(channels):
-            row[0, c] += value[c]
-    else:
-        i = int(math.floor(left + 0.5))
-        if i >= width:
-            return
-        inside = i + 0.5 - left
-        for c in range(channels):
-            row[i, c] += inside * value[c]
-            row[i + 1, c] += (1.0 - inside) * value[c]
-    if right < width - 0.5:
-        i = int(math.floor(right + 0.5))
-        if i < 0:
-            for c in range(channels):
-                row[0, c] -= value[c]
-            return
-        inside = i + 0.5 - right
-        for c in range(channels):
-            row[i, c] -= inside * value[c]
-            row[i + 1, c] -= (1.0 - inside) * value[c]
-
-
-@njit(cache=True)
-def _row_reach(defocus):  # type: ignore[no-untyped-def]
-    """How many rows the pixels of each row reach up or down."""
-    reach = np.zeros(defocus.shape[0], np.int64)
-    for y in range(defocus.shape[0]):
-        largest = SMALLEST_RADIUS
-        for x in range(defocus.shape[1]):
+@njit(cache=True, parallel=True, fastmath=True)  # nothing is added: only the order of comparisons is free
+def _survey(values, defocus):  # type: ignore[no-untyped-def]
+    """Rows that the discs of each row can reach up or down (-1: all sharp); whether a value is negative."""
+    height, width = defocus.shape
+    reach, negative = np.empty(height, np.int64), np.zeros(height, np.bool_)
+    for row in prange(height):
+        y = np.int64(row)
+        largest, below = abs(defocus[y, 0]), False
+        for x in range(width):
             largest = max(largest, abs(defocus[y, x]))
-        reach[y] = int(math.floor(min(largest, LARGEST_RADIUS) + 0.5))
-    return reach
+        for x in range(width):
+            for channel in range(4):
+                below |= values[y, x, channel] < 0.0
+        reach[y] = int(min(largest, LARGEST_RADIUS) + _MARGIN) if largest > SMALLEST_RADIUS else -1
+        negative[y] = below
+    return reach, negative.any()
 
 
 @njit(cache=True)
-def _scatter_band(image, defocus, reach, first, last, total, weight):  # type: ignore[no-untyped-def]
-    """Fill rows ``first`` to ``last`` (excluded) of ``total`` and ``weight``."""
-    height, width, channels = image.shape
-    sums = np.zeros((last - first, width + 1, channels + 1))
-    value = np.empty(channels + 1)
+def _stride(bands):  # type: ignore[no-untyped-def]
+    """Step by which to go round the bands once; each thread's share then comes from all over the picture."""
+    step = max(1, int(0.618 * bands))
+    while math.gcd(step, bands) != 1:
+        step += 1
+    return step
+
+
+@njit(cache=True)
+def _four(array, y, x):  # type: ignore[no-untyped-def]
+    """The four channels of a pixel in float64."""
+    return (
+        np.float64(array[y, x, 0]),
+        np.float64(array[y, x, 1]),
+        np.float64(array[y, x, 2]),
+        np.float64(array[y, x, 3]),
+    )
+
+
+@njit(cache=True)
+def _write_whole(sums, stride, centre, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+    """Write the ends of a disc that lies inside the band, in all four quarters."""
+    for n in range(np.uint64(start), np.uint64(end)):
+        strength = weights[n, 0] + along * weights[n, 1]
+        row, column = stride * np.int64(places[n, 0]), 4 * np.int64(places[n, 1])
+        add_interval(sums, centre - row - column, centre - row + column + 4, strength, value)
+        add_interval(sums, centre + row - column, centre + row + column + 4, strength, value)
+
+
+@njit(cache=True)
+def _write_half(sums, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+    """Write some ends of a disc around column x, below ``line`` or, with negative ``stride``, above it.
+
+    What lies left of the picture is written to its border, what lies right of it to the pixel behind the
+    last.
+    """
+    for n in range(np.uint64(start), np.uint64(end)):
+        strength = weights[n, 0] + along * weights[n, 1]
+        row, column = line + stride * np.int64(places[n, 0]), np.int64(places[n, 1])
+        left, right = row + 4 * max(x - column, 0), row + 4 * min(x + column + 1, width)
+        add_interval(sums, left, right, strength, value)
+
+
+@njit(cache=True)
+def _list_disc(radius, nearest, farthest, border, first, places, weights):  # type: ignore[no-untyped-def]
+    """List the ends of a disc that the table lacks, rows ``nearest`` to ``farthest``."""
+    end = 0
+    for k in range(nearest, farthest + 1):
+        first[0, k] = end
+        end = list_row(radius, k, border, end, places, weights)
+        first[0, k + 1] = end
+
+
+@njit(cache=True)
+def _new_lists(height, width):  # type: ignore[no-untyped-def]
+    """Room for the ends of one disc on ``height`` rows: ``first``, ``places`` and ``weights`` of a table."""
+    longest = width + 3 * height + 8
+    return np.empty((1, height + 2), np.int32), np.empty((longest, 2), np.int16), np.empty((longest, 2))
+
+
+@njit(cache=True)
+def _write_band(values, defocus, reach, table, top, bottom, sums):  # type: ignore[no-untyped-def]
+    """Write all discs that reach the rows ``top`` to ``bottom`` (excluded) into ``sums``."""
+    height, width = defocus.shape
+    stride = 4 * (width + 1)
+    own_first, own_places, own_weights = _new_lists(height, width)
     for y in range(height):
-        if y + reach[y] < first or y - reach[y] >= last:
+        if reach[y] < 0 or y + reach[y] < top or y - reach[y] >= bottom:
             continue
-        nearest = max(0, first - y, y - (last - 1))
+        nearest = max(0, top - y, y - (bottom - 1))
+        line = (y - top) * stride
         for x in range(width):
-            radius = min(max(abs(float(defocus[y, x])), SMALLEST_RADIUS), LARGEST_RADIUS)
-            farthest = min(int(math.floor(radius + 0.5)), max(last - 1 - y, y - first))
-            if farthest < nearest:
+            radius = np.float64(min(abs(defocus[y, x]), LARGEST_RADIUS))
+            if radius <= SMALLEST_RADIUS or radius + _MARGIN < nearest:
                 continue
-            w = 1.0 / (math.pi * radius * radius)
-            for c in range(channels):
-                value[c] = w * image[y, x, c]
-            value[channels] = w
-            below = half_area((nearest - 0.5) / radius)
-            for k in range(nearest, farthest + 1):
-                above = half_area((k + 0.5) / radius)
-                half_width = radius * radius * (above - below)
-                below = above
-                if half_width <= 0.0:
+            value = _four(values, y, x)
+            if value[0] == 0 and value[1] == 0 and value[2] == 0 and value[3] == 0:
+                continue
+            if radius < TABLE_RADIUS:
+                step, along, far = find_step(table, radius)
+                first, places, weights = table.first, table.places, table.weights
+                if y - far >= top and y + far < bottom and x >= far and x + far < width:
+                    start, end = first[step, 0], first[step, far + 1]
+                    _write_whole(sums, stride, line + 4 * x, value, along, start, end, places, weights)
                     continue
-                if first <= y + k < last:
-                    _deposit(sums[y + k - first], x - half_width, x + half_width, value)
-                if k > 0 and first <= y - k < last:
-                    _deposit(sums[y - k - first], x - half_width, x + half_width, value)
-    running = np.empty(channels + 1)
-    for row in range(last - first):
-        running[:] = 0.0
-        for x in range(width):
-            for c in range(channels + 1):
-                running[c] += sums[row, x, c]
-            for c in range(channels):
-                total[first + row, x, c] = running[c]
-            weight[first + row, x] = running[channels]
-
-
-@njit(cache=True, parallel=True)
-def _scatter_forward(image, defocus, total, weight):  # type: ignore[no-untyped-def]
-    height = image.shape[0]
-    reach = _row_reach(defocus)
-    for band in prange((height + BAND_ROWS - 1) // BAND_ROWS):
-        first = band * BAND_ROWS
-        _scatter_band(image, defocus, reach, first, min(height, first + BAND_ROWS), total, weight)
+            else:
+                step, along, far = 0, 0.0, int(radius + 0.5)
+                first, places, weights = own_first, own_places, own_weights
+                farthest = min(far, max(bottom - 1 - y, y - top))
+                _list_disc(radius, nearest, farthest, max(x, width - 1 - x), first, places, weights)
+            upper, lower = min(far, y - top), min(far, bottom - 1 - y)
+            if upper >= nearest:
+                start, end = first[step, nearest], first[step, upper + 1]
+                _write_half(sums, -stride, line, x, width, value, along, start, end, places, weights)
+            if lower >= nearest:
+                start, end = first[step, nearest], first[step, lower + 1]
+                _write_half(sums, stride, line, x, width, value, along, start, end, places, weights)
 
 
 @njit(cache=True)
-def _integral(sums, values, position, out):  # type: ignore[no-untyped-def]
-    """Integral of a row of pixels from its left border to ``position``; ``sums`` are exclusive."""
-    width = values.shape[0]
-    i = min(max(int(math.floor(position + 0.5)), 0), width)
-    for c in range(out.shape[0]):
-        out[c] = sums[i, c]
-    if i < width and position > -0.5:
-        inside = position - (i - 0.5)
-        for c in range(out.shape[0]):
-            out[c] += inside * values[i, c]
+def _sum_band(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[no-untyped-def]
+    """Sum the differences along the rows ``top`` to ``bottom`` of ``out``, and add the sharp pixels."""
+    width = defocus.shape[1]
+    for y in range(top, bottom):
+        line = (y - top) * 4 * (width + 1)
+        a, b, c, d = 0.0, 0.0, 0.0, 0.0
+        for x in range(width):
+            more = load_four(sums, line + 4 * x)
+            a, b, c, d = a + more[0], b + more[1], c + more[2], d + more[3]
+            out[y, x, 0] = max(a, lowest)
+            out[y, x, 1] = max(b, lowest)
+            out[y, x, 2] = max(c, lowest)
+            out[y, x, 3] = max(d, lowest)
+            if abs(defocus[y, x]) <= SMALLEST_RADIUS:
+                for channel in range(4):
+                    out[y, x, channel] += values[y, x, channel]
 
 
 @njit(cache=True, parallel=True)
-def _scatter_backward(image, defocus, gradient, sums, grad_image, grad_defocus):  # type: ignore[no-untyped-def]
-    height, width, channels = image.shape
-    for y in prange(height):
-        high = np.empty(channels + 1)
-        low = np.empty(channels + 1)
-        gathered = np.empty(channels + 1)
-        by_radius = np.empty(channels + 1)
-        for x in range(width):
-            signed = float(defocus[y, x])
-            radius = min(max(abs(signed), SMALLEST_RADIUS), LARGEST_RADIUS)
-            lowest = -min(int(math.floor(radius + 0.5)), y)
-            highest = min(int(math.floor(radius + 0.5)), height - 1 - y)
-            gathered[:] = 0.0
-            by_radius[:] = 0.0
-            below = half_area((lowest - 0.5) / radius)
-            angle_below = clamped_asin((lowest - 0.5) / radius)
-            for k in range(lowest, highest + 1):
-                above = half_area((k + 0.5) / radius)
-                angle_above = clamped_asin((k + 0.5) / radius)
-                half_width = radius * radius * (above - below)
-                growth = radius * (angle_above - angle_below)
-                below = above
-                angle_below = angle_above
-                if half_width <= 0.0:
-                    continue
-                row = y + k
-                _integral(sums[row], gradient[row], x + half_width, high)
-                _integral(sums[row], gradient[row], x - half_width, low)
-                right = int(math.floor(x + half_width + 0.5))
-                left = int(math.floor(x - half_width + 0.5))
-                for c in range(channels + 1):
-                    gathered[c] += high[c] - low[c]
-                    if right < width:
-                        by_radius[c] += growth * gradient[row, right, c]
-                    if left >= 0:
-                        by_radius[c] += growth * gradient[row, left, c]
-            w = 1.0 / (math.pi * radius * radius)
-            slope = 0.0
-            for c in range(channels + 1):
-                source = image[y, x, c] if c < channels else 1.0
-                slope += source * w * (by_radius[c] - 2.0 / radius * gathered[c])
-                if c < channels:
-                    grad_image[y, x, c] = w * gathered[c]
-            if SMALLEST_RADIUS < abs(signed) <= LARGEST_RADIUS:
-                grad_defocus[y, x] = slope if signed > 0 else -slope
-
-
-def scatter_forward(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scatter every pixel over its disc and add up.
+def spread_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
+    """Spread ``values`` (H, W, 4) over discs into ``out``.
 
     Args:
-        image: Scene-linear colours, shape (H, W, C), float32 or float64.
-        defocus: Blur radius in pixels, shape (H, W); only its magnitude matters.
-
-    Returns:
-        Weighted colours (H, W, C) and weights (H, W), of the image's dtype. Their quotient is the
-        rendered picture; away from the borders the weights of a uniform blur are 1.
+        values: What each pixel spreads.
+        defocus: Radii (H, W); the sign does not matter.
+        table: Of small discs.
+        out: Sums, (H, W, 4); not below 0 when no value is.
     """
-    total = np.empty_like(image)
-    weight = np.empty(image.shape[:2], image.dtype)
-    with _parallel_region:
-        _scatter_forward(image, defocus, total, weight)
-    return total, weight
+    height, width = defocus.shape
+    reach, negative = _survey(values, defocus)
+    lowest = -np.inf if negative else 0.0
+    bands = (height + BAND_ROWS - 1) // BAND_ROWS
+    stride = _stride(bands)
+    for band in prange(bands):
+        top = np.int64(band) * stride % bands * BAND_ROWS
+        bottom = min(height, top + BAND_ROWS)
+        sums = np.zeros((bottom - top) * 4 * (width + 1))
+        _write_band(values, defocus, reach, table, top, bottom, sums)
+        _sum_band(values, defocus, top, bottom, lowest, sums, out)
 
 
-def scatter_backward(
-    image: np.ndarray, defocus: np.ndarray, grad_total: np.ndarray, grad_weight: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`scatter_forward`: gradients for the image and the defocus, at the same cost.
+@njit(cache=True)
+def _read_half(rests, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+    """Adjoint of :func:`_write_half`: gradients for the value (4) and the radius."""
+    a, b, c, d, slope = 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(np.uint64(start), np.uint64(end)):
+        strength = weights[n, 0] + along * weights[n, 1]
+        row, column = line + stride * np.int64(places[n, 0]), np.int64(places[n, 1])
+        inside = difference(rests, row + 4 * max(x - column, 0), row + 4 * min(x + column + 1, width))
+        a += strength * inside[0]
+        b += strength * inside[1]
+        c += strength * inside[2]
+        d += strength * inside[3]
+        light = value[0] * inside[0] + value[1] * inside[1] + value[2] * inside[2] + value[3] * inside[3]
+        slope += weights[n, 1] * light
+    return a, b, c, d, slope
 
-    The derivative by a defocus of magnitude up to ``SMALLEST_RADIUS``, or above ``LARGEST_RADIUS``, is 0.
+
+@njit(cache=True, parallel=True)
+def sum_from_end(gradient):  # type: ignore[no-untyped-def]
+    """Sums of ``gradient`` (H, W, 4) from each pixel to the end of its row, flat (H (W + 1) 4)."""
+    height, width, _ = gradient.shape
+    rests = np.empty(height * (width + 1) * 4)
+    for y in prange(height):
+        line = np.int64(y) * (width + 1) * 4
+        for channel in range(4):
+            rest = 0.0
+            rests[line + 4 * width + channel] = rest
+            for x in range(width - 1, -1, -1):
+                rest += gradient[y, x, channel]
+                rests[line + 4 * x + channel] = rest
+    return rests
+
+
+@njit(cache=True)
+def _read_band(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+    """Gradients for the rows ``top`` to ``bottom`` (excluded)."""
+    height, width = defocus.shape
+    stride = 4 * (width + 1)
+    own_first, own_places, own_weights = _new_lists(height, width)
+    for y in range(top, bottom):
+        for x in range(width):
+            signed = np.float64(defocus[y, x])
+            radius = min(abs(signed), LARGEST_RADIUS)
+            if radius <= SMALLEST_RADIUS:
+                for channel in range(4):
+                    grad_values[y, x, channel] = gradient[y, x, channel]
+                continue
+            if radius < TABLE_RADIUS:
+                step, along, far = find_step(table, radius)
+                first, places, weights = table.first, table.places, table.weights
+            else:
+                step, along, far = 0, 0.0, int(radius + 0.5)
+                first, places, weights = own_first, own_places, own_weights
+                farthest = min(far, max(height - 1 - y, y))
+                _list_disc(radius, 0, farthest, max(x, width - 1 - x), first, places, weights)
+            value, start, line = _four(values, y, x), first[step, 0], y * stride
+            end = first[step, min(far, y) + 1]
+            upper = _read_half(rests, -stride, line, x, width, value, along, start, end, places, weights)
+            end = first[step, min(far, height - 1 - y) + 1]
+            lower = _read_half(rests, stride, line, x, width, value, along, start, end, places, weights)
+            grad_values[y, x, 0] = upper[0] + lower[0]
+            grad_values[y, x, 1] = upper[1] + lower[1]
+            grad_values[y, x, 2] = upper[2] + lower[2]
+            grad_values[y, x, 3] = upper[3] + lower[3]
+            if abs(signed) <= LARGEST_RADIUS:
+                grad_defocus[y, x] += math.copysign(1.0, signed) * (upper[4] + lower[4])
+
+
+@njit(cache=True, parallel=True)
+def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+    """Adjoint of :func:`spread_discs`; adds to ``grad_defocus``.
+
+    Args:
+        values: As in the forward, (H, W, 4).
+        defocus: Likewise.
+        table: Likewise.
+        gradient: For the sums, (H, W, 4).
+        rests: Its sums from the row's end, by :func:`sum_from_end`.
+        grad_values: To be filled, (H, W, 4).
+        grad_defocus: To be added to, (H, W).
     """
-    gradient = np.concatenate([grad_total, grad_weight[..., None]], axis=-1, dtype=np.float64)
-    sums: np.ndarray[Any, Any] = np.zeros((gradient.shape[0], gradient.shape[1] + 1, gradient.shape[2]))
-    np.cumsum(gradient, axis=1, out=sums[:, 1:])
-    grad_image = np.empty_like(image)
-    grad_defocus = np.zeros_like(defocus)
-    with _parallel_region:
-        _scatter_backward(image, defocus, gradient, sums, grad_image, grad_defocus)
-    return grad_image, grad_defocus
+    height = defocus.shape[0]
+    bands = (height + BAND_ROWS - 1) // BAND_ROWS
+    stride = _stride(bands)
+    for band in prange(bands):
+        top = np.int64(band) * stride % bands * BAND_ROWS
+        bottom = min(height, top + BAND_ROWS)
+        _read_band(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus)

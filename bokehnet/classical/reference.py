@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from bokehnet.classical.kernels import SMALLEST_RADIUS
+from bokehnet.classical.disc import SMALLEST_RADIUS
 
 __all__ = ["disc_coverage", "disc_weights", "scatter_reference"]
 
@@ -17,21 +17,20 @@ def disc_coverage(radius: float, reach: int, oversampling: int = 200) -> np.ndar
     return inside.reshape(size, oversampling, size, oversampling).mean(axis=(1, 3))
 
 
-def disc_weights(radius: float, reach: int) -> np.ndarray:
-    """Weights of the scatter's row model on a (2 reach + 1)^2 window, without differences or sums.
+def disc_weights(radius: float, reach: int, lines: int = 400) -> np.ndarray:
+    """Part of a disc's light on each pixel of a (2 reach + 1)^2 window, without differences or tables.
 
-    Row k covers |x| <= half_width(k), where half_width is the disc's half chord averaged over the row
-    (Simpson's rule on a fine grid); the weight of a pixel is its overlap with that interval over pi r^2.
+    Each row of pixels is cut into thin lines; the disc covers a line between two ends, and the weight of a
+    pixel is the length it has in common with that, averaged over its lines, over the disc's area.
     """
     radius = max(radius, SMALLEST_RADIUS)
     pixels = np.arange(-reach, reach + 1)
-    fine = np.linspace(-0.5, 0.5, 20001)
+    thin = (np.arange(lines) + 0.5) / lines - 0.5
     weights = np.empty((2 * reach + 1, 2 * reach + 1))
     for k in pixels:
-        chord = np.sqrt(np.maximum(radius**2 - (k + fine) ** 2, 0.0))
-        half_width = np.trapezoid(chord, fine)
-        overlap = np.minimum(pixels + 0.5, half_width) - np.maximum(pixels - 0.5, -half_width)
-        weights[k + reach] = np.maximum(overlap, 0.0)
+        half = np.sqrt(np.maximum(radius**2 - (k + thin[:, None]) ** 2, 0.0))
+        common = np.minimum(pixels + 0.5, half) - np.maximum(pixels - 0.5, -half)
+        weights[k + reach] = np.maximum(common, 0.0).mean(axis=0)
     return weights / (math.pi * radius**2)
 
 

@@ -1,20 +1,48 @@
-"""The scatter renderer: every pixel spreads over its disc, the sums are normalised."""
+"""The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
 import numpy as np
+from numba import njit, prange
 
+from bokehnet.classical import levels
 from bokehnet.classical.base import ClassicalResult, check_inputs
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.kernels import scatter_forward
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.shapes import spread_operator
+from bokehnet.classical.spread import LARGEST_RADIUS
+from bokehnet.optics.aperture import Aperture
 
 __all__ = ["render_scatter", "scatter"]
 
 
-def scatter(image: np.ndarray, defocus: np.ndarray) -> np.ndarray:
+@njit(cache=True, parallel=True)
+def _add_weight(image, values):  # type: ignore[no-untyped-def]
+    """Fill ``values`` (H, W, 4) with the picture and a channel of ones."""
+    height, width, _ = image.shape
+    for y in prange(height):
+        for x in range(width):
+            for c in range(3):
+                values[y, x, c] = image[y, x, c]
+            values[y, x, 3] = 1.0
+
+
+@njit(cache=True, parallel=True)
+def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
+    """Fill ``bokeh`` with colours over weight, or the picture where no light arrives (the hole of a ring)."""
+    height, width, _ = image.shape
+    for y in prange(height):
+        for x in range(width):
+            weight = sums[y, x, 3]
+            for c in range(3):
+                bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
+
+
+def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
     """Render bokeh by scattering, blind to occlusion.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
-        defocus: Signed blur radius in pixels, (H, W).
+        defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
+        aperture: Shape of the lens opening; default a plain disc.
 
     Returns:
         Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
@@ -26,12 +54,26 @@ def scatter(image: np.ndarray, defocus: np.ndarray) -> np.ndarray:
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022, for the
-        normalised scatter; the disc's weights are described in :mod:`bokehnet.classical.kernels`.
+        normalised scatter; the discs are described in :mod:`bokehnet.classical.kernels`, the short cut for
+        large ones in :mod:`bokehnet.classical.levels`.
     """
-    total, weight = scatter_forward(*check_inputs(image, defocus))
-    return np.asarray(total / weight[..., None])
+    image, defocus = check_inputs(image, defocus)
+    if max(defocus.max(), -defocus.min()) > LARGEST_RADIUS:
+        defocus = np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS)
+    values = np.empty((*defocus.shape, 4), image.dtype)  # NumPy's large arrays lie in huge pages, numba's not
+    with parallel_region:
+        _add_weight(image, values)
+    sums = levels.spread_forward(values, defocus, spread_operator(aperture), overwrite=True)
+    del values
+    bokeh = np.empty_like(image)
+    with parallel_region:
+        _normalise(sums, image, bokeh)
+    return bokeh
 
 
-def render_scatter(image: np.ndarray, defocus: np.ndarray) -> ClassicalResult:
+def render_scatter(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None
+) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`."""
-    return ClassicalResult(bokeh=scatter(image, defocus), error_map=geometric_error_map(defocus))
+    bokeh = scatter(image, defocus, aperture)
+    return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus))

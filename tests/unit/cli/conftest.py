@@ -8,7 +8,13 @@ WIDTH, HEIGHT = 64, 40
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch, write_channels):
+def no_bar(monkeypatch):
+    """Commands that succeed say nothing, also where numba compiles first or the machine is busy."""
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 300.0)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, write_channels, no_bar):
     """Work in a folder with photo.png, disparity.png (3 steps), camera.exr (R, G, B, Z, far), all 64x40."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(0)
@@ -21,6 +27,34 @@ def folder(tmp_path, monkeypatch, write_channels):
     write_map("disparity.png", disparity)
     write_channels("camera.exr", R=photo[..., 0], G=photo[..., 1], B=photo[..., 2], Z=metres, far=metres + 2)
     return tmp_path
+
+
+def snapshot(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def fails(folder, cli):
+    """Assert that a command line fails as it shall: without, and then with an older output file."""
+
+    def check(arguments, *words, output="out.png"):
+        for older in (False, True):
+            if older and (not (folder / output).parent.is_dir() or (folder / output).exists()):
+                return
+            if older:
+                (folder / output).write_bytes(b"older")
+            before = snapshot(folder)
+            outcome = cli(*arguments, "-o", output)
+            assert (outcome.code, outcome.out) == (1, "")
+            assert outcome.err.startswith("bokehnet: error: ")
+            assert outcome.err.count("\n") == 1
+            assert outcome.err.endswith("\n")
+            for word in words:
+                assert word in outcome.err
+            assert snapshot(folder) == before
+            assert not (folder / "maps").exists()
+
+    return check
 
 
 @pytest.fixture

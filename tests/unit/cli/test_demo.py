@@ -23,7 +23,7 @@ def tiles(sheet):
     return [sheet[y : y + HEIGHT, x : x + WIDTH] for y, x in corners]
 
 
-def test_the_demo_writes_a_sheet_with_each_distance_sharp_in_its_turn(tmp_path, cli):
+def test_the_demo_writes_a_sheet_with_each_distance_sharp_in_its_turn(tmp_path, cli, no_bar):
     output = tmp_path / "sheet.png"
     outcome = cli("demo", "--engine", "scatter", "-o", output)
     assert (outcome.code, outcome.err) == (0, "")
@@ -48,12 +48,15 @@ def read_as_grey(tile):
     return linear_to_srgb(tile[..., 0])
 
 
-def test_the_default_is_the_hybrid_into_the_working_folder(tmp_path, cli, monkeypatch, random_weights):
+@pytest.mark.parametrize(("arguments", "engine"), [([], "rays"), (["--engine", "hybrid"], "hybrid")])
+def test_the_default_is_the_rays_into_the_working_folder(
+    tmp_path, cli, monkeypatch, random_weights, arguments, engine
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bokehnet.inference.pipeline.WEIGHTS", random_weights)
-    outcome = cli("demo")
+    outcome = cli("demo", *arguments)
     assert outcome.code == 0
-    assert "engine hybrid" in outcome.out
+    assert f"engine {engine}" in outcome.out
     assert [path.name for path in tmp_path.iterdir()] == ["bokehnet_demo.png"]
 
 
@@ -62,8 +65,8 @@ def test_the_default_is_the_hybrid_into_the_working_folder(tmp_path, cli, monkey
     [
         (["-o", "nowhere/sheet.png"], ["nowhere", "does not exist"]),
         (["-o", "sheet.gif"], ["unknown extension '.gif'"]),
-        (["--engine", "magic"], ["hybrid, scatter", "magic"]),
-        ([], ["weights missing", "--engine scatter"]),
+        (["--engine", "magic"], ["hybrid, rays, scatter", "magic"]),
+        (["--engine", "hybrid"], ["weights missing", "--engine rays"]),
     ],
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, cli, monkeypatch, arguments, words):
@@ -84,6 +87,8 @@ def test_the_demo_needs_neither_extras_nor_a_network(tmp_path, python_process):
         "for name in ('torch', 'scipy', 'skimage', 'kornia', 'onnx'):\n    sys.modules[name] = None\n"
         "def refuse(*_, **__):\n    raise OSError('no network')\n"
         "socket.socket.connect = socket.getaddrinfo = refuse\n"
+        "from bokehnet.cli import progress\n"
+        "progress._DELAY = 300.0\n"
         "from bokehnet.cli.app import run\n"
         "sys.exit(run(['demo', '--engine', 'scatter', '-o', sys.argv[1]]))"
     )

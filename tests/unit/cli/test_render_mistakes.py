@@ -18,34 +18,6 @@ LENS = [*CAMERA, "--focus-distance", 1]
 ALL = [*MAP, *SIZES]
 
 
-def snapshot(folder):
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-@pytest.fixture
-def fails(folder, cli):
-    """Assert that a command line fails as it shall: without, and then with an older output file."""
-
-    def check(arguments, *words, output="out.png"):
-        for older in (False, True):
-            if older and (not (folder / output).parent.is_dir() or (folder / output).exists()):
-                return
-            if older:
-                (folder / output).write_bytes(b"older")
-            before = snapshot(folder)
-            outcome = cli(*arguments, "-o", output)
-            assert (outcome.code, outcome.out) == (1, "")
-            assert outcome.err.startswith("bokehnet: error: ")
-            assert outcome.err.count("\n") == 1
-            assert outcome.err.endswith("\n")
-            for word in words:
-                assert word in outcome.err
-            assert snapshot(folder) == before
-            assert not (folder / "maps").exists()
-
-    return check
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -74,7 +46,7 @@ def fails(folder, cli):
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--sensor-width", "nan"], ["--sensor-width", "finite"]),
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--channel", "W"], ["no channel 'W'", "Z"]),
         ([*PHOTO, "--depth", "disparity.png", *LENS], ["floating point", "disparity"]),
-        ([*ALL, "--engine", "magic"], ["hybrid, scatter", "magic"]),
+        ([*ALL, "--engine", "magic"], ["hybrid, rays, scatter", "magic"]),
         ([*ALL, "--save-maps", "photo.png/maps"], ["--save-maps", "photo.png"]),
     ],
 )
@@ -158,7 +130,7 @@ def test_a_folder_that_is_write_protected(fails, folder):
 
 def test_weights_that_are_missing(fails, folder, random_weights):
     hybrid = [*ALL, "--engine", "hybrid", "--weights", "weights"]
-    fails(hybrid, "weights missing", "manifest.json", "--engine scatter")
+    fails(hybrid, "weights missing", "manifest.json", "--engine rays")
     shutil.copytree(random_weights, folder / "weights")
     (folder / "weights" / "iunet.onnx").unlink()
     (folder / "out.png").unlink()

@@ -1,4 +1,4 @@
-"""The hybrid as users get it, with small random networks."""
+"""The renderer as users get it, the hybrid with small random networks."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.cascade import Level, refine_whole, render_neural
 from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.classical.rays import rays
 from bokehnet.classical.scatter import scatter
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.fusion import fuse
@@ -16,6 +17,8 @@ from bokehnet.inference.session import load_networks
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import export_networks
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.tone import Highlights, gamma_curve
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     """One body serves training and inference: the same picture to float precision, odd sizes included."""
     folder, (arnet, iunet) = pair
     image, defocus = picture(height, width, radius)
-    result = BokehRenderer(weights=folder).render(image, defocus)
+    result = BokehRenderer("hybrid", weights=folder).render(image, defocus)
     classical = scatter(image, defocus)
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
     everywhere = torch.ones(1, 1, height, width)
@@ -117,7 +120,7 @@ def test_where_the_error_map_is_zero_a_highlight_passes_unchanged(pair):
     folder, _ = pair
     image, defocus = picture(64, 64, 6)
     image[10, 50] = 1000.0
-    result = BokehRenderer(weights=folder).render(image, defocus)
+    result = BokehRenderer("hybrid", weights=folder).render(image, defocus)
     zero = geometric_error_map(defocus) == 0
     assert zero[10, 50]
     assert_array_equal(result.bokeh[zero], result.classical[zero])
@@ -132,18 +135,103 @@ def test_the_scatter_engine_is_the_scatter():
     assert result.neural is None
 
 
+def test_the_default_engine_is_the_rays():
+    image, defocus = picture(40, 50, 8)
+    renderer = BokehRenderer()
+    result = renderer.render(image, defocus)
+    assert renderer.engine == "rays"
+    assert_array_equal(result.bokeh, rays(image, defocus))
+    assert_array_equal(result.classical, result.bokeh)
+    assert result.neural is None
+
+
+PENTAGON = Aperture(blades=5, rotation=20)
+
+
+@pytest.mark.parametrize(
+    ("engine", "wanted"), [("scatter", scatter), ("rays", lambda *args: rays(*args[:2], aperture=args[2]))]
+)
+def test_the_aperture_reaches_the_engine(engine, wanted):
+    image, defocus = picture(40, 50, 8)
+    result = BokehRenderer(engine, aperture=PENTAGON).render(image, defocus)
+    assert_array_equal(result.bokeh, wanted(image, defocus, PENTAGON))
+    assert np.abs(result.bokeh - BokehRenderer(engine).render(image, defocus).bokeh).max() > 0.01
+
+
+@pytest.mark.parametrize("engine", ["scatter", "rays"])
+def test_gamma_is_the_curve_around_the_engine(engine):
+    """Oracle: encode, render, decode by hand; the curve has its own tests."""
+    image, defocus = picture(40, 50, 8)
+    image[5, 7] = 50.0
+    curve = gamma_curve(image, 2.5)
+    renderer = BokehRenderer(engine)
+    result = renderer.render(image, defocus, gamma=2.5)
+    wanted = curve.decode(renderer.render(curve.encode(image), defocus).bokeh)
+    assert_array_equal(result.bokeh, wanted)
+    assert_array_equal(result.classical, wanted)
+    assert result.bokeh.dtype == np.float32
+    assert result.bokeh.mean() > 1.2 * renderer.render(image, defocus).bokeh.mean()
+
+
+@pytest.mark.parametrize("engine", ["scatter", "rays"])
+@pytest.mark.parametrize("gamma", [0.3, 1.0, 2.2, 5.0])
+def test_powers_of_small_and_large_values_neither_underflow_nor_overflow(engine, gamma):
+    """Authority: a mean lies between the least and the largest of its values."""
+    image, defocus = picture(40, 50, 8)
+    image = 10 ** (10 * image - 6)
+    result = BokehRenderer(engine).render(image, defocus, gamma=gamma)
+    assert result.bokeh.min() >= 0.99e-6
+    assert result.bokeh.max() <= 1.01e4
+
+
+def test_highlights_are_expanded_before_and_stay_unclipped():
+    """Oracle: the expansion, which has its own tests, by hand."""
+    image, defocus = picture(40, 50, 8)
+    curve = Highlights(threshold=0.7, gain=5)
+    renderer = BokehRenderer("scatter")
+    result = renderer.render(image, defocus, highlights=curve)
+    assert_array_equal(result.bokeh, renderer.render(curve.expand(image), defocus).bokeh)
+    sharp = renderer.render(image, np.zeros_like(defocus), highlights=curve).bokeh
+    assert sharp.max() > 4
+    assert_allclose(curve.compress(sharp), image, rtol=1e-5)
+
+
+def test_the_hybrid_takes_highlights(pair):
+    image, defocus = picture(40, 50, 8)
+    curve = Highlights(threshold=0.7, gain=5)
+    renderer = BokehRenderer("hybrid", weights=pair[0])
+    result = renderer.render(image, defocus, highlights=curve)
+    assert_array_equal(result.bokeh, renderer.render(curve.expand(image), defocus).bokeh)
+
+
+def test_what_the_hybrid_was_not_trained_on_names_the_way_out(pair, tmp_path):
+    way_out = "all that the hybrid's networks know, got {}; use --engine rays"
+    with pytest.raises(
+        ParameterError, match="aperture: expected a plain disc, " + way_out.format("another shape")
+    ):
+        BokehRenderer("hybrid", aperture=PENTAGON, weights=tmp_path / "none")
+    renderer = BokehRenderer("hybrid", weights=pair[0], aperture=Aperture())
+    with pytest.raises(ParameterError, match="gamma: expected 1, " + way_out.format("2")):
+        renderer.render(*picture(20, 30, 4), gamma=2)
+
+
 def test_progress_is_reported_to_the_end(pair):
     folder, _ = pair
     seen = []
-    BokehRenderer(weights=folder).render(*picture(32, 32, 4), lambda done, total: seen.append((done, total)))
+    BokehRenderer("hybrid", weights=folder).render(
+        *picture(32, 32, 4), lambda done, total: seen.append((done, total))
+    )
     assert seen[0][0] == 0
     assert seen[-1][0] == seen[-1][1]
 
 
 def test_bad_arguments_are_named():
     image, defocus = picture(20, 30, 4)
-    with pytest.raises(ParameterError, match="engine: expected one of hybrid, scatter, got 'rays2'"):
+    with pytest.raises(ParameterError, match="engine: expected one of hybrid, rays, scatter, got 'rays2'"):
         BokehRenderer("rays2")
+    for gamma in (0.1, 6.0, np.nan):
+        with pytest.raises(ParameterError, match=r"^gamma: expected"):
+            BokehRenderer("scatter").render(image, defocus, gamma=gamma)
     with pytest.raises(ShapeError, match="30x20 pixels but defocus is 20x30"):
         BokehRenderer("scatter").render(image, defocus.T)
     with pytest.raises(ParameterError, match="NaN"):

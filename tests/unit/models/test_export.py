@@ -96,7 +96,14 @@ def test_networks_with_different_units_do_not_go_together(tmp_path):
             "expected manifest format 1, found 99",
         ),
         (lambda f: (f / "manifest.json").write_text('{"format": 1}'), "expected a number called unit"),
-        (lambda f: (f / "manifest.json").write_text('{"format": 1, "unit": 9}'), "an entry for arnet"),
+        (
+            lambda f: (f / "manifest.json").write_text('{"format": 1, "unit": 9, "classical": "magic"}'),
+            "expected classical to be one of rays, scatter, found magic",
+        ),
+        (
+            lambda f: (f / "manifest.json").write_text('{"format": 1, "unit": 9, "classical": "rays"}'),
+            "an entry for arnet",
+        ),
         (lambda f: (f / "arnet.onnx").unlink(), "weights missing"),
         (lambda f: (f / "iunet.onnx").write_bytes(b"evil"), "expected sha256"),
     ],

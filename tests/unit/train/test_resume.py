@@ -57,7 +57,7 @@ def test_iunet_trains_behind_arnet_and_both_export(tiny_pairs, tmp_path):
     finish(arguments("iunet", tiny_pairs, tmp_path / "i", 4, arnet=f'"{arnet}"'))
     networks = load_network(arnet, "arnet"), load_network(tmp_path / "i/last.pt", "iunet")
     export_networks(*networks, tmp_path / "weights", {})
-    assert BokehRenderer(weights=tmp_path / "weights").engine == "hybrid"
+    BokehRenderer("hybrid", weights=tmp_path / "weights")
     assert list((tmp_path / "i").glob("events.out.tfevents.*"))
 
 

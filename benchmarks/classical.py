@@ -1,0 +1,200 @@
+"""Speed, memory and quality of the classical renderers: ``python -m benchmarks.classical SECTION...``.
+
+speed: the scatter on a photograph beside a literal double loop and GEGL's lens blur, in turns, on one core
+and on all. scaling: seconds and memory as pictures and radii grow. rays: time and noise of the rays on the
+same photograph. quality: PSNR and SSIM on ray-traced planes and on path-traced scenes. SHARED holds
+``real/21.jpg`` with its disparity ``21.png`` and the path-traced scenes in ``cycles``.
+"""
+
+import argparse
+import math
+import statistics
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from benchmarks.cycles import read_shots, scene_folders
+from benchmarks.measurement import extra_memory, in_own_process, median_seconds, scene, time_in_turns
+from benchmarks.quality import Engine, Row, print_header, print_scores, score
+from benchmarks.rivals import double_loop, open_lens_blur
+from bokehnet.classical.rays import rays
+from bokehnet.classical.scatter import scatter
+from bokehnet.io.image import read_image
+from bokehnet.io.maps import read_disparity
+from bokehnet.optics.coc import defocus_from_disparity
+from train.metrics import compare
+
+BLUR, FOCUS = 60.0, 90 / 255
+LOOP, GEGL = "double loop", "GEGL lens-blur"
+LARGE = 8.0  # px; discs this large look alike with whole pixels and with parts of pixels
+
+
+# Bare: without their error maps.
+ENGINES: dict[str, Engine] = {"scatter": scatter, "rays": rays}
+
+
+def photograph(shared: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Picture 21, (H, W, 3), and its defocus in pixels, (H, W)."""
+    disparity = read_disparity(shared / "real/21.png")
+    return read_image(shared / "real/21.jpg"), defocus_from_disparity(disparity, BLUR, FOCUS)
+
+
+def warm_up(render: Engine) -> None:
+    """Let numba compile, or load what it has compiled."""
+    render(np.zeros((64, 64, 3), np.float32), np.ones((64, 64), np.float32))
+
+
+def speed(shared: Path, threads: int, rounds: int) -> list[str]:
+    """Lines of the table for one number of threads."""
+    numba.set_num_threads(threads)
+    image, defocus = photograph(shared)
+    results = {"scatter": scatter(image, defocus)}
+
+    def rendering(name: str, engine: Engine) -> Callable[[], None]:
+        warm_up(engine)
+        return lambda: results.update({name: engine(image, defocus)})
+
+    runs = {"scatter": rendering("scatter", scatter), LOOP: rendering(LOOP, double_loop)}
+    lens_blur = open_lens_blur(threads)
+    if lens_blur is not None:
+        blur = lens_blur(image, defocus)
+        results[GEGL] = blur()
+        runs[GEGL] = blur
+    rows = time_in_turns(runs, rounds)
+    lines = []
+    for name in runs:
+        seconds = statistics.median(row[name] for row in rows)
+        ratio = statistics.median(row[name] / row["scatter"] for row in rows)
+        lines.append(f"{threads} threads  {name:15s}{seconds:9.3f} s {ratio:7.1f}x")
+    like_loop = compare(results["scatter"], results[LOOP], defocus)
+    lines.append(f"  scatter against the double loop's exact coverage: {like_loop['psnr']:.1f} dB")
+    if lens_blur is None:
+        lines.append(f"  {GEGL} left out: its library is not here (Debian: apt install gegl)")
+    else:
+        like_gegl = compare(results["scatter"], results[GEGL], defocus)
+        large = np.where(np.abs(defocus) >= LARGE)
+        squared = (np.clip(results["scatter"][large], 0, 1) - np.clip(results[GEGL][large], 0, 1)) ** 2
+        lines.append(
+            f"  scatter against GEGL's picture: {like_gegl['psnr']:.1f} dB; where the radius is at least "
+            f"{LARGE:g} px {-10 * math.log10(float(squared.mean())):.1f} dB (linear light)"
+        )
+    return lines
+
+
+def print_speed(shared: Path, rounds: int) -> None:
+    """The scatter beside its rivals."""
+    image, defocus = photograph(shared)
+    radius = np.abs(defocus)
+    print(
+        f"{image.shape[1]}x{image.shape[0]} photograph, radius up to {radius.max():.1f} px, mean "
+        f"{radius.mean():.1f} px; medians of {rounds} rounds, ratio to the scatter"
+    )
+    for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
+        print("\n".join(in_own_process(speed, shared, threads, rounds)), flush=True)
+
+
+def measure_size(name: str, width: int, height: int, radius: float, repeats: int) -> tuple[float, int]:
+    """Median seconds, and the memory in bytes beyond picture, defocus and result."""
+    engine = ENGINES[name]
+    warm_up(engine)
+    image, defocus = scene(width, height, 1.0)
+    # Every pixel is blurred by nearly the same radius, before or behind the focal plane.
+    defocus = (np.sign(defocus) * radius * (0.8 + 0.2 * np.abs(defocus))).astype(np.float32)
+    memory = extra_memory(lambda: engine(image, defocus))
+    return median_seconds(lambda: engine(image, defocus), repeats), memory
+
+
+def print_scaling(name: str, megapixels: list[float], radii: list[float], repeats: int) -> None:
+    """Time and memory as pictures grow, the radius with their width, and as the radius alone grows."""
+    print(f"{name}: radii from 80 to 100 % of the largest; median of {repeats} warm renders")
+    print(f"{'MP':>6s}{'radius':>8s}{'seconds':>10s}{'ns/pixel':>10s}{'extra MB':>10s}{'bytes/pixel':>12s}")
+    widths = [round(math.sqrt(1.5e6 * size)) for size in megapixels]
+    sizes = [(width, round(width / 1.5), width / 50) for width in widths]
+    for width, height, radius in sizes + [(1920, 1080, radius) for radius in radii]:
+        seconds, memory = in_own_process(measure_size, name, width, height, radius, repeats)
+        pixels = width * height
+        print(
+            f"{pixels / 1e6:6.1f}{radius:8.1f}{seconds:10.3f}{seconds / pixels * 1e9:10.1f}"
+            f"{memory / 1e6:10.1f}{memory / pixels:12.1f}",
+            flush=True,
+        )
+
+
+def measure_rays(shared: Path, threads: int, repeats: int) -> tuple[float, dict[str, float]]:
+    """Median seconds, and how two seeds compare."""
+    numba.set_num_threads(threads)
+    image, defocus = photograph(shared)
+    first, second = (rays(image, defocus, seed=seed) for seed in (0, 1))
+    return median_seconds(lambda: rays(image, defocus), repeats), compare(first, second, defocus)
+
+
+def print_rays(shared: Path, repeats: int) -> None:
+    """Time and noise of the rays on two cores."""
+    threads = min(2, numba.config.NUMBA_NUM_THREADS)
+    seconds, noise = in_own_process(measure_rays, shared, threads, repeats)
+    print(f"{seconds:.2f} s with {threads} threads on the photograph, median of {repeats} warm renders")
+    print(f"  two seeds differ by {noise['psnr']:.1f} dB, at edges by {noise['edge_psnr']:.1f} dB")
+
+
+def print_gain(rows: list[Row]) -> None:
+    """What the rays gain on the scatter, picture by picture."""
+    gains = {key: [row["rays"][key] - row["scatter"][key] for row in rows] for key in ("psnr", "edge_psnr")}
+    print(
+        f"  rays less scatter: edge pixels {np.nanmean(gains['edge_psnr']):+.2f} dB on average; all pixels "
+        f"{np.mean(gains['psnr']):+.2f} dB on average, {min(gains['psnr']):+.2f} dB at worst"
+    )
+
+
+def print_quality(shared: Path, data: Path) -> None:
+    """Scores on ray-traced planes and on the path-traced scenes."""
+    from benchmarks.traced import LAMPS, PLANES, read_traced  # here: only this needs torch
+
+    print_header("pictures")
+    for label, config in (("ray-traced planes", PLANES), ("planes and lamps", LAMPS)):
+        rows = score(read_traced(config, data), ENGINES)
+        print_scores(label, rows)
+        print_gain(rows)
+    everything = []
+    for folder in scene_folders(shared / "cycles"):
+        rows = score(read_shots(folder), ENGINES)
+        everything += rows
+        print_scores(folder.name, rows)
+    if everything:
+        print_scores("path-traced, all", everything)
+        print_gain(everything)
+    else:
+        print(f"path-traced scenes left out: there are none in {shared / 'cycles'}")
+
+
+def main() -> None:
+    """Entry of the command line."""
+    sections = ("speed", "scaling", "rays", "quality")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("sections", nargs="+", choices=(*sections, "all"), metavar="SECTION")
+    parser.add_argument("--shared", type=Path, default=Path("../shared"), help="pictures and scenes")
+    parser.add_argument("--data", type=Path, default=Path("data/traced"), help="folder for the ray-traced")
+    parser.add_argument("--repeats", type=int, default=5, help="rounds or warm renders")
+    parser.add_argument("--engine", default="scatter", choices=ENGINES, help="for scaling")
+    parser.add_argument("--megapixels", type=float, nargs="*", default=[1, 4, 12, 24], help="for scaling")
+    parser.add_argument("--radii", type=float, nargs="*", default=[8, 16, 32, 64, 128, 256], help="at 2 MP")
+    arguments = parser.parse_args()
+    wanted = sections if "all" in arguments.sections else arguments.sections
+    has_photograph = (arguments.shared / "real/21.png").exists()
+    for section in wanted:
+        print(f"== {section}")
+        if section in ("speed", "rays") and not has_photograph:
+            print(f"left out: there is no real/21.png in {arguments.shared}")
+        elif section == "speed":
+            print_speed(arguments.shared, arguments.repeats)
+        elif section == "scaling":
+            print_scaling(arguments.engine, arguments.megapixels, arguments.radii, arguments.repeats)
+        elif section == "rays":
+            print_rays(arguments.shared, arguments.repeats)
+        else:
+            print_quality(arguments.shared, arguments.data)
+
+
+if __name__ == "__main__":
+    main()

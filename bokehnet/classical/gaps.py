@@ -1,0 +1,77 @@
+"""Gaps: places where one surface ends before another. What they are, and how soft ones are sharpened."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["BACK", "FRONT", "JUMP", "gap_sides", "sharpen_gaps"]
+
+# Neighbouring pixels whose defocus differs by more than this many pixels belong to two surfaces.
+JUMP = 1.0
+
+# Bits of a pixel at a gap: it belongs to the nearer surface, to the farther one, or (thin things) to both.
+FRONT, BACK = 1, 2
+
+# Widest ramp, in pixels, that is taken for a blurred gap.
+_WIDEST_RAMP = 16
+
+
+@njit(cache=True)
+def _span(values, y, x):  # type: ignore[no-untyped-def]
+    """Lowest and highest value in the 3x3 window."""
+    low = high = values[y, x]
+    for v in range(max(0, y - 1), min(values.shape[0], y + 2)):
+        for u in range(max(0, x - 1), min(values.shape[1], x + 2)):
+            low = min(low, values[v, u])
+            high = max(high, values[v, u])
+    return low, high
+
+
+@njit(cache=True)
+def gap_sides(defocus):  # type: ignore[no-untyped-def]
+    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from gaps, (H, W) int8."""
+    height, width = defocus.shape
+    sides = np.zeros((height, width), np.int8)
+    for y in range(height):
+        for x in range(width):
+            low, high = _span(defocus, y, x)
+            if low < defocus[y, x] - JUMP:
+                sides[y, x] |= FRONT
+            if high > defocus[y, x] + JUMP:
+                sides[y, x] |= BACK
+    return sides
+
+
+@njit(cache=True)
+def sharpen_gaps(defocus):  # type: ignore[no-untyped-def]
+    """Turn steep ramps into steps.
+
+    A resized, smoothed or estimated disparity map passes from one surface to the next through values
+    that belong to neither; where they pass through focus a renderer would draw a sharp sliver. A pixel
+    inside such a ramp, with neighbours more than ``JUMP`` above and below it, takes the value at that end
+    of the ramp which is closer to its own.
+
+    Args:
+        defocus: (H, W), float32.
+
+    Returns:
+        A new map (H, W). Steps of one pixel and slopes below ``JUMP`` a pixel stay as they are.
+    """
+    height, width = defocus.shape
+    result = defocus.copy()
+    rows = []
+    for y in range(height):
+        for x in range(width):
+            low, high = _span(defocus, y, x)
+            if high > defocus[y, x] + JUMP and low < defocus[y, x] - JUMP:
+                rows.append((y, x))
+    lows, highs = defocus.copy(), defocus.copy()
+    new_lows, new_highs = np.empty(len(rows)), np.empty(len(rows))
+    for _ in range(_WIDEST_RAMP // 2):
+        for i, (y, x) in enumerate(rows):
+            new_lows[i], new_highs[i] = _span(lows, y, x)[0], _span(highs, y, x)[1]
+        for i, (y, x) in enumerate(rows):
+            lows[y, x], highs[y, x] = new_lows[i], new_highs[i]
+    for y, x in rows:
+        near, far = highs[y, x], lows[y, x]
+        result[y, x] = near if near - defocus[y, x] < defocus[y, x] - far else far
+    return result

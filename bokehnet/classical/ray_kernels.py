@@ -1,0 +1,287 @@
+"""Numba kernels that march pupil rays through a stack of layers seen as height fields.
+
+The ray that meets the pupil in aperture coordinate a and the pixel p lies, at defocus s, over the place
+``p - s * a`` of the picture: from front to back it runs along a straight line of pixels while s falls. A
+layer whose defocus the ray crosses inside a pixel is met there. Between neighbouring pixels a layer is one
+surface, a riser, when its defocus differs by no more than ``JUMP``; else there is a gap, through which rays
+pass behind the nearer surface and meet what lies hidden there.
+
+Most of a ray's length is empty. A histogram of the defocus in each tile of the picture tells which slices
+of s can hold a surface for the rays of a tile at all; a ray is marched through those alone.
+
+Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
+through layered height fields; Decoret, "N-buffers for efficient depth map query", Computer Graphics Forum
+2005, for the bounds on a footprint. Slices, risers and coverage are ours.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.gaps import JUMP
+from bokehnet.classical.layers import Layers
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.optics.aperture import cats_eye_shift
+
+__all__ = ["FILTERED_RADIUS", "SETS", "SLICES", "TILE", "march", "meet", "occupied_slices", "slice_runs"]
+
+
+TILE = 8
+SLICES = 64
+
+# Discs of at least this radius change so slowly that their rays may be averaged with the 8 neighbours'.
+FILTERED_RADIUS = 4.0
+
+# Rows worked at a time, so that the sums stay small.
+_STRIP = 256
+
+# The pixels of a 3x3 block take different pupil points.
+SETS = 9
+
+
+@njit(cache=True)
+def _slice_of(value, low, scale):  # type: ignore[no-untyped-def]
+    return min(max(int((value - low) * scale), 0), SLICES - 1)
+
+
+@njit(cache=True)
+def _fill_slices(first, second, low, scale):  # type: ignore[no-untyped-def]
+    """Bits of all slices between two values of the defocus."""
+    a, b = _slice_of(min(first, second), low, scale), _slice_of(max(first, second), low, scale)
+    bits = np.uint64(0)
+    for i in range(a, b + 1):
+        bits |= np.uint64(1) << np.uint64(i)
+    return bits
+
+
+@njit(cache=True)
+def _tile_slices(depths, low, scale):  # type: ignore[no-untyped-def]
+    """Which slices of defocus each tile holds in any layer, risers included; (rows, columns) of bits."""
+    height, width, layers = depths.shape
+    bits = np.zeros(((height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
+    for y in range(height):
+        for x in range(width):
+            for layer in range(layers):
+                value = depths[y, x, layer]
+                found = np.uint64(1) << np.uint64(_slice_of(value, low, scale))
+                if x + 1 < width and abs(depths[y, x + 1, layer] - value) <= JUMP:
+                    found |= _fill_slices(value, depths[y, x + 1, layer], low, scale)
+                if y + 1 < height and abs(depths[y + 1, x, layer] - value) <= JUMP:
+                    found |= _fill_slices(value, depths[y + 1, x, layer], low, scale)
+                bits[y // TILE, x // TILE] |= found
+    return bits
+
+
+@njit(cache=True)
+def occupied_slices(depths):  # type: ignore[no-untyped-def]
+    """For each tile, the slices of defocus in which its rays can meet a surface.
+
+    A surface at defocus s lies on a ray of a pixel only within |s| pixels of it.
+
+    Args:
+        depths: Defocus of all layers, (H, W, L).
+
+    Returns:
+        Bits (rows, columns) of the tiles, and the lowest value and thickness of the slices.
+    """
+    low, high = np.float64(depths.min()) - 1e-3, np.float64(depths.max()) + 1e-3
+    thickness = (high - low) / SLICES
+    own = _tile_slices(depths, low, 1.0 / thickness)
+    rows, columns = own.shape
+    reach = int(min(math.ceil(max(abs(low), abs(high)) / TILE) + 1, max(rows, columns)))
+    near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
+    for square in range(near.shape[0]):
+        gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
+        for i in range(SLICES):
+            if max(abs(low + i * thickness), abs(low + (i + 1) * thickness)) + 1.0 >= gap:
+                near[square] |= np.uint64(1) << np.uint64(i)
+    found = own.copy()
+    for row in range(rows):
+        for column in range(columns):
+            bits = np.uint64(0)
+            for v in range(max(0, row - reach), min(rows, row + reach + 1)):
+                for u in range(max(0, column - reach), min(columns, column + reach + 1)):
+                    bits |= own[v, u] & near[(v - row) * (v - row) + (u - column) * (u - column)]
+            found[row, column] = bits
+    return found, low, thickness
+
+
+@njit(cache=True)
+def slice_runs(bits, low, thickness, runs):  # type: ignore[no-untyped-def]
+    """Write the runs of set bits as pairs (front, back) of defocus, front to back; return their number."""
+    count = 0
+    i = SLICES - 1
+    while i >= 0:
+        if bits >> np.uint64(i) & np.uint64(1):
+            j = i
+            while j > 0 and bits >> np.uint64(j - 1) & np.uint64(1):
+                j -= 1
+            runs[count, 0] = low + (i + 1) * thickness
+            runs[count, 1] = low + j * thickness
+            count += 1
+            i = j
+        i -= 1
+    return count
+
+
+@njit(cache=True, fastmath=True)
+def meet(depths, coverage, runs, count, x, y, u, v, chance):  # type: ignore[no-untyped-def]
+    """First surface on a ray: (row, column, layer), layer -1 where there is none.
+
+    Places beyond the border see the border's pixel.
+    """
+    height, width, layers = depths.shape
+    step_x, step_y = (1 if u > 0 else -1), (1 if v > 0 else -1)
+    gain_x = 1.0 / abs(u) if abs(u) > 1e-6 else 1e30
+    gain_y = 1.0 / abs(v) if abs(v) > 1e-6 else 1e30
+    for run in range(count):
+        front, back = runs[run, 0], runs[run, 1]
+        place_x, place_y = x - u * front + 0.5, y - v * front + 0.5
+        column, row = int(math.floor(place_x)), int(math.floor(place_y))
+        to_x = (column + 1 - place_x if u > 0 else place_x - column) * gain_x
+        to_y = (row + 1 - place_y if v > 0 else place_y - row) * gain_y
+        length = front - back
+        below = -1e30  # the nearest surface under the ray in the pixel before
+        entry = front
+        while True:
+            passed = min(to_x, to_y, length)
+            leave = front - passed
+            q, r = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
+            under = -1e30
+            for layer in range(layers):
+                depth = depths[q, r, layer]
+                if depth < leave:
+                    under = max(under, depth)
+                elif (depth <= entry or depth - below <= JUMP) and chance < coverage[q, r, layer]:
+                    return q, r, layer
+            if passed >= length:
+                break
+            below = under
+            entry = leave
+            across = 1 if to_x < to_y else 0
+            column += across * step_x
+            to_x += across * gain_x
+            row += (1 - across) * step_y
+            to_y += (1 - across) * gain_y
+    return 0, 0, -1
+
+
+@njit(cache=True)
+def _scramble(x, y, seed):  # type: ignore[no-untyped-def]
+    """A hash of a pixel, 0 up to 2^32."""
+    whole = np.uint64(0xFFFFFFFF)
+    h = np.uint64(x) * np.uint64(0x9E3779B1) ^ np.uint64(y) * np.uint64(0x85EBCA77)
+    h = (h ^ np.uint64(seed) * np.uint64(0xC2B2AE3D)) & whole
+    h ^= h >> np.uint64(15)
+    h = h * np.uint64(0x2C1B3C6D) & whole
+    h ^= h >> np.uint64(12)
+    h = h * np.uint64(0x297A2D39) & whole
+    return h ^ h >> np.uint64(15)
+
+
+@njit(cache=True, parallel=True)
+def _march(  # type: ignore[no-untyped-def]
+    colors, depths, coverage, mask, slices, low, thickness, points, weights, cats_eye, seed, first, sums
+):
+    """Fill ``sums`` for the rows from ``first`` on."""
+    height, width = mask.shape
+    last = first + sums.shape[0]
+    variants, rays = points.shape[0] // SETS, points.shape[1]
+    for tile_row in prange(first // TILE, (last + TILE - 1) // TILE):
+        runs = np.empty((SLICES // 2, 2))
+        for tile_column in range(slices.shape[1]):
+            count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
+            for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
+                for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
+                    if not mask[y, x]:
+                        continue
+                    hashed = _scramble(x, y, seed)
+                    chosen = int(hashed % np.uint64(variants)) * SETS + (y % 3) * 3 + x % 3
+                    chance = hashed / 4294967296.0
+                    shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
+                    for k in range(rays):
+                        u, v = points[chosen, k, 0], points[chosen, k, 1]
+                        chance += 0.6180339887498949
+                        if chance >= 1.0:
+                            chance -= 1.0
+                        if cats_eye > 0 and (u - shift_x) ** 2 + (v - shift_y) ** 2 > 1.0:
+                            continue
+                        row, column, layer = meet(depths, coverage, runs, count, x, y, u, v, chance)
+                        if layer < 0:
+                            continue
+                        depth = depths[row, column, layer]
+                        group = 0 if depth >= FILTERED_RADIUS else (2 if depth <= -FILTERED_RADIUS else 1)
+                        w = weights[0 if depth > 0 else 1, chosen, k]
+                        for c in range(3):
+                            sums[y - first, x, group, c] += w * colors[row, column, layer, c]
+                        sums[y - first, x, group, 3] += w
+
+
+@njit(cache=True, parallel=True)
+def _resolve(sums, mask, first, top, bottom, result):  # type: ignore[no-untyped-def]
+    """Divide the sums of rows ``top`` to ``bottom``; ``sums`` begin at row ``first``.
+
+    Blurred surfaces are averaged over 3x3 pixels, sharp ones and what their edges cover are not.
+    """
+    width = mask.shape[1]
+    for y in prange(top, bottom):
+        around = np.empty((3, 4))
+        for x in range(width):
+            if not mask[y, x]:
+                continue
+            around[:] = 0.0
+            for v in range(max(first, y - 1), min(first + sums.shape[0], y + 2)):
+                for u in range(max(0, x - 1), min(width, x + 2)):
+                    if mask[v, u]:
+                        for group in range(3):
+                            for c in range(4):
+                                around[group, c] += sums[v - first, u, group, c]
+            total = around[0, 3] + around[1, 3] + around[2, 3]
+            if total <= 0.0:
+                continue
+            front = around[0, 3] / total
+            sharp, back = sums[y - first, x, 1, 3], sums[y - first, x, 2, 3]
+            for c in range(3):
+                rest = 0.0
+                if sharp > 0.0:
+                    rest += sums[y - first, x, 1, c] / (sharp + back)
+                if back > 0.0:
+                    rest += back / (sharp + back) * around[2, c] / around[2, 3]
+                if sharp + back == 0.0 and front < 1.0:
+                    rest = (around[1, c] + around[2, c]) / (around[1, 3] + around[2, 3])
+                result[y, x, c] = around[0, c] / total + (1.0 - front) * rest
+
+
+def march(
+    layers: Layers,
+    mask: np.ndarray,
+    slices: tuple[np.ndarray, float, float],
+    points: np.ndarray,
+    weights: np.ndarray,
+    result: np.ndarray,
+    *,
+    cats_eye: float = 0.0,
+    seed: int = 0,
+) -> None:
+    """March the rays of all pixels in ``mask`` and write what they meet into ``result``.
+
+    Args:
+        layers: What there is to meet, (H, W, L).
+        mask: Pixels to render, (H, W) bool.
+        slices: From :func:`occupied_slices`.
+        points: Aperture coordinates, (SETS * variants, rays, 2), float32.
+        weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
+        result: (H, W, 3), float32; pixels in ``mask`` that meet a surface are overwritten.
+        cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
+        seed: Chooses the variant of each pixel and the random numbers against coverage.
+    """
+    height, width = mask.shape
+    arrays = (layers.colors, layers.defocus, layers.coverage, mask, *slices, points, weights)
+    with parallel_region:
+        for top in range(0, height, _STRIP):
+            bottom = min(height, top + _STRIP)
+            first, last = max(0, top - 1), min(height, bottom + 1)
+            sums = np.zeros((last - first, width, 3, 4), np.float32)
+            _march(*arrays, cats_eye, seed, first, sums)
+            _resolve(sums, mask, first, top, bottom, result)

@@ -1,0 +1,119 @@
+"""The rays renderer: scatter where one surface is seen, pupil rays through layers near gaps in depth."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from bokehnet.classical.base import ClassicalResult, check_inputs
+from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.classical.highlights import add_lights, separate_lights
+from bokehnet.classical.layers import Layers, split_layers
+from bokehnet.classical.ray_kernels import SETS, march, occupied_slices
+from bokehnet.classical.scatter import scatter
+from bokehnet.fusion import fuse
+from bokehnet.optics.aperture import Aperture, pupil_points
+from bokehnet.optics.sampling import halton, rotate_points
+
+__all__ = ["rays", "render_rays"]
+
+# Rays of a pixel where discs are large. With the 3x3 average blurred surfaces see 9 times as many.
+_RAYS = 64
+
+# Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
+_LARGEST = 4.0
+
+# Rotations of the pattern; which one a pixel takes is drawn at random.
+_VARIANTS = 16
+
+
+@lru_cache(maxsize=8)
+def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
+    """Pupil points (SETS * variants, rays, 2) and their weights in front of and behind focus."""
+    count = SETS * _RAYS
+    square = np.stack([halton(count, 2), halton(count, 3)], -1)[None]
+    shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
+    square = rotate_points(square, shifts).reshape(-1, 2)
+    sides = [pupil_points(aperture, square, side) for side in (1, -1)]
+    points = sides[0][0].reshape(-1, _RAYS, 2).astype(np.float32)
+    weights = np.stack([side[1].reshape(-1, _RAYS) for side in sides]).astype(np.float32)
+    return np.ascontiguousarray(points), weights
+
+
+def rays(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    *,
+    aperture: Aperture | None = None,
+    seed: int = 0,
+    layers: Layers | None = None,
+) -> np.ndarray:
+    """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
+
+    Pixels within the blur's reach of a gap in depth (:func:`geometric_error_map`) look through the pupil
+    along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights are
+    laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border the
+    picture is taken to go on as it ends.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3).
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        aperture: Shape of the opening; default: a disc.
+        seed: Of the noise; two seeds differ by noise alone.
+        layers: True layers, from a renderer that can see behind things. Default: made from the picture
+            (:func:`bokehnet.classical.layers.split_layers`). The lights of true layers stay in the layers.
+
+    Returns:
+        Picture (H, W, 3) float32.
+
+    Raises:
+        ShapeError: The sizes do not fit.
+        ParameterError: NaN or infinity in image or defocus.
+
+    Source:
+        Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
+        through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
+    """
+    return _render(image, defocus, aperture or Aperture(), seed, layers)[0]
+
+
+def _scatter_beyond(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.ndarray:
+    """Scatter with the border's pixels repeated outwards, as the rays see them.
+
+    A cat's-eye is measured from the picture's own corners, so such pictures keep their size.
+    """
+    reach = min(math.ceil(float(np.abs(defocus).max())), max(defocus.shape))
+    if reach == 0 or aperture.cats_eye > 0:
+        return scatter(image, defocus, aperture)
+    around = ((reach, reach), (reach, reach))
+    larger = scatter(np.pad(image, (*around, (0, 0)), "edge"), np.pad(defocus, around, "edge"), aperture)
+    return larger[reach:-reach, reach:-reach]
+
+
+def _render(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, seed: int, layers: Layers | None
+) -> tuple[np.ndarray, np.ndarray]:
+    image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
+    largest = _LARGEST * max(defocus.shape)
+    defocus = np.clip(defocus, -largest, largest)
+    doubt = geometric_error_map(defocus)
+    smooth = _scatter_beyond(image, defocus, aperture)
+    mask = doubt > 0
+    if not mask.any():
+        return smooth, doubt
+    rest, lights = (image, None) if layers is not None else separate_lights(image, defocus)
+    if layers is None:
+        layers = split_layers(rest, defocus)
+    result = np.array(smooth)
+    points, weights = _pattern(aperture)
+    slices = occupied_slices(layers.defocus)
+    march(layers, mask, slices, points, weights, result, cats_eye=aperture.cats_eye, seed=seed)
+    if lights is not None:
+        add_lights(lights, defocus, layers, mask, slices, aperture, result)
+    return fuse(smooth, result, doubt[..., None]), doubt
+
+
+def render_rays(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> ClassicalResult:
+    """Rays, with the geometric error map beside them; arguments and errors of :func:`rays`."""
+    bokeh, doubt = _render(image, defocus, aperture or Aperture(), 0, None)
+    return ClassicalResult(bokeh=bokeh, error_map=doubt)

@@ -1,0 +1,67 @@
+"""Authorities: conserved energy, and the area of a disc clipped by a straight edge."""
+
+import numpy as np
+
+from bokehnet.classical.highlights import separate_lights
+from bokehnet.classical.rays import rays
+
+
+def night(radius=-12.0, size=96):
+    """A light of 500 before a dark plane at one depth; beyond column 40 a sharp foreground, as dark."""
+    image = np.full((size, size, 3), 0.01, np.float32)
+    defocus = np.full((size, size), radius, np.float32)
+    defocus[:, 40:] = 0.0
+    image[48, 36] = 500.0
+    return image, defocus
+
+
+def test_lights_and_the_rest_add_up_to_the_picture():
+    image, defocus = night()
+    rest, lights = separate_lights(image, defocus)
+    np.testing.assert_allclose(rest + lights, image, rtol=1e-6)
+    assert lights[48, 36, 0] > 490
+    assert (lights > 0).sum() == 3
+
+
+def test_sharp_lights_and_even_pictures_stay_whole():
+    image, defocus = night()
+    assert not separate_lights(image, 0 * defocus)[1].any()
+    assert not separate_lights(np.full_like(image, 7.0), defocus)[1].any()
+    assert not separate_lights(0 * image, defocus)[1].any()
+
+
+def test_a_light_is_an_even_disc_clipped_by_what_stands_before_it():
+    image, defocus = night()
+    got = rays(image, defocus)[..., 0] - 0.01
+    y, x = np.mgrid[:96, :96]
+    distance = np.hypot(y - 48, x - 36)
+    level = 500 / (np.pi * 12**2)
+    inside = got[(distance < 11) & (x < 39)]
+    assert abs(inside.mean() / level - 1) < 0.01
+    assert inside.std() / level < 0.02
+    assert abs(got[:, 42:]).max() < 1e-3 * level
+    assert abs(got[distance > 13.5]).max() < 1e-3 * level
+
+
+def test_neighbouring_lights_become_one_of_their_energy():
+    """A lamp of 3x3 pixels in a disc of 40: its disc holds the energy of all nine."""
+    image = np.full((160, 160, 3), 0.01, np.float32)
+    defocus = np.full((160, 160), 40.0, np.float32)
+    defocus[:, 130:] = 50.0
+    image[79:82, 79:82] = 100.0
+    got = rays(image, defocus)[..., 0] - 0.01
+    y, x = np.mgrid[:160, :160]
+    inside = got[(np.hypot(y - 80, x - 80) < 36) & (x > 85) & (x < 110)]
+    level = 9 * 100 / (np.pi * 40**2)
+    assert abs(inside.mean() / level - 1) < 0.02
+    assert inside.std() / level < 0.05
+
+
+def test_of_too_many_lights_the_brightest_are_taken():
+    rng = np.random.default_rng(0)
+    image = np.full((80, 80, 3), 0.01, np.float32)
+    bright = rng.random((80, 80)) < 0.1
+    image[bright] = rng.uniform(20, 90, (bright.sum(), 1))
+    lights = separate_lights(image, np.full((80, 80), 9.0))[1].max(axis=2)
+    assert 0 < (lights > 0).sum() <= 80 * 80 / 20 + 1
+    assert lights[lights > 0].min() > 20
