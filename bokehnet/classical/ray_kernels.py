@@ -24,7 +24,17 @@ from bokehnet.classical.layers import Layers
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.optics.aperture import cats_eye_shift
 
-__all__ = ["FILTERED_RADIUS", "SETS", "SLICES", "TILE", "march", "meet", "occupied_slices", "slice_runs"]
+__all__ = [
+    "FILTERED_RADIUS",
+    "SETS",
+    "SLICES",
+    "TILE",
+    "fair_stride",
+    "march",
+    "meet",
+    "occupied_slices",
+    "slice_runs",
+]
 
 
 TILE = 8
@@ -180,6 +190,15 @@ def _scramble(x, y, seed):  # type: ignore[no-untyped-def]
     return h ^ h >> np.uint64(15)
 
 
+@njit(cache=True)
+def fair_stride(count):  # type: ignore[no-untyped-def]
+    """A step through ``count`` rows that visits all and gives each thread rows from all over the picture."""
+    stride = max(1, int(0.618 * count))
+    while math.gcd(stride, count) > 1:
+        stride += 1
+    return stride
+
+
 @njit(cache=True, parallel=True)
 def _march(  # type: ignore[no-untyped-def]
     colors, depths, coverage, mask, slices, low, thickness, points, weights, cats_eye, seed, first, sums
@@ -188,7 +207,11 @@ def _march(  # type: ignore[no-untyped-def]
     height, width = mask.shape
     last = first + sums.shape[0]
     variants, rays = points.shape[0] // SETS, points.shape[1]
-    for tile_row in prange(first // TILE, (last + TILE - 1) // TILE):
+    top = first // TILE
+    tile_rows = (last + TILE - 1) // TILE - top
+    stride = fair_stride(tile_rows)
+    for i in prange(tile_rows):
+        tile_row = top + np.int64(i) * stride % tile_rows
         runs = np.empty((SLICES // 2, 2))
         for tile_column in range(slices.shape[1]):
             count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
