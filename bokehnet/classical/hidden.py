@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.base import check_inputs
+from bokehnet.classical.brightness import outshining
 from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.parallel import parallel_region
 
@@ -69,7 +70,7 @@ def _carry_inwards(defocus, source):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, source, colors, depths):  # type: ignore[no-untyped-def]
+def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-untyped-def]
     """Mean over a window around the source, half as wide as the source is far, of its own surface."""
     height, width = defocus.shape
     for y in prange(height):
@@ -87,11 +88,12 @@ def _fill(image, defocus, source, colors, depths):  # type: ignore[no-untyped-de
                         continue
                     if abs(defocus[v, u] - defocus[a, b]) > JUMP:
                         continue
-                    weight += 1.0
-                    depth += defocus[v, u]
-                    red += image[v, u, 0]
-                    green += image[v, u, 1]
-                    blue += image[v, u, 2]
+                    w = 1.0 if lights[v, u] == 0.0 else 1e-3
+                    weight += w
+                    depth += w * defocus[v, u]
+                    red += w * image[v, u, 0]
+                    green += w * image[v, u, 1]
+                    blue += w * image[v, u, 2]
             colors[y, x, 0], colors[y, x, 1], colors[y, x, 2] = red / weight, green / weight, blue / weight
             depths[y, x] = depth / weight
 
@@ -101,7 +103,7 @@ def hidden_layer(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
 
     The nearest surface that ends behind a gap is carried on under the foreground at the defocus it has
     there; its colour is averaged over a window that widens with the distance from the edge, since what is
-    farther inside is known less.
+    farther inside is known less. Lights are not carried on: one behind the edge says nothing of another.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -119,9 +121,10 @@ def hidden_layer(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     """
     image, defocus = check_inputs(image, defocus)
     colors, depths = image.copy(), defocus.copy()
+    lights = outshining(image, math.ceil(float(np.abs(defocus).max())))
     source = np.full(defocus.shape, -1, np.int32)  # the pixel, counted along the rows, that ends behind a gap
     with parallel_region:
         _at_gaps(defocus, source)
         _carry_inwards(defocus, source)
-        _fill(image, defocus, source, colors, depths)
+        _fill(image, defocus, lights, source, colors, depths)
     return colors, depths

@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from bokehnet.classical.brightness import brightest, outshining
 from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.layers import Layers
 from bokehnet.classical.parallel import parallel_region
@@ -20,9 +21,6 @@ from bokehnet.classical.ray_kernels import SLICES, TILE, fair_stride, meet, slic
 from bokehnet.optics.aperture import Aperture, cats_eye_shift, transmission
 
 __all__ = ["add_lights", "separate_lights"]
-
-# A light is this many times as bright as its surroundings.
-_CONTRAST = 4.0
 
 # Sharper lights stay in the picture.
 _SMALLEST_RADIUS = 6.0
@@ -36,32 +34,6 @@ _CELL = 1 / 16
 _GRID = 256
 
 
-def _brightest(image: np.ndarray) -> np.ndarray:
-    """Largest of the three channels; ten times faster than ``image.max(axis=2)``."""
-    return np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2])
-
-
-def _around(values: np.ndarray, reach: int) -> np.ndarray:
-    """Mean over a window of about (2 reach + 1)^2 pixels, (H, W); taken from cells a quarter as wide."""
-    cell = max(1, reach // 4)
-    edges = [np.arange(0, size, cell) for size in values.shape]
-    sums = np.add.reduceat(np.add.reduceat(values, edges[0], axis=0), edges[1], axis=1)
-    counts = np.outer(
-        *(np.diff(np.append(edge, size)) for edge, size in zip(edges, values.shape, strict=True))
-    )
-    means = _box_sum(_box_sum(sums, 4, 0), 4, 1) / _box_sum(_box_sum(counts, 4, 0), 4, 1)
-    spread = np.repeat(np.repeat(means.astype(np.float32), cell, 0), cell, 1)
-    return spread[: values.shape[0], : values.shape[1]]
-
-
-def _box_sum(values: np.ndarray, reach: int, axis: int) -> np.ndarray:
-    """Sum over 2 reach + 1 neighbours along an axis, as far as there are any."""
-    size = values.shape[axis]
-    sums = np.insert(np.cumsum(values, axis=axis, dtype=np.float64), 0, 0.0, axis=axis)
-    high, low = np.minimum(np.arange(size) + reach + 1, size), np.maximum(np.arange(size) - reach, 0)
-    return np.take(sums, high, axis) - np.take(sums, low, axis)
-
-
 def separate_lights(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Part a picture into lights and the rest; their sum is the picture.
 
@@ -70,18 +42,12 @@ def separate_lights(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray,
         defocus: Signed blur radius in pixels, (H, W).
 
     Returns:
-        The rest and the lights, both (H, W, 3). A light is what exceeds four times the mean of a window as
-        wide as the largest disc, very bright pixels counted as four times the mean at most. If more than a
-        twentieth of the pixels does, the brightest are taken.
+        The rest and the lights, both (H, W, 3). A light is what outshines the window that the largest disc
+        spans. If more than a twentieth of the pixels does, the brightest are taken.
     """
-    brightness = _brightest(image)
-    reach = max(8, math.ceil(float(np.abs(defocus).max())))
-    mean = _around(brightness, reach)
-    mean = _around(np.minimum(brightness, _CONTRAST * mean), reach)
-    share = np.zeros(brightness.shape, np.float32)
-    found = (brightness > _CONTRAST * mean) & (np.abs(defocus) >= _SMALLEST_RADIUS)
-    share[found] = 1.0 - _CONTRAST * mean[found] / brightness[found]
-    excess, most = share * brightness, int(_MOST * share.size)
+    share = outshining(image, math.ceil(float(np.abs(defocus).max())))
+    share[np.abs(defocus) < _SMALLEST_RADIUS] = 0.0
+    excess, most = share * brightest(image), int(_MOST * share.size)
     if np.count_nonzero(excess) > most:
         share[excess < np.partition(excess, -most - 1, axis=None)[-most - 1]] = 0.0
     lights = image * share[..., None]
@@ -93,7 +59,7 @@ def _gather(lights: np.ndarray, defocus: np.ndarray) -> np.ndarray:
 
     A cell is a square of a power of two pixels, at most ``_CELL`` of the radius.
     """
-    y, x = np.nonzero(_brightest(lights) > 0)
+    y, x = np.nonzero(brightest(lights) > 0)
     depth, color = defocus[y, x].astype(np.float64), lights[y, x].astype(np.float64)
     size = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
     keys = np.stack([size, x // size, y // size, np.round(depth / JUMP)], axis=1)

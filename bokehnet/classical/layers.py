@@ -15,8 +15,9 @@ __all__ = ["Layers", "split_layers"]
 # Half the width of the window that tells the pure colours of both sides of a gap.
 _WINDOW = 2
 
-# Squared difference of two colours below which a mixed pixel says little about its coverage.
-_DOUBT = 0.02
+# Squared difference of two colours, as a part of the sum of their squares, below which a mixed pixel says
+# little about its coverage.
+_DOUBT = 0.03
 
 # Coverage below this is left out.
 _LEAST_COVERAGE = 0.02
@@ -121,10 +122,12 @@ def _split_mixed(image, defocus, colors, depths, coverage):  # type: ignore[no-u
             if not _pure(image, defocus, sides, y, x, near, front):
                 _purest(image, defocus, y, x, near, back, front)
             along = across = 0.0
+            doubt = 1e-12
             for c in range(3):
+                doubt += _DOUBT * (front[c] * front[c] + back[c] * back[c])
                 along += (image[y, x, c] - back[c]) * (front[c] - back[c])
                 across += (front[c] - back[c]) * (front[c] - back[c])
-            share = (along + (_DOUBT if side == FRONT else 0.0)) / (across + _DOUBT)
+            share = (along + (doubt if side == FRONT else 0.0)) / (across + doubt)
             if side == FRONT:
                 share = min(max(share, 0.5), 1.0)
                 coverage[y, x, 0] = share
