@@ -2,8 +2,9 @@
 
 speed: the scatter on a photograph beside a literal double loop and GEGL's lens blur, in turns, on one core
 and on all. scaling: seconds and memory as pictures and radii grow. rays: time and noise of the rays on the
-same photograph. quality: PSNR and SSIM on ray-traced planes and on path-traced scenes. SHARED holds
-``real/21.jpg`` with its disparity ``21.png`` and the path-traced scenes in ``cycles``.
+same photograph. shapes: what other apertures than the disc cost. quality: PSNR and SSIM on ray-traced
+planes and on path-traced scenes. SHARED holds ``real/21.jpg`` with its disparity ``21.png`` and the
+path-traced scenes in ``cycles``.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from bokehnet.classical.rays import rays
 from bokehnet.classical.scatter import scatter
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
+from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from train.metrics import compare
 
@@ -138,6 +140,50 @@ def print_rays(shared: Path, repeats: int) -> None:
     print(f"  two seeds differ by {noise['psnr']:.1f} dB, at edges by {noise['edge_psnr']:.1f} dB")
 
 
+def _heart(size: int = 64) -> np.ndarray:
+    v, u = np.mgrid[1.2 : -1.2 : size * 1j, -1.2 : 1.2 : size * 1j]
+    return np.asarray((u * u + v * v - 0.7) ** 3 - u * u * v**3 < 0, np.float32)
+
+
+SHAPES = {
+    "6 blades": Aperture(blades=6),
+    "5 curved blades": Aperture(blades=5, curvature=0.5, rotation=10),
+    "squeeze 0.5": Aperture(squeeze=0.5),
+    "obstruction": Aperture(obstruction=0.4),
+    "rim": Aperture(rim=0.7),
+    "picture": Aperture(picture=_heart()),
+    "cat's-eye": Aperture(cats_eye=1.0),
+}
+
+
+def measure_shapes(shared: Path, threads: int, rounds: int) -> list[str]:
+    """Lines of the table: both renderers with every shape, as ratios to the disc in turns with it."""
+    numba.set_num_threads(threads)
+    image, defocus = photograph(shared)
+    lines = []
+    for name, shape in SHAPES.items():
+        ratios = []
+        for engine in ENGINES.values():
+            runs = {"disc": lambda engine=engine: engine(image, defocus)}
+            runs[name] = lambda engine=engine, shape=shape: engine(image, defocus, aperture=shape)
+            for run in runs.values():
+                run()
+            rows = time_in_turns(runs, rounds)
+            ratios.append(statistics.median(row[name] / row["disc"] for row in rows))
+        lines.append(f"{name:18s}" + "".join(f"{ratio:9.2f}x" for ratio in ratios))
+    return lines
+
+
+def print_shapes(shared: Path, rounds: int) -> None:
+    """What other shapes cost."""
+    print(
+        f"time on the photograph as a multiple of the disc's, medians of {rounds} rounds, 2 threads at most"
+    )
+    print(f"{'shape':18s}" + "".join(f"{name:>10s}" for name in ENGINES))
+    threads = min(2, numba.config.NUMBA_NUM_THREADS)
+    print("\n".join(in_own_process(measure_shapes, shared, threads, rounds)))
+
+
 def print_gain(rows: list[Row]) -> None:
     """What the rays gain on the scatter, picture by picture."""
     gains = {key: [row["rays"][key] - row["scatter"][key] for row in rows] for key in ("psnr", "edge_psnr")}
@@ -170,7 +216,7 @@ def print_quality(shared: Path, data: Path) -> None:
 
 def main() -> None:
     """Entry of the command line."""
-    sections = ("speed", "scaling", "rays", "quality")
+    sections = ("speed", "scaling", "rays", "shapes", "quality")
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sections", nargs="+", choices=(*sections, "all"), metavar="SECTION")
     parser.add_argument("--shared", type=Path, default=Path("../shared"), help="pictures and scenes")
@@ -184,7 +230,7 @@ def main() -> None:
     has_photograph = (arguments.shared / "real/21.png").exists()
     for section in wanted:
         print(f"== {section}")
-        if section in ("speed", "rays") and not has_photograph:
+        if section in ("speed", "rays", "shapes") and not has_photograph:
             print(f"left out: there is no real/21.png in {arguments.shared}")
         elif section == "speed":
             print_speed(arguments.shared, arguments.repeats)
@@ -192,6 +238,8 @@ def main() -> None:
             print_scaling(arguments.engine, arguments.megapixels, arguments.radii, arguments.repeats)
         elif section == "rays":
             print_rays(arguments.shared, arguments.repeats)
+        elif section == "shapes":
+            print_shapes(arguments.shared, arguments.repeats)
         else:
             print_quality(arguments.shared, arguments.data)
 

@@ -1,4 +1,4 @@
-"""Hybrid classical and neural bokeh rendering from a picture and its depth.
+"""Bokeh from a picture and its depth: classical, neural and hybrid renderers.
 
 The public names load on first use: importing the package imports neither torch nor onnxruntime.
 """
@@ -13,12 +13,17 @@ _HOME = {
     "BokehRenderer": "bokehnet.inference.pipeline",
     "BokehnetError": "bokehnet.errors",
     "Highlights": "bokehnet.optics.tone",
+    "Layers": "bokehnet.classical.layers",
     "RenderResult": "bokehnet.inference.pipeline",
     "ThinLens": "bokehnet.lenses.thin",
     "defocus_from_disparity": "bokehnet.optics.coc",
     "defocus_map": "bokehnet.lenses.base",
     "disparity_from_depth": "bokehnet.optics.coc",
+    "hidden_layer": "bokehnet.classical.hidden",
+    "rays": "bokehnet.classical.rays",
     "read_image": "bokehnet.io.image",
+    "scatter": "bokehnet.classical.scatter",
+    "split_layers": "bokehnet.classical.layers",
     "write_image": "bokehnet.io.image",
 }
 

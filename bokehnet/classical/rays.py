@@ -53,7 +53,7 @@ def rays(
     Pixels within the blur's reach of a gap in depth (:func:`geometric_error_map`) look through the pupil
     along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights are
     laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border the
-    picture is taken to go on as it ends.
+    picture is taken to go on as it ends. Not differentiable; the scatter is.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).

@@ -15,13 +15,18 @@ PUBLIC = [
     "BokehRenderer",
     "BokehnetError",
     "Highlights",
+    "Layers",
     "RenderResult",
     "ThinLens",
     "__version__",
     "defocus_from_disparity",
     "defocus_map",
     "disparity_from_depth",
+    "hidden_layer",
+    "rays",
     "read_image",
+    "scatter",
+    "split_layers",
     "write_image",
 ]
 
