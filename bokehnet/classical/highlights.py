@@ -23,7 +23,7 @@ from bokehnet.optics.aperture import Aperture, cats_eye_shift, transmission
 __all__ = ["add_lights", "separate_lights"]
 
 # Sharper lights stay in the picture.
-_SMALLEST_RADIUS = 6.0
+_SMALLEST_RADIUS = 3.0
 
 # At most this share of the pixels are lights, the brightest ones, so that their discs stay affordable.
 _MOST = 1 / 20
@@ -34,41 +34,54 @@ _CELL = 1 / 16
 _GRID = 256
 
 
-def separate_lights(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Part a picture into lights and the rest; their sum is the picture.
+def separate_lights(layers: Layers) -> tuple[Layers, np.ndarray]:
+    """Part layers into lights and the rest.
+
+    A light is what outshines the window that the largest disc spans, in its own layer; of pixels that a
+    nearer layer covers in part, the share that it leaves, and of hidden pixels nothing.
 
     Args:
-        image: Scene-linear, (H, W, 3), float32.
-        defocus: Signed blur radius in pixels, (H, W).
+        layers: As split from a picture, or true ones.
 
     Returns:
-        The rest and the lights, both (H, W, 3). A light is what outshines the window that the largest disc
-        spans. If more than a twentieth of the pixels does, the brightest are taken.
+        Layers without lights, and the lights as rows (x, y, defocus, red, green, blue), lights of like
+        defocus in one small cell gathered into one of their energy. If more than a twentieth of the pixels
+        are lights, the brightest are taken.
     """
-    share = outshining(image, math.ceil(float(np.abs(defocus).max())))
-    share[np.abs(defocus) < _SMALLEST_RADIUS] = 0.0
-    excess, most = share * brightest(image), int(_MOST * share.size)
-    if np.count_nonzero(excess) > most:
-        share[excess < np.partition(excess, -most - 1, axis=None)[-most - 1]] = 0.0
-    lights = image * share[..., None]
-    return image - lights, lights
+    reach = math.ceil(float(np.abs(layers.defocus).max()))
+    colors = layers.colors.copy()
+    seen = np.ones(layers.defocus.shape[:2], np.float32)
+    found = []
+    for layer in range(layers.defocus.shape[2]):
+        color, depth = layers.colors[:, :, layer], layers.defocus[:, :, layer]
+        share = outshining(color, reach)
+        share[np.abs(depth) < _SMALLEST_RADIUS] = 0.0
+        energy, most = share * seen * layers.coverage[:, :, layer] * brightest(color), int(_MOST * share.size)
+        if np.count_nonzero(energy) > most:
+            share[energy < np.partition(energy, -most - 1, axis=None)[-most - 1]] = 0.0
+        colors[:, :, layer] -= color * share[..., None]
+        y, x = np.nonzero(share * energy)
+        amount = (share * seen * layers.coverage[:, :, layer])[y, x, None] * color[y, x]
+        found.append(np.column_stack([x, y, depth[y, x], amount]).astype(np.float64))
+        seen *= 1.0 - layers.coverage[:, :, layer]
+    rest = Layers(colors=colors, defocus=layers.defocus, coverage=layers.coverage)
+    return rest, _gather(np.concatenate(found))
 
 
-def _gather(lights: np.ndarray, defocus: np.ndarray) -> np.ndarray:
-    """Lights as rows (x, y, defocus, red, green, blue); neighbours in one cell of like defocus become one.
+def _gather(lights: np.ndarray) -> np.ndarray:
+    """Make one light of those of like defocus in one cell.
 
-    A cell is a square of a power of two pixels, at most ``_CELL`` of the radius.
+    A cell is a square of a power of two pixels, at most ``_CELL`` of the radius wide.
     """
-    y, x = np.nonzero(brightest(lights) > 0)
-    depth, color = defocus[y, x].astype(np.float64), lights[y, x].astype(np.float64)
+    x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
     size = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
     keys = np.stack([size, x // size, y // size, np.round(depth / JUMP)], axis=1)
     _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.reshape(-1)
-    weight = color.sum(axis=1)
+    weight = lights[:, 3:].sum(axis=1)
     total = np.bincount(group, weight)
     mean = [np.bincount(group, weight * value) / total for value in (x, y, depth)]
-    return np.stack(mean + [np.bincount(group, color[:, c]) for c in range(3)], axis=1)
+    return np.stack(mean + [np.bincount(group, lights[:, c]) for c in (3, 4, 5)], axis=1)
 
 
 @njit(cache=True)
@@ -146,7 +159,6 @@ def _add_lights(found, totals, depths, coverage, mask, slices, low, thickness, g
 
 def add_lights(
     lights: np.ndarray,
-    defocus: np.ndarray,
     layers: Layers,
     mask: np.ndarray,
     slices: tuple[np.ndarray, float, float],
@@ -156,24 +168,22 @@ def add_lights(
     """Add every light's disc to the pixels of ``mask`` that see it past what stands in front.
 
     Args:
-        lights: From :func:`separate_lights`, (H, W, 3).
-        defocus: Of the lights, (H, W).
+        lights: From :func:`separate_lights`, (N, 6).
         layers: What can stand in front of them.
         mask: Pixels to add to, (H, W) bool.
         slices: From :func:`bokehnet.classical.ray_kernels.occupied_slices`.
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
     """
-    found = _gather(lights, defocus)
-    if not len(found):
+    if not len(lights):
         return
     axis = (np.arange(_GRID) + 0.5) * (2 / _GRID) - 1
     grids = np.stack([transmission(aperture, axis[None], axis[:, None], side) for side in (1, -1)])
-    totals = np.zeros(len(found))
+    totals = np.zeros(len(lights))
     with parallel_region:
-        _totals(found, grids, totals)
+        _totals(lights, grids, totals)
         _add_lights(
-            found,
+            lights,
             totals,
             layers.defocus,
             layers.coverage,

@@ -61,7 +61,7 @@ def rays(
         aperture: Shape of the opening; default: a disc.
         seed: Of the noise; two seeds differ by noise alone.
         layers: True layers, from a renderer that can see behind things. Default: made from the picture
-            (:func:`bokehnet.classical.layers.split_layers`). The lights of true layers stay in the layers.
+            (:func:`bokehnet.classical.layers.split_layers`).
 
     Returns:
         Picture (H, W, 3) float32.
@@ -101,15 +101,12 @@ def _render(
     mask = doubt > 0
     if not mask.any():
         return smooth, doubt
-    rest, lights = (image, None) if layers is not None else separate_lights(image, defocus)
-    if layers is None:
-        layers = split_layers(rest, defocus)
+    layers, lights = separate_lights(layers or split_layers(image, defocus))
     result = np.array(smooth)
     points, weights = _pattern(aperture)
     slices = occupied_slices(layers.defocus)
     march(layers, mask, slices, points, weights, result, cats_eye=aperture.cats_eye, seed=seed)
-    if lights is not None:
-        add_lights(lights, defocus, layers, mask, slices, aperture, result)
+    add_lights(lights, layers, mask, slices, aperture, result)
     return fuse(smooth, result, doubt[..., None]), doubt
 
 

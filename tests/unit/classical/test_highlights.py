@@ -3,6 +3,7 @@
 import numpy as np
 
 from bokehnet.classical.highlights import separate_lights
+from bokehnet.classical.layers import Layers
 from bokehnet.classical.rays import rays
 
 
@@ -15,19 +16,42 @@ def night(radius=-12.0, size=96):
     return image, defocus
 
 
+def one_layer(image, defocus):
+    return Layers(
+        colors=image[:, :, None],
+        defocus=defocus[:, :, None],
+        coverage=np.ones((*defocus.shape, 1), np.float32),
+    )
+
+
 def test_lights_and_the_rest_add_up_to_the_picture():
     image, defocus = night()
-    rest, lights = separate_lights(image, defocus)
-    np.testing.assert_allclose(rest + lights, image, rtol=1e-6)
-    assert lights[48, 36, 0] > 490
-    assert (lights > 0).sum() == 3
+    rest, lights = separate_lights(one_layer(image, defocus))
+    assert lights.shape == (1, 6)
+    np.testing.assert_allclose(lights[0, :3], (36, 48, -12))
+    assert lights[0, 3] > 490
+    np.testing.assert_allclose(rest.colors[48, 36, 0] + lights[0, 3:], image[48, 36], rtol=1e-6)
+    np.testing.assert_array_equal(np.delete(rest.colors[48, :, 0], 36, 0), np.delete(image[48], 36, 0))
 
 
 def test_sharp_lights_and_even_pictures_stay_whole():
     image, defocus = night()
-    assert not separate_lights(image, 0 * defocus)[1].any()
-    assert not separate_lights(np.full_like(image, 7.0), defocus)[1].any()
-    assert not separate_lights(0 * image, defocus)[1].any()
+    for picture, radius in ((image, 0 * defocus), (np.full_like(image, 7.0), defocus), (0 * image, defocus)):
+        rest, lights = separate_lights(one_layer(picture, radius))
+        assert len(lights) == 0
+        np.testing.assert_array_equal(rest.colors[:, :, 0], picture)
+
+
+def test_a_light_gives_what_nearer_layers_leave_of_it():
+    image, defocus = night()
+    coverage = np.stack([0.25 + 0 * defocus, 1 + 0 * defocus], 2)
+    layers = Layers(
+        colors=np.stack([0.01 + 0 * image, image], 2),
+        defocus=np.stack([0 * defocus, defocus], 2),
+        coverage=coverage,
+    )
+    whole = separate_lights(one_layer(image, defocus))[1]
+    np.testing.assert_allclose(separate_lights(layers)[1][:, 3:], 0.75 * whole[:, 3:], rtol=1e-5)
 
 
 def test_a_light_is_an_even_disc_clipped_by_what_stands_before_it():
@@ -62,6 +86,6 @@ def test_of_too_many_lights_the_brightest_are_taken():
     image = np.full((80, 80, 3), 0.01, np.float32)
     bright = rng.random((80, 80)) < 0.1
     image[bright] = rng.uniform(20, 90, (bright.sum(), 1))
-    lights = separate_lights(image, np.full((80, 80), 9.0))[1].max(axis=2)
-    assert 0 < (lights > 0).sum() <= 80 * 80 / 20 + 1
-    assert lights[lights > 0].min() > 20
+    lights = separate_lights(one_layer(image, np.full((80, 80), 9.0, np.float32)))[1]
+    assert 0 < len(lights) <= 80 * 80 / 20 + 1
+    assert lights[:, 3].min() > 20
