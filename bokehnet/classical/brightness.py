@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["brightest", "outshining"]
+__all__ = ["brightest", "light_limit"]
 
 # A light is this many times as bright as its surroundings.
 _CONTRAST = 4.0
@@ -37,8 +37,8 @@ def _box_sum(values: np.ndarray, reach: int, axis: int) -> np.ndarray:
     return np.take(sums, high, axis) - np.take(sums, low, axis)
 
 
-def outshining(image: np.ndarray, reach: int) -> np.ndarray:
-    """Share of each pixel's light by which it exceeds four times its surroundings.
+def light_limit(image: np.ndarray, reach: int) -> np.ndarray:
+    """Brightness above which a pixel is a light: four times its surroundings.
 
     Args:
         image: Scene-linear, (H, W, 3), float32.
@@ -46,12 +46,8 @@ def outshining(image: np.ndarray, reach: int) -> np.ndarray:
             time with every pixel held at four times the first, so that lights hardly raise it.
 
     Returns:
-        (H, W) float32 in [0, 1), 0 for all that is no light.
+        (H, W) float32, to be compared with :func:`brightest`.
     """
     light, reach = brightest(image), max(_SMALLEST_REACH, reach)
     mean = _around(light, reach)
-    mean = _around(np.minimum(light, _CONTRAST * mean), reach)
-    share = np.zeros(light.shape, np.float32)
-    found = light > _CONTRAST * mean
-    share[found] = 1.0 - _CONTRAST * mean[found] / light[found]
-    return share
+    return _CONTRAST * _around(np.minimum(light, _CONTRAST * mean), reach)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.base import check_inputs
-from bokehnet.classical.brightness import outshining
+from bokehnet.classical.brightness import brightest, light_limit
 from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.parallel import parallel_region
 
@@ -88,7 +88,7 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
                         continue
                     if abs(defocus[v, u] - defocus[a, b]) > JUMP:
                         continue
-                    w = 1.0 if lights[v, u] == 0.0 else 1e-3
+                    w = 1e-3 if lights[v, u] else 1.0
                     weight += w
                     depth += w * defocus[v, u]
                     red += w * image[v, u, 0]
@@ -121,10 +121,13 @@ def hidden_layer(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     """
     image, defocus = check_inputs(image, defocus)
     colors, depths = image.copy(), defocus.copy()
-    lights = outshining(image, math.ceil(float(np.abs(defocus).max())))
+    limit = light_limit(image, math.ceil(float(np.abs(defocus).max())))
+    lights = brightest(image) > limit
     source = np.full(defocus.shape, -1, np.int32)  # the pixel, counted along the rows, that ends behind a gap
     with parallel_region:
         _at_gaps(defocus, source)
         _carry_inwards(defocus, source)
         _fill(image, defocus, lights, source, colors, depths)
+    y, x = np.nonzero((source >= 0) & (brightest(colors) > limit))
+    colors[y, x] *= (limit[y, x] / brightest(colors[y, x]))[:, None]
     return colors, depths

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from bokehnet.classical.brightness import brightest, outshining
+from bokehnet.classical.brightness import brightest, light_limit
 from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.layers import Layers
 from bokehnet.classical.parallel import parallel_region
@@ -37,8 +37,8 @@ _GRID = 256
 def separate_lights(layers: Layers) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
-    A light is what outshines the window that the largest disc spans, in its own layer; of pixels that a
-    nearer layer covers in part, the share that it leaves, and of hidden pixels nothing.
+    A light is what outshines the window that the largest disc spans. Where nearer layers cover a part of its
+    pixel, only the share that they leave is its light; where they cover all, it stays in its layer.
 
     Args:
         layers: As split from a picture, or true ones.
@@ -48,24 +48,25 @@ def separate_lights(layers: Layers) -> tuple[Layers, np.ndarray]:
         defocus in one small cell gathered into one of their energy. If more than a twentieth of the pixels
         are lights, the brightest are taken.
     """
-    reach = math.ceil(float(np.abs(layers.defocus).max()))
-    colors = layers.colors.copy()
-    seen = np.ones(layers.defocus.shape[:2], np.float32)
-    found = []
+    limit = light_limit(layers.colors[:, :, 0], math.ceil(float(np.abs(layers.defocus).max())))
+    colors, lights = layers.colors.copy(), []
+    seen: np.ndarray = np.ones(limit.shape, np.float32)
     for layer in range(layers.defocus.shape[2]):
-        color, depth = layers.colors[:, :, layer], layers.defocus[:, :, layer]
-        share = outshining(color, reach)
-        share[np.abs(depth) < _SMALLEST_RADIUS] = 0.0
-        energy, most = share * seen * layers.coverage[:, :, layer] * brightest(color), int(_MOST * share.size)
-        if np.count_nonzero(energy) > most:
-            share[energy < np.partition(energy, -most - 1, axis=None)[-most - 1]] = 0.0
-        colors[:, :, layer] -= color * share[..., None]
-        y, x = np.nonzero(share * energy)
-        amount = (share * seen * layers.coverage[:, :, layer])[y, x, None] * color[y, x]
-        found.append(np.column_stack([x, y, depth[y, x], amount]).astype(np.float64))
-        seen *= 1.0 - layers.coverage[:, :, layer]
+        brightness = brightest(layers.colors[:, :, layer])
+        blurred = np.abs(layers.defocus[:, :, layer]) >= _SMALLEST_RADIUS
+        y, x = np.nonzero((seen * layers.coverage[:, :, layer] > 0) & (brightness > limit) & blurred)
+        amount = (seen * layers.coverage[:, :, layer])[y, x]
+        excess = 1.0 - limit[y, x] / brightness[y, x]
+        most = int(_MOST * limit.size)
+        if len(y) > most:
+            kept = np.argsort(-amount * excess * brightness[y, x], kind="stable")[:most]
+            y, x, amount, excess = y[kept], x[kept], amount[kept], excess[kept]
+        color = colors[y, x, layer] * excess[:, None]
+        colors[y, x, layer] -= color
+        lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color]))
+        seen = seen * (1.0 - layers.coverage[:, :, layer])
     rest = Layers(colors=colors, defocus=layers.defocus, coverage=layers.coverage)
-    return rest, _gather(np.concatenate(found))
+    return rest, _gather(np.concatenate(lights).astype(np.float64))
 
 
 def _gather(lights: np.ndarray) -> np.ndarray:

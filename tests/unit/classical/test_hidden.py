@@ -70,3 +70,11 @@ def test_bad_input_is_refused():
         hidden_layer(image, defocus[:-1])
     with pytest.raises(ParameterError, match="defocus"):
         hidden_layer(image, np.full_like(defocus, np.nan))
+
+
+def test_lights_are_not_carried_on():
+    image, defocus, inside = scene()
+    image[...] = 0.1
+    image[20:28, 22:24] = 50.0  # lamps that touch the square's left side
+    colors, _ = hidden_layer(image, defocus)
+    assert colors[inside].max() < 5.0
