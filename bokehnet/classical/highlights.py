@@ -52,10 +52,11 @@ def separate_lights(layers: Layers) -> tuple[Layers, np.ndarray]:
     colors, lights = layers.colors.copy(), []
     seen: np.ndarray = np.ones(limit.shape, np.float32)
     for layer in range(layers.defocus.shape[2]):
-        brightness = brightest(layers.colors[:, :, layer])
+        brightness, coverage = brightest(layers.colors[:, :, layer]), layers.coverage[:, :, layer]
+        share = seen * coverage
         blurred = np.abs(layers.defocus[:, :, layer]) >= _SMALLEST_RADIUS
-        y, x = np.nonzero((seen * layers.coverage[:, :, layer] > 0) & (brightness > limit) & blurred)
-        amount = (seen * layers.coverage[:, :, layer])[y, x]
+        y, x = np.nonzero((share > 0) & (brightness > limit) & blurred)
+        amount = share[y, x]
         excess = 1.0 - limit[y, x] / brightness[y, x]
         most = int(_MOST * limit.size)
         if len(y) > most:
@@ -64,7 +65,7 @@ def separate_lights(layers: Layers) -> tuple[Layers, np.ndarray]:
         color = colors[y, x, layer] * excess[:, None]
         colors[y, x, layer] -= color
         lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color]))
-        seen = seen * (1.0 - layers.coverage[:, :, layer])
+        seen = seen * (1.0 - coverage)
     rest = Layers(colors=colors, defocus=layers.defocus, coverage=layers.coverage)
     return rest, _gather(np.concatenate(lights).astype(np.float64))
 

@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ClassicalResult, check_inputs
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.highlights import add_lights, separate_lights
@@ -94,6 +95,8 @@ def _render(
     image: np.ndarray, defocus: np.ndarray, aperture: Aperture, seed: int, layers: Layers | None
 ) -> tuple[np.ndarray, np.ndarray]:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
+    if layers is not None:
+        check_same_size("image", image, "layers", layers.defocus)
     largest = _LARGEST * max(defocus.shape)
     defocus = np.clip(defocus, -largest, largest)
     doubt = geometric_error_map(defocus)

@@ -11,14 +11,13 @@ numbers are those of the other kernels: :mod:`bokehnet.classical.disc` for discs
 exact there, and within 2 in 10,000 of the light here), :mod:`bokehnet.classical.shape_tables` for all others.
 """
 
-import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from bokehnet.classical.disc import SMALLEST_RADIUS, TABLE_RADIUS, disc_table, find_step, list_row
+from bokehnet.classical.disc import SMALLEST_RADIUS, TABLE_RADIUS, disc_table, list_row
 from bokehnet.classical.lanes import LANES, ORDER
 from bokehnet.classical.shape_tables import LARGEST_TABLE, STEP, shape_table
 from bokehnet.optics.aperture import Aperture
@@ -95,29 +94,11 @@ def _spans_of_ends(shape: np.ndarray, shapes: int, places: np.ndarray, weights: 
     return _join(lengths, rows[order], -reach[order], reach[order] + 1, *parts[order].T)
 
 
-@njit(cache=True)
-def _find_starts(table, starts):  # type: ignore[no-untyped-def]
-    """Fill in the radius at which each step of the discs' table starts, by bisection."""
-    starts[0] = SMALLEST_RADIUS
-    for step in range(1, len(starts)):
-        below, above = starts[step - 1], TABLE_RADIUS
-        for _ in range(64):
-            middle = 0.5 * (below + above)
-            if find_step(table, middle)[0] < step:
-                below = middle
-            else:
-                above = middle
-        starts[step] = above - find_step(table, above)[1]
-
-
 def _disc_ladder() -> Ladder:
     table = disc_table()
-    steps = find_step(table, math.nextafter(TABLE_RADIUS, 0.0))[0] + 1
-    radii = np.empty(steps)
-    _find_starts(table, radii)
     shape = np.repeat(np.arange(len(table.first)), table.first[:, -1] - table.first[:, 0])
     spans = _spans_of_ends(shape, len(table.first), table.places, table.weights)
-    return Ladder(spans, radii, TABLE_RADIUS, False)
+    return Ladder(spans, table.radii[:-1], TABLE_RADIUS, False)
 
 
 @njit(cache=True)

@@ -165,6 +165,11 @@ def test_bad_input_is_refused():
         rays(image, defocus[1:])
     with pytest.raises(ParameterError, match="defocus"):
         rays(image, np.full_like(defocus, np.inf))
+    small = Layers(
+        colors=image[:50, :, None], defocus=defocus[:50, :, None], coverage=np.ones((50, SIZE, 1), np.float32)
+    )
+    with pytest.raises(ShapeError, match="image is 96x96 pixels but layers is 96x50"):
+        rays(image, defocus, layers=small)
 
 
 def test_the_renderer_gives_the_error_map_too():
