@@ -1,57 +1,30 @@
 """Quality on path-traced scenes of an independent renderer: ``python -m benchmarks.cycles FOLDER``.
 
-FOLDER holds one folder a scene with ``image.exr``, ``depth.exr``, ``scene.json`` and the truth of every
-shot. PSNR and SSIM are those of :mod:`train.metrics`.
+FOLDER holds the scenes as :func:`train.evaluation_sets.path_traced_pictures` reads them. PSNR and SSIM are
+those of :mod:`train.metrics`; ``python -m train.evaluate`` tells more.
 """
 
 import argparse
-import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.quality import Engine, Shot, print_header, print_scores, score
-from bokehnet.inference.pipeline import ENGINES, BokehRenderer
-from bokehnet.io.image import read_image
-from bokehnet.io.maps import read_depth
-from bokehnet.lenses import ThinLens, defocus_map
+from benchmarks.quality import Engine, print_header, print_scores, score
+from bokehnet.inference.pipeline import ENGINES
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.coc import disparity_from_depth
+from train.evaluation_sets import path_traced_shots as read_shots
+from train.evaluation_sets import scene_folders
+from train.methods import Method
 
 __all__ = ["read_shots", "scene_folders", "whole_engine"]
 
 
-def scene_folders(folder: Path) -> list[Path]:
-    """Scenes below ``folder``, by name."""
-    return sorted(path.parent for path in folder.glob("*/scene.json"))
-
-
-def read_shots(folder: Path) -> Iterator[Shot]:
-    """Every shot of one scene."""
-    scene = json.loads((folder / "scene.json").read_text())
-    image, depth = read_image(folder / "image.exr"), read_depth(folder / "depth.exr")
-    for shot in scene["shots"]:
-        lens = ThinLens(
-            focal_length=scene["focal_length_mm"],
-            f_number=shot["f_number"],
-            focus_distance=1000 * shot["focus_distance_m"],
-        )
-        defocus = defocus_map(disparity_from_depth(depth), lens, scene["sensor_width_mm"] / scene["width"])
-        yield Shot(
-            image=image,
-            defocus=defocus,
-            truth=read_image(folder / shot["file"]),
-            aperture=Aperture(blades=shot["blades"], rotation=shot["blade_rotation_deg"]),
-        )
-
-
 def whole_engine(name: str, weights: Path | None = None) -> Engine:
-    """The engine that people use; the hybrid knows no aperture but the disc."""
+    """The engine that people use."""
+    method = Method(name=name, engine=name, weights=weights)
 
     def render(image: np.ndarray, defocus: np.ndarray, *, aperture: Aperture) -> np.ndarray:
-        shape = Aperture() if name == "hybrid" else aperture
-        return BokehRenderer(name, aperture=shape, weights=weights).render(image, defocus).bokeh
+        return method.render(image, defocus, aperture).bokeh
 
     return render
 

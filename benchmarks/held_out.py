@@ -1,4 +1,4 @@
-"""Quality on held-out traced scenes: ``python -m benchmarks.held_out --data data/planes_val``."""
+"""Quality on held-out traced scenes: ``python -m benchmarks.held_out --data shards data/planes_val``."""
 
 from train.evaluate import main
 

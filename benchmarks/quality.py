@@ -1,39 +1,18 @@
 """Scores of several engines on the same pictures, as a table."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from bokehnet.optics.aperture import Aperture
+from train.evaluation_sets import Shot
 from train.metrics import compare, mean_scores
 
-__all__ = ["COLUMNS", "Engine", "Shot", "print_header", "print_scores", "score"]
+__all__ = ["COLUMNS", "Engine", "print_header", "print_scores", "score"]
 
 COLUMNS = ("psnr", "ssim", "edge_psnr", "edge_ssim")
 
 # (image, defocus, aperture=) -> picture; the rays also take a seed
 Engine = Callable[..., np.ndarray]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Shot:
-    """A picture to render and the truth; scene-linear float32.
-
-    Attributes:
-        image: All in focus, (H, W, 3).
-        defocus: Signed blur radius in pixels, (H, W).
-        truth: With bokeh, (H, W, 3).
-        aperture: Shape of the opening.
-        noise: What :func:`train.metrics.compare` would say of an engine that errs by the noise of the
-            truth alone, where that is known.
-    """
-
-    image: np.ndarray
-    defocus: np.ndarray
-    truth: np.ndarray
-    aperture: Aperture = field(default_factory=Aperture)
-    noise: dict[str, float] | None = None
 
 
 # For each engine the scores of one shot.

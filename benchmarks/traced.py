@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.quality import Shot
 from bokehnet.lenses import LensModel, ThinLens
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.synth import SceneConfig, SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
+from train.evaluation_sets import Shot
 from train.metrics import compare
 
 __all__ = ["LAMPS", "PLANES", "read_traced"]

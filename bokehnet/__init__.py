@@ -12,6 +12,7 @@ _HOME = {
     "Aperture": "bokehnet.optics.aperture",
     "BokehRenderer": "bokehnet.inference.pipeline",
     "BokehnetError": "bokehnet.errors",
+    "DisparityRefiner": "bokehnet.inference.refine",
     "Highlights": "bokehnet.optics.tone",
     "Layers": "bokehnet.classical.layers",
     "RenderResult": "bokehnet.inference.pipeline",

@@ -25,7 +25,9 @@ __all__ = [
 class CoarseNetwork(Protocol):
     """ARNet, as a torch module or an ONNX session."""
 
-    def __call__(self, image: Array, defocus: Array, classical: Array, /) -> tuple[Array, Array]:
+    def __call__(
+        self, image: Array, defocus: Array, classical: Array, hints: Array | None, /
+    ) -> tuple[Array, Array]:
         """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur of at most one unit."""
         ...
 
@@ -33,12 +35,14 @@ class CoarseNetwork(Protocol):
 class RefineNetwork(Protocol):
     """IUNet, as a torch module or an ONNX session."""
 
-    def __call__(self, image: Array, defocus: Array, classical: Array, coarse: Array, /) -> Array:
+    def __call__(
+        self, image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None, /
+    ) -> Array:
         """Return bokeh (B, 3, H, W), given ``coarse``, the bokeh at half the size."""
         ...
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, slots=True)
 class Level:
     """The inputs at one size.
 
@@ -46,12 +50,16 @@ class Level:
         image, classical: Scene-linear, (B, 3, H, W).
         defocus: Signed radius in pixels of this size, (B, 1, H, W).
         doubt: Where the classical render can be wrong, (B, 1, H, W) in [0, 1].
+        hints: What the classical renderer knows besides, (B, 5, H, W): the colours that it takes to stand
+            behind each pixel, scene-linear, the share of the pixel's light that is guessed, and the doubt;
+            ``None`` if it knows nothing.
     """
 
     image: Array
     defocus: Array
     classical: Array
     doubt: Array
+    hints: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,6 +76,9 @@ class NeuralResult:
     error_map: Array
 
 
+# Sides of the coarsest level are multiples of this: a U-Net halves its input three times.
+BLOCK = 8
+
 # How IUNet is run at one level: (network, level, bokeh at half the size, error map) to bokeh (B, 3, H, W).
 # The error map (B, 1, H, W) tells where the result will be used.
 Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
@@ -75,24 +86,26 @@ Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
 
 def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
     """Run IUNet on the whole picture at once."""
-    return iunet(level.image, level.defocus, level.classical, coarse)
+    return iunet(level.image, level.defocus, level.classical, coarse, level.hints)
 
 
-def build_levels(image: Array, defocus: Array, classical: Array, doubt: Array, halvings: int) -> list[Level]:
-    """Halve the inputs ``halvings`` times; coarse to fine. Sides are padded to whole coarse 2x2 blocks."""
-    arrays = [pad_to_multiple(x, 2 ** (halvings + 1)) for x in (image, defocus, classical, doubt)]
-    levels = [Level(image=arrays[0], defocus=arrays[1], classical=arrays[2], doubt=arrays[3])]
+def build_levels(
+    image: Array,
+    defocus: Array,
+    classical: Array,
+    doubt: Array,
+    hints: Array | None,
+    halvings: int,
+) -> list[Level]:
+    """Halve the inputs ``halvings`` times; coarse to fine. The coarsest sides are multiples of ``BLOCK``."""
+    arrays = [image, defocus, classical, doubt, *([] if hints is None else [hints])]
+    arrays = [pad_to_multiple(x, BLOCK * 2**halvings) for x in arrays]
+    levels = [Level(*arrays)]
     for _ in range(halvings):
-        finer = levels[0]
-        levels.insert(
-            0,
-            Level(
-                image=downsample2(finer.image),
-                defocus=0.5 * downsample2(finer.defocus),
-                classical=downsample2(finer.classical),
-                doubt=downsample2(finer.doubt),
-            ),
-        )
+        smaller = [downsample2(x) for x in arrays]
+        smaller[1] = 0.5 * smaller[1]
+        arrays = smaller
+        levels.insert(0, Level(*arrays))
     return levels
 
 
@@ -106,6 +119,7 @@ def render_neural(
     iunet: RefineNetwork,
     unit: float,
     refine: Refine = refine_whole,
+    hints: Array | None = None,
     extra_halvings: int = 0,
 ) -> NeuralResult:
     """Render the neural half.
@@ -122,6 +136,7 @@ def render_neural(
         iunet: The refining network.
         unit: Largest radius ``arnet`` was trained for, pixels.
         refine: How IUNet is run at each level.
+        hints: What the classical renderer knows besides, see :class:`Level`.
         extra_halvings: Start this many sizes lower than needed (for training).
 
     Source:
@@ -129,8 +144,9 @@ def render_neural(
     """
     height, width = image.shape[-2:]
     largest = float(array_namespace(defocus).abs(defocus).max())
-    levels = build_levels(image, defocus, classical, doubt, count_halvings(largest, unit) + extra_halvings)
-    bokeh, learned = arnet(levels[0].image, levels[0].defocus, levels[0].classical)
+    halvings = count_halvings(largest, unit) + extra_halvings
+    levels = build_levels(image, defocus, classical, doubt, hints, halvings)
+    bokeh, learned = arnet(levels[0].image, levels[0].defocus, levels[0].classical, levels[0].hints)
     steps = [bokeh]
     for level in levels[1:]:
         learned = upsample2(learned)

@@ -25,6 +25,7 @@ __all__ = [
     "check_number",
     "check_rank",
     "check_same_size",
+    "constant_like",
     "require_extra",
 ]
 
@@ -38,6 +39,13 @@ def array_namespace(x: Array) -> ModuleType:
     if torch is not None and isinstance(x, torch.Tensor):
         return torch
     return np
+
+
+def constant_like(values: np.ndarray, like: Array) -> Array:
+    """Return a NumPy table as an array of the kind, dtype and device of ``like``."""
+    if array_namespace(like) is np:
+        return np.asarray(values, np.asarray(like).dtype)
+    return like.new_tensor(values)
 
 
 def check_rank(name: str, array: Array, rank: int, layout: str) -> None:

@@ -12,7 +12,8 @@ import torch
 
 from bokehnet.config import load_config
 from bokehnet.errors import BokehnetError, ParameterError
-from train.loop import Stopped
+from train.distributed import Processes, joined
+from train.stopping import Stopped
 
 __all__ = ["run_command"]
 
@@ -31,7 +32,10 @@ def _override(text: str) -> tuple[str, Any]:
 def run_command(
     description: str | None, cls: type, run: Callable[[Any, Path, torch.device, float], Path]
 ) -> None:
-    """Parse the arguments, load the configuration, run; a user's mistake is one line and exit code 1."""
+    """Parse the arguments, load the configuration, run; a user's mistake is one line and exit code 1.
+
+    Started by ``torchrun``, this process joins the others first.
+    """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--config", required=True, type=Path, help="TOML file of the run")
     parser.add_argument(
@@ -45,10 +49,14 @@ def run_command(
     arguments = parser.parse_args()
     try:
         config = load_config(arguments.config, cls, dict(_override(text) for text in arguments.set))
-        path = run(config, arguments.out, torch.device(arguments.device), arguments.max_minutes)
+        with joined(torch.device(arguments.device)) as device:
+            first = Processes.current().first
+            path = run(config, arguments.out, device, arguments.max_minutes)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
     except Stopped as stopped:
-        print(stopped, file=sys.stderr)
+        if first:
+            print(stopped, file=sys.stderr)
         sys.exit(130 if stopped.asked else 0)
-    print(f"done: {path}")
+    if first:
+        print(f"done: {path}")

@@ -1,56 +1,190 @@
-"""Score the engines on held-out, ray-traced pairs, through the shipped renderer.
+"""Score ways to render on pictures with a known truth, given right and wrong disparity.
 
-``python -m train.evaluate --data data/planes_val``
+``python -m train.evaluate --data cycles FOLDER --method rays --method hybrid:runs/best+refine``
+
+A method is ``ENGINE[:FOLDER][+refine[:PATH]]``: the engine, the folder of its networks, and whether the
+disparity is mended first and by which network; the package's own by default. Whatever disparity a method
+gets, edges and blur radii by which pixels are told apart are the true ones.
 """
 
 import argparse
+import json
+import multiprocessing
 import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
-import numpy as np
+import numba
+import torch
 from tqdm import tqdm
 
-from bokehnet.errors import BokehnetError
-from bokehnet.inference.pipeline import ENGINES, BokehRenderer
-from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.synth.shards import ShardSet
-from train.metrics import compare, mean_scores
+from bokehnet.checks import check_choice, check_number, require_extra
+from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.inference.pipeline import ENGINES
+from train.corruption import CORRUPTIONS, EDGE_SHIFT, corrupt
+from train.evaluation_sets import SETS, Picture, list_pictures
+from train.methods import Method, load_repair, parse_method
+from train.report import TABLES, Row, as_json, differences, excess, format_table, mean_rows
+from train.scorer import Scorer
 
-__all__ = ["evaluate", "main"]
+__all__ = ["evaluate", "main", "score_picture"]
 
 
-def evaluate(renderer: BokehRenderer, samples: ShardSet) -> dict[str, float]:
-    """Mean scores of one engine over all views of all samples, given their true disparity."""
+def score_picture(
+    picture: Picture, methods: Sequence[Method], corruptions: Sequence[str], edge_shift: int = EDGE_SHIFT
+) -> list[Row]:
+    """Scores of every method on one picture with every kind of disparity."""
+    shot = picture.read()
+    scorer = Scorer(shot.truth, shot.defocus, shot.disparity)
     rows = []
-    for index in tqdm(range(len(samples)), desc=renderer.engine, mininterval=1):
-        sample = samples[index]
-        for view in range(len(sample.blur)):
-            blur, focus = float(sample.blur[view]), float(sample.focus[view])
-            defocus = defocus_from_disparity(sample.disparity, blur, focus)
-            render = renderer.render(sample.image.astype(np.float32), defocus).bokeh
-            rows.append(compare(render, sample.bokeh[view].astype(np.float32), defocus))
-    return mean_scores(rows)
+    for kind in corruptions:
+        given = corrupt(shot.defocus, kind, edge_shift)
+        mended = {None: given}
+        for method in methods:
+            if method.repair not in mended:
+                mended[method.repair] = load_repair(*method.repair)(shot.image, given)
+            result = method.render(shot.image, mended[method.repair], shot.aperture)
+            classical = None if result.neural is None else result.classical
+            rows.append(Row(method=method.name, disparity=kind, scores=scorer(result.bokeh, classical)))
+    return rows
 
 
-def main() -> None:
+def evaluate(
+    pictures: Sequence[Picture],
+    methods: Sequence[Method],
+    corruptions: Sequence[str] = CORRUPTIONS,
+    *,
+    edge_shift: int = EDGE_SHIFT,
+    jobs: int = 1,
+    progress: Callable[[int], object] = lambda done: None,
+) -> list[list[Row]]:
+    """Scores of every method on every picture with every kind of disparity.
+
+    Args:
+        pictures: What to render.
+        methods: How.
+        corruptions: Of ``train.corruption.CORRUPTIONS``.
+        edge_shift: Pixels by which eroded and dilated disparity is off.
+        jobs: Processes that share pictures and cores.
+        progress: Called with the number of pictures done, once for each.
+
+    Returns:
+        For each picture a row of each method and disparity.
+    """
+    work = partial(score_picture, methods=methods, corruptions=corruptions, edge_shift=edge_shift)
+    rows = []
+    if jobs == 1:
+        _share_cores(1)
+        for done, picture in enumerate(pictures, 1):
+            rows.append(work(picture))
+            progress(done)
+        return rows
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, spawn, _share_cores, (jobs,)) as pool:
+        for done, scores in enumerate(pool.map(work, pictures), 1):
+            rows.append(scores)
+            progress(done)
+    return rows
+
+
+def _share_cores(jobs: int) -> None:
+    """Give this process its share; one to torch, whose threads wait for each other in pictures this small."""
+    numba.set_num_threads(max(1, numba.config.NUMBA_NUM_THREADS // jobs))
+    torch.set_num_threads(1)
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("--data", required=True, nargs=2, metavar=("KIND", "FOLDER"), help=f"a set; KIND: {', '.join(SETS)}")
+    add("--method", action="append", metavar="METHOD", help=f"default: {', '.join(ENGINES)}")
+    add("--disparity", action="append", metavar="KIND", help=f"default: {', '.join(CORRUPTIONS)}")
+    add("--edge-shift", type=int, default=EDGE_SHIFT, help="px, of eroded and dilated; default %(default)s")
+    add("--limit", type=int, help="this many scenes only")
+    add("--baseline", metavar="METHOD", help="also tell what the other methods have more than this one")
+    add(
+        "--noise-floor",
+        type=float,
+        nargs=2,
+        metavar=("ALL", "EDGE"),
+        help="PSNR of the truth's own noise over all and over edge pixels, dB; taken off the mean errors",
+    )
+    add("--markdown", action="store_true", help="tables for a document")
+    add("--json", type=Path, help="write all scores to this file")
+    add("--jobs", type=int, default=1, help="processes; default %(default)s")
+    return parser.parse_args(arguments)
+
+
+def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
+    """Raise before any work is done."""
+    for name in ("limit", "jobs"):
+        value = getattr(options, name)
+        if value is not None and value < 1:
+            raise ParameterError(f"--{name}: expected at least 1, got {value}")
+    if options.edge_shift < 0:
+        raise ParameterError(f"--edge-shift: expected at least 0, got {options.edge_shift}")
+    for kind in options.disparity or ():
+        check_choice("--disparity", kind, CORRUPTIONS)
+    if options.baseline is not None:
+        check_choice("--baseline", options.baseline, names)
+    for floor in options.noise_floor or ():
+        check_number("--noise-floor", floor)
+    if options.json is not None and not options.json.parent.is_dir():
+        raise ParameterError(f"--json: there is no folder {options.json.parent}")
+    for module in ("flip_evaluator", "pytorch_msssim"):
+        require_extra(module, "train")
+
+
+def _run(options: argparse.Namespace) -> None:
+    methods = [parse_method(text) for text in dict.fromkeys(options.method or ENGINES)]
+    _check(options, [method.name for method in methods])
+    kind, folder = options.data
+    pictures = list_pictures(kind, Path(folder), options.limit)
+    for method in methods:
+        method.load()
+    with tqdm(total=len(pictures), desc="pictures") as bar:
+        rows = evaluate(
+            pictures,
+            methods,
+            list(dict.fromkeys(options.disparity or CORRUPTIONS)),
+            edge_shift=options.edge_shift,
+            jobs=options.jobs,
+            progress=lambda done: bar.update(),
+        )
+    means = mean_rows([row for some in rows for row in some])
+    if options.noise_floor:
+        means = excess(means, dict(zip(("psnr", "edge_psnr"), options.noise_floor, strict=True)))
+    print(f"{kind} {folder}: means over {len(pictures)} pictures, dB and [0, 1]")
+    _print_tables(means, options.markdown, "")
+    if options.baseline is not None:
+        _print_tables(differences(means, options.baseline), options.markdown, f", less {options.baseline}")
+    if options.json is not None:
+        found = [
+            {"scene": picture.scene, "picture": picture.name, "rows": as_json(some)}
+            for picture, some in zip(pictures, rows, strict=True)
+        ]
+        text = json.dumps({"means": as_json(means), "pictures": found}, indent=1, allow_nan=False)
+        options.json.write_text(text + "\n", encoding="utf-8")
+
+
+def _print_tables(rows: Sequence[Row], markdown: bool, ending: str) -> None:
+    for title, columns in TABLES.items():
+        table = format_table(title + ending, columns, rows, markdown=markdown, signed=bool(ending))
+        if table:
+            print(f"\n{table}")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", required=True, type=Path, help="folder of shards")
-    parser.add_argument("--engine", action="append", choices=ENGINES, help="engine to score; default: all")
-    parser.add_argument("--weights", type=Path, help="folder of the networks; default: the package's own")
-    arguments = parser.parse_args()
+    options = _parse(arguments)
     try:
-        samples = ShardSet(arguments.data)
-        table = {
-            engine: evaluate(BokehRenderer(engine, weights=arguments.weights), samples)
-            for engine in arguments.engine or ENGINES
-        }
+        _run(options)
     except BokehnetError as error:
-        sys.exit(f"error: {error}")
-    columns = ("psnr", "ssim", "edge_psnr", "edge_ssim")
-    print(f"{'engine':10s}" + "".join(f"{column:>11s}" for column in columns))
-    for engine, scores in table.items():
-        print(f"{engine:10s}" + "".join(f"{scores[column]:11.4f}" for column in columns))
+        sys.exit(f"error: {' '.join(str(error).split())}")
 
 
 if __name__ == "__main__":

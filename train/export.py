@@ -1,39 +1,60 @@
-"""Turn two checkpoints into the ONNX files that inference uses.
+"""Turn checkpoints into the ONNX files that inference uses.
 
-``python -m train.export --arnet runs/arnet/last.pt --iunet runs/iunet/last.pt --out bokehnet/weights``
+``python -m train.export --arnet runs/arnet/last.pt --iunet runs/iunet/last.pt --out bokehnet/weights/hybrid``
+``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
-from bokehnet.errors import BokehnetError, ModelFileError
+from bokehnet.errors import BokehnetError, DataFileError, ModelFileError
 from bokehnet.models.checkpoint import load_checkpoint, load_network
 from bokehnet.models.onnx_export import PARITY, export_networks
+from train.prepared import DESCRIPTION
 
 __all__ = ["main"]
 
 
+def _base(run: dict[str, Any]) -> str:
+    """The classical renderer whose result a run's networks correct."""
+    path = Path(run["data"]["folder"]) / DESCRIPTION
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["config"]["classical"])
+    except (OSError, ValueError, KeyError) as error:
+        raise DataFileError(
+            f"{path}: expected the description of what the network was trained on ({error})"
+        ) from error
+
+
 def main() -> None:
     """Entry of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--arnet", required=True, type=Path)
-    parser.add_argument("--iunet", required=True, type=Path)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    for name in ("arnet", "iunet", "repair"):
+        parser.add_argument(f"--{name}", type=Path)
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args()
+    chosen = [name for name in ("arnet", "iunet", "repair") if getattr(arguments, name)]
+    if chosen not in (["arnet", "iunet"], ["repair"]):
+        parser.error("expected either --arnet and --iunet, or --repair")
     try:
-        notes = {}
-        for name in ("arnet", "iunet"):
-            state = load_checkpoint(getattr(arguments, name))
-            notes[name] = {"steps": state["step"], "run": state["run"]}
-        arnet, iunet = (load_network(getattr(arguments, name), name) for name in ("arnet", "iunet"))
-        bases = {name: note["run"]["data"].get("classical", "scatter") for name, note in notes.items()}
-        if bases["arnet"] != bases["iunet"]:
-            raise ModelFileError(
-                f"both networks must correct one classical renderer, found {bases['arnet']} for ARNet and "
-                f"{bases['iunet']} for IUNet; train IUNet again with data.classical = {bases['arnet']!r}"
-            )
-        differences = export_networks(arnet, iunet, arguments.out, notes, bases["arnet"])
+        states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
+        notes = {name: {"steps": state["step"], "run": state["run"]} for name, state in states.items()}
+        networks = {name: load_network(getattr(arguments, name), name) for name in chosen}
+        manifest: dict[str, Any] = {"notes": notes}
+        if "arnet" in networks:
+            bases = {name: _base(note["run"]) for name, note in notes.items()}
+            if bases["arnet"] != bases["iunet"]:
+                raise ModelFileError(
+                    f"both networks must correct one classical renderer, found {bases['arnet']} for ARNet "
+                    f"and {bases['iunet']} for IUNet; train IUNet again on examples of {bases['arnet']}"
+                )
+            manifest["classical"] = bases["arnet"]
+        differences = export_networks(networks, arguments.out, manifest)
     except BokehnetError as error:
         sys.exit(f"error: {error}")
     for name, difference in differences.items():

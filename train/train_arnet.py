@@ -7,7 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from bokehnet.models.arnet import ARNet, ARNetConfig
-from bokehnet.pyramid import upsample2
+from bokehnet.models.blocks import decode, encode
+from bokehnet.models.checkpoint import load_network
+from bokehnet.pyramid import downsample2, upsample2
 from train.command import run_command
 from train.data import DataConfig, example_loader
 from train.loop import OptimConfig, train
@@ -24,32 +26,37 @@ class ARNetRun:
     Attributes:
         data, optim, model: See there.
         held_out: Held-out pictures scored at each validation.
+        start: Checkpoint of an ARNet of the same shape whose weights a new run starts from; empty for none.
     """
 
     data: DataConfig
     optim: OptimConfig
     model: ARNetConfig = field(default_factory=ARNetConfig)
     held_out: int = 24
+    start: str = ""
 
 
-def _bilinear(image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor) -> Tensor:
-    """Stands in for IUNet while ARNet is scored alone."""
-    return upsample2(coarse)
+def _carry(image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor, hints: Tensor | None) -> Tensor:
+    """Stands in for IUNet while ARNet is scored alone: an IUNet that corrects nothing."""
+    return decode(encode(classical) + upsample2(encode(coarse) - encode(downsample2(classical))))
 
 
 def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
     """Train, or go on training; returns the checkpoint."""
     torch.manual_seed(config.optim.seed)
-    held_out = held_out_examples(config.data, config.held_out)
+    held_out = held_out_examples(config.data.validation, config.held_out)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-        bokeh, error_map = network(batch["image"], batch["defocus"], batch["classical"])
-        return arnet_loss(bokeh, error_map, batch["classical"], batch["truth"], batch["error_map"])
+        bokeh, error_map = network(batch["image"], batch["defocus"], batch["classical"], batch["hints"])
+        return arnet_loss(bokeh, error_map, batch["classical"], batch["truth"], batch["target"])
 
+    network = ARNet(config.model)
+    if config.start:
+        network.load_state_dict(load_network(Path(config.start), "arnet").state_dict())
     return train(
         "arnet",
         config,
-        ARNet(config.model),
+        network,
         out=out,
         device=device,
         loader=lambda step: example_loader(
@@ -60,7 +67,7 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
             unit=config.model.unit,
         ),
         loss_of=loss_of,
-        validate=lambda network: score_cascade(network, _bilinear, config.model.unit, held_out, device),
+        validate=lambda network: score_cascade(network, _carry, config.model.unit, held_out, device),
         max_minutes=max_minutes,
     )
 

@@ -43,7 +43,7 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
     """Train, or go on training; returns the checkpoint."""
     torch.manual_seed(config.optim.seed)
     arnet = load_network(Path(config.arnet), "arnet").requires_grad_(False).to(device)
-    held_out = held_out_examples(config.data, config.held_out)
+    held_out = held_out_examples(config.data.validation, config.held_out)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         # At least one step up; starting a size lower than needed, half of the time, teaches two in a row.
@@ -52,14 +52,15 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
             batch["image"],
             batch["defocus"],
             batch["classical"],
-            batch["error_map"],
+            batch["doubt"],
+            hints=batch["hints"],
             arnet=arnet,
             iunet=network,
             unit=config.model.unit,
             extra_halvings=1 if small else int(batch["extra_halvings"][0]),
         )
         losses = []
-        truth, target = batch["truth"], batch["error_map"]
+        truth, target = batch["truth"], batch["target"]
         for bokeh in reversed(result.steps[1:]):
             losses.append(iunet_loss(bokeh, truth, target))
             truth, target = downsample2(truth), downsample2(target)

@@ -20,10 +20,22 @@ class ClassicalResult:
     Attributes:
         bokeh: The rendered picture, scene-linear, (H, W, 3).
         error_map: Where it can be wrong, (H, W) in [0, 1]; 1 = trust a network.
+        hidden: Colours taken to stand behind each pixel, scene-linear, (H, W, 3); ``None`` if it has none.
+        guessed: Share of each pixel's light that comes from there or from beyond the border, (H, W) in
+            [0, 1]; ``None`` if it guesses nothing.
     """
 
     bokeh: np.ndarray
     error_map: np.ndarray
+    hidden: np.ndarray | None = None
+    guessed: np.ndarray | None = None
+
+    @property
+    def hints(self) -> np.ndarray | None:
+        """Hidden colours, guessed share and error map as one array, (H, W, 5), for the networks."""
+        if self.hidden is None or self.guessed is None:
+            return None
+        return np.dstack([self.hidden, self.guessed, self.error_map])
 
 
 class ClassicalRenderer(Protocol):

@@ -203,7 +203,7 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 def _march(  # type: ignore[no-untyped-def]
     colors, depths, coverage, mask, slices, low, thickness, points, weights, cats_eye, seed, first, sums
 ):
-    """Fill ``sums`` for the rows from ``first`` on."""
+    """Fill ``sums`` for the rows from ``first`` on: weighted colour, weight, and weight that is guessed."""
     height, width = mask.shape
     last = first + sums.shape[0]
     variants, rays = points.shape[0] // SETS, points.shape[1]
@@ -239,17 +239,21 @@ def _march(  # type: ignore[no-untyped-def]
                         for c in range(3):
                             sums[y - first, x, group, c] += w * colors[row, column, layer, c]
                         sums[y - first, x, group, 3] += w
+                        place_x, place_y = x - u * depth, y - v * depth
+                        beyond = min(place_x, place_y, width - 1 - place_x, height - 1 - place_y) < -0.5
+                        if layer > 0 or beyond:
+                            sums[y - first, x, group, 4] += w
 
 
 @njit(cache=True, parallel=True)
-def _resolve(sums, mask, first, top, bottom, result):  # type: ignore[no-untyped-def]
+def _resolve(sums, mask, first, top, bottom, result, guessed):  # type: ignore[no-untyped-def]
     """Divide the sums of rows ``top`` to ``bottom``; ``sums`` begin at row ``first``.
 
     Blurred surfaces are averaged over 3x3 pixels, sharp ones and what their edges cover are not.
     """
     width = mask.shape[1]
     for y in prange(top, bottom):
-        around = np.empty((3, 4))
+        around = np.empty((3, 5))
         for x in range(width):
             if not mask[y, x]:
                 continue
@@ -258,11 +262,12 @@ def _resolve(sums, mask, first, top, bottom, result):  # type: ignore[no-untyped
                 for u in range(max(0, x - 1), min(width, x + 2)):
                     if mask[v, u]:
                         for group in range(3):
-                            for c in range(4):
+                            for c in range(5):
                                 around[group, c] += sums[v - first, u, group, c]
             total = around[0, 3] + around[1, 3] + around[2, 3]
             if total <= 0.0:
                 continue
+            guessed[y, x] = (around[0, 4] + around[1, 4] + around[2, 4]) / total
             front = around[0, 3] / total
             sharp, back = sums[y - first, x, 1, 3], sums[y - first, x, 2, 3]
             for c in range(3):
@@ -284,6 +289,7 @@ def march(
     weights: np.ndarray,
     result: np.ndarray,
     *,
+    guessed: np.ndarray,
     cats_eye: float = 0.0,
     seed: int = 0,
 ) -> None:
@@ -296,6 +302,8 @@ def march(
         points: Aperture coordinates, (SETS * variants, rays, 2), float32.
         weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
         result: (H, W, 3), float32; pixels in ``mask`` that meet a surface are overwritten.
+        guessed: (H, W), float32; set alike, to the share of a pixel's light that no picture shows: from
+            behind the first layer or from beyond the border.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         seed: Chooses the variant of each pixel and the random numbers against coverage.
     """
@@ -305,6 +313,6 @@ def march(
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)
             first, last = max(0, top - 1), min(height, bottom + 1)
-            sums = np.zeros((last - first, width, 3, 4), np.float32)
+            sums = np.zeros((last - first, width, 3, 5), np.float32)
             _march(*arrays, cats_eye, seed, first, sums)
-            _resolve(sums, mask, first, top, bottom, result)
+            _resolve(sums, mask, first, top, bottom, result, guessed)

@@ -75,7 +75,7 @@ def rays(
         Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
-    return _render(image, defocus, aperture or Aperture(), seed, layers)[0]
+    return _render(image, defocus, aperture or Aperture(), seed, layers).bokeh
 
 
 def _scatter_beyond(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.ndarray:
@@ -93,7 +93,7 @@ def _scatter_beyond(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) 
 
 def _render(
     image: np.ndarray, defocus: np.ndarray, aperture: Aperture, seed: int, layers: Layers | None
-) -> tuple[np.ndarray, np.ndarray]:
+) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
         check_same_size("image", image, "layers", layers.defocus)
@@ -103,17 +103,22 @@ def _render(
     smooth = _scatter_beyond(image, defocus, aperture)
     mask = doubt > 0
     if not mask.any():
-        return smooth, doubt
+        return ClassicalResult(
+            bokeh=smooth, error_map=doubt, hidden=np.array(image), guessed=np.zeros_like(doubt)
+        )
     layers, lights = separate_lights(layers or split_layers(image, defocus))
-    result = np.array(smooth)
+    result, guessed = np.array(smooth), np.zeros_like(doubt)
     points, weights = _pattern(aperture)
     slices = occupied_slices(layers.defocus)
-    march(layers, mask, slices, points, weights, result, cats_eye=aperture.cats_eye, seed=seed)
+    march(
+        layers, mask, slices, points, weights, result, guessed=guessed, cats_eye=aperture.cats_eye, seed=seed
+    )
     add_lights(lights, layers, mask, slices, aperture, result)
-    return fuse(smooth, result, doubt[..., None]), doubt
+    bokeh = fuse(smooth, result, doubt[..., None])
+    hidden = np.ascontiguousarray(layers.colors[:, :, -1])
+    return ClassicalResult(bokeh=bokeh, error_map=doubt, hidden=hidden, guessed=guessed)
 
 
 def render_rays(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> ClassicalResult:
-    """Rays, with the geometric error map beside them; arguments and errors of :func:`rays`."""
-    bokeh, doubt = _render(image, defocus, aperture or Aperture(), 0, None)
-    return ClassicalResult(bokeh=bokeh, error_map=doubt)
+    """Rays, with error map, hidden layer and guessed share; arguments and errors of :func:`rays`."""
+    return _render(image, defocus, aperture or Aperture(), 0, None)

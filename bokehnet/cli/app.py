@@ -9,8 +9,10 @@ import typer
 from bokehnet import __version__
 from bokehnet.cli.demo import demo
 from bokehnet.cli.info import info
+from bokehnet.cli.lens import lens
 from bokehnet.cli.render import render
 from bokehnet.cli.synth import synth
+from bokehnet.cli.trace import trace
 from bokehnet.errors import BokehnetError
 
 __all__ = ["app", "main", "run"]
@@ -30,7 +32,9 @@ app = typer.Typer(
 app.command()(render)
 app.command()(demo)
 app.command()(info)
+app.command()(lens)
 app.command()(synth)
+app.command()(trace)
 
 
 def _show_version(wanted: bool) -> None:

@@ -9,5 +9,5 @@ __all__ = ["DEFAULT_ENGINE", "Engine"]
 DEFAULT_ENGINE = "rays"
 
 Engine = Annotated[
-    str, typer.Option(help="rays (sees occlusion), scatter (faster), or hybrid (scatter and networks).")
+    str, typer.Option(help="rays (sees occlusion), scatter (faster), hybrid or fast (either, with networks).")
 ]

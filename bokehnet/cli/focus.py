@@ -22,6 +22,7 @@ class FocusOptions:
         depth: File with metric depth.
         channel: Channel of the map in its file.
         resize: Whether a map of another size is brought to the picture's.
+        refine: Whether its edges are moved to the picture's, one of ``REFINE_MODES``.
         relative: Numbers that go with ``disparity``, by the option's name.
         metric: Numbers that go with ``depth``.
         focus_at: Pixel ``X,Y`` that stays sharp.
@@ -31,12 +32,17 @@ class FocusOptions:
     depth: Path | None
     channel: str | None
     resize: bool
+    refine: str
     relative: dict[str, float | None]
     metric: dict[str, float | None]
     focus_at: str | None
 
     def check(self) -> None:
         """Raise unless exactly one kind of map is given, with all of its options and none of the other's."""
+        from bokehnet.checks import check_choice
+        from bokehnet.inference.refine import REFINE_MODES
+
+        check_choice("--refine-disparity", self.refine, REFINE_MODES)
         if (self.disparity is None) == (self.depth is None):
             found = "neither" if self.disparity is None else "both"
             raise ParameterError(f"expected one of --disparity and --depth, found {found}")
@@ -74,6 +80,10 @@ class FocusOptions:
             values = resize_map(values, height, width)
         hint = "--resize-disparity brings them together"
         check_same_size("the picture", picture, f"its {kind}", values, hint)
+        if self.refine != "off":
+            from bokehnet.inference.refine import DisparityRefiner
+
+            values = DisparityRefiner()(picture, values, self.refine)
         chosen = None if self.focus_at is None else _value_at(self.focus_at, values)
         if kind == "depth":
             return _metric_defocus(values, self.metric, chosen, width)

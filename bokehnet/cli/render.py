@@ -55,6 +55,13 @@ def render(
     resize_disparity: Annotated[
         bool, typer.Option("--resize-disparity", help="Bring a map of another size to the picture's.")
     ] = False,
+    refine_disparity: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|on|off",
+            help="Move the map's edges to the picture's; auto: where they are out of place.",
+        ),
+    ] = "auto",
     engine: Engine = DEFAULT_ENGINE,
     blades: Blades = 0,
     blade_curvature: BladeCurvature = None,
@@ -82,6 +89,7 @@ def render(
         depth=depth,
         channel=channel,
         resize=resize_disparity,
+        refine=refine_disparity,
         relative={"--blur": blur, "--focus": focus},
         metric={
             "--focal-length": focal_length,

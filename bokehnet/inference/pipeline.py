@@ -18,8 +18,11 @@ from bokehnet.optics.tone import Highlights, gamma_curve
 
 __all__ = ["ENGINES", "BokehRenderer", "RenderResult"]
 
-# Classical renderers are engines of their own; the hybrid adds the networks to the one they were trained on.
-ENGINES = ("hybrid", *CLASSICAL_RENDERERS)
+# Engines with networks: the best, on the rays, and a faster one on the scatter.
+HYBRIDS = ("hybrid", "fast")
+
+# Classical renderers are engines of their own.
+ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
 
 Progress = Callable[[int, int], None]
 
@@ -47,21 +50,18 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
-def _beyond_hybrid(name: str, known: str, found: str) -> str:
-    return f"{name}: expected {known}, all that the hybrid's networks know, got {found}; use --engine rays"
-
-
 class BokehRenderer:
     """Renders bokeh on the CPU.
 
     Args:
         engine: One of ``ENGINES``.
-        aperture: Shape of the lens opening; default a plain disc, the only one that the hybrid knows.
+        aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
+            shapes they correct what the classical half made of them.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
 
     Raises:
-        ParameterError: Unknown engine, or a shape that the engine does not know.
+        ParameterError: Unknown engine.
         ModelFileError: The engine needs networks, and they are missing or damaged.
     """
 
@@ -76,11 +76,10 @@ class BokehRenderer:
         check_choice("engine", engine, ENGINES)
         self.engine = engine
         self.aperture = aperture or Aperture()
-        hybrid = engine == "hybrid"
-        if hybrid and not self.aperture.is_disc:
-            raise ParameterError(_beyond_hybrid("aperture", "a plain disc", "another shape"))
-        self._networks = load_networks(weights or WEIGHTS, threads) if hybrid else None
-        self._classical = make_classical(self._networks.classical if self._networks else engine)
+        neural = engine in HYBRIDS
+        self._networks = load_networks(weights or WEIGHTS / engine, threads) if neural else None
+        self._classical_name = self._networks.classical if self._networks else engine
+        self._classical = make_classical(self._classical_name)
 
     def render(
         self,
@@ -110,7 +109,10 @@ class BokehRenderer:
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         image = np.maximum(image, 0)
         if self._networks is not None and gamma != 1:
-            raise ParameterError(_beyond_hybrid("gamma", "1", f"{gamma:g}"))
+            raise ParameterError(
+                f"gamma: expected 1, all that the networks of {self.engine} know, got {gamma:g}; "
+                f"use --engine {self._classical_name}"
+            )
         if highlights is not None:
             image = highlights.expand(image)
         report = progress or (lambda done, total: None)
@@ -142,6 +144,7 @@ class BokehRenderer:
         batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
         result = render_neural(
             *batches,
+            hints=None if classical.hints is None else _to_batch(classical.hints),
             arnet=self._networks.arnet,
             iunet=self._networks.iunet,
             unit=self._networks.unit,

@@ -11,9 +11,9 @@ import numpy as np
 from bokehnet.classical.base import CLASSICAL_RENDERERS
 from bokehnet.errors import ModelFileError
 
-__all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_networks"]
+__all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_network", "load_networks"]
 
-# The folder that ships with the package.
+# What ships with the package: a folder for each engine with networks, and ``repair``.
 WEIGHTS = Path(__file__).parent.parent / "weights"
 
 _FORMAT = 1
@@ -32,8 +32,11 @@ class OnnxNetwork:
         self._input_names = input_names
         self._taken = {item.name for item in self._session.get_inputs()}
 
-    def __call__(self, *arrays: np.ndarray) -> Any:
-        """Run on float32 arrays (B, C, H, W), in the order of the input names; one array or a tuple back."""
+    def __call__(self, *arrays: np.ndarray | None) -> Any:
+        """Run on float32 arrays (B, C, H, W), in the order of the input names; one array or a tuple back.
+
+        Inputs that the network does not take are left out and may be ``None``.
+        """
         fed = dict(zip(self._input_names, arrays, strict=True))
         contiguous = {key: np.ascontiguousarray(fed[key], np.float32) for key in self._taken}
         results = self._session.run(None, contiguous)
@@ -45,8 +48,8 @@ class Networks:
     """A pair of networks that belong together.
 
     Attributes:
-        arnet: Takes image, defocus, classical; gives bokeh and error map.
-        iunet: Takes image, defocus, classical, coarse; gives bokeh.
+        arnet: Takes image, defocus, classical, hints; gives bokeh and error map.
+        iunet: Takes image, defocus, classical, coarse, hints; gives bokeh.
         unit: Largest radius that ``arnet`` was trained for, pixels.
         classical: Name of the classical renderer whose result they correct.
     """
@@ -71,6 +74,11 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     found = manifest.get("format") if isinstance(manifest, dict) else None
     if found != _FORMAT:
         raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {found}; export again")
+    return manifest
+
+
+def _check_pair(folder: Path, manifest: dict[str, Any]) -> None:
+    path = folder / "manifest.json"
     if not isinstance(manifest.get("unit"), int | float):
         raise ModelFileError(f"{path}: expected a number called unit; export again")
     classical = manifest.get("classical")
@@ -79,7 +87,6 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             f"{path}: expected classical to be one of {', '.join(CLASSICAL_RENDERERS)}, found {classical}; "
             f"export again"
         )
-    return manifest
 
 
 def _read_model(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
@@ -105,7 +112,12 @@ def _read_model(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
     return model
 
 
-def load_networks(folder: Path = WEIGHTS, threads: int = 0) -> Networks:
+def load_network(folder: Path, name: str, input_names: tuple[str, ...], threads: int = 0) -> OnnxNetwork:
+    """Load one network after checking it against its manifest; arguments and errors of ``load_networks``."""
+    return OnnxNetwork(_read_model(folder, name, _read_manifest(folder)), input_names, threads)
+
+
+def load_networks(folder: Path, threads: int = 0) -> Networks:
     """Load a pair of networks after checking them against their manifest.
 
     Args:
@@ -116,10 +128,11 @@ def load_networks(folder: Path = WEIGHTS, threads: int = 0) -> Networks:
         ModelFileError: A file is missing, damaged or not what the manifest says.
     """
     manifest = _read_manifest(folder)
+    _check_pair(folder, manifest)
     inputs = ("image", "defocus", "classical")
     return Networks(
-        arnet=OnnxNetwork(_read_model(folder, "arnet", manifest), inputs, threads),
-        iunet=OnnxNetwork(_read_model(folder, "iunet", manifest), (*inputs, "coarse"), threads),
+        arnet=OnnxNetwork(_read_model(folder, "arnet", manifest), (*inputs, "hints"), threads),
+        iunet=OnnxNetwork(_read_model(folder, "iunet", manifest), (*inputs, "coarse", "hints"), threads),
         unit=float(manifest["unit"]),
         classical=manifest["classical"],
     )

@@ -47,6 +47,9 @@ def refine_in_tiles(
             if not error_map[window].any():
                 continue
             half = np.s_[..., y0 // 2 : y1 // 2, x0 // 2 : x1 // 2]
-            refined = iunet(level.image[window], level.defocus[window], level.classical[window], coarse[half])
+            hints = None if level.hints is None else level.hints[window]
+            refined = iunet(
+                level.image[window], level.defocus[window], level.classical[window], coarse[half], hints
+            )
             result[..., top:bottom, left:right] = refined[..., top - y0 : bottom - y0, left - x0 : right - x0]
     return result

@@ -4,13 +4,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_image, check_map
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.io.atomic import check_target, write_atomic
+from bokehnet.io.atomic import check_target
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.encode import encode
 from bokehnet.io.pixels import ImageFile, Part
 
 __all__ = [
@@ -86,16 +86,16 @@ def write_image(path: Path | str, image: NDArray[Any], *, quality: int = 95, bit
         raise ParameterError(f"bits: expected 8, or 16 for .png and .tif, got {bits} for {extension}")
     if extension == ".exr":
         half = np.clip(image, -_LARGEST_HALF, _LARGEST_HALF).astype(np.float16)
-        _write(path, half, ("R", "G", "B"), {"compression": "zip"})
+        encode(path, half, ("R", "G", "B"), {"compression": "zip"})
     elif extension == ".hdr":
-        _write(path, np.maximum(image, 0).astype(np.float32), ("R", "G", "B"), {})
+        encode(path, np.maximum(image, 0).astype(np.float32), ("R", "G", "B"), {})
     else:
         codec = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp"}.get(extension)
         hints = {"compression": f"{codec}:{quality}"} if codec else {}
         if codec == "jpeg":
             hints["jpeg:subsampling"] = "4:4:4"  # halved colour resolution shows at small bright discs
         srgb = linear_to_srgb(np.clip(image, 0, 1))
-        _write(path, _quantise(srgb, bits), ("R", "G", "B"), hints)
+        encode(path, _quantise(srgb, bits), ("R", "G", "B"), hints)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:
@@ -116,9 +116,9 @@ def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> 
     check_writable(path, MAP_EXTENSIONS)
     check_map("map", values)
     if path.suffix.lower() == ".exr":
-        _write(path, values[..., None].astype(np.float32), (channel,), {"compression": "zip"})
+        encode(path, values[..., None].astype(np.float32), (channel,), {"compression": "zip"})
     else:
-        _write(path, _quantise(np.clip(values, 0, 1), 8)[..., None], ("Y",), {})
+        encode(path, _quantise(np.clip(values, 0, 1), 8)[..., None], ("Y",), {})
 
 
 def check_writable(path: Path | str, extensions: tuple[str, ...] = IMAGE_EXTENSIONS) -> None:
@@ -183,31 +183,3 @@ def _quantise(values: NDArray[Any], bits: int) -> NDArray[Any]:
     """Round values in [0, 1] to unsigned integers."""
     scaled = np.asarray(values, dtype=np.float64) * (2**bits - 1)
     return np.rint(scaled).astype(np.uint8 if bits == 8 else np.uint16)
-
-
-def _write(path: Path, array: NDArray[Any], channels: tuple[str, ...], hints: dict[str, str]) -> None:
-    """Encode ``array`` (H, W, C) in its own type and put it in place atomically."""
-    kind = {"float16": "half", "float32": "float"}.get(array.dtype.name, array.dtype.name)
-    spec = oiio.ImageSpec(array.shape[1], array.shape[0], array.shape[2], kind)
-    spec.channelnames = channels
-    for name, value in hints.items():
-        spec.attribute(name, value)
-
-    def encode(temporary: Path) -> None:
-        output = oiio.ImageOutput.create(str(temporary))
-        if output is None or not output.open(str(temporary), spec):
-            raise OSError(output.geterror() if output else oiio.geterror())
-        written = output.write_image(np.ascontiguousarray(array))
-        problem = output.geterror()
-        closed = output.close()
-        if not (written and closed) or problem:
-            raise OSError(problem or output.geterror())
-        # The encoders miss some failures of their last write: what cannot be read back is not there.
-        try:
-            with ImageFile(temporary) as file:
-                file.read(file.parts[0], file.parts[0].channels)
-        except ImageFileError as damage:
-            raise OSError("what was written cannot be read back; is the disk full?") from damage
-
-    # On a full disk the encoders crash or hang, so the room is proven first; none needs more than this.
-    write_atomic(path, encode, room=array.nbytes * 3 // 2 + 2**16)

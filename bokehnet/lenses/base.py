@@ -10,28 +10,51 @@ __all__ = ["LensModel", "Rays", "defocus_map"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Rays:
-    """Rays that leave the lens plane z = 0 into the scene, z > 0.
+    """Rays that leave the plane z = 0 into the scene, z > 0.
 
     A point of the ray at depth z is ``origin + z * slope``.
 
     Attributes:
-        origin: Where the ray crosses the lens plane, mm, shape (..., 2).
+        origin: Where the ray, or its straight continuation, crosses the plane z = 0, mm, shape (..., 2).
         slope: Lateral travel per unit of depth, shape (..., 2).
+        weight: Share of the light that the lens lets through, shape (...,), from 0 up; None is 1 for all.
+            Means of ``weight * radiance`` over the unit disc are what the sensor receives, relative to
+            what the open pupil would give in the middle of the picture. Rays of weight 0 are finite.
     """
 
     origin: Array
     slope: Array
+    weight: Array | None = None
 
 
 class LensModel(Protocol):
-    """A lens in the plane z = 0 that images the scene at z > 0 on a sensor behind it."""
+    """A lens that images the scene at z > 0 on a sensor behind it.
+
+    The plane z = 0 is that of the entrance pupil: what is seen through its middle is the perspective of the
+    picture, and blur is linear in inverse depth counted from there. Behind a thin lens with the stop in
+    the lens that is the lens plane.
+    """
 
     def coc_radius(self, disparity: Array) -> Array:
         """Signed blur radius on the sensor, mm, for inverse depth in 1/mm; positive in front of focus."""
         ...
 
-    def sample_rays(self, sensor_xy: Array, pupil_uv: Array) -> Rays:
-        """Rays from sensor points (..., 2), mm, through points (..., 2) of the unit disc."""
+    def sample_rays(
+        self,
+        sensor_xy: Array,
+        pupil_uv: Array,
+        wavelength: Array | None = None,
+        sensor_offset: Array | None = None,
+    ) -> Rays:
+        """Rays from sensor points through the pupil into the scene.
+
+        Args:
+            sensor_xy: Points of the sensor, mm, (..., 2); the image is turned by 180 degrees there.
+            pupil_uv: Points of the unit disc, (..., 2).
+            wavelength: Nanometres, a number or (...,); None is the design wavelength of the lens.
+            sensor_offset: Distance of each point behind the sensor plane of the lens, mm, a number or
+                (...,); None is 0. Tilted sensors need it.
+        """
         ...
 
 

@@ -7,6 +7,7 @@ from bokehnet.checks import Array
 from bokehnet.errors import LensError
 from bokehnet.lenses.base import Rays
 from bokehnet.optics.coc import coc_radius
+from bokehnet.optics.paraxial import focused_rays, image_points
 
 __all__ = ["ThinLens"]
 
@@ -51,12 +52,33 @@ class ThinLens:
         """Signed blur radius on the sensor, mm, for inverse depth in 1/mm; positive in front of focus."""
         return coc_radius(disparity, 1 / self.focus_distance, self.pupil_radius, self.sensor_distance)
 
-    def sample_rays(self, sensor_xy: Array, pupil_uv: Array) -> Rays:
+    def sample_rays(
+        self,
+        sensor_xy: Array,
+        pupil_uv: Array,
+        wavelength: Array | None = None,
+        sensor_offset: Array | None = None,
+    ) -> Rays:
         """Rays from sensor points (..., 2), mm, through points (..., 2) of the unit disc.
+
+        Args:
+            sensor_xy: Points of the sensor, mm, (..., 2).
+            pupil_uv: Points of the unit disc, (..., 2).
+            wavelength: Not used; a thin lens has no dispersion.
+            sensor_offset: Distance of each point behind the sensor plane, mm; None is 0.
 
         Source:
             Cook, Porter and Carpenter, "Distributed ray tracing", SIGGRAPH 1984: all rays of one sensor
             point meet where the central ray pierces the focal plane.
         """
         origin = pupil_uv * self.pupil_radius
-        return Rays(origin=origin, slope=-sensor_xy / self.sensor_distance - origin / self.focus_distance)
+        if sensor_offset is None:
+            return Rays(origin=origin, slope=-sensor_xy / self.sensor_distance - origin / self.focus_distance)
+        distance = self.sensor_distance + sensor_offset
+        distance = distance if isinstance(distance, int | float) else distance[..., None]
+        return Rays(origin=origin, slope=focused_rays(sensor_xy, origin, self.focal_length, 0.0, distance))
+
+    def image_of(self, points: Array) -> tuple[Array, Array]:
+        """Where points (..., 3), mm, are imaged: xy (..., 2), and mm behind the sensor (...,)."""
+        xy, distance = image_points(points, self.focal_length, 0.0)
+        return xy, distance - self.sensor_distance

@@ -6,7 +6,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-__all__ = ["Backbone", "ResidualBlock", "decode", "encode"]
+from bokehnet.errors import ParameterError
+
+__all__ = ["Backbone", "ResidualBlock", "UNet", "decode", "encode", "encode_hints", "make_backbone"]
 
 # Steepness of the encoding near black; at 20 a step in the shadows weighs about as much as in sRGB.
 STEEPNESS = 20.0
@@ -20,6 +22,37 @@ def encode(linear: Tensor) -> Tensor:
 def decode(encoded: Tensor) -> Tensor:
     """Inverse of :func:`encode`; continues smoothly below 0, so that its gradient never vanishes."""
     return torch.expm1(encoded * math.log1p(STEEPNESS)) / STEEPNESS
+
+
+def encode_hints(hints: Tensor | None, seen: bool) -> list[Tensor]:
+    """What to append to a network's inputs: hints (B, 5, H, W) with their colours encoded, or nothing."""
+    if not seen:
+        return []
+    assert hints is not None, "this network was trained with hints"
+    return [encode(hints[:, :3]), hints[:, 3:]]
+
+
+# How strongly a fresh residual block changes what passes through it: without normalisation, full strength in
+# every block makes features grow a thousandfold through a U-Net.
+_FRESH = 0.1
+
+
+def _start_convolutions(network: nn.Module) -> None:
+    """Draw the weights of all convolutions so that features keep their size on their way.
+
+    Source:
+        He et al., "Delving deep into rectifiers", ICCV 2015; PyTorch's default hardly learned.
+    """
+    for layer in network.modules():
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="linear")
+            assert layer.bias is not None
+            nn.init.zeros_(layer.bias)
+    for block in network.modules():
+        if isinstance(block, ResidualBlock):
+            nn.init.kaiming_normal_(block.first.weight, nonlinearity="relu")
+            with torch.no_grad():
+                block.second.weight.mul_(_FRESH)
 
 
 class ResidualBlock(nn.Module):
@@ -51,13 +84,85 @@ class Backbone(nn.Module):
         self.stem = nn.Conv2d(in_channels, width, 3, padding=1)
         self.blocks = nn.Sequential(*(ResidualBlock(width) for _ in range(num_blocks)))
         self.head = nn.Conv2d(width, 4 * out_channels, 3, padding=1)
-        for layer in self.modules():
-            if isinstance(layer, nn.Conv2d):
-                nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-                assert layer.bias is not None
-                nn.init.zeros_(layer.bias)
+        _start_convolutions(self)
         nn.init.zeros_(self.head.weight)
 
     def forward(self, features: Tensor) -> Tensor:
         """Map half-size features to full-size outputs."""
         return F.pixel_shuffle(self.head(F.elu(self.blocks(self.stem(features)))), 2)
+
+
+# Added to the mean square of a pixel's features before they are divided by its root.
+_SMALL = 1e-3
+
+
+class _Stage(nn.Module):
+    """A convolution to a new width, features brought to unit mean square, then residual blocks.
+
+    Source:
+        Zhang and Sennrich, "Root mean square layer normalization", NeurIPS 2019.
+    """
+
+    def __init__(self, in_channels: int, width: int, num_blocks: int, stride: int = 1) -> None:
+        super().__init__()
+        self.enter = nn.Conv2d(in_channels, width, 3, stride=stride, padding=1)
+        self.blocks = nn.Sequential(*(ResidualBlock(width) for _ in range(num_blocks)))
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(B, in_channels, H, W) to (B, width, H / stride, W / stride)."""
+        entered = self.enter(features)
+        # Without a common scale of the features this network is not stable to train; per pixel, so that tiles
+        # give what the whole picture gives.
+        scale = torch.rsqrt(entered.square().mean(dim=1, keepdim=True) + _SMALL)
+        result: Tensor = self.blocks(entered * scale)
+        return result
+
+
+def _double(features: Tensor) -> Tensor:
+    return F.interpolate(features, scale_factor=2, mode="nearest")
+
+
+class UNet(nn.Module):
+    """Three sizes with skips between them, then a 3x3 convolution and a pixel shuffle by 2.
+
+    Shape:
+        features (B, in_channels, H/2, W/2), sides multiples of 4, to (B, out_channels, H, W). The last
+        convolution starts at zero.
+
+    Source:
+        Ronneberger, Fischer and Brox, "U-Net: Convolutional networks for biomedical image segmentation",
+        MICCAI 2015.
+    """
+
+    def __init__(self, in_channels: int, out_channels: int, widths: tuple[int, int, int]) -> None:
+        super().__init__()
+        fine, middle, coarse = widths
+        self.fine = _Stage(in_channels, fine, 1)
+        self.middle = _Stage(fine, middle, 1, stride=2)
+        self.coarse = _Stage(middle, coarse, 2, stride=2)
+        self.rise_middle = _Stage(coarse + middle, middle, 1)
+        self.rise_fine = _Stage(middle + fine, fine, 1)
+        self.head = nn.Conv2d(fine, 4 * out_channels, 3, padding=1)
+        _start_convolutions(self)
+        nn.init.zeros_(self.head.weight)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map half-size features to full-size outputs."""
+        fine = self.fine(features)
+        middle = self.middle(fine)
+        coarse = self.coarse(middle)
+        middle = self.rise_middle(torch.cat([_double(coarse), middle], dim=1))
+        fine = self.rise_fine(torch.cat([_double(middle), fine], dim=1))
+        return F.pixel_shuffle(self.head(F.elu(fine)), 2)
+
+
+def make_backbone(
+    in_channels: int, out_channels: int, width: int, num_blocks: int, unet: tuple[int, ...]
+) -> Backbone | UNet:
+    """A U-Net of the widths ``unet``, or a row of blocks where that is empty."""
+    if not unet:
+        return Backbone(in_channels, out_channels, width, num_blocks)
+    if len(unet) != 3:
+        raise ParameterError(f"unet: expected three widths, got {unet}")
+    fine, middle, coarse = unet
+    return UNet(in_channels, out_channels, (fine, middle, coarse))

@@ -11,6 +11,7 @@ from bokehnet.errors import DataFileError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.models.repair import RepairNet, RepairNetConfig
 
 __all__ = ["NETWORKS", "build_network", "load_checkpoint", "load_network", "save_checkpoint"]
 
@@ -22,7 +23,11 @@ class _Network:
 
 
 # The name in checkpoints and manifests -> the classes.
-NETWORKS = {"arnet": _Network(ARNet, ARNetConfig), "iunet": _Network(IUNet, IUNetConfig)}
+NETWORKS = {
+    "arnet": _Network(ARNet, ARNetConfig),
+    "iunet": _Network(IUNet, IUNetConfig),
+    "repair": _Network(RepairNet, RepairNetConfig),
+}
 
 
 def build_network(name: str, config: Any) -> torch.nn.Module:

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.blocks import Backbone, decode, encode
+from bokehnet.models.blocks import decode, encode, encode_hints, make_backbone
 
 __all__ = ["IUNet", "IUNetConfig"]
 
@@ -18,14 +18,22 @@ class IUNetConfig:
     Attributes:
         width: Channels of the hidden layers.
         num_blocks: Residual blocks.
+        unet: As in ARNet.
         unit: Defocus is clamped to this many pixels, ARNet's unit.
         see_classical: Whether it also sees the classical render.
+        see_hints: Whether it also sees what the classical renderer knows besides.
+        carry_detail: Whether what is finer than ``coarse`` is taken over from the classical render, and
+            corrected everywhere. The published network interpolates ``coarse`` and corrects where no blur
+            nearby exceeds one unit.
     """
 
     width: int = 64
     num_blocks: int = 3
+    unet: tuple[int, ...] = ()
     unit: float = 10.0
     see_classical: bool = True
+    see_hints: bool = False
+    carry_detail: bool = False
 
 
 class IUNet(nn.Module):
@@ -33,8 +41,9 @@ class IUNet(nn.Module):
 
     Shape:
         image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels of this size; coarse
-        (B, 3, H/2, W/2), the bokeh at half the size. Returns bokeh (B, 3, H, W),
-        unclipped in training and at least 0 in evaluation.
+        (B, 3, H/2, W/2), the bokeh at half the size; with ``see_hints``, hints (B, 5, H, W) as ARNet's.
+        H and W even, multiples of 8 for a U-Net. Returns bokeh (B, 3, H, W), unclipped in training and at
+        least 0 in evaluation.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
@@ -45,8 +54,8 @@ class IUNet(nn.Module):
     def __init__(self, config: IUNetConfig) -> None:
         super().__init__()
         self.config = config
-        channels = 4 + 3 * config.see_classical
-        self.backbone = Backbone(4 * channels + 3, 3, config.width, config.num_blocks)
+        channels = 4 + 3 * config.see_classical + 5 * config.see_hints
+        self.backbone = make_backbone(4 * channels + 3, 3, config.width, config.num_blocks, config.unet)
 
     def keep_mask(self, defocus: Tensor) -> Tensor:
         """1 where all blur nearby is below one unit, feathered to 0 where there is nothing sharp to gain."""
@@ -55,15 +64,23 @@ class IUNet(nn.Module):
             (near < self.config.unit).to(near.dtype), 5, 1, padding=2, count_include_pad=False
         )
 
-    def forward(self, image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor) -> Tensor:
+    def forward(
+        self, image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor, hints: Tensor | None = None
+    ) -> Tensor:
         """Return the bokeh at the size of ``image``."""
-        pictures = [encode(image)]
+        encoded = [encode(image)]
         if self.config.see_classical:
-            pictures.append(encode(classical))
-        clamped = (defocus / self.config.unit).clamp(-1, 1)
+            encoded.append(encode(classical))
+        encoded += [(defocus / self.config.unit).clamp(-1, 1), *encode_hints(hints, self.config.see_hints)]
         small = encode(coarse)
-        features = torch.cat([F.pixel_unshuffle(torch.cat([*pictures, clamped], dim=1), 2), small], dim=1)
-        correction = self.backbone(features).float() * self.keep_mask(defocus)
-        upsampled = F.interpolate(small.float(), scale_factor=2, mode="bilinear", align_corners=False)
-        bokeh = decode(upsampled + correction)
+        if self.config.carry_detail:
+            small = small - encode(F.avg_pool2d(classical, 2))
+        features = torch.cat([F.pixel_unshuffle(torch.cat(encoded, dim=1), 2), small], dim=1)
+        correction = self.backbone(features).float()
+        start = F.interpolate(small.float(), scale_factor=2, mode="bilinear", align_corners=False)
+        if self.config.carry_detail:
+            start = start + encode(classical).float()
+        else:
+            correction = correction * self.keep_mask(defocus)
+        bokeh = decode(start + correction)
         return bokeh if self.training else bokeh.clamp(min=0)

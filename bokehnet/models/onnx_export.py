@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,44 +16,61 @@ from bokehnet.config import to_dict
 from bokehnet.errors import ModelFileError
 from bokehnet.io.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
+from bokehnet.models.blocks import UNet
 from bokehnet.models.iunet import IUNet
+from bokehnet.models.repair import RepairNet
 
 __all__ = ["PARITY", "export_networks"]
 
 # Largest |torch - ONNX Runtime| that an export may show, on pictures with values in [0, 1].
 PARITY = 1e-4
 
-_EXAMPLE_SIZE = (48, 64)
-_OTHER_SIZES = ((32, 80), (70, 46))
+# Heights and widths in blocks: of the exported example, and of the comparisons.
+_EXAMPLE_SIZE = (6, 8)
+_OTHER_SIZES = ((4, 10), (9, 5))
 
 
-def _inputs(name: str, size: tuple[int, int], unit: float) -> dict[str, Tensor]:
-    """Random inputs of one network, by name."""
+def _block(network: nn.Module) -> int:
+    """Heights and widths are multiples of this: each backbone halves once, a U-Net three times."""
+    return 8 if any(isinstance(module, UNet) for module in network.modules()) else 2
+
+
+def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
+    """Random inputs of one network, by name, in the order of its arguments."""
     generator = torch.Generator().manual_seed(size[0])
-    height, width = size
-    inputs = {
-        "image": torch.rand(1, 3, height, width, generator=generator),
-        "defocus": unit * (2 * torch.rand(1, 1, height, width, generator=generator) - 1),
-        "classical": torch.rand(1, 3, height, width, generator=generator),
-    }
-    if name == "iunet":
-        inputs["coarse"] = torch.rand(1, 3, height // 2, width // 2, generator=generator)
+    height, width = (_block(network) * side for side in size)
+
+    def noise(channels: int, rows: int = height, columns: int = width) -> Tensor:
+        return torch.rand(1, channels, rows, columns, generator=generator)
+
+    if isinstance(network, RepairNet):
+        return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
+    assert isinstance(network, ARNet | IUNet)
+    config = network.config
+    inputs = {"image": noise(3), "defocus": config.unit * (2 * noise(1) - 1), "classical": noise(3)}
+    if isinstance(network, IUNet):
+        inputs["coarse"] = noise(3, height // 2, width // 2)
+    if config.see_hints:
+        inputs["hints"] = noise(5)
     return inputs
 
 
-def _export(network: nn.Module, name: str, unit: float, path: Path) -> None:
-    """Write one network with dynamic height and width (both even)."""
-    inputs = _inputs(name, _EXAMPLE_SIZE, unit)
-    rows, columns = torch.export.Dim("half_height", min=2), torch.export.Dim("half_width", min=2)
-    sizes: dict[str, Any] = {key: {2: 2 * rows, 3: 2 * columns} for key in inputs}
+def _export(network: nn.Module, path: Path) -> None:
+    """Write one network with dynamic height and width."""
+    inputs, block = _inputs(network, _EXAMPLE_SIZE), _block(network)
+    rows, columns = torch.export.Dim("rows", min=2), torch.export.Dim("columns", min=2)
+    sizes: dict[str, Any] = {key: {2: block * rows, 3: block * columns} for key in inputs}
     if "coarse" in sizes:
-        sizes["coarse"] = {2: rows, 3: columns}
+        sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
+    if "span" in sizes:
+        sizes["span"] = {}
+    outputs = {"ARNet": ["bokeh", "error_map"], "IUNet": ["bokeh"], "RepairNet": ["repaired"]}
     program = torch.onnx.export(
         network,
         tuple(inputs.values()),
         dynamo=True,
         input_names=list(inputs),
-        output_names=["bokeh", "error_map"] if name == "arnet" else ["bokeh"],
+        output_names=outputs[type(network).__name__],
         dynamic_shapes=tuple(sizes.values()),
         verbose=False,
     )
@@ -69,13 +87,13 @@ def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
     return model
 
 
-def _largest_difference(network: nn.Module, name: str, unit: float, path: Path) -> float:
+def _largest_difference(network: nn.Module, path: Path) -> float:
     """Compare ONNX Runtime with torch at sizes other than the exported example's."""
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     taken = {item.name for item in session.get_inputs()}
     largest = 0.0
     for size in _OTHER_SIZES:
-        inputs = _inputs(name, size, unit)
+        inputs = _inputs(network, size)
         with torch.no_grad():
             wanted = network(*inputs.values())
         got = session.run(None, {key: x.numpy() for key, x in inputs.items() if key in taken})
@@ -85,16 +103,15 @@ def _largest_difference(network: nn.Module, name: str, unit: float, path: Path) 
 
 
 def export_networks(
-    arnet: ARNet, iunet: IUNet, folder: Path, notes: dict[str, Any], classical: str = "scatter"
+    networks: Mapping[str, nn.Module], folder: Path, manifest: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Write ``arnet.onnx``, ``iunet.onnx`` and ``manifest.json`` into ``folder``.
+    """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        arnet: Trained ARNet.
-        iunet: Trained IUNet with the same unit.
+        networks: Trained networks by name: ``repair``, or ``arnet`` and ``iunet`` with the same unit.
         folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
-        notes: How the networks were made; kept in the manifest.
-        classical: Name of the classical renderer whose result they correct.
+        manifest: What else to write into the manifest: how the networks were made, and for a pair the
+            name of the classical renderer whose result they correct, as ``classical``.
 
     Returns:
         Largest difference between torch and ONNX Runtime for each network.
@@ -102,11 +119,10 @@ def export_networks(
     Raises:
         ModelFileError: The units differ, or a difference exceeds ``PARITY``; the manifest is not written.
     """
-    networks: dict[str, ARNet | IUNet] = {"arnet": arnet, "iunet": iunet}
-    unit = arnet.config.unit
-    if unit != iunet.config.unit:
+    units = {name: x.config.unit for name, x in networks.items() if isinstance(x, ARNet | IUNet)}
+    if len(set(units.values())) > 1:
         raise ModelFileError(
-            f"both networks must share one unit, got {unit} and {iunet.config.unit}; "
+            f"both networks must share one unit, got {units['arnet']} and {units['iunet']}; "
             f"train IUNet behind this ARNet"
         )
     folder.mkdir(parents=True, exist_ok=True)
@@ -115,9 +131,9 @@ def export_networks(
         network.eval()
         path = folder / f"{name}.onnx"
 
-        def write(temporary: Path, name: str = name, network: ARNet | IUNet = network) -> None:
-            _export(network, name, unit, temporary)
-            differences[name] = _largest_difference(network, name, unit, temporary)
+        def write(temporary: Path, name: str = name, network: nn.Module = network) -> None:
+            _export(network, temporary)
+            differences[name] = _largest_difference(network, temporary)
             if differences[name] > PARITY:
                 raise ModelFileError(
                     f"{name}: expected ONNX Runtime and torch to agree to {PARITY}, "
@@ -127,6 +143,7 @@ def export_networks(
         write_atomic(path, write, error=ModelFileError)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         entries[name] = {"file": path.name, "sha256": digest, "config": to_dict(network.config)}
-    manifest = {"format": 1, "unit": unit, "classical": classical, "networks": entries, "notes": notes}
-    write_text(folder / "manifest.json", json.dumps(manifest, indent=2) + "\n", error=ModelFileError)
+    unit = {"unit": units["arnet"]} if "arnet" in units else {}
+    content = {"format": 1, **unit, **manifest, "networks": entries}
+    write_text(folder / "manifest.json", json.dumps(content, indent=2) + "\n", error=ModelFileError)
     return differences

@@ -1,4 +1,8 @@
-"""The distribution ray tracer: scenes of textured planes, seen through a lens, in torch on any device."""
+"""The distribution ray tracer, in torch on any device.
+
+Two renderers: planes that only shine before a background (:class:`Scene`), fast, for training data; and
+worlds of shapes, materials and lights (:class:`World`), seen by a :class:`Tracer`.
+"""
 
 from bokehnet.checks import require_extra
 
@@ -6,16 +10,41 @@ require_extra("torch", "train")
 
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.integrator import render_all_in_focus, render_bokeh, render_disparity
+from bokehnet.raytrace.lights import Environment, PointLight
+from bokehnet.raytrace.materials import Material
+from bokehnet.raytrace.meshes import Mesh, read_mesh
+from bokehnet.raytrace.peeling import Peeled, peel
+from bokehnet.raytrace.quads import Quad
 from bokehnet.raytrace.scene import Background, Plane, Scene, background_from, plane_texture
+from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.tracer import Accumulation, Maps, Tracer
+from bokehnet.raytrace.views import accumulate_views
+from bokehnet.raytrace.world import Body, World, world_from_scene
 
 __all__ = [
+    "Accumulation",
     "Background",
+    "Body",
     "Camera",
+    "Environment",
+    "Maps",
+    "Material",
+    "Mesh",
+    "Peeled",
     "Plane",
+    "PointLight",
+    "Quad",
     "Scene",
+    "Sphere",
+    "Tracer",
+    "World",
+    "accumulate_views",
     "background_from",
+    "peel",
     "plane_texture",
+    "read_mesh",
     "render_all_in_focus",
     "render_bokeh",
     "render_disparity",
+    "world_from_scene",
 ]

@@ -14,6 +14,7 @@ PUBLIC = [
     "Aperture",
     "BokehRenderer",
     "BokehnetError",
+    "DisparityRefiner",
     "Highlights",
     "Layers",
     "RenderResult",
@@ -99,12 +100,13 @@ def test_importing_the_package_imports_neither_torch_nor_onnxruntime():
     assert run_python(code).stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("engine", ["hybrid", "rays"])
+@pytest.mark.parametrize("engine", ["hybrid", "fast", "rays"])
 def test_a_render_never_needs_torch(engine):
     code = NO_TORCH + (
         "import numpy as np, bokehnet\n"
         "image = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32)\n"
         "defocus = np.where(np.arange(50) < 20, 8, -1).astype(np.float32)[None].repeat(40, 0)\n"
+        "defocus = bokehnet.DisparityRefiner()(image, defocus)\n"
         f"result = bokehnet.BokehRenderer('{engine}').render(image, defocus)\n"
         f"assert (result.neural is None) == ('{engine}' == 'rays') and np.isfinite(result.bokeh).all()\n"
         "assert 'torch' not in sys.modules\n"

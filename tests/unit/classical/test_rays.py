@@ -176,3 +176,28 @@ def test_the_renderer_gives_the_error_map_too():
     result = render_rays(*half_plane(6.0, 0.0))
     assert result.error_map[:, EDGE].min() == 1.0
     assert result.error_map[:, 0].max() == 0.0
+
+
+def test_what_is_guessed_is_the_share_of_the_hidden_layer():
+    """Beside a blurred half-plane nothing hidden shows; under it, what the disc's segment leaves does."""
+    radius = 14.0
+    result = render_rays(*half_plane(radius, 0.0))
+    middle = np.s_[40:56]
+    share = segment((EDGE - 0.5 - np.arange(SIZE)) / radius)
+    assert np.abs(result.guessed[middle, EDGE + 2 : EDGE + 12]).max() < 0.01
+    np.testing.assert_allclose(
+        result.guessed[middle, EDGE - 12 : EDGE - 2].mean(0), 1 - share[EDGE - 12 : EDGE - 2], atol=0.02
+    )
+    np.testing.assert_allclose(
+        result.hidden[middle, EDGE - 8 : EDGE - 2], np.broadcast_to(BACK, (16, 6, 3)), atol=1e-5
+    )
+    np.testing.assert_array_equal(result.hints, np.dstack([result.hidden, result.guessed, result.error_map]))
+
+
+def test_light_from_beyond_the_border_is_guessed():
+    """At the upper border half of each disc of the foreground lies outside the picture."""
+    radius = 10.0
+    image, defocus = half_plane(radius, 0.0)
+    guessed = render_rays(image, defocus).guessed
+    column = guessed[:, EDGE - 4]
+    assert column[0] > column[SIZE // 2] + 0.3

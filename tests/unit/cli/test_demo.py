@@ -48,12 +48,12 @@ def read_as_grey(tile):
     return linear_to_srgb(tile[..., 0])
 
 
-@pytest.mark.parametrize(("arguments", "engine"), [([], "rays"), (["--engine", "hybrid"], "hybrid")])
+@pytest.mark.parametrize(("arguments", "engine"), [([], "rays"), (["--engine", "fast"], "fast")])
 def test_the_default_is_the_rays_into_the_working_folder(
     tmp_path, cli, monkeypatch, random_weights, arguments, engine
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bokehnet.inference.pipeline.WEIGHTS", random_weights)
+    monkeypatch.setattr("bokehnet.inference.pipeline.WEIGHTS", random_weights.parent)
     outcome = cli("demo", *arguments)
     assert outcome.code == 0
     assert f"engine {engine}" in outcome.out

@@ -3,18 +3,21 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter
 
 from bokehnet.classical.scatter import scatter
 from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.io.image import read_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
-RELATIVE = ("render", "photo.png", "--disparity", "disparity.png")
 CAMERA = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)
-METRIC = ("render", "photo.png", "--depth", "camera.exr", *CAMERA)
 SCATTER = ("--engine", "scatter")
+EXACT = ("--refine-disparity", "off")  # the picture is noise, nothing to follow
+RELATIVE = ("render", "photo.png", "--disparity", "disparity.png", *EXACT)
+METRIC = ("render", "photo.png", "--depth", "camera.exr", *CAMERA, *EXACT)
 
 
 @pytest.fixture
@@ -84,7 +87,7 @@ def test_picture_and_depth_may_come_from_one_exr(rendered):
 def test_resize_disparity_brings_a_smaller_map_to_the_picture(rendered):
     """The steps of the map lie on even pixels, so the half-size map says the same as the full one."""
     write_map("small.png", read_map("disparity.png")[::2, ::2])
-    small = ("render", "photo.png", "--disparity", "small.png", "--resize-disparity")
+    small = ("render", "photo.png", "--disparity", "small.png", "--resize-disparity", *EXACT)
     _, defocus = rendered(*small, "--blur", 6, "--focus", 0.4)
     _, wanted = rendered(*RELATIVE, "--blur", 6, "--focus", 0.4)
     assert_allclose(defocus, wanted, atol=1e-6)
@@ -93,7 +96,7 @@ def test_resize_disparity_brings_a_smaller_map_to_the_picture(rendered):
 def test_resize_disparity_keeps_an_infinite_sky_of_a_depth_map(rendered, write_channels):
     """Infinity cannot be interpolated as depth; as disparity it is 0."""
     write_channels("small.exr", Z=read_map("camera.exr", "Z")[::2, ::2])
-    small = ("render", "photo.png", "--depth", "small.exr", *CAMERA, "--resize-disparity")
+    small = ("render", "photo.png", "--depth", "small.exr", *CAMERA, "--resize-disparity", *EXACT)
     _, defocus = rendered(*small, "--focus-distance", 3)
     assert_allclose(defocus, textbook_defocus(read_map("camera.exr", "Z"), 3.0), rtol=1e-5, atol=1e-5)
 
@@ -152,4 +155,19 @@ def test_the_program_renders_in_a_process_of_its_own(folder, cli_process):
     assert read_image(output).shape == (HEIGHT, WIDTH, 3)
     outcome = cli_process(*words, "--engine", "magic")
     assert (outcome.code, outcome.out) == (1, "")
-    assert outcome.err == "bokehnet: error: engine: expected one of hybrid, rays, scatter, got 'magic'\n"
+    assert (
+        outcome.err == "bokehnet: error: engine: expected one of fast, hybrid, rays, scatter, got 'magic'\n"
+    )
+
+
+def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rendered):
+    """Oracle: the refiner by hand, which has its own tests; "off" leaves the map as it is."""
+    soft = gaussian_filter(read_disparity("disparity.png"), 2.0).astype(np.float32)
+    write_map("soft.exr", soft)
+    words = ("render", "photo.png", "--disparity", "soft.exr", "--blur", 6, "--focus-at", "10,10")
+    given = read_disparity("soft.exr")
+    refined = DisparityRefiner()(read_image("photo.png"), given)
+    assert np.abs(refined - given).max() > 0.1
+    for mode, values in (("off", given), ("on", refined), ("auto", refined)):
+        _, defocus = rendered(*words, "--refine-disparity", mode)
+        assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-5)

@@ -172,7 +172,7 @@ for limit in (0, 100, 5000):
 
 
 def test_what_cannot_be_read_back_never_takes_the_name(tmp_path, monkeypatch):
-    import bokehnet.io.image as module
+    import bokehnet.io.encode as module
 
     write_image(tmp_path / "a.png", np.zeros((4, 4, 3)))
     old = (tmp_path / "a.png").read_bytes()

@@ -15,20 +15,33 @@ from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import PARITY, export_networks
 
+# Names of shapes, and what makes their ARNet and IUNet.
+SHAPES: dict[str, tuple[dict, dict]] = {
+    "published": ({}, {}),
+    "hints": (
+        {"unet": (8, 8, 8), "see_hints": True},
+        {"see_hints": True, "carry_detail": True},
+    ),
+}
 
-def random_networks() -> tuple[ARNet, IUNet]:
+
+def random_networks(shape: str = "published") -> dict[str, ARNet | IUNet]:
     torch.manual_seed(0)
-    networks = ARNet(ARNetConfig(width=8, num_blocks=1)), IUNet(IUNetConfig(width=8, num_blocks=1))
-    for network in networks:
-        torch.nn.init.normal_(network.backbone.head.weight, std=0.01)
+    coarse, fine = SHAPES[shape]
+    networks = {
+        "arnet": ARNet(ARNetConfig(width=8, num_blocks=1, **coarse)),
+        "iunet": IUNet(IUNetConfig(width=8, num_blocks=1, **fine)),
+    }
+    for network in networks.values():
+        torch.nn.init.normal_(network.backbone.head.weight, std=0.002)
     return networks
 
 
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory):
+@pytest.fixture(scope="module", params=SHAPES)
+def exported(tmp_path_factory, request):
     folder = tmp_path_factory.mktemp("weights")
-    networks = random_networks()
-    differences = export_networks(*networks, folder, {"why": "test"})
+    networks = random_networks(request.param)
+    differences = export_networks(networks, folder, {"classical": "scatter", "notes": {"why": "test"}})
     return folder, networks, differences
 
 
@@ -38,24 +51,26 @@ def test_export_proves_parity_at_other_sizes(exported):
     assert max(differences.values()) <= PARITY
 
 
-@pytest.mark.parametrize("size", [(26, 90), (64, 34)])
+@pytest.mark.parametrize("size", [(24, 88), (64, 40)])
 def test_sessions_equal_torch_at_sizes_never_exported(exported, size):
-    folder, (arnet, iunet), _ = exported
+    folder, networks, _ = exported
+    arnet, iunet = (networks[name].eval() for name in ("arnet", "iunet"))
     loaded = load_networks(folder)
     rng = np.random.default_rng(0)
     height, width = size
     image, classical = (rng.random((1, 3, height, width), dtype=np.float32) for _ in range(2))
     defocus = rng.uniform(-10, 10, (1, 1, height, width)).astype(np.float32)
+    hints = rng.random((1, 5, height, width), dtype=np.float32)
+    coarse = rng.random((1, 3, height // 2, width // 2), dtype=np.float32)
     tensors = [torch.from_numpy(x) for x in (image, defocus, classical)]
     with torch.no_grad():
-        wanted, wanted_map = arnet.eval()(*tensors)
-    got, got_map = loaded.arnet(image, defocus, classical)
+        wanted, wanted_map = arnet(*tensors, torch.from_numpy(hints))
+        wanted_fine = iunet(*tensors, torch.from_numpy(coarse), torch.from_numpy(hints))
+    got, got_map = loaded.arnet(image, defocus, classical, hints)
     np.testing.assert_allclose(got, wanted.numpy(), atol=PARITY)
     np.testing.assert_allclose(got_map, wanted_map.numpy(), atol=PARITY)
-    coarse = rng.random((1, 3, height // 2, width // 2), dtype=np.float32)
-    with torch.no_grad():
-        wanted = iunet.eval()(*tensors, torch.from_numpy(coarse))
-    np.testing.assert_allclose(loaded.iunet(image, defocus, classical, coarse), wanted.numpy(), atol=PARITY)
+    got_fine = loaded.iunet(image, defocus, classical, coarse, hints)
+    np.testing.assert_allclose(got_fine, wanted_fine.numpy(), atol=PARITY)
 
 
 def test_manifest_holds_the_hash_of_each_file(exported):
@@ -77,13 +92,14 @@ def test_files_tell_nothing_of_the_machine_that_exported(exported):
 def test_an_export_that_differs_is_refused_and_leaves_no_manifest(tmp_path, monkeypatch):
     monkeypatch.setattr(onnx_export, "PARITY", -1.0)
     with pytest.raises(ModelFileError, match="expected ONNX Runtime and torch to agree"):
-        export_networks(*random_networks(), tmp_path, {})
+        export_networks(random_networks(), tmp_path, {})
     assert list(tmp_path.iterdir()) == []
 
 
 def test_networks_with_different_units_do_not_go_together(tmp_path):
+    networks = {"arnet": ARNet(ARNetConfig(width=8)), "iunet": IUNet(IUNetConfig(width=8, unit=8.0))}
     with pytest.raises(ModelFileError, match=r"share one unit, got 10\.0 and 8\.0"):
-        export_networks(ARNet(ARNetConfig(width=8)), IUNet(IUNetConfig(width=8, unit=8.0)), tmp_path, {})
+        export_networks(networks, tmp_path, {})
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from bokehnet.errors import ParameterError
 from bokehnet.models.arnet import ARNet, ARNetConfig
-from bokehnet.models.blocks import decode, encode
+from bokehnet.models.blocks import UNet, decode, encode
 from bokehnet.models.iunet import IUNet, IUNetConfig
 
 
@@ -48,6 +49,39 @@ def test_a_fresh_iunet_interpolates():
     bokeh = IUNet(IUNetConfig(width=8)).eval()(image, defocus, classical, coarse)
     wanted = nn.functional.interpolate(encode(coarse), scale_factor=2, mode="bilinear")
     torch.testing.assert_close(encode(bokeh), wanted)
+
+
+def test_a_fresh_iunet_that_carries_detail_takes_it_from_the_classical_render():
+    """A coarse bokeh that is the halved classical render gives the classical render back."""
+    image, defocus, classical = inputs()
+    hints = torch.rand(2, 5, 12, 16)
+    network = IUNet(IUNetConfig(width=8, see_hints=True, carry_detail=True)).eval()
+    coarse = nn.functional.avg_pool2d(classical, 2)
+    torch.testing.assert_close(network(image, defocus, classical, coarse, hints), classical)
+    brighter = network(image, defocus, classical, 2 * coarse, hints)
+    assert (brighter > classical).all()
+
+
+def test_features_keep_their_size_through_a_fresh_unet():
+    """Without that, training stood still: outputs of stages stay near one, whatever the input's scale."""
+    torch.manual_seed(0)
+    network, sizes = UNet(32, 4, (16, 24, 32)), []
+    for stage in (network.fine, network.coarse, network.rise_fine):
+        stage.register_forward_hook(lambda module, args, output: sizes.append(output.abs().mean().item()))
+    for scale in (0.3, 30.0):
+        sizes.clear()
+        network(scale * torch.randn(2, 32, 16, 24))
+        assert 0.3 < min(sizes) < max(sizes) < 3
+
+
+def test_a_unet_takes_the_place_of_the_row_of_blocks():
+    network = ARNet(ARNetConfig(unet=(8, 12, 16), see_hints=True)).eval()
+    image, defocus, classical = inputs(24, 32)
+    bokeh, error_map = network(image, defocus, classical, torch.rand(2, 5, 24, 32))
+    torch.testing.assert_close(bokeh, classical)
+    assert error_map.shape == (2, 1, 24, 32)
+    with pytest.raises(ParameterError, match=r"unet: expected three widths, got \(8, 8\)"):
+        ARNet(ARNetConfig(unet=(8, 8)))
 
 
 def test_error_map_reaches_zero_and_one_exactly():

@@ -7,15 +7,17 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 
 
-def arguments(name: str, pairs: Path, out: Path, steps: int, **values: object) -> list[str]:
+def arguments(name: str, data: Path, out: Path, steps: int, **values: object) -> list[str]:
     """Command line of a training run that takes a second."""
     settings = {
-        "data.folder": f'"{pairs}"',
-        "data.validation": f'"{pairs}"',
+        "data.folder": f'"{data}"',
+        "data.validation": f'"{data}"',
         "data.batch_size": 2,
         "data.coarse_crop": 32,
+        "data.fine_crop": 64,
         "model.width": 8,
         "model.num_blocks": 1,
+        "model.unet": "[]",
         "optim.steps": steps,
         "optim.warmup": 2,
         "optim.checkpoint_every": 2,

@@ -1,44 +1,72 @@
 """Training examples: reproducible, true to the pair they come from."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays import render_rays
+from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
-from train.data import DataConfig, Examples, example_loader, make_example, spoil_disparity
+from train.data import DataConfig, Examples, example_loader
+from train.prepare import PrepareConfig, prepare
+from train.prepared import PLANES, PreparedSet, part_name
 
 
-def config_for(folder: Path, **values) -> DataConfig:
-    return DataConfig(
-        folder=str(folder), validation=str(folder), **{"batch_size": 2, "coarse_crop": 32, **values}
-    )
+def config_for(folder, **values) -> DataConfig:
+    small = {"batch_size": 2, "coarse_crop": 32, "fine_crop": 48}
+    return DataConfig(folder=str(folder), validation=str(folder), **{**small, **values})
 
 
-def test_without_variation_an_example_is_the_pair_and_its_scatter(tiny_pairs):
-    sample = ShardSet(tiny_pairs)[0]
-    example = make_example(sample, 1, None, config_for(tiny_pairs))
+def test_a_prepared_example_is_the_pair_and_its_render(tiny_pairs, tiny_prepared):
+    """Examples stand in the order of scenes, then views, then the true disparity before spoilt ones."""
+    sample, planes = ShardSet(tiny_pairs)[1], PreparedSet(tiny_prepared)[6].astype(np.float32)
     image = sample.image.astype(np.float32)
     defocus = sample.blur[1] * (sample.disparity - sample.focus[1])
-    assert_allclose(example["image"].permute(1, 2, 0).numpy(), image)
-    assert_allclose(example["truth"].permute(1, 2, 0).numpy(), sample.bokeh[1].astype(np.float32))
-    assert_allclose(example["defocus"][0].numpy(), defocus, rtol=1e-5, atol=1e-6)
-    assert_allclose(example["classical"].permute(1, 2, 0).numpy(), scatter(image, defocus), rtol=1e-4)
+    render = render_rays(image, defocus)
+    assert_array_equal(planes[PLANES["image"]].transpose(1, 2, 0), image)
+    assert_array_equal(planes[PLANES["truth"]].transpose(1, 2, 0), sample.bokeh[1].astype(np.float32))
+    assert_allclose(planes[PLANES["defocus"]][0], defocus, atol=4e-3)
+    assert_allclose(planes[PLANES["classical"]].transpose(1, 2, 0), render.bokeh, rtol=1e-3, atol=1e-3)
+    assert_allclose(planes[PLANES["guessed"]][0], render.guessed, atol=1e-3)
+    assert_allclose(planes[PLANES["target"]][0], render.error_map, atol=1e-3)
 
 
-def test_example_i_depends_on_seed_and_i_alone(tiny_pairs):
-    config = config_for(tiny_pairs)
+def test_a_spoilt_example_keeps_truth_and_true_edges(tiny_prepared):
+    prepared = PreparedSet(tiny_prepared)
+    assert len(prepared) == 4 * 2 * 2
+    for number in range(0, len(prepared), 2):
+        clean, spoilt = prepared[number], prepared[number + 1]
+        assert_array_equal(clean[PLANES["truth"]], spoilt[PLANES["truth"]])
+        assert (spoilt[PLANES["target"]] >= clean[PLANES["target"]]).all()
+    assert any((prepared[i][12] != prepared[i + 1][12]).any() for i in range(0, len(prepared), 2))
+
+
+def test_preparing_goes_on_where_it_stopped_and_gives_the_same_bytes(tiny_pairs, tiny_prepared, tmp_path):
+    config = PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2)
+    prepare(config, tmp_path)
+    part = tmp_path / part_name(1)
+    wanted = part.read_bytes()
+    assert wanted == (tiny_prepared / part.name).read_bytes()
+    part.unlink()
+    with pytest.raises(DataFileError, match=r"run python -m train\.prepare again"):
+        PreparedSet(tmp_path)
+    prepare(config, tmp_path)
+    assert part.read_bytes() == wanted
+    with pytest.raises(ConfigError, match=r"config\.seed = 0, but 1 was asked for"):
+        prepare(PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2, seed=1), tmp_path)
+
+
+def test_example_i_depends_on_seed_and_i_alone(tiny_prepared):
+    config = config_for(tiny_prepared)
     first, again, other = (Examples(config, seed, 10, 10.0)[7] for seed in (3, 3, 4))
     for key, value in first.items():
         torch.testing.assert_close(value, again[key], rtol=0, atol=0)
     assert not torch.equal(first["image"], other["image"])
 
 
-def test_a_resumed_loader_goes_on_where_the_first_stopped(tiny_pairs):
-    config = config_for(tiny_pairs)
+def test_a_resumed_loader_goes_on_where_the_first_stopped(tiny_prepared):
+    config = config_for(tiny_prepared)
     whole = list(example_loader(config, seed=0, steps=4, first_step=0))
     rest = list(example_loader(config, seed=0, steps=4, first_step=2))
     assert len(whole) == 4
@@ -46,19 +74,21 @@ def test_a_resumed_loader_goes_on_where_the_first_stopped(tiny_pairs):
     torch.testing.assert_close(whole[2]["image"], rest[0]["image"], rtol=0, atol=0)
 
 
-def test_coarse_examples_have_at_most_one_unit_of_blur(tiny_pairs):
-    examples = Examples(config_for(tiny_pairs), 0, 12, 4.0)
+def test_coarse_examples_are_halved_towards_one_unit_of_blur(tiny_prepared):
+    """Blur reaches 8 pixels; halved once at most, it is at most 4 at the size of a unit of 4."""
+    examples = Examples(config_for(tiny_prepared), 0, 12, 4.0)
     for index in range(12):
-        assert examples[index]["defocus"].abs().max() <= 4.0
-        assert examples[index]["truth"].shape[0] == 3
+        example = examples[index]
+        assert example["defocus"].abs().max() <= 4.0
+        assert example["image"].shape == example["truth"].shape == (3, 32, 32)
+        assert example["hints"].shape == (5, 32, 32)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_spoilt_disparity_stays_in_the_range_of_the_true_one(seed):
-    rng = np.random.default_rng(seed)
-    disparity = np.kron(rng.random((4, 4)), np.ones((16, 16))).astype(np.float32)
-    spoilt = spoil_disparity(disparity, rng)
-    assert spoilt.shape == disparity.shape
-    assert spoilt.min() >= disparity.min() - 1e-6
-    assert spoilt.max() <= disparity.max() + 1e-6
-    assert np.abs(spoilt - disparity).max() > 0.01
+def test_turns_and_gains_are_the_same_for_all_parts(tiny_prepared):
+    """Where nothing is blurred, truth, render and picture agree, whatever was done to them."""
+    for index in range(12):
+        example = Examples(config_for(tiny_prepared), 1, 12)[index]
+        sharp = (example["defocus"].abs() < 0.2) & (example["target"] == 0)
+        if sharp.sum() > 50:
+            difference = (example["image"] - example["truth"]).abs() * sharp
+            assert difference.sum() / (3 * sharp.sum()) < 0.25 * example["image"].mean()

@@ -30,11 +30,11 @@ def assert_same_weights(a: Path, b: Path) -> None:
             torch.testing.assert_close(weights, second[part][key], rtol=0, atol=0)
 
 
-def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_pairs, tmp_path):
+def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_prepared, tmp_path):
     """SIGKILL at an arbitrary step, twice, then SIGTERM; the last start reaches the end."""
-    finish(arguments("arnet", tiny_pairs, tmp_path / "whole", STEPS))
+    finish(arguments("arnet", tiny_prepared, tmp_path / "whole", STEPS))
     out = tmp_path / "killed"
-    line = arguments("arnet", tiny_pairs, out, STEPS)
+    line = arguments("arnet", tiny_prepared, out, STEPS)
     seen = 0.0
     for kind in (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM):
         process = start(line)
@@ -47,22 +47,22 @@ def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_pairs, 
     assert_same_weights(tmp_path / "whole/last.pt", out / "last.pt")
 
 
-def test_iunet_trains_behind_arnet_and_both_export(tiny_pairs, tmp_path):
+def test_iunet_trains_behind_arnet_and_both_export(tiny_prepared, tmp_path):
     """The whole path: pairs, ARNet, IUNet, ONNX, and the torch-free renderer takes the result."""
     from bokehnet.inference.pipeline import BokehRenderer
     from bokehnet.models.onnx_export import export_networks
 
-    finish(arguments("arnet", tiny_pairs, tmp_path / "a", 4))
+    finish(arguments("arnet", tiny_prepared, tmp_path / "a", 4))
     arnet = tmp_path / "a/last.pt"
-    finish(arguments("iunet", tiny_pairs, tmp_path / "i", 4, arnet=f'"{arnet}"'))
-    networks = load_network(arnet, "arnet"), load_network(tmp_path / "i/last.pt", "iunet")
-    export_networks(*networks, tmp_path / "weights", {})
+    finish(arguments("iunet", tiny_prepared, tmp_path / "i", 4, arnet=f'"{arnet}"'))
+    networks = {name: load_network(tmp_path / name[0] / "last.pt", name) for name in ("arnet", "iunet")}
+    export_networks(networks, tmp_path / "weights", {"classical": "rays"})
     BokehRenderer("hybrid", weights=tmp_path / "weights")
     assert list((tmp_path / "i").glob("events.out.tfevents.*"))
 
 
-def test_mistakes_are_one_line(tiny_pairs, tmp_path):
-    line = arguments("arnet", tiny_pairs, tmp_path / "a", 2)
+def test_mistakes_are_one_line(tiny_prepared, tmp_path):
+    line = arguments("arnet", tiny_prepared, tmp_path / "a", 2)
     finish(line)
 
     def error_of(arguments: list[str]) -> str:
@@ -75,7 +75,7 @@ def test_mistakes_are_one_line(tiny_pairs, tmp_path):
     assert "optim.learning_rate = 0.0005, but 0.1 was asked for" in other
     assert other.count("\n") == 0
     assert "unknown key 'optim.speed'; valid keys" in error_of([*line, "--set", "optim.speed=3"])
-    missing = error_of(arguments("iunet", tiny_pairs, tmp_path / "i", 2, arnet='"nowhere.pt"'))
+    missing = error_of(arguments("iunet", tiny_prepared, tmp_path / "i", 2, arnet='"nowhere.pt"'))
     assert "no checkpoint at nowhere.pt" in missing
     empty = arguments("arnet", tmp_path / "nothing", tmp_path / "b", 2)
-    assert "expected the description of a data set" in error_of(empty)
+    assert "run python -m train.prepare" in error_of(empty)

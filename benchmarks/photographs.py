@@ -1,0 +1,100 @@
+"""Photographs at several blurs and focus distances, to look at: ``python -m benchmarks.photographs FOLDER``.
+
+FOLDER holds ``NAME.jpg`` with its disparity ``NAME.png`` each. One sheet a photograph shows blur by focus;
+with ``--crops NAME:X,Y,SIZE`` another shows squares of a photograph as several engines render them.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from bokehnet.cli.sheet import contact_sheet
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.io.image import read_image, write_image
+from bokehnet.io.maps import read_disparity
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.pyramid import downsample2
+
+BLURS = (30.0, 60.0, 120.0)
+
+# Where to focus: these quantiles of the disparity, and what the sheet calls them.
+FOCUS = {"far": 0.1, "middle": 0.5, "near": 0.95}
+
+
+def _halved(picture: np.ndarray) -> np.ndarray:
+    even = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
+    return np.ascontiguousarray(downsample2(even.transpose(2, 0, 1)).transpose(1, 2, 0))
+
+
+def blur_by_focus(image: np.ndarray, disparity: np.ndarray, renderer: BokehRenderer) -> np.ndarray:
+    """Sheet of all blurs (rows) and focus distances (columns), at a quarter of the size."""
+    rows = []
+    for blur in BLURS:
+        row = []
+        for name, quantile in FOCUS.items():
+            defocus = defocus_from_disparity(disparity, blur, float(np.quantile(disparity, quantile)))
+            bokeh = renderer.render(image, defocus).bokeh
+            row.append((f"blur {blur:g}, focus {name}", _halved(_halved(bokeh))))
+        rows.append(row)
+    return contact_sheet(rows)
+
+
+def crops(
+    image: np.ndarray,
+    renders: dict[str, np.ndarray],
+    places: list[tuple[int, int, int]],
+) -> np.ndarray:
+    """Sheet with one row for each square (left, top, size): the photograph, then each render."""
+    shown = {"photograph": image, **renders}
+    rows = []
+    for x, y, size in places:
+        rows.append([(name, picture[y : y + size, x : x + size]) for name, picture in shown.items()])
+    return contact_sheet(rows)
+
+
+def _place(text: str) -> tuple[int, int, int]:
+    x, y, size = (int(part) for part in text.split(","))
+    return x, y, size
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("."))
+    parser.add_argument("--engine", default="hybrid")
+    parser.add_argument("--only", action="append", help="name of a photograph; default: all")
+    parser.add_argument("--crop", action="append", type=_place, metavar="X,Y,SIZE", help="with --only")
+    parser.add_argument("--blur", type=float, default=60.0, help="of the crops")
+    parser.add_argument("--focus", type=float, default=90 / 255, help="of the crops")
+    parser.add_argument("--rival", type=Path, help="another render of the photograph, shown beside the crops")
+    arguments = parser.parse_args()
+    renderer, refiner = BokehRenderer(arguments.engine), DisparityRefiner()
+    for path in sorted(arguments.folder.glob("*.jpg")):
+        if arguments.only and path.stem not in arguments.only:
+            continue
+        image, disparity = read_image(path), read_disparity(path.with_suffix(".png"))
+        refined = refiner(image, disparity, "auto")
+        if not arguments.crop:
+            write_image(
+                arguments.out / f"photograph_{path.stem}.jpg", blur_by_focus(image, refined, renderer)
+            )
+            continue
+        maps = {"as it is": disparity, "refined": refined}
+        wanted = [("scatter", "as it is"), ("rays", "as it is"), ("rays", "refined")]
+        if arguments.engine not in ("scatter", "rays"):
+            wanted.append((arguments.engine, "refined"))
+        renders = {}
+        for engine, kind in wanted:
+            defocus = defocus_from_disparity(maps[kind], arguments.blur, arguments.focus)
+            name = engine if kind == "as it is" else f"{engine}, refined"
+            renders[name] = BokehRenderer(engine).render(image, defocus).bokeh
+        if arguments.rival is not None:
+            renders[arguments.rival.stem] = read_image(arguments.rival)
+        write_image(arguments.out / f"crops_{path.stem}.jpg", crops(image, renders, arguments.crop))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.inference.session import WEIGHTS, load_network
+from bokehnet.inference.sharpen import STEP, share_of_soft_steps, sharpen_steps
+from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
+
+__all__ = ["REFINE_MODES", "DisparityRefiner", "share_out_of_place"]
+
+REFINE_MODES = ("auto", "on", "off")
+
+# The network halves its input three times.
+_BLOCK = 8
+
+# Pixels around a tile that its result depends on: windows of 7 and of 18, seven 3x3 convolutions at half
+# size, seven at a quarter, five at an eighth; rounded up to a multiple of the block.
+_HALO = 112
+
+_TILE = 512
+
+# Pictures with longer sides are repaired at half their size first: their maps are off by more pixels.
+_LARGEST_SIDE = 1024
+
+# Share of soft steps from which on all are sharpened before the network sees the map.
+_SOFT = 0.3
+
+# Share of the pixels at steps that stand out of place from which on "auto" takes the repaired map.
+_IMPERFECT = 0.01
+
+
+def _step_sizes(disparity: np.ndarray) -> np.ndarray:
+    """Span of the map in the 3x3 blocks of ``_BLOCK`` pixels around each block, (H / 8, W / 8)."""
+    height, width = disparity.shape
+    blocks = disparity.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
+    low, high = np.pad(blocks.min((1, 3)), 1, "edge"), np.pad(blocks.max((1, 3)), 1, "edge")
+    rows, columns = blocks.shape[0], blocks.shape[2]
+    windows = [(slice(y, y + rows), slice(x, x + columns)) for y in range(3) for x in range(3)]
+    span: np.ndarray = np.max([high[w] for w in windows], 0) - np.min([low[w] for w in windows], 0)
+    return span
+
+
+def share_out_of_place(disparity: np.ndarray, repaired: np.ndarray) -> float:
+    """How much of a map's steps the repair moved: 0 = all stood right, up to 1.
+
+    Args:
+        disparity: As it was, (H, W).
+        repaired: As it is, (H, W).
+
+    Returns:
+        Share, of the pixels near steps, that changed by more than a quarter of the step.
+    """
+    padded, other = (pad_to_multiple(x, _BLOCK) for x in (disparity, repaired))
+    steps = np.kron(_step_sizes(padded), np.ones((_BLOCK, _BLOCK), np.float32))
+    near = steps > STEP * (float(disparity.max()) - float(disparity.min()))
+    moved = near & (np.abs(other - padded) > 0.25 * steps)
+    return float(moved.sum()) / max(float(near.sum()), 1.0)
+
+
+class DisparityRefiner:
+    """Repairs disparity maps on the CPU.
+
+    Args:
+        weights: Folder with the network and its manifest; the package's own by default.
+        threads: Threads inside the network; 0 takes all cores.
+
+    Raises:
+        ModelFileError: The network is missing or damaged.
+    """
+
+    def __init__(self, weights: Path | None = None, threads: int = 0) -> None:
+        folder = weights or WEIGHTS / "repair"
+        self._network = load_network(folder, "repair", ("image", "disparity", "span"), threads)
+
+    def __call__(self, image: np.ndarray, disparity: np.ndarray, mode: str = "on") -> np.ndarray:
+        """Return the map with sharp edges where the picture has them.
+
+        Every value stays within those nearby, so that flat regions remain as they are. Maps of
+        large pictures are repaired at half the size first. Memory beyond input and output is that of a
+        tile and a third of the picture.
+
+        Args:
+            image: All-in-focus picture, scene-linear, (H, W, 3).
+            disparity: (H, W), any unit and offset, rising towards the camera; a defocus map will do.
+            mode: "on"; "auto" returns the map as it is where nearly all of its steps stand right already;
+                "off" always does.
+
+        Returns:
+            Disparity (H, W) float32, in the unit of the input.
+
+        Raises:
+            ShapeError: Not (H, W, 3) and (H, W) of one size.
+            ParameterError: NaN or infinity in either, or an unknown mode.
+        """
+        check_choice("mode", mode, REFINE_MODES)
+        check_image("image", image)
+        check_map("disparity", disparity)
+        check_same_size("image", image, "disparity", disparity)
+        image, disparity = (np.asarray(x, np.float32) for x in (image, disparity))
+        span = float(disparity.max()) - float(disparity.min())
+        if span == 0 or mode == "off":
+            return disparity.copy()
+        start = sharpen_steps(disparity) if share_of_soft_steps(disparity) > _SOFT else disparity
+        repaired = self._refine(np.maximum(image, 0).transpose(2, 0, 1), start, span)
+        if mode == "auto" and share_out_of_place(disparity, repaired) < _IMPERFECT:
+            return disparity.copy()
+        return repaired
+
+    def _refine(self, image: np.ndarray, disparity: np.ndarray, span: float) -> np.ndarray:
+        height, width = disparity.shape
+        if max(height, width) > _LARGEST_SIDE:
+            small = downsample2(pad_to_multiple(disparity, 2))
+            mended = self._refine(downsample2(pad_to_multiple(image, 2)), small, span)
+            coarse, change = (crop_to(upsample2(x), height, width) for x in (mended, mended - small))
+            # What moved comes from the smaller map, and is as soft as that.
+            if (moved := np.abs(change) > STEP * span).any():
+                disparity = sharpen_steps(np.where(moved, coarse, disparity))
+        image, disparity = (pad_to_multiple(x, _BLOCK) for x in (image, disparity))
+        result = disparity.copy()
+        busy = _step_sizes(disparity) > STEP * span
+        for tile in _tiles(busy):
+            rows, columns = tile
+            top, left = max(0, rows.start - _HALO), max(0, columns.start - _HALO)
+            window = (slice(top, rows.stop + _HALO), slice(left, columns.stop + _HALO))
+            fed = image[None, :, *window], disparity[None, None, *window]
+            repaired = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))[0, 0]
+            result[tile] = repaired[
+                rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+            ]
+        return np.ascontiguousarray(crop_to(result, height, width))
+
+
+def _tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
+    """Tiles around the blocks that are ``busy``, each cut to the smallest rectangle that holds them."""
+    size = _TILE // _BLOCK
+    for top in range(0, busy.shape[0], size):
+        for left in range(0, busy.shape[1], size):
+            part = busy[top : top + size, left : left + size]
+            rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
+            if len(rows):
+                yield (
+                    slice(_BLOCK * (top + int(rows[0])), _BLOCK * (top + int(rows[-1]) + 1)),
+                    slice(_BLOCK * (left + int(columns[0])), _BLOCK * (left + int(columns[-1]) + 1)),
+                )

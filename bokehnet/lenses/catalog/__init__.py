@@ -1,0 +1,62 @@
+"""Lenses that come with the package: one TOML file each, with its source."""
+
+import math
+from pathlib import Path
+
+from bokehnet.errors import LensError
+from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.lenses.prescription_file import Prescription, read_prescription
+
+__all__ = ["catalog_names", "find_prescription", "load_lens"]
+
+_FOLDER = Path(__file__).parent
+
+
+def catalog_names() -> list[str]:
+    """Names of the lenses in the catalog, in alphabetical order."""
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def find_prescription(name: str | Path) -> Prescription:
+    """Read a prescription by its name in the catalog, or from a TOML file.
+
+    Raises:
+        LensError: It is neither a name nor a path that ends in ``.toml``.
+        ConfigError: The file is missing or wrong.
+    """
+    if str(name) in catalog_names():
+        return read_prescription(_FOLDER / f"{name}.toml")
+    if Path(name).suffix != ".toml":
+        raise LensError(
+            f"unknown lens {str(name)!r}: expected a .toml file or one of {', '.join(catalog_names())}"
+        )
+    return read_prescription(name)
+
+
+def load_lens(
+    name: str | Path,
+    *,
+    focal_length: float | None = None,
+    f_number: float | None = None,
+    focus_distance: float = math.inf,
+) -> PrescriptionLens:
+    """Make a lens from the catalog or from a TOML file.
+
+    Args:
+        name: Name in the catalog, or path of a TOML file.
+        focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
+        f_number: None is fully open.
+        focus_distance: mm from the entrance pupil.
+
+    Raises:
+        LensError: There is no such lens, or it cannot do this.
+        ConfigError: The file is missing or wrong.
+    """
+    prescription = find_prescription(name)
+    if focal_length is not None:
+        if not 0 < focal_length < math.inf:
+            raise LensError(f"need a focal length above 0, got {focal_length:g} mm")
+        prescription = prescription.scaled(
+            focal_length / PrescriptionLens(prescription=prescription).focal_length
+        )
+    return PrescriptionLens(prescription=prescription, f_number=f_number, focus_distance=focus_distance)

@@ -1,0 +1,37 @@
+"""Between which depths a lens draws sharply enough."""
+
+import math
+
+from bokehnet.errors import ParameterError
+from bokehnet.lenses.base import LensModel
+
+__all__ = ["depth_of_field"]
+
+
+def depth_of_field(lens: LensModel, largest_radius: float) -> tuple[float, float]:
+    """Depths, mm, between which the blur radius on the sensor stays below a limit.
+
+    Blur is linear in inverse depth, so two values of it tell all: the limits are where the line crosses
+    ``-largest_radius`` and ``largest_radius``.
+
+    Args:
+        lens: Any lens.
+        largest_radius: Radius of the circle of confusion that counts as sharp, mm.
+
+    Returns:
+        Near and far limit; far is infinite from the hyperfocal distance on.
+
+    Raises:
+        ParameterError: ``largest_radius`` is not a number above 0.
+
+    Source:
+        Ray, "Applied photographic optics", 2002, 22; the same limits for thin lenses.
+    """
+    if not 0 < largest_radius < math.inf:
+        raise ParameterError(f"largest_radius: expected more than 0 mm, got {largest_radius:g}")
+    at_infinity = float(lens.coc_radius(0.0))
+    per_disparity = float(lens.coc_radius(1.0)) - at_infinity
+    near = per_disparity / (largest_radius - at_infinity)
+    if at_infinity >= -largest_radius:
+        return near, math.inf
+    return near, per_disparity / (-largest_radius - at_infinity)

@@ -1,0 +1,204 @@
+"""A lens made of real glass: every ray is refracted surface by surface."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from bokehnet.checks import Array, array_namespace
+from bokehnet.errors import LensError
+from bokehnet.lenses.base import Rays
+from bokehnet.lenses.effective_pupil import EffectivePupil, find_effective_pupil
+from bokehnet.lenses.prescription_file import Prescription
+from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
+from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
+from bokehnet.lenses.thick import ThickLens
+
+__all__ = ["PrescriptionLens"]
+
+# Sensors may be larger than the picture that a lens is made for; the effective pupil is known up to here.
+_FIELD_RESERVE = 1.2
+# Engraved f-numbers are rounded: one that is smaller by less than this is the fully open lens.
+_NOMINAL = 1.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrescriptionLens:
+    """A prescription at work: focused by moving all of the lens, stopped down by its iris.
+
+    The plane z = 0 of the scene is the entrance pupil at the design wavelength, as Gaussian optics has
+    it; it moves with the lens, and :attr:`front_vertex` tells how far the glass reaches in front of it.
+    Focus is that of Gaussian optics, too.
+
+    Attributes:
+        prescription: Surfaces; :meth:`Prescription.scaled` gives other focal lengths.
+        f_number: Focal length over diameter of the entrance pupil; None is fully open.
+        focus_distance: Depth z that images sharply, mm; may be infinite.
+        pupil_sampling: "effective" maps the unit disc onto what passes as seen from each sensor point,
+            "exit" onto the paraxial exit pupil, whatever the rims of the lens cut off.
+
+    Raises:
+        LensError: The lens cannot focus there, or cannot open so far.
+    """
+
+    prescription: Prescription
+    f_number: float | None = None
+    focus_distance: float = math.inf
+    pupil_sampling: Literal["effective", "exit"] = "effective"
+
+    def __post_init__(self) -> None:
+        name = self.prescription.name
+        if not self.open_paraxial.cardinal.focal_length > 0:
+            raise LensError(f"{name}: need a focal length above 0, got {self.focal_length:g} mm")
+        if self.f_number is not None and not self.fastest <= _NOMINAL * self.f_number < math.inf:
+            raise LensError(f"{name}: f-number: expected {self.fastest:.3g} or more, got {self.f_number:g}")
+        try:
+            _ = self.thick
+        except LensError as error:
+            raise LensError(f"{name}: {error}") from error
+        if self.focus_distance <= self.front_vertex:
+            raise LensError(
+                f"{name}: cannot focus at {self.focus_distance:g} mm from its entrance pupil: "
+                f"the front of the lens is {self.front_vertex:.4g} mm away"
+            )
+
+    @cached_property
+    def open_paraxial(self) -> ParaxialLens:
+        """Gaussian optics of the fully open lens at the design wavelength."""
+        return paraxial_lens(self.prescription.trace_surfaces(self.prescription.design_wavelength))
+
+    @property
+    def focal_length(self) -> float:
+        """Effective focal length, mm."""
+        return float(self.open_paraxial.cardinal.focal_length)
+
+    @property
+    def fastest(self) -> float:
+        """F-number of the fully open lens."""
+        return float(self.focal_length / abs(self.open_paraxial.entrance.radius) / 2)
+
+    @cached_property
+    def stop_radius(self) -> float:
+        """Radius of the iris, mm."""
+        largest = next(row.semi_diameter for row in self.prescription.surfaces if row.stop)
+        return largest if self.f_number is None else min(1.0, self.fastest / self.f_number) * largest
+
+    @cached_property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """Surfaces with the iris as it is set, at the design wavelength."""
+        return self.prescription.trace_surfaces(self.prescription.design_wavelength, self.stop_radius)
+
+    @cached_property
+    def paraxial(self) -> ParaxialLens:
+        """Gaussian optics at the design wavelength."""
+        return paraxial_lens(self.surfaces)
+
+    @cached_property
+    def thick(self) -> ThickLens:
+        """The perfect lens with this focal length, focus and pupils."""
+        cardinal, entrance = self.paraxial.cardinal, self.paraxial.entrance
+        return ThickLens(
+            focal_length=self.focal_length,
+            f_number=self.focal_length / abs(entrance.radius) / 2,
+            focus_distance=self.focus_distance,
+            principal_depth=entrance.position - cardinal.front_principal,
+            principal_gap=cardinal.rear_principal - cardinal.front_principal,
+        )
+
+    @property
+    def front_vertex(self) -> float:
+        """Depth z of the foremost point of the first surface on the axis, mm."""
+        return float(self.paraxial.entrance.position)
+
+    @property
+    def sensor_position(self) -> float:
+        """Place ``t`` of the sensor, mm behind the first surface; more than at infinity is the travel."""
+        return float(self.paraxial.cardinal.rear_principal + self.thick.image_distance)
+
+    @cached_property
+    def effective_pupil(self) -> EffectivePupil:
+        """What each point of the sensor sees of the pupil; found when it is first asked for."""
+        exit_pupil = self.paraxial.exit
+        distance = self.sensor_position - exit_pupil.position
+        radius = _FIELD_RESERVE * self.prescription.image_radius
+        return find_effective_pupil(self.surfaces, exit_pupil, distance, radius)
+
+    def coc_radius(self, disparity: Array) -> Array:
+        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm, by Gaussian optics."""
+        return self.thick.coc_radius(disparity)
+
+    def image_of(self, points: Array) -> tuple[Array, Array]:
+        """Where Gaussian optics images points (..., 3), mm: xy (..., 2), and mm behind the sensor (...,)."""
+        return self.thick.image_of(points)
+
+    def sample_rays(
+        self,
+        sensor_xy: Array,
+        pupil_uv: Array,
+        wavelength: Array | None = None,
+        sensor_offset: Array | None = None,
+    ) -> Rays:
+        """Rays from sensor points through the pupil, as in :class:`LensModel`, by tracing the glass.
+
+        Weights are what passes, times the area aimed at over that of the exit pupil, times cos^4 of the
+        angle at the sensor; their mean over the disc is the irradiance over that of a small pupil on the
+        axis. Weights have gradients by the cosine only; those at the edge of the pupil are not seen.
+
+        Source:
+            Kolb, Mitchell and Hanrahan, "A realistic camera model for computer graphics", SIGGRAPH 1995.
+        """
+        beam, share = self.aim(sensor_xy, pupil_uv, sensor_offset)
+        weight = share * beam.direction[2] ** 4
+        beam = self.transfer(beam, wavelength)
+        xp = array_namespace(weight)
+        (x, y), (dx, dy, dt) = beam.at(self.paraxial.entrance.position), beam.direction
+        return Rays(
+            origin=xp.stack([x, y], -1),
+            slope=xp.stack([-dx / dt, -dy / dt], -1),
+            weight=weight * beam.passes,
+        )
+
+    def aim(
+        self, sensor_xy: Array, pupil_uv: Array, sensor_offset: Array | None
+    ) -> tuple[Beam, Array | float]:
+        """Rays from the sensor into the exit pupil, and the area aimed at over that of the exit pupil."""
+        exit_pupil = self.paraxial.exit
+        place = self.sensor_position + (0.0 if sensor_offset is None else sensor_offset)
+        upright = math.copysign(1.0, exit_pupil.radius * self.paraxial.entrance.radius)
+        pupil_uv = upright * pupil_uv
+        share: Array | float = 1.0
+        if self.pupil_sampling == "effective":
+            x, y, area = self.effective_pupil.aim(sensor_xy, place - exit_pupil.position, pupil_uv)
+            share = area / exit_pupil.radius**2
+        else:
+            radius = abs(exit_pupil.radius)
+            x, y = radius * pupil_uv[..., 0], radius * pupil_uv[..., 1]
+        start = (sensor_xy[..., 0], sensor_xy[..., 1], place)
+        return beam_between(start, (x, y, exit_pupil.position)), share
+
+    def transfer(self, beam: Beam, wavelength: Array | None = None) -> Beam:
+        """Send rays that come from the sensor through the lens."""
+        return trace(self.surfaces_at(wavelength), beam, backwards=True)
+
+    def surfaces_at(self, wavelength: Array | None) -> tuple[Surface, ...]:
+        """Surfaces for a wavelength, nm, or for one per ray; None is the design wavelength."""
+        if wavelength is None:
+            return self.surfaces
+        return self.prescription.trace_surfaces(wavelength, self.stop_radius)
+
+    def trace_to_sensor(self, rays: Rays, wavelength: Array | None = None) -> tuple[Array, Array]:
+        """Send light from the scene through the lens, the other way round than :meth:`sample_rays`.
+
+        Args:
+            rays: Rays in front of the lens; their weights are not looked at.
+            wavelength: Nanometres, a number or (...,); None is the design wavelength.
+
+        Returns:
+            Where they meet the sensor plane, mm, (..., 2), and which of them get there, (...,).
+        """
+        pupil, start = self.paraxial.entrance.position, -self.focal_length
+        place = rays.origin + (pupil - start) * rays.slope
+        end = place - rays.slope
+        beam = beam_between((place[..., 0], place[..., 1], start), (end[..., 0], end[..., 1], start + 1.0))
+        beam = trace(self.surfaces_at(wavelength), beam)
+        return array_namespace(place).stack(beam.at(self.sensor_position), -1), beam.passes

@@ -1,0 +1,192 @@
+"""What a lens prescription file says: surfaces from the scene to the sensor, in millimetres.
+
+::
+
+    name = "Double Gauss"
+    source = "Tronnier, US 2,673,491, 1954"
+    focal_length = 100.0
+    f_number = 2.0
+    image_radius = 40.0
+
+    [[surfaces]]
+    radius = 58.95
+    thickness = 7.52
+    abbe = [1.670, 47.1]
+    semi_diameter = 25.2
+
+    [[surfaces]]
+    stop = true
+    thickness = 9.0
+    semi_diameter = 17.1
+"""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from bokehnet.config import load_config
+from bokehnet.errors import ConfigError, LensError
+from bokehnet.lenses.surface_trace import Surface
+from bokehnet.optics.glass import D_LINE, AbbeGlass, Glass, SchottGlass, SellmeierGlass, make_glass
+
+__all__ = ["Prescription", "SurfaceRow", "read_prescription"]
+
+_Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SurfaceRow:
+    """One surface and what lies behind it; without a glass that is air.
+
+    Attributes:
+        thickness: Distance to the next surface along the axis, mm; of the last one, as published, to the
+            image of infinity (not used: focusing is solved for).
+        semi_diameter: Half of the clear aperture, mm.
+        radius: Radius of curvature, mm, positive when its centre lies behind; infinite is a plane.
+        conic: Conic constant; 0 is a sphere.
+        stop: Whether this is the aperture stop: a plane in air.
+        glass: Name of a glass that :mod:`bokehnet.optics.glass` knows.
+        abbe: Index nd and Abbe number Vd.
+        sellmeier: b1, b2, b3, c1, c2, c3.
+        schott: a0 to a5.
+    """
+
+    thickness: float
+    semi_diameter: float
+    radius: float = math.inf
+    conic: float = 0.0
+    stop: bool = False
+    glass: str | None = None
+    abbe: tuple[float, float] | None = None
+    sellmeier: _Six | None = None
+    schott: _Six | None = None
+
+    def problem(self, in_glass: bool) -> str | None:
+        """Say what no surface can have, beginning with the key; ``in_glass`` tells what is in front of it."""
+        media = [key for key in ("glass", "abbe", "sellmeier", "schott") if getattr(self, key) is not None]
+        if len(media) > 1:
+            return f"{media[0]}: expected one way to tell the glass, got {' and '.join(media)}"
+        if self.stop and (math.isfinite(self.radius) or media or in_glass):
+            return "stop: expected a plane in air, got a radius or a glass"
+        if self.radius == 0 or math.isnan(self.radius):
+            return f"radius: expected a radius, or inf for a plane, got {self.radius:g}"
+        if not 0 <= self.thickness < math.inf:
+            return f"thickness: expected 0 or more, got {self.thickness:g}"
+        if not 0 < self.semi_diameter < math.inf:
+            return f"semi_diameter: expected more than 0, got {self.semi_diameter:g}"
+        if self.semi_diameter**2 * (1 + self.conic) >= self.radius**2:
+            return f"semi_diameter: {self.semi_diameter:g} reaches beyond the radius of {self.radius:g}"
+        if self.abbe is not None and not (self.abbe[0] > 1 and self.abbe[1] > 0):
+            return f"abbe: expected [nd above 1, Vd above 0], got {list(self.abbe)}"
+        try:
+            self.medium()
+        except LensError as error:
+            return f"glass: {error}"
+        return None
+
+    def medium(self) -> Glass | None:
+        """Return the glass behind the surface, or None for air."""
+        if self.glass is not None:
+            return make_glass(self.glass)
+        if self.abbe is not None:
+            return AbbeGlass(*self.abbe)
+        if self.sellmeier is not None:
+            return SellmeierGlass(self.sellmeier[:3], self.sellmeier[3:])
+        return None if self.schott is None else SchottGlass(self.schott)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Prescription:
+    """A lens as published.
+
+    Attributes:
+        name: What it is called.
+        source: Author, title, year or patent, and what was changed.
+        focal_length: Published focal length, mm, for comparison with what the surfaces give.
+        f_number: Published f-number at full aperture.
+        image_radius: Radius of the picture that it is made for, mm, in focus at infinity.
+        surfaces: From the scene to the sensor.
+        design_wavelength: Wavelength that focus and pupils are told for, nm.
+    """
+
+    name: str
+    source: str
+    focal_length: float
+    f_number: float
+    image_radius: float
+    surfaces: tuple[SurfaceRow, ...]
+    design_wavelength: float = D_LINE
+
+    def problem(self) -> str | None:
+        """Say what no lens can have, beginning with the key, or return None."""
+        for key in ("focal_length", "f_number", "image_radius", "design_wavelength"):
+            if not 0 < getattr(self, key) < math.inf:
+                return f"{key}: expected more than 0, got {getattr(self, key):g}"
+        if len(self.surfaces) < 3 or sum(row.stop for row in self.surfaces) != 1:
+            stops = sum(row.stop for row in self.surfaces)
+            found = f"{len(self.surfaces)} rows with {stops} stops"
+            return f"surfaces: expected two or more, and one with stop = true, got {found}"
+        in_glass = False
+        for i, row in enumerate(self.surfaces):
+            if (problem := row.problem(in_glass)) is not None:
+                return f"surfaces[{i}].{problem}"
+            in_glass = row.medium() is not None
+        return "surfaces: expected air behind the last one, got a glass" if in_glass else None
+
+    def scaled(self, factor: float) -> "Prescription":
+        """Return the lens with every length multiplied by ``factor``."""
+        surfaces = tuple(
+            dataclasses.replace(
+                row,
+                thickness=factor * row.thickness,
+                semi_diameter=factor * row.semi_diameter,
+                radius=factor * row.radius,
+            )
+            for row in self.surfaces
+        )
+        return dataclasses.replace(
+            self,
+            surfaces=surfaces,
+            focal_length=factor * self.focal_length,
+            image_radius=factor * self.image_radius,
+        )
+
+    def trace_surfaces(self, wavelength: float, stop_radius: float | None = None) -> tuple[Surface, ...]:
+        """Return the surfaces for :func:`bokehnet.lenses.surface_trace.trace`.
+
+        Args:
+            wavelength: Nanometres, a number, array or tensor; it gives the refractive indices.
+            stop_radius: Radius of the aperture stop, mm; None is fully open.
+        """
+        surfaces, before, vertex = [], 1.0, 0.0
+        for row in self.surfaces:
+            medium = row.medium()
+            behind = 1.0 if medium is None else medium.index(wavelength)
+            radius = stop_radius if row.stop and stop_radius is not None else row.semi_diameter
+            surfaces.append(
+                Surface(
+                    vertex=vertex,
+                    curvature=1 / row.radius,
+                    semi_diameter=radius,
+                    conic=row.conic,
+                    before=before,
+                    behind=behind,
+                    stop=row.stop,
+                )
+            )
+            before, vertex = behind, vertex + row.thickness
+        return tuple(surfaces)
+
+
+def read_prescription(path: str | Path) -> Prescription:
+    """Read a prescription file.
+
+    Raises:
+        ConfigError: It is missing or not TOML, a key is unknown or absent, a value has the wrong type or
+            cannot be; file and key are named.
+    """
+    prescription = load_config(path, Prescription)
+    if (problem := prescription.problem()) is not None:
+        raise ConfigError(f"{path}: {problem}")
+    return prescription

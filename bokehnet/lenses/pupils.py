@@ -1,0 +1,118 @@
+"""Principal planes and pupils of a sequence of surfaces: by paraxial imaging, and by real rays."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.errors import LensError
+from bokehnet.lenses.surface_trace import Surface, beam_between, trace
+from bokehnet.optics.paraxial import (
+    CardinalPoints,
+    Pupil,
+    RayMatrix,
+    cardinal_points,
+    entrance_pupil,
+    exit_pupil,
+)
+
+__all__ = ["ParaxialLens", "paraxial_lens", "traced_focal_length", "traced_pupils"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ParaxialLens:
+    """What Gaussian optics says of a lens; places ``t`` in mm from the first surface towards the sensor.
+
+    Attributes:
+        cardinal: Focal length, principal planes, focal points.
+        entrance: Entrance pupil.
+        exit: Exit pupil.
+        length: From the first to the last surface.
+        entrance_per_stop: Radius of the entrance pupil over that of the stop, signed.
+    """
+
+    cardinal: CardinalPoints
+    entrance: Pupil
+    exit: Pupil
+    length: float
+    entrance_per_stop: float
+
+
+def paraxial_lens(surfaces: Sequence[Surface]) -> ParaxialLens:
+    """Image the stop, and everything else, by matrices; one wavelength, or arrays of them.
+
+    Source:
+        Hecht, "Optics", 2017, 6.2.
+    """
+    before = behind = system = RayMatrix()
+    stop_radius = 0.0
+    place, index = surfaces[0].vertex, surfaces[0].before
+    for surface in surfaces:
+        gap = (surface.vertex - place) / index
+        system, behind = system.travel(gap), behind.travel(gap)
+        if surface.stop:
+            before, behind, stop_radius = system, RayMatrix(), surface.semi_diameter
+        power = (surface.behind - surface.before) * surface.curvature
+        system, behind = system.refract(power), behind.refract(power)
+        place, index = surface.vertex, surface.behind
+    return ParaxialLens(
+        cardinal=cardinal_points(system, place),
+        entrance=entrance_pupil(before, stop_radius),
+        exit=exit_pupil(behind, place, stop_radius),
+        length=place,
+        entrance_per_stop=1 / before.a,
+    )
+
+
+def traced_focal_length(surfaces: Sequence[Surface], height: float) -> float:
+    """Focal length by a real ray parallel to the axis at ``height``, mm: height over final slope."""
+    beam = trace(surfaces, beam_between((height, 0.0, -1.0), (height, 0.0, np.float64(0.0))))
+    dx, _, dt = beam.direction
+    return float(-height * dt / dx)
+
+
+def traced_pupils(
+    surfaces: Sequence[Surface], zone: float = 1.0, chief_slope: float = 0.01
+) -> tuple[Pupil, Pupil]:
+    """Entrance and exit pupil by a chief ray and a marginal ray.
+
+    The chief ray leaves the middle of the stop to both sides; the pupils stand where its ends, made
+    longer, meet the axis. The marginal ray comes parallel to the axis, passes the stop at its rim, and has
+    the radii as its heights in the planes of the pupils.
+
+    Args:
+        surfaces: The lens.
+        zone: Share of the stop's radius at which the marginal ray passes; the radii are divided by it.
+        chief_slope: Slope of the chief ray in the stop.
+
+    Raises:
+        LensError: No parallel ray passes the stop there.
+
+    Source:
+        Wu et al., "Rendering realistic spectral bokeh due to lens stops and aberrations", 2013.
+    """
+    middle = next(i for i, surface in enumerate(surfaces) if surface.stop)
+    stop = surfaces[middle]
+    positions = []
+    for backwards, part in ((True, surfaces[:middle]), (False, surfaces[middle + 1 :])):
+        end = stop.vertex + (-1.0 if backwards else 1.0)
+        chief = trace(
+            part, beam_between((0.0, 0.0, stop.vertex), (np.float64(chief_slope), 0.0, end)), backwards
+        )
+        (x, _, t), (dx, _, dt) = chief.position, chief.direction
+        positions.append(float(t - x * dt / dx))
+    wanted = zone * stop.semi_diameter
+    height = wanted * paraxial_lens(surfaces).entrance_per_stop
+    for _ in range(50):
+        ray = beam_between((height, 0.0, -1.0), (height, 0.0, np.float64(0.0)))
+        reached = float(trace(surfaces[:middle], ray).at(stop.vertex)[0])
+        if abs(reached - wanted) < 1e-12 * wanted:
+            break
+        height *= wanted / reached
+    else:
+        raise LensError(f"no ray parallel to the axis passes the stop at {zone:g} of its radius")
+    leaving = trace(surfaces, ray)
+    return (
+        Pupil(position=positions[0], radius=height / zone),
+        Pupil(position=positions[1], radius=float(leaving.at(positions[1])[0]) / zone),
+    )

@@ -1,0 +1,161 @@
+"""Rays through a sequence of surfaces, one after the other, all rays at once.
+
+Axis ``t`` in mm runs from the scene to the sensor; rays may go either way. Where rays miss a surface, are
+totally reflected or clipped they are marked and go on as they are, so that every number stays finite and
+so do the gradients; what the marks say has no gradient.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from bokehnet.checks import Array, array_namespace
+
+__all__ = ["Beam", "Surface", "beam_between", "trace"]
+
+# Height over semi-diameter of rays that a surface cannot pass on: more than any that is clipped.
+_LOST = 1e6
+# Smallest share of a unit direction that runs along the axis.
+_GRAZING = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Surface:
+    """A conic ``c (x^2 + y^2 + (1 + k) t^2) = 2 t``, counted from its vertex, or a stop.
+
+    Attributes:
+        vertex: Place of the vertex, mm.
+        curvature: 1 / radius, 1/mm; positive when the centre is on the sensor's side; 0 is a plane.
+        semi_diameter: Rays further from the axis are clipped, mm.
+        conic: k; 0 is a sphere, -1 a parabola.
+        before: Refractive index on the scene's side, a number or one per ray.
+        behind: The same on the sensor's side.
+        stop: Whether this is the aperture stop.
+    """
+
+    vertex: Array
+    curvature: Array
+    semi_diameter: Array
+    conic: Array = 0.0
+    before: Array = 1.0
+    behind: Array = 1.0
+    stop: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Beam:
+    """Rays between two surfaces, each array (...,).
+
+    Attributes:
+        position: x, y, t of a point on each ray, mm.
+        direction: Unit vector along x, y, t.
+        fill: Largest height over semi-diameter at any surface so far, the stop left out; above 1 is clipped.
+        stop_fill: The same at the stop.
+    """
+
+    position: tuple[Array, Array, Array]
+    direction: tuple[Array, Array, Array]
+    fill: Array
+    stop_fill: Array
+
+    @property
+    def passes(self) -> Array:
+        """Which rays nothing has stopped, boolean."""
+        return (self.fill <= 1) & (self.stop_fill <= 1)
+
+    def at(self, t: Array) -> tuple[Array, Array]:
+        """Height x, y of the straight rays in the plane ``t``, mm."""
+        (x, y, t0), (dx, dy, dt) = self.position, self.direction
+        along = (t - t0) / dt
+        return x + along * dx, y + along * dy
+
+
+def beam_between(start: Sequence[Array], end: Sequence[Array]) -> Beam:
+    """Rays from points ``start`` towards points ``end``, each three arrays x, y, t that broadcast."""
+    dx, dy, dt = (b - a for a, b in zip(start, end, strict=True))
+    length = (dx * dx + dy * dy + dt * dt) ** 0.5
+    nothing = 0 * length
+    x, y, t = (a + nothing for a in start)
+    return Beam(
+        position=(x, y, t),
+        direction=(dx / length, dy / length, dt / length),
+        fill=nothing,
+        stop_fill=nothing,
+    )
+
+
+def trace(surfaces: Iterable[Surface], beam: Beam, backwards: bool = False) -> Beam:
+    """Send rays through surfaces.
+
+    Args:
+        surfaces: From the scene to the sensor, in both cases.
+        beam: Rays in front of the first surface that they meet.
+        backwards: Whether they come from the sensor.
+
+    Returns:
+        The rays behind the last surface that they meet, positions on that surface.
+
+    Source:
+        Welford, "Aberrations of optical systems", 1986, 4.2 to 4.4, in vector form.
+    """
+    for surface in reversed(list(surfaces)) if backwards else surfaces:
+        beam = _pass_surface(surface, beam, -1.0 if backwards else 1.0)
+    return beam
+
+
+def _pass_surface(surface: Surface, beam: Beam, sign: float) -> Beam:
+    c, conic = surface.curvature, surface.conic
+    dx, dy, dt = beam.direction
+    xp = array_namespace(dt)
+    x, y = beam.at(surface.vertex)
+    if surface.stop:
+        stop_fill = xp.maximum(beam.stop_fill, _height(x, y) / surface.semi_diameter)
+        position = (x, y, surface.vertex + 0 * x)
+        return Beam(position=position, direction=beam.direction, fill=beam.fill, stop_fill=stop_fill)
+    one = xp.ones_like(x)
+    # With the point (x, y, 0) of the vertex plane the conic becomes A s^2 - 2 B s + C = 0.
+    lateral = c * (x * x + y * y)
+    half = dt - c * (x * dx + y * dy)
+    root2 = half * half - c * (1 + conic * dt * dt) * lateral
+    hits = root2 > 0
+    # The root near the vertex, in the form that knows no cancellation and takes planes, too.
+    denominator = half + sign * xp.where(hits, root2, one) ** 0.5
+    hits = hits & (sign * denominator > _GRAZING)
+    s = xp.where(hits, lateral, 0 * one) / xp.where(hits, denominator, one)
+    x, y, t = x + s * dx, y + s * dy, s * dt
+    normal = (-c * x, -c * y, 1 - c * (1 + conic) * t)
+    ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
+    direction, refracted = _refract(beam.direction, normal, ratio, sign)
+    fill = xp.maximum(beam.fill, _height(x, y) / surface.semi_diameter)
+    fill = xp.where(hits & refracted, fill, _LOST * one)
+    position = (x, y, surface.vertex + t)
+    return Beam(position=position, direction=direction, fill=fill, stop_fill=beam.stop_fill)
+
+
+def _height(x: Array, y: Array) -> Array:
+    """Distance from the axis; its gradient is 0 on the axis."""
+    square = x * x + y * y
+    return array_namespace(x).where(square > 0, square, square + 1) ** 0.5 * (square > 0)
+
+
+def _refract(
+    direction: tuple[Array, Array, Array], normal: tuple[Array, Array, Array], ratio: Array, sign: float
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """Snell's law: new direction, and where there is one; elsewhere the old direction.
+
+    ``ratio`` is the index before over that after, seen along the ray. Of ``n d`` the part along the surface
+    stays, so ``d' = ratio d + (cos' - ratio cos) n``.
+    """
+    dx, dy, dt = direction
+    nx, ny, nt = normal
+    xp = array_namespace(dt)
+    one = xp.ones_like(dt)
+    length = (nx * nx + ny * ny + nt * nt) ** 0.5 * sign
+    nx, ny, nt = nx / length, ny / length, nt / length
+    cosine = dx * nx + dy * ny + dt * nt
+    cosine2 = 1 - ratio * ratio * (1 - cosine * cosine)
+    refracted = (cosine2 > 0) & (cosine > 0)
+    push = xp.where(refracted, cosine2, one) ** 0.5 - ratio * cosine
+    bent = (ratio * dx + push * nx, ratio * dy + push * ny, ratio * dt + push * nt)
+    refracted = refracted & (sign * bent[2] > _GRAZING)
+    x, y, t = (xp.where(refracted, new, old) for new, old in zip(bent, direction, strict=True))
+    return (x, y, t), refracted

@@ -1,0 +1,31 @@
+"""Rows of frozen dataclasses of tensors, which belong together."""
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import torch
+from torch import Tensor
+
+__all__ = ["join", "pick"]
+
+Table = TypeVar("Table")
+
+
+def pick(table: Table, rows: Tensor) -> Table:
+    """Those rows of all tensors in ``table``, and in tables within it, that an index or a mask names."""
+    return _rebuild(lambda columns: columns[0][rows], [table])
+
+
+def join(first: Table, second: Table) -> Table:
+    """The rows of two tables of one kind below each other."""
+    return _rebuild(torch.cat, [first, second])
+
+
+def _rebuild(make: Any, tables: list[Any]) -> Any:
+    if isinstance(tables[0], Tensor):
+        return make(tables)
+    columns = {
+        field.name: _rebuild(make, [getattr(table, field.name) for table in tables])
+        for field in fields(tables[0])
+    }
+    return type(tables[0])(**columns)

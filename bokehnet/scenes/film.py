@@ -1,0 +1,82 @@
+"""Traced pictures in one EXR file each, from which tracing can go on."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.channels import read_channels, write_channels
+from bokehnet.raytrace.tracer import Accumulation, Maps
+
+__all__ = ["load_film", "save_film"]
+
+_MM_PER_M = 1000.0
+_SAMPLES, _SCENE, _BODIES = "bokehnet:samples", "bokehnet:scene", "bokehnet:bodies"
+
+
+def save_film(path: Path, film: Accumulation, maps: Maps, digest: str, names: list[str]) -> None:
+    """Write what was traced so far.
+
+    ``R``, ``G``, ``B`` are the bokeh, ``all_in_focus.*`` the sharp picture, ``Z`` depth in m, ``disparity``
+    in 1/m, ``normal.X``, ``.Y``, ``.Z`` normals in camera axes (y down), ``id`` the number of the body from
+    1 on, 0 for none, and ``coverage``. Attributes tell the number of samples and the names of the bodies.
+
+    Args:
+        path: An EXR file; replaced atomically.
+        film: Means so far.
+        maps: Geometry.
+        digest: Tells scenes apart.
+        names: Of the bodies.
+
+    Raises:
+        ImageFileError: The file cannot be written.
+    """
+    depth = maps.depth.cpu().numpy().astype(np.float64) / _MM_PER_M
+    channels = {
+        **_split("", film.bokeh, "RGB"),
+        **_split("all_in_focus.", film.all_in_focus, "RGB"),
+        **_split("normal.", maps.normal, "XYZ"),
+        "Z": depth,
+        "disparity": 1 / depth,
+        "id": maps.body.cpu().numpy() + 1,
+        "coverage": film.coverage.cpu().numpy(),
+    }
+    attributes = {_SAMPLES: str(film.samples), _SCENE: digest, _BODIES: json.dumps(names)}
+    write_channels(path, channels, attributes)
+
+
+def load_film(path: Path, digest: str, device: torch.device | str = "cpu") -> Accumulation:
+    """Read what was traced so far.
+
+    Args:
+        path: A file of :func:`save_film`.
+        digest: Of the scene that shall go on.
+        device: Where it goes on.
+
+    Raises:
+        ImageFileError: The file cannot be read, or is of another scene.
+    """
+    found = read_channels(path)
+    if found.attributes.get(_SCENE) != digest:
+        raise ImageFileError(
+            f"{path}: exists and is not of this scene, size and seed; remove it, or start anew with --fresh"
+        )
+
+    def load(prefix: str, names: str) -> Tensor:
+        stack = np.stack([found.channels[prefix + name] for name in names], -1)
+        return torch.from_numpy(stack).to(device)
+
+    return Accumulation(
+        bokeh=load("", "RGB"),
+        all_in_focus=load("all_in_focus.", "RGB"),
+        coverage=torch.from_numpy(found.channels["coverage"]).to(device),
+        samples=int(found.attributes[_SAMPLES]),
+    )
+
+
+def _split(prefix: str, values: Tensor, names: str) -> dict[str, np.ndarray]:
+    """Channels of a picture (H, W, 3) by name."""
+    return {prefix + name: values[..., index].cpu().numpy() for index, name in enumerate(names)}

@@ -1,0 +1,266 @@
+"""Scene files made into worlds and cameras."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bokehnet.checks import check_at_least
+from bokehnet.config import dump_json, load_config
+from bokehnet.errors import (
+    ConfigError,
+    DataFileError,
+    ImageFileError,
+    LensError,
+    ParameterError,
+    ShapeError,
+)
+from bokehnet.io.image import read_image
+from bokehnet.io.pixels import ImageFile
+from bokehnet.lenses import LensModel, PrescriptionLens, ThinLens, load_lens
+from bokehnet.raytrace.camera import Camera
+from bokehnet.raytrace.lights import Environment, PointLight
+from bokehnet.raytrace.materials import Material
+from bokehnet.raytrace.meshes import Mesh, read_mesh
+from bokehnet.raytrace.quads import Quad
+from bokehnet.raytrace.scene import Background, Vector, plane_texture
+from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.tracer import Tracer, lens_rays
+from bokehnet.raytrace.world import Body, World
+from bokehnet.scenes.tables import (
+    BackgroundTable,
+    LensTable,
+    MaterialTable,
+    MeshTable,
+    RenderTable,
+    SceneTable,
+)
+
+__all__ = ["SceneJob", "read_scene"]
+
+_MM_PER_M = 1000.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SceneJob:
+    """A scene ready to be traced.
+
+    Attributes:
+        world: What is there.
+        camera: What sees it.
+        shutter: Seconds.
+        render: How it is traced.
+        digest: Tells scenes apart: of all that the picture depends on but the number of samples.
+    """
+
+    world: World
+    camera: Camera
+    shutter: float
+    render: RenderTable
+    digest: str
+
+    def tracer(self, device: torch.device | str = "cpu") -> Tracer:
+        """The tracer that the scene file asks for."""
+        return Tracer(
+            self.world,
+            self.camera,
+            seed=self.render.seed,
+            bounces=self.render.bounces,
+            shutter=self.shutter,
+            dispersion=self.render.dispersion,
+            device=device,
+        )
+
+
+def read_scene(
+    path: Path | str, overrides: Mapping[str, Any] | None = None, device: torch.device | str = "cpu"
+) -> SceneJob:
+    """Read a scene file, with everything that it names.
+
+    Args:
+        path: TOML; see :mod:`bokehnet.scenes.tables`.
+        overrides: Values that replace those of the file, such as ``{"camera.width": 64}``.
+        device: Where textures are kept.
+
+    Raises:
+        ConfigError: With file and key, whatever is wrong.
+        MissingExtraError: The scene has meshes, and trimesh or Embree is not installed.
+    """
+    path = Path(path)
+    return _Reader(path, load_config(path, SceneTable, overrides), torch.device(device)).read()
+
+
+class _Reader:
+    """Reads one file; remembers the files that it names for the digest."""
+
+    def __init__(self, path: Path, table: SceneTable, device: torch.device) -> None:
+        self._path, self._table, self._device = path, table, device
+        self._digest = hashlib.sha256(
+            dump_json(replace(table, render=replace(table.render, samples=0))).encode()
+        )
+
+    def read(self) -> SceneJob:
+        camera = self._camera()
+        table = self._table
+        with self._named("environment"):
+            texture = self._picture("environment.texture", table.environment.texture)[:3]
+            environment = Environment(texture=texture * self._color(table.environment.color))
+        with self._named("background"):
+            backdrop = None if table.background is None else self._backdrop(table.background, camera)
+        bodies: list[Body] = []
+        for index, quad in enumerate(table.quads):
+            key = f"quads[{index}]"
+            with self._named(key):
+                shape = Quad(centre=_mm(quad.centre), u_axis=_mm(quad.u_axis), v_axis=_mm(quad.v_axis))
+            bodies.append(self._body(key, shape, quad.material, quad.velocity, quad.name))
+        for index, ball in enumerate(table.spheres):
+            key = f"spheres[{index}]"
+            with self._named(key):
+                sphere = Sphere(centre=_mm(ball.centre), radius=ball.radius * _MM_PER_M)
+            bodies.append(self._body(key, sphere, ball.material, ball.velocity, ball.name))
+        for index, knot in enumerate(table.meshes):
+            key = f"meshes[{index}]"
+            mesh = self._mesh(key, knot)
+            bodies.append(self._body(key, mesh, knot.material, knot.velocity, knot.name))
+        lamps = []
+        for index, lamp in enumerate(table.lamps):
+            with self._named(f"lamps[{index}]"):
+                red, green, blue = (value * _MM_PER_M**2 for value in lamp.intensity)
+                lamps.append(PointLight(position=_mm(lamp.position), intensity=(red, green, blue)))
+        world = World(bodies=tuple(bodies), lamps=tuple(lamps), environment=environment, backdrop=backdrop)
+        with self._named("camera"):
+            check_at_least("shutter", table.camera.shutter, 0)
+        with self._named("render"):
+            check_at_least("samples", table.render.samples, 1)
+            check_at_least("bounces", table.render.bounces, 0)
+        return SceneJob(
+            world=world,
+            camera=camera,
+            shutter=table.camera.shutter,
+            render=table.render,
+            digest=self._digest.hexdigest(),
+        )
+
+    @contextmanager
+    def _named(self, key: str) -> Iterator[None]:
+        """Let errors name file and key."""
+        try:
+            yield
+        except ConfigError:
+            raise
+        except (DataFileError, ImageFileError, LensError, ParameterError, ShapeError) as error:
+            raise ConfigError(f"{self._path}: {key}: {error}") from error
+
+    def _camera(self) -> Camera:
+        table = self._table.camera
+        with self._named("camera"):
+            if not table.sensor_width > 0:
+                raise ParameterError(f"sensor_width: expected more than 0 mm, got {table.sensor_width:g}")
+            camera = Camera(
+                lens=self._lens(self._table.lens),
+                width=table.width,
+                height=table.height,
+                pixel_pitch=table.sensor_width / max(table.width, 1),
+            )
+        with self._named("lens"):
+            _check_light(camera)
+        return camera
+
+    def _lens(self, table: LensTable) -> LensModel:
+        with self._named("lens"):
+            lens = self._thin(table) if table.name == "thin" else self._glass(table)
+        with self._named("lens.focus_distance"):
+            return replace(lens, focus_distance=table.focus_distance * _MM_PER_M)
+
+    def _thin(self, table: LensTable) -> ThinLens | PrescriptionLens:
+        if table.focal_length is None or table.f_number is None:
+            raise ParameterError("a thin lens needs focal_length and f_number")
+        return ThinLens(focal_length=table.focal_length, f_number=table.f_number)
+
+    def _glass(self, table: LensTable) -> PrescriptionLens:
+        file = self._path.parent / table.name
+        if file.is_file():
+            self._digest.update(file.read_bytes())
+        name = file if file.is_file() else table.name
+        return load_lens(name, focal_length=table.focal_length, f_number=table.f_number)
+
+    def _backdrop(self, table: BackgroundTable, camera: Camera) -> Background:
+        if not table.depth > 0:
+            raise ParameterError(f"depth: expected more than 0 m, got {table.depth:g}")
+        corner = torch.tensor([[camera.width, camera.height]]) * camera.pixel_pitch / 2
+        slope = camera.lens.sample_rays(corner, torch.zeros_like(corner)).slope.abs().flatten()
+        texture = self._picture("background.texture", table.texture)[:3] * self._color(table.color)
+        return Background(
+            texture=texture,
+            half_extent=(float(slope[0]), float(slope[1])),
+            disparity=1 / (table.depth * _MM_PER_M),
+        )
+
+    def _body(
+        self, key: str, shape: Quad | Sphere | Mesh, table: MaterialTable, velocity: Vector, name: str
+    ) -> Body:
+        with self._named(f"{key}.material"):
+            material = Material(
+                color=table.color,
+                specular=table.specular,
+                roughness=table.roughness,
+                emission=table.emission,
+                texture=self._picture(f"{key}.material.texture", table.texture),
+            )
+        if not (material.reflects or any(material.emission)):
+            raise ConfigError(f"{self._path}: {key}.material: expected a color, specular or emission above 0")
+        return Body(shape=shape, material=material, velocity=_mm(velocity), name=name or key)
+
+    def _mesh(self, key: str, table: MeshTable) -> Mesh:
+        file = self._path.parent / table.file
+        with self._named(f"{key}.file"):
+            mesh = read_mesh(
+                file,
+                smooth=table.smooth,
+                scale=table.scale * _MM_PER_M,
+                rotation=table.rotation,
+                centre=_mm(table.centre),
+            )
+        self._digest.update(file.read_bytes())
+        return mesh
+
+    def _picture(self, key: str, name: str | None) -> Tensor:
+        """RGB times alpha, and alpha, (4, H, W); one white texel where there is no file."""
+        if name is None:
+            return torch.ones(4, 1, 1, device=self._device)
+        file = self._path.parent / name
+        with self._named(key):
+            light = read_image(file)
+            with ImageFile(file) as opened:
+                part = opened.parts[0]
+                alpha = opened.read(part, [part.alpha])[..., 0] if part.alpha else np.ones(light.shape[:2])
+        self._digest.update(file.read_bytes())
+        texture = plane_texture(light)
+        texture[3] = torch.from_numpy(alpha)
+        return texture.to(self._device)
+
+    def _color(self, color: Vector) -> Tensor:
+        for value in color:
+            if not value >= 0:
+                raise ParameterError(f"color: expected at least 0, got {value:g}")
+        return torch.tensor(color, device=self._device).reshape(3, 1, 1)
+
+
+def _mm(vector: Vector) -> Vector:
+    x, y, z = (value * _MM_PER_M for value in vector)
+    return x, y, z
+
+
+def _check_light(camera: Camera) -> None:
+    """Raise ``LensError`` unless some light gets through the lens to the middle of the picture."""
+    side = torch.linspace(-0.7, 0.7, 15)
+    pupil = torch.stack(torch.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 2)
+    _, weight = lens_rays(camera, torch.zeros_like(pupil), pupil, torch.zeros(len(pupil)))
+    if not bool((weight > 0).any()):
+        raise LensError("no light gets through the lens to the middle of the picture")

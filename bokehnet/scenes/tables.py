@@ -1,0 +1,154 @@
+"""Scenes from TOML files.
+
+Places and sizes are in metres, x to the right, y down, z along the optical axis from the lens; focal
+length and sensor are in millimetres. Files are named relative to the scene file. See
+``configs/scene_*.toml``.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from bokehnet.raytrace.materials import Color
+from bokehnet.raytrace.scene import Vector
+
+__all__ = [
+    "BackgroundTable",
+    "CameraTable",
+    "EnvironmentTable",
+    "LampTable",
+    "LensTable",
+    "MaterialTable",
+    "MeshTable",
+    "QuadTable",
+    "RenderTable",
+    "SceneTable",
+    "SphereTable",
+]
+
+_BLACK: Color = (0.0, 0.0, 0.0)
+_ORIGIN: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraTable:
+    """Size in pixels, sensor width in mm, and for how many seconds the shutter is open."""
+
+    width: int
+    height: int
+    sensor_width: float = 36.0
+    shutter: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LensTable:
+    """A lens: thin, one of the catalog (:mod:`bokehnet.lenses.catalog`), or a prescription file.
+
+    Attributes:
+        name: ``thin``, a name of the catalog or a path that ends in ``.toml``.
+        focal_length: mm; a thin lens needs it, others are scaled to it.
+        f_number: A thin lens needs it; others are fully open without.
+        focus_distance: m from the entrance pupil.
+    """
+
+    name: str = "thin"
+    focal_length: float | None = None
+    f_number: float | None = None
+    focus_distance: float = math.inf
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RenderTable:
+    """Samples of each pixel, seed, how often light is scattered, whether each ray has one wavelength."""
+
+    samples: int = 256
+    seed: int = 0
+    bounces: int = 2
+    dispersion: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EnvironmentTable:
+    """Light from all around: a colour, times a map of longitude and latitude."""
+
+    color: Color = _BLACK
+    texture: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class BackgroundTable:
+    """A picture that fills the frame behind everything and lights nothing; its depth is in m."""
+
+    color: Color = (1.0, 1.0, 1.0)
+    texture: str | None = None
+    depth: float = math.inf
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MaterialTable:
+    """See :class:`bokehnet.raytrace.materials.Material`; the texture is a picture, maybe with alpha."""
+
+    color: Color = _BLACK
+    specular: Color = _BLACK
+    roughness: float = 0.1
+    emission: Color = _BLACK
+    texture: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class QuadTable:
+    """The parallelogram ``centre + a * u_axis + b * v_axis``, a and b from -1 to 1; velocity in m/s."""
+
+    centre: Vector
+    u_axis: Vector
+    v_axis: Vector
+    material: MaterialTable
+    velocity: Vector = _ORIGIN
+    name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SphereTable:
+    """A sphere."""
+
+    centre: Vector
+    radius: float
+    material: MaterialTable
+    velocity: Vector = _ORIGIN
+    name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MeshTable:
+    """A mesh from a file whose y axis points up: scaled, turned about x, y and z in degrees, then moved."""
+
+    file: str
+    material: MaterialTable
+    scale: float = 1.0
+    rotation: Vector = _ORIGIN
+    centre: Vector = _ORIGIN
+    smooth: bool = False
+    velocity: Vector = _ORIGIN
+    name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class LampTable:
+    """A light without size; irradiance is intensity / (distance in m)^2."""
+
+    position: Vector
+    intensity: Color
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SceneTable:
+    """All that a scene file may say."""
+
+    camera: CameraTable
+    lens: LensTable
+    render: RenderTable = field(default_factory=RenderTable)
+    environment: EnvironmentTable = field(default_factory=EnvironmentTable)
+    background: BackgroundTable | None = None
+    quads: tuple[QuadTable, ...] = ()
+    spheres: tuple[SphereTable, ...] = ()
+    meshes: tuple[MeshTable, ...] = ()
+    lamps: tuple[LampTable, ...] = ()

@@ -1,0 +1,31 @@
+"""The drawing of a lens: that it is there, and that its spots are right."""
+
+import numpy as np
+import pytest
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.image import read_image
+from bokehnet.lenses import load_lens
+from bokehnet.lenses.plot import plot_lens, spot
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.mark.parametrize(("name", "focus"), [("retrofocus", 1500.0), ("biconvex", float("inf"))])
+def test_a_picture_is_drawn(tmp_path, name, focus):
+    path = tmp_path / "lens.png"
+    plot_lens(load_lens(name, focus_distance=focus), path)
+    picture = np.asarray(read_image(path))
+    assert picture.shape == (1170, 1560, 3)
+    assert picture.std() > 0.1
+
+
+def test_an_unknown_ending_is_an_error(tmp_path):
+    with pytest.raises(ImageFileError, match=r"lens\.xyz"):
+        plot_lens(load_lens("biconvex"), tmp_path / "lens.xyz")
+
+
+def test_spots_of_a_singlet_show_its_spherical_aberration():
+    """Born and Wolf, 5.5: the size grows with the cube of the aperture."""
+    sizes = [np.abs(spot(load_lens("biconvex", f_number=n), 0.0, 587.6)).max() for n in (16.0, 8.0)]
+    assert sizes[1] / sizes[0] == pytest.approx(8, rel=0.15)

@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+import torch
+
+from bokehnet.errors import ConfigError, LensError
+from bokehnet.io.image import write_image
+from bokehnet.lenses import Rays
+from bokehnet.raytrace.camera import Camera
+from bokehnet.scenes import read_scene
+from bokehnet.scenes.reader import _check_light
+
+SCENE = """
+[camera]
+width = 24
+height = 16
+
+[lens]
+focal_length = 50.0
+f_number = 1.4
+focus_distance = 1.2
+
+[environment]
+color = [0.2, 0.3, 0.4]
+
+[[quads]]
+centre = [0.0, 0.1, 2.0]
+u_axis = [1.0, 0.0, 0.0]
+v_axis = [0.0, 0.0, 1.0]
+material = { color = [0.5, 0.5, 0.5] }
+
+[[spheres]]
+name = "ball"
+centre = [0.0, 0.0, 1.2]
+radius = 0.1
+velocity = [1.0, 0.0, 0.0]
+material = { specular = [0.5, 0.5, 0.5], roughness = 0.2 }
+
+[[lamps]]
+position = [1.0, -1.0, 0.0]
+intensity = [2.0, 2.0, 2.0]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Write the scene with some text replaced."""
+
+    def write(*changes, more=""):
+        text = SCENE
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "scene.toml").write_text(text + more)
+        return tmp_path / "scene.toml"
+
+    return write
+
+
+def test_a_scene_file_becomes_a_world_in_millimetres(scene):
+    job = read_scene(scene(), {"camera.width": 48, "render.seed": 5})
+    floor, ball = job.world.bodies
+    assert floor.shape.centre == (0, 100, 2000)
+    assert (ball.name, ball.shape.radius, ball.velocity) == ("ball", 100, (1000, 0, 0))
+    assert ball.material.roughness == 0.2
+    assert job.world.lamps[0].position == (1000, -1000, 0)
+    assert job.world.lamps[0].intensity == (2e6, 2e6, 2e6)  # irradiance at 1 m: 2
+    assert job.world.environment.texture.flatten().tolist() == pytest.approx([0.2, 0.3, 0.4])
+    assert (job.camera.width, job.camera.pixel_pitch, job.render.seed) == (48, 0.75, 5)
+    assert job.camera.lens.focus_distance == 1200
+
+
+def test_pictures_bring_their_alpha_and_stand_beside_the_scene_file(scene, tmp_path):
+    import OpenImageIO as oiio  # noqa: N813
+
+    rgba = np.zeros((2, 3, 4), np.uint8)
+    rgba[0] = (255, 0, 0, 255)
+    rgba[1] = (255, 255, 255, 51)
+    spec = oiio.ImageSpec(3, 2, 4, "uint8")
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    output = oiio.ImageOutput.create(str(tmp_path / "card.png"))
+    output.open(str(tmp_path / "card.png"), spec)
+    output.write_image(rgba)
+    output.close()
+    job = read_scene(scene(("color = [0.5, 0.5, 0.5]", 'color = [0.5, 0.5, 0.5], texture = "card.png"')))
+    texture = job.world.bodies[0].material.texture
+    assert texture[:, 0, 0].tolist() == pytest.approx([1, 0, 0, 1])
+    assert texture[:, 1, 0].tolist() == pytest.approx([0.2, 0.2, 0.2, 0.2], abs=1e-3)
+
+
+def test_the_background_fills_the_frame(scene, tmp_path):
+    write_image(tmp_path / "back.png", np.full((4, 6, 3), 0.5, np.float32))
+    job = read_scene(scene(more='[background]\ntexture = "back.png"\ndepth = 10.0\n'))
+    backdrop = job.world.backdrop
+    half_width = 36 / 2 / job.camera.lens.sensor_distance
+    assert backdrop.half_extent == pytest.approx((half_width, half_width * 16 / 24))
+    assert backdrop.disparity == pytest.approx(1e-4)
+    film = job.tracer().render(1)
+    assert float(film.all_in_focus[0, 0, 0]) == pytest.approx(0.5, abs=0.01)
+
+
+def test_mesh_files_are_read(scene, tmp_path):
+    trimesh = pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
+    pytest.importorskip("embreex", reason="needs embreex: pip install 'bokehnet[trace]'")
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "box.glb")
+    mesh = '[[meshes]]\nfile = "box.glb"\ncentre = [0.0, 0.0, 0.8]\nmaterial = { color = [0.4, 0.4, 0.4] }\n'
+    maps = read_scene(scene(more=mesh)).tracer().maps()
+    assert float(maps.depth[8, 12]) == pytest.approx(700, rel=1e-5)
+    assert int(maps.body[8, 12]) == 2
+
+
+def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples(scene, tmp_path):
+    write_image(tmp_path / "sky.hdr", np.full((4, 6, 3), 0.5, np.float32))
+    textured = ("color = [0.2, 0.3, 0.4]", 'color = [1.0, 1.0, 1.0]\ntexture = "sky.hdr"')
+    first = read_scene(scene(textured)).digest
+    assert read_scene(scene(textured), {"render.samples": 3}).digest == first
+    assert read_scene(scene(textured), {"render.seed": 3}).digest != first
+    assert read_scene(scene(textured), {"camera.height": 17}).digest != first
+    write_image(tmp_path / "sky.hdr", np.full((4, 6, 3), 0.6, np.float32))
+    assert read_scene(scene(textured)).digest != first
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("radius = 0.1", "radius = 0.1\nred = 1", r"unknown key 'spheres\[0\]\.red'; valid keys: centre,"),
+        ("radius = 0.1", "radius = 0.0", r"spheres\[0\]: radius: expected more than 0 mm"),
+        ("u_axis = [1.0, 0.0, 0.0]", "u_axis = [0.0, 0.0, 0.0]", r"quads\[0\]: u_axis, v_axis: expected two"),
+        (
+            "centre = [0.0, 0.1, 2.0]",
+            "centre = [0.0, 2.0]",
+            r"quads\[0\]\.centre: expected .*got \[0.0, 2.0\]",
+        ),
+        ("color = [0.5, 0.5, 0.5]", 'texture = "none.png"', r"quads\[0\]\.material\.texture: .*no such file"),
+        (
+            "color = [0.5, 0.5, 0.5]",
+            "color = [0.5, 1.5, 0.5]",
+            r"quads\[0\]\.material: color, specular: .*1.5",
+        ),
+        ("color = [0.5, 0.5, 0.5]", "color = [0.0, 0.0, 0.0]", r"quads\[0\]\.material: expected a color"),
+        ("roughness = 0.2", "roughness = 0.0", r"spheres\[0\]\.material: roughness: expected 0.001 to 1"),
+        ("color = [0.2, 0.3, 0.4]", "color = [0.2, -0.3, 0.4]", r"environment: color: expected at least 0"),
+        ("color = [0.2, 0.3, 0.4]", 'texture = "sky.hdr"', r"environment\.texture: .*no such file"),
+        (
+            "focus_distance = 1.2",
+            "focus_distance = 0.04",
+            r"lens\.focus_distance: need focus distance > focal",
+        ),
+        ("f_number = 1.4", "f_number = -1.4", r"lens: need a positive f-number, got -1.4"),
+        ("focal_length = 50.0", 'name = "dubble_gauss"', r"lens: unknown lens 'dubble_gauss'"),
+        ("focal_length = 50.0", "", r"lens: a thin lens needs focal_length and f_number"),
+        ("width = 24", "width = 0", r"camera: width: expected at least 1, got 0"),
+        ("height = 16", "height = 16\nsensor_width = 0.0", r"camera: sensor_width: expected more than 0 mm"),
+        ("height = 16", "height = 16\nshutter = -1.0", r"camera: shutter: expected at least 0"),
+        (
+            "intensity = [2.0, 2.0, 2.0]",
+            "intensity = [-2.0, 2.0, 2.0]",
+            r"lamps\[0\]: intensity: expected at",
+        ),
+        ("[[lamps]]", "[render]\nsamples = 0\n[[lamps]]", r"render: samples: expected at least 1, got 0"),
+        ("[[lamps]]", "[render]\nbounces = -1\n[[lamps]]", r"render: bounces: expected at least 0"),
+    ],
+)
+def test_mistakes_are_told_with_file_and_key(scene, old, new, message):
+    path = scene((old, new))
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_scene(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_lens_of_the_catalog_focuses_and_says_where_it_cannot(scene):
+    glass = ("focal_length = 50.0\nf_number = 1.4", 'name = "double_gauss"\nfocal_length = 50.0')
+    lens = read_scene(scene(glass)).camera.lens
+    assert (lens.focal_length, lens.focus_distance) == (pytest.approx(50), 1200)
+    film = read_scene(scene(glass), {"render.dispersion": True}).tracer().render(2)
+    assert bool(torch.isfinite(film.bokeh).all())
+    with pytest.raises(ConfigError, match=r"scene\.toml: lens\.focus_distance: .*"):
+        read_scene(scene(glass, ("focus_distance = 1.2", "focus_distance = 0.03")))
+
+
+def test_missing_meshes_and_bad_backgrounds_are_told_too(scene):
+    pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
+    mesh = '[[meshes]]\nfile = "none.glb"\nmaterial = { color = [0.4, 0.4, 0.4] }\n'
+    with pytest.raises(ConfigError, match=r"scene\.toml: meshes\[0\]\.file: .*no such file"):
+        read_scene(scene(more=mesh))
+    with pytest.raises(ConfigError, match=r"scene\.toml: background: depth: expected more than 0 m"):
+        read_scene(scene(more="[background]\ndepth = 0.0\n"))
+
+
+def test_a_lens_that_passes_no_light_is_refused():
+    class Closed:
+        def sample_rays(self, sensor_xy, pupil_uv, wavelength=None):
+            return Rays(origin=pupil_uv, slope=pupil_uv, weight=torch.zeros(pupil_uv.shape[:-1]))
+
+    with pytest.raises(LensError, match="no light gets through the lens"):
+        _check_light(Camera(lens=Closed(), width=4, height=4, pixel_pitch=1.0))

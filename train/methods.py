@@ -1,0 +1,92 @@
+"""Ways to render that are held against each other: an engine, its networks, and what mends the disparity."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from bokehnet.checks import check_choice
+from bokehnet.inference.pipeline import ENGINES, BokehRenderer, RenderResult
+from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.optics.aperture import Aperture
+from train.classical_repair import guided, joint_bilateral
+
+__all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]
+
+# (image (H, W, 3) scene-linear, disparity (H, W) on any scale) -> disparity on the same scale
+Repair = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Method:
+    """What ``ENGINE[:FOLDER][+REPAIR[:PATH]]`` says; can be sent to another process.
+
+    Attributes:
+        name: As it was written.
+        engine: One of ``ENGINES``.
+        weights: Folder of the engine's networks; the package's own by default.
+        repair: One of ``REPAIRS`` and the path of its network, if it has another one than the package's.
+    """
+
+    name: str
+    engine: str
+    weights: Path | None = None
+    repair: tuple[str, Path | None] | None = None
+
+    def load(self) -> None:
+        """Load all networks, so that what is missing shows at once."""
+        _renderer(self.engine, Aperture(), self.weights, numba.get_num_threads())
+        if self.repair is not None:
+            load_repair(*self.repair)
+
+    def render(self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> RenderResult:
+        """Render with defocus that is mended already."""
+        return _renderer(self.engine, aperture, self.weights, numba.get_num_threads()).render(image, defocus)
+
+
+def parse_method(text: str) -> Method:
+    """Read ``ENGINE[:FOLDER][+REPAIR[:PATH]]``, as in ``hybrid:runs/best/weights+refine``.
+
+    Raises:
+        ParameterError: Unknown engine or repair.
+    """
+    whole, plus, ending = text.rpartition("+")
+    head, repair = (whole, ending) if plus else (text, "")
+    engine, _, weights = head.partition(":")
+    check_choice(f"method {text!r}", engine, ENGINES)
+    kind, _, path = repair.partition(":")
+    if plus:
+        check_choice(f"repair of {text!r}", kind, REPAIRS)
+    return Method(
+        name=text,
+        engine=engine,
+        weights=Path(weights) if weights else None,
+        repair=(kind, Path(path) if path else None) if plus else None,
+    )
+
+
+@cache
+def _renderer(engine: str, aperture: Aperture, weights: Path | None, threads: int) -> BokehRenderer:
+    return BokehRenderer(engine, aperture=aperture, weights=weights, threads=threads)
+
+
+@cache
+def load_repair(kind: str, path: Path | None) -> Repair:
+    """One of ``REPAIRS``, loaded once."""
+    return REPAIRS[kind](path)
+
+
+def _refine(path: Path | None, mode: str) -> Repair:
+    refiner = DisparityRefiner(path, threads=numba.get_num_threads())
+    return lambda image, disparity: refiner(image, disparity, mode)
+
+
+REPAIRS: dict[str, Callable[[Path | None], Repair]] = {
+    "refine": lambda path: _refine(path, "on"),
+    "auto": lambda path: _refine(path, "auto"),
+    "guided": lambda path: guided,
+    "bilateral": lambda path: joint_bilateral,
+}

@@ -1,0 +1,191 @@
+"""Render the classical half of all training pairs once, before training.
+
+``python -m train.prepare --config configs/prepare_rays.toml --out data/rays``
+
+Each view of each scene gives one example with its true disparity and, where ``spoilt`` asks for them, more
+with a spoilt one; most of those are repaired by a trained RepairNet first, as they are when people use it.
+A killed run goes on where it stopped and gives the same bytes.
+"""
+
+import argparse
+import functools
+import json
+import multiprocessing
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from bokehnet.classical.base import make_classical
+from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.config import first_difference, load_config, to_dict
+from bokehnet.errors import BokehnetError, ConfigError, DataFileError
+from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.synth.shards import ShardSet, TrainingSample
+from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
+from train.spoil import spoil_disparity
+
+__all__ = ["PrepareConfig", "main", "prepare", "prepare_view"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrepareConfig:
+    """What a prepared set is made of.
+
+    Attributes:
+        folder: Shards of ``bokehnet synth``.
+        classical: The classical renderer whose result the networks will correct.
+        spoilt: Examples with a spoilt disparity for each view, beside the one with the true one.
+        repair: Folder of the disparity repair's weights; empty leaves spoilt disparity as it is.
+        repaired: Share of the spoilt disparity maps that are repaired.
+        seed: Of what is spoilt and how.
+        scenes_per_part: Scenes in one file.
+    """
+
+    folder: str
+    classical: str = "rays"
+    spoilt: int = 1
+    repair: str = ""
+    repaired: float = 0.7
+    seed: int = 0
+    scenes_per_part: int = 25
+
+
+def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, classical: str) -> np.ndarray:
+    """Render one view with ``disparity`` (H, W) in place of the true one; (NUM_PLANES, H, W) float16."""
+    image = sample.image.astype(np.float32)
+    blur, focus = float(sample.blur[view]), float(sample.focus[view])
+    defocus = defocus_from_disparity(disparity, blur, focus)
+    result = make_classical(classical)(image, defocus)
+    target = result.error_map
+    if disparity is not sample.disparity:
+        true = geometric_error_map(defocus_from_disparity(sample.disparity, blur, focus))
+        target = np.maximum(target, true)
+    parts = {
+        "image": image,
+        "classical": result.bokeh,
+        "truth": sample.bokeh[view],
+        "hidden": image if result.hidden is None else result.hidden,
+        "defocus": defocus[..., None],
+        "guessed": np.zeros_like(target)[..., None] if result.guessed is None else result.guessed[..., None],
+        "doubt": result.error_map[..., None],
+        "target": target[..., None],
+    }
+    planes = np.empty((NUM_PLANES, *defocus.shape), np.float16)
+    for name, place in PLANES.items():
+        planes[place] = parts[name].transpose(2, 0, 1)
+    return planes
+
+
+@functools.lru_cache(maxsize=1)
+def _refiner(folder: str) -> DisparityRefiner:
+    return DisparityRefiner(Path(folder), threads=1)
+
+
+def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray]:
+    sample = samples[number]
+    rng = np.random.default_rng([config.seed, number])
+    views = []
+    for view in range(len(sample.blur)):
+        views.append(prepare_view(sample, view, sample.disparity, config.classical))
+        for _ in range(config.spoilt):
+            spoilt = spoil_disparity(sample.disparity, rng)
+            if config.repair and rng.random() < config.repaired:
+                spoilt = _refiner(config.repair)(sample.image.astype(np.float32), spoilt)
+            views.append(prepare_view(sample, view, spoilt, config.classical))
+    return views
+
+
+def _one_thread() -> None:
+    import numba
+    import torch
+
+    torch.set_num_threads(1)
+    numba.set_num_threads(1)
+
+
+def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
+    """Write all parts that are missing.
+
+    Args:
+        config: What to make; it is also written, as ``prepared.json``.
+        out: Folder, made if missing.
+        workers: Processes that render.
+
+    Raises:
+        ConfigError: The folder holds a set made with another configuration.
+        DataFileError: The pairs cannot be read or the folder cannot be written.
+    """
+    samples = ShardSet(Path(config.folder))
+    numbers = range(len(samples))
+    parts = [
+        numbers[first : first + config.scenes_per_part]
+        for first in range(0, len(samples), config.scenes_per_part)
+    ]
+    out.mkdir(parents=True, exist_ok=True)
+    _claim(out, config, len(parts))
+    remove_leftovers(out)
+    missing = [i for i in range(len(parts)) if not (out / part_name(i)).exists()]
+    wanted = [number for i in missing for number in parts[i]]
+    make = functools.partial(_prepare_scene, config, samples)
+    with (
+        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _one_thread) as executor,
+        tqdm(total=len(samples), initial=len(samples) - len(wanted), desc="preparing scenes") as bar,
+    ):
+        scenes = executor.map(make, wanted, chunksize=2)
+        for i in missing:
+            examples = []
+            for _ in parts[i]:
+                examples += next(scenes)
+                bar.update()
+            array = np.stack(examples)
+
+            def write(temporary: Path, array: np.ndarray = array) -> None:
+                with temporary.open("wb") as stream:
+                    np.save(stream, array)
+
+            write_atomic(out / part_name(i), write, error=DataFileError)
+
+
+def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
+    """Write the description, or compare it with ``config`` when it is there."""
+    path = out / DESCRIPTION
+    wanted = {"parts": parts, "config": to_dict(config)}
+    if not path.exists():
+        write_text(path, json.dumps(wanted, indent=2) + "\n", error=DataFileError)
+        return
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ConfigError(f"{path}: expected a description as JSON: {error}") from error
+    if difference := first_difference(there, wanted):
+        key, old, new = difference
+        raise ConfigError(
+            f"{out}: holds examples with {key} = {old!r}, but {new!r} was asked for; choose another folder"
+        )
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--config", required=True, type=Path, help="TOML file of the set")
+    parser.add_argument(
+        "--out", required=True, type=Path, help="folder of the set; an older run goes on there"
+    )
+    parser.add_argument("--workers", type=int, default=1, help="processes that render")
+    arguments = parser.parse_args()
+    try:
+        prepare(load_config(arguments.config, PrepareConfig), arguments.out, arguments.workers)
+    except BokehnetError as error:
+        sys.exit(f"error: {' '.join(str(error).split())}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+"""Prepared examples on disk: one array a file, read by memory map, so that a crop costs what it holds."""
+
+import json
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from bokehnet.errors import DataFileError
+
+__all__ = ["DESCRIPTION", "NUM_PLANES", "PLANES", "PreparedSet", "part_name"]
+
+# What is where in an example (NUM_PLANES, H, W), float16.
+PLANES = {
+    "image": slice(0, 3),
+    "classical": slice(3, 6),
+    "truth": slice(6, 9),
+    "hidden": slice(9, 12),
+    "defocus": slice(12, 13),
+    "guessed": slice(13, 14),
+    "doubt": slice(14, 15),
+    "target": slice(15, 16),
+}
+NUM_PLANES = 16
+
+DESCRIPTION = "prepared.json"
+
+
+def part_name(number: int) -> str:
+    """File name of one part of a set, an array (examples, NUM_PLANES, H, W)."""
+    return f"part-{number:06d}.npy"
+
+
+@lru_cache(maxsize=64)
+def _open(path: str) -> np.ndarray:
+    array: np.ndarray = np.load(path, mmap_mode="r")
+    return array
+
+
+class PreparedSet:
+    """All examples of a folder, by number. Can be pickled.
+
+    Attributes:
+        per_view: Examples of one view: one with the true disparity, then those with a spoilt one.
+
+    Args:
+        folder: Where ``train.prepare`` wrote.
+
+    Raises:
+        DataFileError: No complete set is there.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        description = self.folder / DESCRIPTION
+        try:
+            told = json.loads(description.read_text(encoding="utf-8"))
+            parts, self.per_view = int(told["parts"]), 1 + int(told["config"]["spoilt"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DataFileError(
+                f"{description}: expected the description of prepared examples ({error}); "
+                f"run python -m train.prepare"
+            ) from error
+        self._places: list[tuple[str, int]] = []
+        for number in range(parts):
+            path = self.folder / part_name(number)
+            try:
+                count = len(_open(str(path)))
+            except (OSError, ValueError) as error:
+                raise DataFileError(
+                    f"{path}: expected prepared examples ({error}); run python -m train.prepare again"
+                ) from error
+            self._places += [(str(path), i) for i in range(count)]
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, number: int) -> np.ndarray:
+        """Example ``number``, (NUM_PLANES, H, W) float16, read only."""
+        path, index = self._places[number]
+        example: np.ndarray = _open(path)[index]
+        return example

@@ -1,0 +1,116 @@
+"""Examples for the disparity repair: a picture, its true disparity, and what was made of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from bokehnet.synth.shards import ShardSet
+from train.spoil import spoil_disparity
+
+__all__ = ["RepairDataConfig", "RepairExamples", "repair_loader", "repair_pair"]
+
+
+# Crops to choose from; where there is no step there is nothing to learn.
+TRIES = 3
+
+# A difference of neighbours that makes a step, as a share of the map's span.
+_STEP = 0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepairDataConfig:
+    """Where the pictures come from and what is done to them.
+
+    Attributes:
+        folder: Shards for training.
+        validation: Shards for validation, of another seed.
+        batch_size: Examples a step.
+        workers: Loader processes; 0 loads in the training process.
+        clean: Share of examples whose disparity stays as it is.
+        bent: Share whose disparity, true and spoilt alike, goes through a power first, as relative
+            disparity of unknown scale does.
+        crop: Side of the crops, pixels.
+    """
+
+    folder: str
+    validation: str
+    batch_size: int = 16
+    workers: int = 0
+    clean: float = 0.2
+    bent: float = 0.3
+    crop: int = 128
+
+
+def repair_pair(
+    image: np.ndarray, disparity: np.ndarray, rng: np.random.Generator, config: RepairDataConfig
+) -> dict[str, np.ndarray]:
+    """Draw one example from a whole picture (H, W, 3) and its disparity (H, W)."""
+    turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
+    image, disparity = np.rot90(image, turns), np.rot90(disparity, turns)
+    if mirrored:
+        image, disparity = image[:, ::-1], disparity[:, ::-1]
+    low, high = float(disparity.min()), float(disparity.max())
+    true = np.ascontiguousarray((disparity - low) / max(high - low, 1e-6), np.float32)
+    if rng.random() < config.bent:
+        true = true ** np.float32(2.0 ** rng.uniform(-1, 1))
+    spoilt = true if rng.random() < config.clean else spoil_disparity(true, rng)
+    span = max(float(spoilt.max() - spoilt.min()), 1e-6)
+    window = _busy_window(true, config.crop, rng)
+    gain = np.float32(2.0 ** rng.uniform(-1, 1))
+    colors = gain * image[window].astype(np.float32)[..., rng.permutation(3)]
+    return {
+        "image": np.ascontiguousarray(colors.transpose(2, 0, 1)),
+        "disparity": np.ascontiguousarray(spoilt[window])[None],
+        "truth": np.ascontiguousarray(true[window])[None],
+        "span": np.full((1, 1, 1), span, np.float32),
+    }
+
+
+def _busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:
+    """Of a few random windows, the one with the most steps."""
+    height, width = true.shape
+    steps = np.zeros(true.shape, bool)
+    steps[1:] |= np.abs(np.diff(true, axis=0)) > _STEP
+    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > _STEP
+    tops = rng.integers(max(1, height - crop + 1), size=TRIES)
+    lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
+    windows = [np.s_[top : top + crop, left : left + crop] for top, left in zip(tops, lefts, strict=True)]
+    return max(windows, key=lambda window: int(steps[window].sum()))
+
+
+class RepairExamples(Dataset):
+    """Example number i of an endless, fixed sequence: all that is random follows from (seed, i)."""
+
+    def __init__(self, folder: str, config: RepairDataConfig, seed: int, length: int) -> None:
+        self.config, self.seed, self.length = config, seed, length
+        self.samples = ShardSet(Path(folder))
+        self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
+        rng = np.random.default_rng([self.seed, index])
+        number = int(rng.integers(len(self.samples)))
+        if number not in self._seen:
+            sample = self.samples[number]
+            self._seen[number] = sample.image, sample.disparity
+        pair = repair_pair(*self._seen[number], rng, self.config)
+        return {name: torch.from_numpy(x) for name, x in pair.items()}
+
+
+def repair_loader(config: RepairDataConfig, *, seed: int, steps: int, first_step: int) -> DataLoader[Any]:
+    """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen."""
+    examples = RepairExamples(config.folder, config, seed, steps * config.batch_size)
+    return DataLoader(
+        examples,
+        batch_size=config.batch_size,
+        sampler=range(first_step * config.batch_size, len(examples)),
+        num_workers=config.workers,
+        multiprocessing_context="spawn" if config.workers else None,
+    )

@@ -1,0 +1,64 @@
+"""What a run keeps on disk, so that it can go on after a kill at any step."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+from bokehnet.config import build_config, dump_json, first_difference, to_dict
+from bokehnet.errors import ConfigError, DataFileError
+from bokehnet.io.atomic import remove_leftovers, write_text
+from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
+from train.schedule import OptimConfig
+
+__all__ = ["RunFolder"]
+
+
+class RunFolder:
+    """The folder of a run: ``config.json`` and the checkpoint ``last.pt``, saved every few steps or minutes.
+
+    Attributes:
+        checkpoint: Path of the checkpoint.
+    """
+
+    def __init__(self, path: Path, name: str, config: Any) -> None:
+        self.checkpoint = path / "last.pt"
+        self.path, self.name, self.config = path, name, config
+        self._saved_at = time.monotonic()
+
+    def prepare(self) -> None:
+        """Make it and tidy up; nobody else may write there now."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(self.path)
+
+    def load(self) -> dict[str, Any] | None:
+        """Return the checkpoint of an older start of this run, if there was one.
+
+        Raises:
+            ConfigError: It has another configuration; keys that it does not know yet count as defaults.
+        """
+        if not self.checkpoint.exists():
+            return None
+        state = load_checkpoint(self.checkpoint)
+        old = build_config(state["run"], type(self.config), str(self.checkpoint))
+        if difference := first_difference(to_dict(old), to_dict(self.config)):
+            key, was, asked = difference
+            raise ConfigError(
+                f"{self.path}: holds a run with {key} = {was!r}, but {asked!r} was asked for; "
+                "choose another --out"
+            )
+        return state
+
+    def write_config(self) -> None:
+        """Write the resolved configuration."""
+        write_text(self.path / "config.json", dump_json(self.config), error=DataFileError)
+
+    def due(self, step: int) -> bool:
+        """Return whether it is time for a checkpoint after ``step`` steps."""
+        optim: OptimConfig = self.config.optim
+        old = time.monotonic() - self._saved_at > 60 * optim.checkpoint_minutes
+        return old or step % optim.checkpoint_every == 0 or step == optim.steps
+
+    def save(self, state: dict[str, Any]) -> None:
+        """Write the checkpoint."""
+        save_checkpoint(self.checkpoint, self.name, self.config.model, {**state, "run": to_dict(self.config)})
+        self._saved_at = time.monotonic()

@@ -1,0 +1,92 @@
+"""Disparity as cameras and depth networks see it: what is done to the true map before a network gets it."""
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+__all__ = ["spoil_disparity"]
+
+
+def _grow(disparity: Tensor, radius: int) -> Tensor:
+    """Let near surfaces grow by ``radius`` pixels, far ones for a negative radius."""
+    if radius == 0:
+        return disparity
+    size = 2 * abs(radius) + 1
+    padded = F.pad(disparity, (abs(radius),) * 4, mode="replicate")
+    return F.max_pool2d(padded, size, 1) if radius > 0 else -F.max_pool2d(-padded, size, 1)
+
+
+def _blur(disparity: Tensor, sigma: float) -> Tensor:
+    """Gaussian blur, the border repeated."""
+    reach = int(np.ceil(3 * sigma))
+    x = torch.arange(-reach, reach + 1, dtype=disparity.dtype)
+    row = torch.exp(-0.5 * (x / sigma) ** 2)
+    row = row / row.sum()
+    padded = F.pad(disparity, (reach,) * 4, mode="replicate")
+    return F.conv2d(F.conv2d(padded, row[None, None, None]), row[None, None, :, None])
+
+
+def _smooth_noise(shape: tuple[int, int], channels: int, cell: float, rng: np.random.Generator) -> Tensor:
+    """Noise of unit variance at its nodes, ``cell`` pixels apart, (1, channels, H, W)."""
+    rows, columns = (max(2, round(side / cell)) for side in shape)
+    nodes = torch.from_numpy(rng.standard_normal((1, channels, rows, columns)).astype(np.float32))
+    return F.interpolate(nodes, size=shape, mode="bicubic", align_corners=True)
+
+
+def _shift(disparity: Tensor, pixels: float, rng: np.random.Generator) -> Tensor:
+    """Move every place by its own smooth way, typically of that many pixels."""
+    height, width = disparity.shape[-2:]
+    way = pixels * _smooth_noise((height, width), 2, float(rng.uniform(24, 96)), rng)
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    to_x, to_y = (x + way[0, 0] + 0.5) * 2 / width - 1, (y + way[0, 1] + 0.5) * 2 / height - 1
+    grid = torch.stack([to_x, to_y], dim=-1)[None]
+    return F.grid_sample(disparity, grid, mode="bilinear", padding_mode="border", align_corners=False)
+
+
+def _at_low_size(disparity: Tensor, factor: float) -> Tensor:
+    """As a network of that much lower resolution gives it."""
+    size = [max(2, round(side / factor)) for side in disparity.shape[-2:]]
+    small = F.interpolate(disparity, size=size, mode="area")
+    return F.interpolate(small, size=disparity.shape[-2:], mode="bilinear", align_corners=False)
+
+
+def _patchy(plain: Tensor, changed: Tensor, rng: np.random.Generator) -> Tensor:
+    """Change some regions only."""
+    noise = _smooth_noise((plain.shape[-2], plain.shape[-1]), 1, float(rng.uniform(32, 128)), rng)
+    return torch.where(noise > 0.125, changed, plain)
+
+
+def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return ``disparity`` (H, W) float32, in [0, 1], with edges soft, grown, shrunk or out of place.
+
+    One or more of: growing or shrinking everywhere or in patches, smooth displacements, the soft edges of a
+    lower resolution, Gaussian blur, thin things lost, 8 bits. Growth, blur and displacement are measured in
+    pixels of the map.
+
+    Source:
+        Blur, dilation and erosion are those of Peng et al., "BokehMe: When neural rendering meets classical
+        rendering", CVPR 2022; the rest and all strengths are ours.
+    """
+    spoilt = torch.from_numpy(disparity)[None, None]
+    kinds = rng.permutation(["grow", "patches", "shift", "size", "blur"])[
+        : rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15])
+    ]
+    if rng.random() < 0.15:
+        radius = int(rng.integers(1, 3))
+        spoilt = _grow(_grow(spoilt, -radius), radius)
+    if "grow" in kinds:
+        spoilt = _grow(spoilt, int(rng.choice([-1, 1]) * rng.integers(1, 7)))
+    if "patches" in kinds:
+        changes = [_grow(spoilt, sign * int(rng.integers(1, 6))) for sign in (-1, 1)]
+        for changed in changes:
+            spoilt = _patchy(spoilt, changed, rng)
+    if "shift" in kinds:
+        spoilt = _shift(spoilt, float(rng.uniform(0.5, 3.0)), rng)
+    if "size" in kinds:
+        spoilt = _at_low_size(spoilt, float(rng.uniform(1.5, 5.0)))
+    if "blur" in kinds:
+        spoilt = _blur(spoilt, float(rng.uniform(0.5, 4.0)))
+    if rng.random() < 0.3:
+        spoilt = (spoilt * 255).round() / 255
+    return np.ascontiguousarray(spoilt[0, 0].clamp(0, 1).numpy())
