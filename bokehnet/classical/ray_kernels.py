@@ -207,6 +207,7 @@ def _march(  # type: ignore[no-untyped-def]
     height, width = mask.shape
     last = first + sums.shape[0]
     variants, rays = points.shape[0] // SETS, points.shape[1]
+    reach = max(abs(low), abs(low + SLICES * thickness))
     top = first // TILE
     tile_rows = (last + TILE - 1) // TILE - top
     stride = fair_stride(tile_rows)
@@ -222,6 +223,7 @@ def _march(  # type: ignore[no-untyped-def]
                     hashed = _scramble(x, y, seed)
                     chosen = int(hashed % np.uint64(variants)) * SETS + (y % 3) * 3 + x % 3
                     chance = hashed / 4294967296.0
+                    near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
                     for k in range(rays):
                         u, v = points[chosen, k, 0], points[chosen, k, 1]
@@ -239,9 +241,11 @@ def _march(  # type: ignore[no-untyped-def]
                         for c in range(3):
                             sums[y - first, x, group, c] += w * colors[row, column, layer, c]
                         sums[y - first, x, group, 3] += w
-                        place_x, place_y = x - u * depth, y - v * depth
-                        beyond = min(place_x, place_y, width - 1 - place_x, height - 1 - place_y) < -0.5
-                        if layer > 0 or beyond:
+                        guess = layer > 0
+                        if near_border:
+                            to_x, to_y = x - u * depth, y - v * depth
+                            guess |= min(to_x, to_y, width - 1 - to_x, height - 1 - to_y) < -0.5
+                        if guess:
                             sums[y - first, x, group, 4] += w
 
 
