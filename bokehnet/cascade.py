@@ -1,4 +1,6 @@
-"""The neural half from coarse to fine: ARNet where the blur is small, IUNet up to full size.
+"""The neural half from coarse to fine: ARNet where the blur is small, then up to full size.
+
+The way up is IUNet's, or, without it, :func:`carry_detail`.
 
 One body for training (torch modules on tensors) and for inference (ONNX sessions on NumPy arrays).
 """
@@ -8,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from bokehnet.checks import Array, array_namespace
+from bokehnet.optics.encoding import decode, encode
 from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = [
@@ -17,6 +20,7 @@ __all__ = [
     "Refine",
     "RefineNetwork",
     "build_levels",
+    "carry_detail",
     "refine_whole",
     "render_neural",
 ]
@@ -84,6 +88,27 @@ BLOCK = 8
 Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
 
 
+def carry_detail(
+    image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None
+) -> Array:
+    """Stand in for IUNet: what is finer than ``coarse`` is taken over from the classical render.
+
+    Both are compared on a perceptual scale, so that a correction means the same in light and in shadow.
+
+    Args:
+        image: Not looked at, as ``defocus`` and ``hints``.
+        defocus: See ``image``.
+        classical: Scene-linear, (B, 3, H, W), sides even.
+        coarse: Bokeh at half the size, (B, 3, H/2, W/2).
+        hints: See ``image``.
+
+    Returns:
+        Bokeh (B, 3, H, W). Where ``coarse`` equals the halved classical render, so does this at full size.
+    """
+    correction = upsample2(encode(coarse) - encode(downsample2(classical)))
+    return decode(encode(classical) + correction).clip(min=0)
+
+
 def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
     """Run IUNet on the whole picture at once."""
     return iunet(level.image, level.defocus, level.classical, coarse, level.hints)
@@ -133,7 +158,7 @@ def render_neural(
         classical: Classical render, scene-linear, (B, 3, H, W).
         doubt: The classical renderer's own error map, (B, 1, H, W) in [0, 1].
         arnet: The coarse network.
-        iunet: The refining network.
+        iunet: The refining network, or :func:`carry_detail`.
         unit: Largest radius ``arnet`` was trained for, pixels.
         refine: How IUNet is run at each level.
         hints: What the classical renderer knows besides, see :class:`Level`.

@@ -1,6 +1,6 @@
 """Turn checkpoints into the ONNX files that inference uses.
 
-``python -m train.export --arnet runs/arnet/last.pt --iunet runs/iunet/last.pt --out bokehnet/weights/hybrid``
+``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 """
 
@@ -39,8 +39,8 @@ def main() -> None:
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args()
     chosen = [name for name in ("arnet", "iunet", "repair") if getattr(arguments, name)]
-    if chosen not in (["arnet", "iunet"], ["repair"]):
-        parser.error("expected either --arnet and --iunet, or --repair")
+    if chosen not in (["arnet"], ["arnet", "iunet"], ["repair"]):
+        parser.error("expected either --arnet, with or without --iunet, or --repair")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
         notes = {name: {"steps": state["step"], "run": state["run"]} for name, state in states.items()}
@@ -48,7 +48,7 @@ def main() -> None:
         manifest: dict[str, Any] = {"notes": notes}
         if "arnet" in networks:
             bases = {name: _base(note["run"]) for name, note in notes.items()}
-            if bases["arnet"] != bases["iunet"]:
+            if bases["arnet"] != bases.get("iunet", bases["arnet"]):
                 raise ModelFileError(
                     f"both networks must correct one classical renderer, found {bases['arnet']} for ARNet "
                     f"and {bases['iunet']} for IUNet; train IUNet again on examples of {bases['arnet']}"

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from bokehnet.fusion import fuse
-from bokehnet.models.blocks import encode
+from bokehnet.optics.encoding import encode
 
 __all__ = ["arnet_loss", "iunet_loss"]
 

@@ -6,10 +6,9 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from bokehnet.cascade import carry_detail
 from bokehnet.models.arnet import ARNet, ARNetConfig
-from bokehnet.models.blocks import decode, encode
 from bokehnet.models.checkpoint import load_network
-from bokehnet.pyramid import downsample2, upsample2
 from train.command import run_command
 from train.data import DataConfig, example_loader
 from train.loop import OptimConfig, train
@@ -34,11 +33,6 @@ class ARNetRun:
     model: ARNetConfig = field(default_factory=ARNetConfig)
     held_out: int = 24
     start: str = ""
-
-
-def _carry(image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor, hints: Tensor | None) -> Tensor:
-    """Stands in for IUNet while ARNet is scored alone: an IUNet that corrects nothing."""
-    return decode(encode(classical) + upsample2(encode(coarse) - encode(downsample2(classical))))
 
 
 def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
@@ -67,7 +61,7 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
             unit=config.model.unit,
         ),
         loss_of=loss_of,
-        validate=lambda network: score_cascade(network, _carry, config.model.unit, held_out, device),
+        validate=lambda network: score_cascade(network, carry_detail, config.model.unit, held_out, device),
         max_minutes=max_minutes,
     )
 

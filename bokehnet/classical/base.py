@@ -1,7 +1,7 @@
 """What every classical renderer takes and gives, and the table of their names."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Protocol
 
@@ -10,7 +10,37 @@ import numpy as np
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["CLASSICAL_RENDERERS", "ClassicalRenderer", "ClassicalResult", "check_inputs", "make_classical"]
+__all__ = [
+    "ALIGNED",
+    "CLASSICAL_RENDERERS",
+    "ClassicalRenderer",
+    "ClassicalResult",
+    "Strip",
+    "check_inputs",
+    "make_classical",
+]
+
+# Rows at which a picture may be cut into strips: renderers work in blocks of up to so many pixels.
+ALIGNED = 128
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Strip:
+    """Where arrays stand that are only some rows of a picture.
+
+    Attributes:
+        first: Row of the picture at which the arrays begin; a multiple of ``ALIGNED``.
+        last: Row at which they end.
+        height: Rows of the whole picture.
+        reach: Its largest blur radius, rounded up to whole pixels.
+        wanted: Rows of the arrays whose result is asked for; the others are there to be looked at.
+    """
+
+    first: int
+    last: int
+    height: int
+    reach: int
+    wanted: slice
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -30,6 +60,11 @@ class ClassicalResult:
     hidden: np.ndarray | None = None
     guessed: np.ndarray | None = None
 
+    def rows(self, wanted: slice) -> "ClassicalResult":
+        """Some of the rows."""
+        maps = {field.name: getattr(self, field.name) for field in fields(self)}
+        return ClassicalResult(**{name: None if x is None else x[wanted] for name, x in maps.items()})
+
     @property
     def hints(self) -> np.ndarray | None:
         """Hidden colours, guessed share and error map as one array, (H, W, 5), for the networks."""
@@ -42,7 +77,11 @@ class ClassicalRenderer(Protocol):
     """A renderer without learned parts."""
 
     def __call__(
-        self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None
+        self,
+        image: np.ndarray,
+        defocus: np.ndarray,
+        aperture: Aperture | None = None,
+        strip: Strip | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -50,6 +89,8 @@ class ClassicalRenderer(Protocol):
             image: All-in-focus picture, scene-linear, (H, W, 3), float32.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
             aperture: Shape of the lens opening; default a plain disc.
+            strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
+                the result mean anything.
         """
         ...
 

@@ -8,7 +8,7 @@ from numba import njit
 
 from bokehnet.checks import check_image, check_map, check_same_size
 
-__all__ = ["conservative_mask", "geometric_error_map", "measured_error_map"]
+__all__ = ["boundary_threshold", "conservative_mask", "geometric_error_map", "measured_error_map"]
 
 # Light below this counts little in a relative difference.
 _DARK = 0.1
@@ -63,6 +63,11 @@ def _soften(mask: np.ndarray, reach: int) -> np.ndarray:
     return mask.astype(np.float32)
 
 
+def boundary_threshold(size: tuple[int, ...]) -> float:
+    """Span of the defocus, in pixels, above which a 3x3 window of a picture of this size is a boundary."""
+    return max(0.5, min(size) / 1000)
+
+
 def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, softness: int = 2) -> np.ndarray:
     """Return the map of pixels that a depth discontinuity can reach.
 
@@ -71,7 +76,7 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
 
     Args:
         defocus: Signed blur radius in pixels, (H, W).
-        threshold: Span in pixels; default max(0.5, min(H, W) / 1000).
+        threshold: Span in pixels; default :func:`boundary_threshold`.
         softness: Half the width in pixels of the soft edge, which lies outside the mask.
 
     Returns:
@@ -85,7 +90,7 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
     """
     check_map("defocus", defocus)
     if threshold is None:
-        threshold = max(0.5, min(defocus.shape) / 1000)
+        threshold = boundary_threshold(defocus.shape)
     reach = _boundary_reach(np.ascontiguousarray(defocus, np.float32), threshold)
     if softness > 0:
         reach = np.where(reach > 0, reach + softness, reach).astype(np.float32)

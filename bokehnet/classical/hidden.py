@@ -15,6 +15,9 @@ __all__ = ["hidden_layer"]
 # Samples along each side of the window from which a hidden pixel takes its colour.
 _TAPS = 7
 
+# A pixel as one number: its row above these bits, its column in them.
+_ROW, _COLUMN = 32, 2**32 - 1
+
 
 @njit(cache=True, parallel=True)
 def _at_gaps(defocus, source):  # type: ignore[no-untyped-def]
@@ -27,7 +30,7 @@ def _at_gaps(defocus, source):  # type: ignore[no-untyped-def]
                 for u in range(max(0, x - 1), min(width, x + 2)):
                     if defocus[v, u] < lowest:
                         lowest = defocus[v, u]
-                        source[y, x] = v * width + u
+                        source[y, x] = v << _ROW | u
 
 
 @njit(cache=True)
@@ -37,17 +40,17 @@ def _adopt(defocus, source, y, x, v, u):  # type: ignore[no-untyped-def]
     A ray that passes an edge at defocus f falls at most f - b pixels behind it before it meets b.
     """
     height, width = defocus.shape
-    if not (0 <= v < height and 0 <= u < width) or source[v, u] < 0:
+    if not (0 <= v < height and 0 <= u < width):
         return
     found, own = source[v, u], source[y, x]
-    if found == own:
+    if found < 0 or found == own:
         return
-    a, b = found // width, found % width
+    a, b = found >> _ROW, found & _COLUMN
     step = defocus[y, x] - defocus[a, b]
     square = (y - a) * (y - a) + (x - b) * (x - b)
     if step <= JUMP or square > (step + 2.0) ** 2:
         return
-    c, d = own // width, own % width
+    c, d = own >> _ROW, own & _COLUMN
     if own < 0 or square < (y - c) * (y - c) + (x - d) * (x - d):
         source[y, x] = found
 
@@ -77,7 +80,7 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
         for x in range(width):
             if source[y, x] < 0:
                 continue
-            a, b = source[y, x] // width, source[y, x] % width
+            a, b = source[y, x] >> _ROW, source[y, x] & _COLUMN
             radius = max(1.0, 0.5 * math.sqrt((y - a) * (y - a) + (x - b) * (x - b)))
             weight = depth = red = green = blue = 0.0
             for i in range(_TAPS):
@@ -98,7 +101,9 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
             depths[y, x] = depth / weight
 
 
-def hidden_layer(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def hidden_layer(
+    image: np.ndarray, defocus: np.ndarray, reach: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
     The nearest surface that ends behind a gap is carried on under the foreground at the defocus it has
@@ -108,6 +113,7 @@ def hidden_layer(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        reach: Half-width in pixels of the surroundings that a light outshines; default: the largest radius.
 
     Returns:
         Colours (H, W, 3) and defocus (H, W). Where nothing is hidden they equal the inputs.
@@ -121,9 +127,9 @@ def hidden_layer(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     """
     image, defocus = check_inputs(image, defocus)
     colors, depths = image.copy(), defocus.copy()
-    limit = light_limit(image, math.ceil(float(np.abs(defocus).max())))
+    limit = light_limit(image, math.ceil(float(np.abs(defocus).max())) if reach is None else reach)
     lights = brightest(image) > limit
-    source = np.full(defocus.shape, -1, np.int32)  # the pixel, counted along the rows, that ends behind a gap
+    source = np.full(defocus.shape, -1, np.int64)  # the pixel that ends behind a gap
     with parallel_region:
         _at_gaps(defocus, source)
         _carry_inwards(defocus, source)

@@ -15,9 +15,11 @@ from numba import njit, prange
 
 from bokehnet.classical.brightness import brightest, light_limit
 from bokehnet.classical.gaps import JUMP
+from bokehnet.classical.lanes import LANES, ORDER, count_lanes, splat_lanes
 from bokehnet.classical.layers import Layers
+from bokehnet.classical.meeting import meet
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.ray_kernels import SLICES, TILE, fair_stride, meet, slice_runs
+from bokehnet.classical.ray_kernels import SLICES, TILE, fair_stride, slice_runs
 from bokehnet.optics.aperture import Aperture, cats_eye_shift, transmission
 
 __all__ = ["add_lights", "separate_lights"]
@@ -34,21 +36,24 @@ _CELL = 1 / 16
 _GRID = 256
 
 
-def separate_lights(layers: Layers) -> tuple[Layers, np.ndarray]:
+def separate_lights(layers: Layers, reach: int | None = None) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
-    A light is what outshines the window that the largest disc spans. Where nearer layers cover a part of its
+    A light is what outshines the window around it. Where nearer layers cover a part of its
     pixel, only the share that they leave is its light; where they cover all, it stays in its layer.
 
     Args:
         layers: As split from a picture, or true ones.
+        reach: Half-width in pixels of the window that a light outshines; default: the largest radius.
 
     Returns:
         Layers without lights, and the lights as rows (x, y, defocus, red, green, blue), lights of like
         defocus in one small cell gathered into one of their energy. If more than a twentieth of the pixels
         are lights, the brightest are taken.
     """
-    limit = light_limit(layers.colors[:, :, 0], math.ceil(float(np.abs(layers.defocus).max())))
+    if reach is None:
+        reach = math.ceil(float(np.abs(layers.defocus).max()))
+    limit = light_limit(layers.colors[:, :, 0], reach)
     colors, lights = layers.colors.copy(), []
     seen: np.ndarray = np.ones(limit.shape, np.float32)
     for layer in range(layers.defocus.shape[2]):
@@ -120,12 +125,15 @@ def _totals(found, grids, totals):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _add_lights(found, totals, depths, coverage, mask, slices, low, thickness, grids, cats_eye, result):  # type: ignore[no-untyped-def]
+def _add_lights(found, totals, cells, mask, slices, low, thickness, grids, cats_eye, result):  # type: ignore[no-untyped-def]
     height, width = mask.shape
+    size = (height, width, cells.shape[2])
+    flat = cells.reshape(-1)
     stride = fair_stride(slices.shape[0])
     for number in prange(slices.shape[0]):
         tile_row = np.int64(number) * stride % slices.shape[0]
         runs = np.empty((SLICES // 2, 2))
+        met, strength = np.empty(3 * LANES, np.float32), np.empty(TILE)
         top, bottom = tile_row * TILE, min(height, (tile_row + 1) * TILE)
         for i in range(found.shape[0]):
             light_x, light_y, depth = found[i, 0], found[i, 1], found[i, 2]
@@ -134,34 +142,49 @@ def _add_lights(found, totals, depths, coverage, mask, slices, low, thickness, g
                 continue
             left = max(0, int(math.floor(light_x - radius - 0.5)))
             right = min(width, int(math.ceil(light_x + radius + 0.5)) + 1)
-            tile_before = -1
-            count = 0
-            for x in range(left, right):
-                if x // TILE != tile_before:
-                    tile_before = x // TILE
-                    count = slice_runs(slices[tile_row, tile_before], low, thickness, runs)
-                    while count > 0 and runs[count - 1, 0] <= depth + JUMP:  # nothing there is in front
-                        count -= 1
+            per_pixel = splat_lanes(np.float32(1.0 / depth))
+            for tile_column in range(left // TILE, (right + TILE - 1) // TILE):
+                count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
+                while count > 0 and runs[count - 1, 0] <= depth + JUMP:  # nothing there is in front
+                    count -= 1
+                begin = tile_column * TILE
                 for y in range(top, bottom):
-                    if not mask[y, x]:
+                    brightest_here = 0.0
+                    for x in range(begin, min(width, begin + TILE)):
+                        w = 0.0
+                        if mask[y, x]:
+                            u, v = (x - light_x) / depth, (y - light_y) / depth
+                            shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
+                            if cats_eye <= 0 or (u - shift_x) ** 2 + (v - shift_y) ** 2 <= 1.0:
+                                w = _light_at(grids, radius, depth, x - light_x, y - light_y) / totals[i]
+                        strength[x - begin] = w
+                        brightest_here = max(brightest_here, w)
+                    if brightest_here <= 0.0:
                         continue
-                    w = _light_at(grids, radius, depth, x - light_x, y - light_y) / totals[i]
-                    if w <= 0.0:
-                        continue
-                    u, v = (x - light_x) / depth, (y - light_y) / depth
-                    shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
-                    if cats_eye > 0 and (u - shift_x) ** 2 + (v - shift_y) ** 2 > 1.0:
-                        continue
-                    row, column, layer = meet(depths, coverage, runs, count, x, y, u, v, 0.5)
-                    if layer >= 0 and depths[row, column, layer] > depth + JUMP:
-                        continue
-                    for c in range(3):
-                        result[y, x, c] += w * found[i, 3 + c]
+                    if count > 0:
+                        place_x = count_lanes(np.float32(begin))
+                        place_y = splat_lanes(np.float32(y))
+                        across = (place_x - splat_lanes(np.float32(light_x))) * per_pixel
+                        down = splat_lanes(np.float32((y - light_y) / depth))
+                        half = splat_lanes(np.float32(0.5))
+                        meet(flat, size, runs, count, place_x, place_y, across, down, half, met)
+                    for lane in range(LANES):
+                        x = begin + ORDER[lane]
+                        w = strength[ORDER[lane]] if x < width else 0.0
+                        if w <= 0.0:
+                            continue
+                        layer = int(met[2 * LANES + lane]) if count > 0 else -1
+                        if layer >= 0:
+                            row, column = int(met[lane]), int(met[LANES + lane])
+                            if cells[row, column, layer, 0] > depth + JUMP:
+                                continue
+                        for c in range(3):
+                            result[y, x, c] += w * found[i, 3 + c]
 
 
 def add_lights(
     lights: np.ndarray,
-    layers: Layers,
+    cells: np.ndarray,
     mask: np.ndarray,
     slices: tuple[np.ndarray, float, float],
     aperture: Aperture,
@@ -171,7 +194,7 @@ def add_lights(
 
     Args:
         lights: From :func:`separate_lights`, (N, 6).
-        layers: What can stand in front of them.
+        cells: What can stand in front of them, from :func:`bokehnet.classical.meeting.layer_cells`.
         mask: Pixels to add to, (H, W) bool.
         slices: From :func:`bokehnet.classical.ray_kernels.occupied_slices`.
         aperture: Shape of the discs.
@@ -187,8 +210,7 @@ def add_lights(
         _add_lights(
             lights,
             totals,
-            layers.defocus,
-            layers.coverage,
+            cells,
             mask,
             *slices,
             grids,

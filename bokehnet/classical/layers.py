@@ -143,7 +143,7 @@ def _split_mixed(image, defocus, colors, depths, coverage):  # type: ignore[no-u
                     colors[y, x, 1, c] = max(0.0, (image[y, x, c] - share * front[c]) / (1.0 - share))
 
 
-def split_layers(image: np.ndarray, defocus: np.ndarray) -> Layers:
+def split_layers(image: np.ndarray, defocus: np.ndarray, reach: int | None = None) -> Layers:
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened (:func:`bokehnet.classical.gaps.sharpen_gaps`), the hidden
@@ -154,13 +154,14 @@ def split_layers(image: np.ndarray, defocus: np.ndarray) -> Layers:
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        reach: As for :func:`bokehnet.classical.hidden.hidden_layer`.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
         ParameterError: NaN or infinity in either.
     """
     image, sharp = np.asarray(image, np.float32), sharpen_gaps(np.ascontiguousarray(defocus, np.float32))
-    hidden, behind = hidden_layer(image, sharp)
+    hidden, behind = hidden_layer(image, sharp, reach)
     colors = np.stack([image, hidden], axis=2)
     depths = np.stack([sharp, behind], axis=2)
     coverage = np.ones_like(depths)

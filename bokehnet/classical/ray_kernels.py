@@ -1,17 +1,14 @@
 """Numba kernels that march pupil rays through a stack of layers seen as height fields.
 
 The ray that meets the pupil in aperture coordinate a and the pixel p lies, at defocus s, over the place
-``p - s * a`` of the picture: from front to back it runs along a straight line of pixels while s falls. A
-layer whose defocus the ray crosses inside a pixel is met there. Between neighbouring pixels a layer is one
-surface, a riser, when its defocus differs by no more than ``JUMP``; else there is a gap, through which rays
-pass behind the nearer surface and meet what lies hidden there.
+``p - s * a`` of the picture; :mod:`bokehnet.classical.meeting` tells what it meets.
 
 Most of a ray's length is empty. A histogram of the defocus in each tile of the picture tells which slices
 of s can hold a surface for the rays of a tile at all; a ray is marched through those alone.
 
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
 through layered height fields; Decoret, "N-buffers for efficient depth map query", Computer Graphics Forum
-2005, for the bounds on a footprint. Slices, risers and coverage are ours.
+2005, for the bounds on a footprint. Slices are ours.
 """
 
 import math
@@ -20,7 +17,10 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.gaps import JUMP
+from bokehnet.classical.lane_logic import floor_lanes
+from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes
 from bokehnet.classical.layers import Layers
+from bokehnet.classical.meeting import meet
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.optics.aperture import cats_eye_shift
 
@@ -31,7 +31,6 @@ __all__ = [
     "TILE",
     "fair_stride",
     "march",
-    "meet",
     "occupied_slices",
     "slice_runs",
 ]
@@ -48,6 +47,9 @@ _STRIP = 256
 
 # The pixels of a 3x3 block take different pupil points.
 SETS = 9
+
+# Multiples of the golden ratio, without their whole parts: evenly spread chances for the rays of a pixel.
+_GOLDEN = 0.6180339887498949
 
 
 @njit(cache=True)
@@ -135,48 +137,6 @@ def slice_runs(bits, low, thickness, runs):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(cache=True, fastmath=True)
-def meet(depths, coverage, runs, count, x, y, u, v, chance):  # type: ignore[no-untyped-def]
-    """First surface on a ray: (row, column, layer), layer -1 where there is none.
-
-    Places beyond the border see the border's pixel.
-    """
-    height, width, layers = depths.shape
-    step_x, step_y = (1 if u > 0 else -1), (1 if v > 0 else -1)
-    gain_x = 1.0 / abs(u) if abs(u) > 1e-6 else 1e30
-    gain_y = 1.0 / abs(v) if abs(v) > 1e-6 else 1e30
-    for run in range(count):
-        front, back = runs[run, 0], runs[run, 1]
-        place_x, place_y = x - u * front + 0.5, y - v * front + 0.5
-        column, row = int(math.floor(place_x)), int(math.floor(place_y))
-        to_x = (column + 1 - place_x if u > 0 else place_x - column) * gain_x
-        to_y = (row + 1 - place_y if v > 0 else place_y - row) * gain_y
-        length = front - back
-        below = -1e30  # the nearest surface under the ray in the pixel before
-        entry = front
-        while True:
-            passed = min(to_x, to_y, length)
-            leave = front - passed
-            q, r = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
-            under = -1e30
-            for layer in range(layers):
-                depth = depths[q, r, layer]
-                if depth < leave:
-                    under = max(under, depth)
-                elif (depth <= entry or depth - below <= JUMP) and chance < coverage[q, r, layer]:
-                    return q, r, layer
-            if passed >= length:
-                break
-            below = under
-            entry = leave
-            across = 1 if to_x < to_y else 0
-            column += across * step_x
-            to_x += across * gain_x
-            row += (1 - across) * step_y
-            to_y += (1 - across) * gain_y
-    return 0, 0, -1
-
-
 @njit(cache=True)
 def _scramble(x, y, seed):  # type: ignore[no-untyped-def]
     """A hash of a pixel, 0 up to 2^32."""
@@ -201,12 +161,15 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _march(  # type: ignore[no-untyped-def]
-    colors, depths, coverage, mask, slices, low, thickness, points, weights, cats_eye, seed, first, sums
+    colors, cells, mask, slices, low, thickness, points, chances, weights, cats_eye, seed, above, first, sums
 ):
     """Fill ``sums`` for the rows from ``first`` on: weighted colour, weight, and weight that is guessed."""
     height, width = mask.shape
+    size = (height, width, colors.shape[2])
+    flat = cells.reshape(-1)
     last = first + sums.shape[0]
-    variants, rays = points.shape[0] // SETS, points.shape[1]
+    variants, rays = points.shape[1] // SETS, points.shape[2]
+    us, vs = points[0].reshape(-1), points[1].reshape(-1)
     reach = max(abs(low), abs(low + SLICES * thickness))
     top = first // TILE
     tile_rows = (last + TILE - 1) // TILE - top
@@ -214,39 +177,45 @@ def _march(  # type: ignore[no-untyped-def]
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
         runs = np.empty((SLICES // 2, 2))
+        met = np.empty(3 * LANES, np.float32)
         for tile_column in range(slices.shape[1]):
             count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
             for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
                     if not mask[y, x]:
                         continue
-                    hashed = _scramble(x, y, seed)
-                    chosen = int(hashed % np.uint64(variants)) * SETS + (y % 3) * 3 + x % 3
-                    chance = hashed / 4294967296.0
+                    hashed = _scramble(x, y + above, seed)
+                    chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
+                    first_chance = splat_lanes(np.float32(hashed / 4294967296.0))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
-                    for k in range(rays):
-                        u, v = points[chosen, k, 0], points[chosen, k, 1]
-                        chance += 0.6180339887498949
-                        if chance >= 1.0:
-                            chance -= 1.0
-                        if cats_eye > 0 and (u - shift_x) ** 2 + (v - shift_y) ** 2 > 1.0:
-                            continue
-                        row, column, layer = meet(depths, coverage, runs, count, x, y, u, v, chance)
-                        if layer < 0:
-                            continue
-                        depth = depths[row, column, layer]
-                        group = 0 if depth >= FILTERED_RADIUS else (2 if depth <= -FILTERED_RADIUS else 1)
-                        w = weights[0 if depth > 0 else 1, chosen, k]
-                        for c in range(3):
-                            sums[y - first, x, group, c] += w * colors[row, column, layer, c]
-                        sums[y - first, x, group, 3] += w
-                        guess = layer > 0
-                        if near_border:
-                            to_x, to_y = x - u * depth, y - v * depth
-                            guess |= min(to_x, to_y, width - 1 - to_x, height - 1 - to_y) < -0.5
-                        if guess:
-                            sums[y - first, x, group, 4] += w
+                    place_x, place_y = splat_lanes(np.float32(x)), splat_lanes(np.float32(y))
+                    for start in range(0, rays, LANES):
+                        u, v = load_lanes(us, chosen * rays + start), load_lanes(vs, chosen * rays + start)
+                        chance = first_chance + load_lanes(chances, start)
+                        chance = chance - floor_lanes(chance)
+                        meet(flat, size, runs, count, place_x, place_y, u, v, chance, met)
+                        for lane in range(LANES):
+                            layer = int(met[2 * LANES + lane])
+                            if layer < 0:
+                                continue
+                            k = start + lane
+                            u, v = points[0, chosen, k], points[1, chosen, k]
+                            if cats_eye > 0 and (u - shift_x) ** 2 + (v - shift_y) ** 2 > 1.0:
+                                continue
+                            row, column = int(met[lane]), int(met[LANES + lane])
+                            depth = cells[row, column, layer, 0]
+                            group = 0 if depth >= FILTERED_RADIUS else (2 if depth <= -FILTERED_RADIUS else 1)
+                            w = weights[0 if depth > 0 else 1, chosen, k]
+                            for c in range(3):
+                                sums[y - first, x, group, c] += w * colors[row, column, layer, c]
+                            sums[y - first, x, group, 3] += w
+                            guess = layer > 0
+                            if near_border:
+                                to_x, to_y = x - u * depth, y - v * depth
+                                guess |= min(to_x, to_y, width - 1 - to_x, height - 1 - to_y) < -0.5
+                            if guess:
+                                sums[y - first, x, group, 4] += w
 
 
 @njit(cache=True, parallel=True)
@@ -287,6 +256,7 @@ def _resolve(sums, mask, first, top, bottom, result, guessed):  # type: ignore[n
 
 def march(
     layers: Layers,
+    cells: np.ndarray,
     mask: np.ndarray,
     slices: tuple[np.ndarray, float, float],
     points: np.ndarray,
@@ -296,27 +266,31 @@ def march(
     guessed: np.ndarray,
     cats_eye: float = 0.0,
     seed: int = 0,
+    above: int = 0,
 ) -> None:
     """March the rays of all pixels in ``mask`` and write what they meet into ``result``.
 
     Args:
         layers: What there is to meet, (H, W, L).
+        cells: The same, from :func:`bokehnet.classical.meeting.layer_cells`.
         mask: Pixels to render, (H, W) bool.
         slices: From :func:`occupied_slices`.
-        points: Aperture coordinates, (SETS * variants, rays, 2), float32.
+        points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` a multiple of 8.
         weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
         result: (H, W, 3), float32; pixels in ``mask`` that meet a surface are overwritten.
         guessed: (H, W), float32; set alike, to the share of a pixel's light that no picture shows: from
             behind the first layer or from beyond the border.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         seed: Chooses the variant of each pixel and the random numbers against coverage.
+        above: Rows of the picture above these arrays, where they are a strip of it.
     """
     height, width = mask.shape
-    arrays = (layers.colors, layers.defocus, layers.coverage, mask, *slices, points, weights)
+    chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
+    arrays = (layers.colors, cells, mask, *slices, points, chances, weights)
     with parallel_region:
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)
             first, last = max(0, top - 1), min(height, bottom + 1)
             sums = np.zeros((last - first, width, 3, 5), np.float32)
-            _march(*arrays, cats_eye, seed, first, sums)
+            _march(*arrays, cats_eye, seed, above, first, sums)
             _resolve(sums, mask, first, top, bottom, result, guessed)

@@ -6,10 +6,11 @@ from functools import lru_cache
 import numpy as np
 
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ClassicalResult, check_inputs
-from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_inputs
+from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights import add_lights, separate_lights
 from bokehnet.classical.layers import Layers, split_layers
+from bokehnet.classical.meeting import layer_cells
 from bokehnet.classical.ray_kernels import SETS, march, occupied_slices
 from bokehnet.classical.scatter import scatter
 from bokehnet.fusion import fuse
@@ -30,13 +31,13 @@ _VARIANTS = 16
 
 @lru_cache(maxsize=8)
 def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """Pupil points (SETS * variants, rays, 2) and their weights in front of and behind focus."""
+    """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus."""
     count = SETS * _RAYS
     square = np.stack([halton(count, 2), halton(count, 3)], -1)[None]
     shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
     square = rotate_points(square, shifts).reshape(-1, 2)
     sides = [pupil_points(aperture, square, side) for side in (1, -1)]
-    points = sides[0][0].reshape(-1, _RAYS, 2).astype(np.float32)
+    points = sides[0][0].reshape(-1, _RAYS, 2).transpose(2, 0, 1).astype(np.float32)
     weights = np.stack([side[1].reshape(-1, _RAYS) for side in sides]).astype(np.float32)
     return np.ascontiguousarray(points), weights
 
@@ -78,47 +79,82 @@ def rays(
     return _render(image, defocus, aperture or Aperture(), seed, layers).bokeh
 
 
-def _scatter_beyond(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.ndarray:
+def _scatter_beyond(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, reach: int, strip: Strip | None
+) -> np.ndarray:
     """Scatter with the border's pixels repeated outwards, as the rays see them.
 
-    A cat's-eye is measured from the picture's own corners, so such pictures keep their size.
+    A cat's-eye is measured from the picture's own corners, so such pictures keep their size. Where a strip
+    ends inside the picture nothing is repeated, but rows are left out until blocks lie as in the whole.
     """
-    reach = min(math.ceil(float(np.abs(defocus).max())), max(defocus.shape))
     if reach == 0 or aperture.cats_eye > 0:
         return scatter(image, defocus, aperture)
-    around = ((reach, reach), (reach, reach))
-    larger = scatter(np.pad(image, (*around, (0, 0)), "edge"), np.pad(defocus, around, "edge"), aperture)
-    return larger[reach:-reach, reach:-reach]
+    above = below = reach
+    skipped = 0
+    if strip is not None and strip.first > 0:
+        above, skipped = 0, -(reach + strip.first) % ALIGNED
+    if strip is not None and strip.last < strip.height:
+        below = 0
+    around = ((above, below), (reach, reach))
+    larger = scatter(
+        np.pad(image[skipped:], (*around, (0, 0)), "edge"),
+        np.pad(defocus[skipped:], around, "edge"),
+        aperture,
+    )
+    inside = larger[above : len(larger) - below, reach:-reach]
+    return inside if skipped == 0 else np.concatenate([image[:skipped], inside])
 
 
 def _render(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, seed: int, layers: Layers | None
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture,
+    seed: int = 0,
+    layers: Layers | None = None,
+    strip: Strip | None = None,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
         check_same_size("image", image, "layers", layers.defocus)
-    largest = _LARGEST * max(defocus.shape)
+    size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    largest = _LARGEST * max(size)
     defocus = np.clip(defocus, -largest, largest)
-    doubt = geometric_error_map(defocus)
-    smooth = _scatter_beyond(image, defocus, aperture)
+    radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.reach
+    doubt = geometric_error_map(defocus, boundary_threshold(size))
+    smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
     mask = doubt > 0
+    if strip is not None:  # and a row on either side, with which the results of large discs are averaged
+        mask[: max(0, strip.wanted.start - 1)] = mask[strip.wanted.stop + 1 :] = False
     if not mask.any():
         return ClassicalResult(
             bokeh=smooth, error_map=doubt, hidden=np.array(image), guessed=np.zeros_like(doubt)
         )
-    layers, lights = separate_lights(layers or split_layers(image, defocus))
+    layers, lights = separate_lights(layers or split_layers(image, defocus, radius), radius)
     result, guessed = np.array(smooth), np.zeros_like(doubt)
     points, weights = _pattern(aperture)
     slices = occupied_slices(layers.defocus)
+    cells = layer_cells(layers)
     march(
-        layers, mask, slices, points, weights, result, guessed=guessed, cats_eye=aperture.cats_eye, seed=seed
+        layers,
+        cells,
+        mask,
+        slices,
+        points,
+        weights,
+        result,
+        guessed=guessed,
+        cats_eye=aperture.cats_eye,
+        seed=seed,
+        above=0 if strip is None else strip.first,
     )
-    add_lights(lights, layers, mask, slices, aperture, result)
+    add_lights(lights, cells, mask, slices, aperture, result)
     bokeh = fuse(smooth, result, doubt[..., None])
     hidden = np.ascontiguousarray(layers.colors[:, :, -1])
     return ClassicalResult(bokeh=bokeh, error_map=doubt, hidden=hidden, guessed=guessed)
 
 
-def render_rays(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> ClassicalResult:
+def render_rays(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, strip: Strip | None = None
+) -> ClassicalResult:
     """Rays, with error map, hidden layer and guessed share; arguments and errors of :func:`rays`."""
-    return _render(image, defocus, aperture or Aperture(), 0, None)
+    return _render(image, defocus, aperture or Aperture(), strip=strip)

@@ -4,8 +4,8 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical import levels
-from bokehnet.classical.base import ClassicalResult, check_inputs
-from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
+from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.shapes import spread_operator
 from bokehnet.classical.spread import LARGEST_RADIUS
@@ -72,8 +72,13 @@ def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = 
 
 
 def render_scatter(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, strip: Strip | None = None
 ) -> ClassicalResult:
-    """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`."""
+    """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
+
+    A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
+    the error map is that of the whole picture.
+    """
     bokeh = scatter(image, defocus, aperture)
-    return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus))
+    size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

@@ -1,20 +1,31 @@
 """The renderer that people use: picture and defocus in, bokeh out, without torch."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bokehnet.cascade import render_neural
-from bokehnet.checks import check_choice
-from bokehnet.classical.base import CLASSICAL_RENDERERS, ClassicalResult, check_inputs, make_classical
+from bokehnet.checks import check_at_least, check_choice, check_number
+from bokehnet.classical.base import (
+    CLASSICAL_RENDERERS,
+    ClassicalResult,
+    Strip,
+    check_inputs,
+    make_classical,
+)
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
+from bokehnet.inference.correction import SmallCopy
 from bokehnet.inference.session import WEIGHTS, load_networks
+from bokehnet.inference.strips import cut_strips
 from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.tone import Highlights, gamma_curve
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
 __all__ = ["ENGINES", "BokehRenderer", "RenderResult"]
 
@@ -33,14 +44,14 @@ class RenderResult:
 
     Attributes:
         bokeh: The result, (H, W, 3).
-        classical: The classical half, (H, W, 3).
-        neural: The neural half, (H, W, 3); ``None`` for a classical engine.
+        classical: The classical half, (H, W, 3); ``None`` where a hybrid was rendered in strips.
+        neural: The neural half, (H, W, 3); ``None`` for a classical engine, and in strips.
         error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
             discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
     """
 
     bokeh: np.ndarray
-    classical: np.ndarray
+    classical: np.ndarray | None
     neural: np.ndarray | None
     error_map: np.ndarray
 
@@ -50,8 +61,12 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
+def _ignore(done: int, total: int) -> None:
+    """Progress that nobody follows."""
+
+
 class BokehRenderer:
-    """Renders bokeh on the CPU.
+    """Renders bokeh on the CPU. One renderer may be used by several threads at once.
 
     Args:
         engine: One of ``ENGINES``.
@@ -59,9 +74,12 @@ class BokehRenderer:
             shapes they correct what the classical half made of them.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
+        providers: Execution providers of ONNX Runtime, the preferred one first.
+        session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
+            left to it.
 
     Raises:
-        ParameterError: Unknown engine.
+        ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
         ModelFileError: The engine needs networks, and they are missing or damaged.
     """
 
@@ -72,42 +90,72 @@ class BokehRenderer:
         aperture: Aperture | None = None,
         weights: Path | None = None,
         threads: int = 0,
+        providers: Sequence[str] = ("CPUExecutionProvider",),
+        session_options: Any = None,
     ) -> None:
         check_choice("engine", engine, ENGINES)
         self.engine = engine
         self.aperture = aperture or Aperture()
         neural = engine in HYBRIDS
-        self._networks = load_networks(weights or WEIGHTS / engine, threads) if neural else None
+        self._networks = (
+            load_networks(weights or WEIGHTS / engine, threads, providers, session_options)
+            if neural
+            else None
+        )
         self._classical_name = self._networks.classical if self._networks else engine
         self._classical = make_classical(self._classical_name)
+
+    def warm_up(self) -> None:
+        """Load or compile the kernels and run the networks once, before the first picture."""
+        image = np.zeros((64, 64, 3), np.float32)
+        image[::8] = 1
+        defocus = np.full((64, 64), -12, np.float32)
+        defocus[:, 32:] = 12
+        self.render(image, defocus)
 
     def render(
         self,
         image: np.ndarray,
-        defocus: np.ndarray,
+        defocus: np.ndarray | None = None,
         progress: Progress | None = None,
         *,
+        disparity: np.ndarray | None = None,
+        blur: float | None = None,
+        focus: float | None = None,
         gamma: float = 1.0,
         highlights: Highlights | None = None,
+        max_memory: int | None = None,
     ) -> RenderResult:
-        """Render one picture.
+        """Render one picture, from its defocus, or from disparity, blur and focus.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3). Values below 0 count as 0.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus; see
                 :func:`bokehnet.optics.coc.defocus_from_disparity` and :func:`bokehnet.lenses.defocus_map`.
             progress: Called with (steps done, steps in all).
+            disparity: In place of ``defocus``: relative disparity, (H, W), near is large.
+            blur: With ``disparity``: blur radius in pixels per unit of it.
+            focus: With ``disparity``: its value that stays sharp.
             gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
                 :func:`bokehnet.optics.tone.gamma_curve`.
             highlights: How clipped lights get their brightness back before blurring. The result keeps
                 it, unclipped; :meth:`Highlights.compress` brings it back to the range of the photograph.
+            max_memory: Bytes that rendering may take beyond image, defocus and result. Pictures that need
+                more are rendered in strips; the result is the same but for rounding.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
-            ParameterError: NaN or infinity in either; gamma out of range, or not 1 with the hybrid.
+            ParameterError: Neither or both of defocus and disparity; NaN or infinity in them or in the
+                image; gamma out of range, or not 1 with a hybrid; ``max_memory`` too small, or with a
+                cat's-eye or with networks that cannot work in strips.
         """
+        if defocus is None:
+            defocus = _from_disparity(disparity, blur, focus)
+        elif not (disparity is None and blur is None and focus is None):
+            raise ParameterError("defocus: expected either defocus, or disparity, blur and focus, got both")
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
-        image = np.maximum(image, 0)
+        if image.min() < 0:
+            image = np.maximum(image, 0)
         if self._networks is not None and gamma != 1:
             raise ParameterError(
                 f"gamma: expected 1, all that the networks of {self.engine} know, got {gamma:g}; "
@@ -115,32 +163,103 @@ class BokehRenderer:
             )
         if highlights is not None:
             image = highlights.expand(image)
-        report = progress or (lambda done, total: None)
+        curve = None if gamma == 1 else gamma_curve(image, gamma)
+        strips = [None] if max_memory is None else self._cut(defocus, max_memory)
+        if len(strips) > 1:
+            return self._render_strips(image, defocus, curve, strips, progress or _ignore)
+        return self._render_whole(image, defocus, curve, progress or _ignore)
+
+    def _cut(self, defocus: np.ndarray, memory: int) -> list[Strip | None]:
+        """Strips of at most ``memory`` bytes; a single ``None`` where the whole picture fits."""
+        height, width = defocus.shape
+        reach = math.ceil(max(float(defocus.max()), -float(defocus.min())))
+        strips: list[Strip | None] = [*cut_strips(height, width, reach, self._classical_name, memory)]
+        if len(strips) <= 1:
+            return [None]
+        if self.aperture.cats_eye > 0:
+            raise ParameterError("max_memory: a cat's-eye needs the whole picture at once; leave it out")
+        if self._networks is not None and self._networks.iunet is not None:
+            raise ParameterError("max_memory: these networks need the whole picture at once; leave it out")
+        return strips
+
+    def _render_whole(
+        self, image: np.ndarray, defocus: np.ndarray, curve: GammaCurve | None, report: Progress
+    ) -> RenderResult:
         steps = 1 if self._networks is None else 2
         report(0, steps)
-        result = self._render_classical(image, defocus, gamma)
+        classical = self._render_classical(image, defocus, curve)
         report(1, steps)
         if self._networks is None:
-            return RenderResult(
-                bokeh=result.bokeh, classical=result.bokeh, neural=None, error_map=result.error_map
+            bokeh, doubt = classical.bokeh, classical.error_map
+            return RenderResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=doubt)
+        if self._networks.iunet is not None:
+            result = self._render_cascade(image, defocus, classical)
+        else:
+            reach = max(float(defocus.max()), -float(defocus.min()))
+            small = SmallCopy(*defocus.shape, reach, self._networks.unit)
+            small.add(0, image, defocus, classical)
+            found = small.correct(self._networks.arnet).apply(classical.bokeh, classical.error_map)
+            result = RenderResult(
+                bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
             )
-        neural, error_map = self._render_neural(image, defocus, result)
         report(2, steps)
-        bokeh = fuse(result.bokeh, neural, error_map[..., None])
-        return RenderResult(bokeh=bokeh, classical=result.bokeh, neural=neural, error_map=error_map)
+        return result
 
-    def _render_classical(self, image: np.ndarray, defocus: np.ndarray, gamma: float) -> ClassicalResult:
-        if gamma == 1:
-            return self._classical(image, defocus, self.aperture)
-        curve = gamma_curve(image, gamma)
-        result = self._classical(curve.encode(image), defocus, self.aperture)
+    def _render_strips(
+        self,
+        image: np.ndarray,
+        defocus: np.ndarray,
+        curve: GammaCurve | None,
+        strips: Sequence[Strip | None],
+        report: Progress,
+    ) -> RenderResult:
+        """Render strip by strip; then, with a network, correct strip by strip."""
+        networks = self._networks
+        bokeh, error_map = np.empty_like(image), np.empty_like(defocus)
+        reach = max(float(defocus.max()), -float(defocus.min()))
+        small = None if networks is None else SmallCopy(*defocus.shape, reach, networks.unit)
+        steps = len(strips) + (networks is not None)
+        for done, strip in enumerate(strips):
+            assert strip is not None
+            report(done, steps)
+            rows = slice(strip.first, strip.last)
+            part = self._render_classical(image[rows], defocus[rows], curve, strip)
+            first, wanted = strip.first + strip.wanted.start, strip.wanted
+            kept = part.rows(wanted)
+            inner = slice(first, first + len(kept.bokeh))
+            bokeh[inner], error_map[inner] = kept.bokeh, kept.error_map
+            if small is not None:
+                small.add(first, image[inner], defocus[inner], kept)
+        if networks is not None and small is not None:
+            report(len(strips), steps)
+            correction = small.correct(networks.arnet)
+            for strip in strips:
+                assert strip is not None
+                inner = slice(strip.first + strip.wanted.start, strip.first + strip.wanted.stop)
+                found = correction.apply(bokeh[inner], error_map[inner], inner.start)
+                bokeh[inner], error_map[inner] = found.bokeh, found.error_map
+        report(steps, steps)
+        classical = bokeh if networks is None else None
+        return RenderResult(bokeh=bokeh, classical=classical, neural=None, error_map=error_map)
+
+    def _render_classical(
+        self,
+        image: np.ndarray,
+        defocus: np.ndarray,
+        curve: GammaCurve | None,
+        strip: Strip | None = None,
+    ) -> ClassicalResult:
+        if curve is None:
+            return self._classical(image, defocus, self.aperture, strip)
+        result = self._classical(curve.encode(image), defocus, self.aperture, strip)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
-    def _render_neural(
+    def _render_cascade(
         self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the neural half (H, W, 3) and the error map (H, W)."""
+    ) -> RenderResult:
+        """The way of networks with an IUNet: level by level, at full size as well."""
         assert self._networks is not None
+        assert self._networks.iunet is not None
         batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
         result = render_neural(
             *batches,
@@ -150,4 +269,22 @@ class BokehRenderer:
             unit=self._networks.unit,
             refine=refine_in_tiles,
         )
-        return np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0)), result.error_map[0, 0]
+        neural = np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0))
+        error_map = result.error_map[0, 0]
+        bokeh = fuse(classical.bokeh, neural, error_map[..., None])
+        return RenderResult(bokeh=bokeh, classical=classical.bokeh, neural=neural, error_map=error_map)
+
+
+def _from_disparity(disparity: np.ndarray | None, blur: float | None, focus: float | None) -> np.ndarray:
+    """Defocus of a disparity map at a public door."""
+    missing = [
+        name for name, value in (("disparity", disparity), ("blur", blur), ("focus", focus)) if value is None
+    ]
+    if disparity is None or blur is None or focus is None:
+        raise ParameterError(
+            f"defocus: expected either defocus, or disparity, blur and focus; {', '.join(missing)} missing"
+        )
+    check_at_least("blur", blur, 0)
+    check_number("focus", focus)
+    defocus: np.ndarray = defocus_from_disparity(np.asarray(disparity), blur, focus)
+    return defocus

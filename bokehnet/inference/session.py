@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bokehnet.checks import check_choice
 from bokehnet.classical.base import CLASSICAL_RENDERERS
 from bokehnet.errors import ModelFileError
 
@@ -19,16 +21,29 @@ WEIGHTS = Path(__file__).parent.parent / "weights"
 _FORMAT = 1
 
 
+_CPU = ("CPUExecutionProvider",)
+
+
 class OnnxNetwork:
     """One network; arrays go in by position and are fed by name."""
 
-    def __init__(self, model: bytes, input_names: tuple[str, ...], threads: int) -> None:
+    def __init__(
+        self,
+        model: bytes,
+        input_names: tuple[str, ...],
+        threads: int,
+        providers: Sequence[str] = _CPU,
+        options: Any = None,
+    ) -> None:
         import onnxruntime  # here, so that scatter alone starts without it
 
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.log_severity_level = 3
-        self._session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        for provider in providers:
+            check_choice("provider", provider, onnxruntime.get_available_providers())
+        if options is None:
+            options = onnxruntime.SessionOptions()
+            options.intra_op_num_threads = threads
+            options.log_severity_level = 3
+        self._session = onnxruntime.InferenceSession(model, options, providers=list(providers))
         self._input_names = input_names
         self._taken = {item.name for item in self._session.get_inputs()}
 
@@ -45,17 +60,18 @@ class OnnxNetwork:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Networks:
-    """A pair of networks that belong together.
+    """Networks that belong together.
 
     Attributes:
         arnet: Takes image, defocus, classical, hints; gives bokeh and error map.
-        iunet: Takes image, defocus, classical, coarse, hints; gives bokeh.
+        iunet: Takes image, defocus, classical, coarse, hints; gives bokeh. ``None`` where the classical
+            render's detail is carried over instead.
         unit: Largest radius that ``arnet`` was trained for, pixels.
         classical: Name of the classical renderer whose result they correct.
     """
 
     arnet: OnnxNetwork
-    iunet: OnnxNetwork
+    iunet: OnnxNetwork | None
     unit: float
     classical: str
 
@@ -117,22 +133,33 @@ def load_network(folder: Path, name: str, input_names: tuple[str, ...], threads:
     return OnnxNetwork(_read_model(folder, name, _read_manifest(folder)), input_names, threads)
 
 
-def load_networks(folder: Path, threads: int = 0) -> Networks:
-    """Load a pair of networks after checking them against their manifest.
+def load_networks(
+    folder: Path, threads: int = 0, providers: Sequence[str] = _CPU, options: Any = None
+) -> Networks:
+    """Load ARNet, and IUNet if there is one, after checking them against their manifest.
 
     Args:
         folder: Holds ``manifest.json`` and the ONNX files it names.
         threads: Threads inside a network; 0 takes all cores.
+        providers: Execution providers of ONNX Runtime, the preferred one first.
+        options: ``onnxruntime.SessionOptions`` in place of our own.
 
     Raises:
+        ParameterError: A provider that ONNX Runtime does not have here.
         ModelFileError: A file is missing, damaged or not what the manifest says.
     """
     manifest = _read_manifest(folder)
     _check_pair(folder, manifest)
     inputs = ("image", "defocus", "classical")
+    settings = (threads, providers, options)
+    arnet = OnnxNetwork(_read_model(folder, "arnet", manifest), (*inputs, "hints"), *settings)
+    iunet = None
+    if "iunet" in manifest["networks"]:
+        model = _read_model(folder, "iunet", manifest)
+        iunet = OnnxNetwork(model, (*inputs, "coarse", "hints"), *settings)
     return Networks(
-        arnet=OnnxNetwork(_read_model(folder, "arnet", manifest), (*inputs, "hints"), threads),
-        iunet=OnnxNetwork(_read_model(folder, "iunet", manifest), (*inputs, "coarse", "hints"), threads),
+        arnet=arnet,
+        iunet=iunet,
         unit=float(manifest["unit"]),
         classical=manifest["classical"],
     )

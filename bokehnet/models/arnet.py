@@ -6,7 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.blocks import decode, encode, encode_hints, make_backbone
+from bokehnet.models.blocks import encode_hints, make_backbone
+from bokehnet.optics.encoding import decode, encode
 
 __all__ = ["ARNet", "ARNetConfig"]
 

@@ -1,28 +1,13 @@
 """What ARNet and IUNet are made of."""
 
-import math
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from bokehnet.errors import ParameterError
+from bokehnet.optics.encoding import encode
 
-__all__ = ["Backbone", "ResidualBlock", "UNet", "decode", "encode", "encode_hints", "make_backbone"]
-
-# Steepness of the encoding near black; at 20 a step in the shadows weighs about as much as in sRGB.
-STEEPNESS = 20.0
-
-
-def encode(linear: Tensor) -> Tensor:
-    """Scene-linear light to the perceptual scale the networks work in; 0 to 0, 1 to 1, unbounded above."""
-    return torch.log1p(STEEPNESS * linear.clamp(min=0)) / math.log1p(STEEPNESS)
-
-
-def decode(encoded: Tensor) -> Tensor:
-    """Inverse of :func:`encode`; continues smoothly below 0, so that its gradient never vanishes."""
-    return torch.expm1(encoded * math.log1p(STEEPNESS)) / STEEPNESS
-
+__all__ = ["Backbone", "ResidualBlock", "UNet", "encode_hints", "make_backbone"]
 
 def encode_hints(hints: Tensor | None, seen: bool) -> list[Tensor]:
     """What to append to a network's inputs: hints (B, 5, H, W) with their colours encoded, or nothing."""

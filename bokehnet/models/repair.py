@@ -7,7 +7,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.blocks import UNet, encode
+from bokehnet.models.blocks import UNet
+from bokehnet.optics.encoding import encode
 
 __all__ = ["RepairNet", "RepairNetConfig", "extremes"]
 

@@ -6,8 +6,9 @@ from torch import Tensor, nn
 
 from bokehnet.errors import ParameterError
 from bokehnet.models.arnet import ARNet, ARNetConfig
-from bokehnet.models.blocks import UNet, decode, encode
+from bokehnet.models.blocks import UNet
 from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.optics.encoding import decode, encode
 
 
 def inputs(height: int = 12, width: int = 16) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,0 +1,75 @@
+"""The correction without levels: the same as the cascade with carried detail."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from bokehnet.cascade import carry_detail, render_neural
+from bokehnet.classical.rays import render_rays
+from bokehnet.inference.correction import SmallCopy
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.pyramid import downsample2
+
+
+def picture(height: int, width: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:height, :width]
+    inside = np.hypot(y - height / 2, x - width / 3) < height / 4
+    return rng.random((height, width, 3), dtype=np.float32), np.where(inside, radius, -0.3 * radius).astype(
+        np.float32
+    )
+
+
+@pytest.mark.parametrize(("height", "width", "radius"), [(40, 56, 6), (61, 83, 17), (130, 97, 33)])
+def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
+    """Oracle: the body that training uses, at halvings 0, 1 and 2 and odd sizes."""
+    image, defocus = picture(height, width, radius)
+    renderer = BokehRenderer("hybrid")
+    result = renderer.render(image, defocus)
+    classical = render_rays(image, defocus)
+    batches = [
+        x.transpose(2, 0, 1)[None]
+        for x in (image, defocus[..., None], classical.bokeh, classical.error_map[..., None])
+    ]
+    networks = renderer._networks
+    wanted = render_neural(
+        *batches,
+        hints=classical.hints.transpose(2, 0, 1)[None],
+        arnet=networks.arnet,
+        iunet=carry_detail,
+        unit=networks.unit,
+    )
+    doubted = classical.error_map > 0
+    assert doubted.mean() > 0.1
+    assert_allclose(result.error_map, wanted.error_map[0, 0], atol=2e-5)
+    neural = wanted.steps[-1][0].transpose(1, 2, 0)
+    assert_allclose(result.neural[doubted], neural[doubted], atol=2e-4)
+    assert_array_equal(result.bokeh[~doubted], classical.bokeh[~doubted])
+
+
+def test_carried_detail_of_a_right_coarse_picture_is_the_classical_render():
+    classical = np.random.default_rng(1).random((1, 3, 12, 16), dtype=np.float32)
+    carried = carry_detail(classical, classical[:, :1], classical, downsample2(classical), None)
+    assert_allclose(carried, classical, atol=1e-6)
+
+
+def test_rows_in_parts_give_the_same_small_copy():
+    """What ARNet sees does not depend on how the rows came in."""
+    image, defocus = picture(300, 70, 25)
+    classical = render_rays(image, defocus)
+    seen = []
+
+    def arnet(*arrays):
+        seen.append(arrays)
+        return arrays[2], np.zeros_like(arrays[1])
+
+    for cuts in ([0, 300], [0, 128, 256, 300]):
+        small = SmallCopy(300, 70, 25.0, 10.0)
+        for first, last in pairwise(cuts):
+            rows = slice(first, last)
+            small.add(first, image[rows], defocus[rows], classical.rows(rows))
+        small.correct(arnet)
+    for whole, parts in zip(*seen, strict=True):
+        assert_array_equal(whole, parts)
