@@ -1,6 +1,9 @@
 """Which pixels stand far above their surroundings: lamps, sparkles, the sun."""
 
 import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.parallel import parallel_region
 
 __all__ = ["brightest", "light_limit"]
 
@@ -11,9 +14,19 @@ _CONTRAST = 4.0
 _SMALLEST_REACH = 8
 
 
+@njit(cache=True, parallel=True)
+def _brightest(image, result):  # type: ignore[no-untyped-def]
+    for y in prange(result.shape[0]):
+        for x in range(result.shape[1]):
+            result[y, x] = max(image[y, x, 0], image[y, x, 1], image[y, x, 2])
+
+
 def brightest(image: np.ndarray) -> np.ndarray:
-    """Largest of the three channels; ten times faster than ``image.max(axis=2)``."""
-    return np.maximum(np.maximum(image[..., 0], image[..., 1]), image[..., 2])
+    """Largest of the three channels of (H, W, 3), on all cores."""
+    result = np.empty(image.shape[:2], image.dtype)
+    with parallel_region:
+        _brightest(image, result)
+    return result
 
 
 def _around(values: np.ndarray, reach: int) -> np.ndarray:

@@ -1,12 +1,12 @@
 """Where a classical renderer can be wrong: within the blur's reach of a depth discontinuity."""
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.classical.parallel import parallel_region
 
 __all__ = ["boundary_threshold", "conservative_mask", "geometric_error_map", "measured_error_map"]
 
@@ -52,15 +52,23 @@ def _cover_discs(reach):  # type: ignore[no-untyped-def]
     return counts[:, :width]
 
 
-def _soften(mask: np.ndarray, reach: int) -> np.ndarray:
-    """Mean over a (2 reach + 1)^2 window, the border repeated."""
-    for axis in (0, 1):
-        width: Any = [(reach + 1, reach) if a == axis else (0, 0) for a in (0, 1)]
-        sums = np.cumsum(np.pad(mask, width, mode="edge"), axis=axis, dtype=np.float64)
-        size = mask.shape[axis]
-        upper = np.take(sums, np.arange(2 * reach + 1, 2 * reach + 1 + size), axis)
-        mask = (upper - np.take(sums, np.arange(size), axis)) / (2 * reach + 1)
-    return mask.astype(np.float32)
+@njit(cache=True, parallel=True)
+def _soften(counts, reach):  # type: ignore[no-untyped-def]
+    """Share of the (2 reach + 1)^2 pixels around each that are counted, the border repeated."""
+    height, width = counts.shape
+    result = np.empty((height, width), np.float32)
+    for y in prange(height):
+        columns = np.zeros(width, np.int64)
+        for v in range(y - reach, y + reach + 1):
+            row = min(max(v, 0), height - 1)
+            for x in range(width):
+                columns[x] += counts[row, x] > 0
+        for x in range(width):
+            total = 0
+            for u in range(x - reach, x + reach + 1):
+                total += columns[min(max(u, 0), width - 1)]
+            result[y, x] = total / (2 * reach + 1) ** 2
+    return result
 
 
 def boundary_threshold(size: tuple[int, ...]) -> float:
@@ -94,8 +102,10 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
     reach = _boundary_reach(np.ascontiguousarray(defocus, np.float32), threshold)
     if softness > 0:
         reach = np.where(reach > 0, reach + softness, reach).astype(np.float32)
-    mask = (_cover_discs(reach) > 0).astype(np.float32)
-    return _soften(mask, softness) if softness > 0 else mask
+    counts = _cover_discs(reach)
+    with parallel_region:
+        softened: np.ndarray = _soften(counts, softness)
+    return softened
 
 
 def conservative_mask(defocus: np.ndarray) -> np.ndarray:

@@ -134,6 +134,7 @@ def hidden_layer(
         _at_gaps(defocus, source)
         _carry_inwards(defocus, source)
         _fill(image, defocus, lights, source, colors, depths)
-    y, x = np.nonzero((source >= 0) & (brightest(colors) > limit))
-    colors[y, x] *= (limit[y, x] / brightest(colors[y, x]))[:, None]
+    filled = brightest(colors)
+    y, x = np.nonzero((source >= 0) & (filled > limit))
+    colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]
     return colors, depths

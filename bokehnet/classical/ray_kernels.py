@@ -67,26 +67,47 @@ def _fill_slices(first, second, low, scale):  # type: ignore[no-untyped-def]
     return bits
 
 
-@njit(cache=True)
+@njit(cache=True, parallel=True)
 def _tile_slices(depths, low, scale):  # type: ignore[no-untyped-def]
     """Which slices of defocus each tile holds in any layer, risers included; (rows, columns) of bits."""
     height, width, layers = depths.shape
     bits = np.zeros(((height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
-    for y in range(height):
-        for x in range(width):
-            for layer in range(layers):
-                value = depths[y, x, layer]
-                found = np.uint64(1) << np.uint64(_slice_of(value, low, scale))
-                if x + 1 < width and abs(depths[y, x + 1, layer] - value) <= JUMP:
-                    found |= _fill_slices(value, depths[y, x + 1, layer], low, scale)
-                if y + 1 < height and abs(depths[y + 1, x, layer] - value) <= JUMP:
-                    found |= _fill_slices(value, depths[y + 1, x, layer], low, scale)
-                bits[y // TILE, x // TILE] |= found
+    for row in prange(bits.shape[0]):
+        for y in range(row * TILE, min(height, (row + 1) * TILE)):
+            for x in range(width):
+                for layer in range(layers):
+                    value = depths[y, x, layer]
+                    found = np.uint64(1) << np.uint64(_slice_of(value, low, scale))
+                    if x + 1 < width and abs(depths[y, x + 1, layer] - value) <= JUMP:
+                        found |= _fill_slices(value, depths[y, x + 1, layer], low, scale)
+                    if y + 1 < height and abs(depths[y + 1, x, layer] - value) <= JUMP:
+                        found |= _fill_slices(value, depths[y + 1, x, layer], low, scale)
+                    bits[row, x // TILE] |= found
     return bits
 
 
-@njit(cache=True)
-def occupied_slices(depths):  # type: ignore[no-untyped-def]
+@njit(cache=True, parallel=True)
+def _reached_slices(own, low, thickness, reach):  # type: ignore[no-untyped-def]
+    """Bits of all slices of which a surface lies within its blur's reach of each tile."""
+    rows, columns = own.shape
+    near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
+    for square in range(near.shape[0]):
+        gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
+        for i in range(SLICES):
+            if max(abs(low + i * thickness), abs(low + (i + 1) * thickness)) + 1.0 >= gap:
+                near[square] |= np.uint64(1) << np.uint64(i)
+    found = np.empty_like(own)
+    for row in prange(rows):
+        for column in range(columns):
+            bits = np.uint64(0)
+            for v in range(max(0, row - reach), min(rows, row + reach + 1)):
+                for u in range(max(0, column - reach), min(columns, column + reach + 1)):
+                    bits |= own[v, u] & near[(v - row) * (v - row) + (u - column) * (u - column)]
+            found[row, column] = bits
+    return found
+
+
+def occupied_slices(depths: np.ndarray) -> tuple[np.ndarray, float, float]:
     """For each tile, the slices of defocus in which its rays can meet a surface.
 
     A surface at defocus s lies on a ray of a pixel only within |s| pixels of it.
@@ -97,25 +118,12 @@ def occupied_slices(depths):  # type: ignore[no-untyped-def]
     Returns:
         Bits (rows, columns) of the tiles, and the lowest value and thickness of the slices.
     """
-    low, high = np.float64(depths.min()) - 1e-3, np.float64(depths.max()) + 1e-3
+    low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3
     thickness = (high - low) / SLICES
-    own = _tile_slices(depths, low, 1.0 / thickness)
-    rows, columns = own.shape
-    reach = int(min(math.ceil(max(abs(low), abs(high)) / TILE) + 1, max(rows, columns)))
-    near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
-    for square in range(near.shape[0]):
-        gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
-        for i in range(SLICES):
-            if max(abs(low + i * thickness), abs(low + (i + 1) * thickness)) + 1.0 >= gap:
-                near[square] |= np.uint64(1) << np.uint64(i)
-    found = own.copy()
-    for row in range(rows):
-        for column in range(columns):
-            bits = np.uint64(0)
-            for v in range(max(0, row - reach), min(rows, row + reach + 1)):
-                for u in range(max(0, column - reach), min(columns, column + reach + 1)):
-                    bits |= own[v, u] & near[(v - row) * (v - row) + (u - column) * (u - column)]
-            found[row, column] = bits
+    with parallel_region:
+        own = _tile_slices(depths, low, 1.0 / thickness)
+        reach = min(math.ceil(max(abs(low), abs(high)) / TILE) + 1, max(own.shape))
+        found: np.ndarray = _reached_slices(own, low, thickness, reach)
     return found, low, thickness
 
 

@@ -4,6 +4,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from numba import njit, prange
 
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_inputs
@@ -11,6 +12,7 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights import add_lights, separate_lights
 from bokehnet.classical.layers import Layers, split_layers
 from bokehnet.classical.meeting import layer_cells
+from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.ray_kernels import SETS, march, occupied_slices
 from bokehnet.classical.scatter import scatter
 from bokehnet.fusion import fuse
@@ -77,6 +79,19 @@ def rays(
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
     return _render(image, defocus, aperture or Aperture(), seed, layers).bokeh
+
+
+_fuse = njit(fuse)
+
+
+@njit(cache=True, parallel=True)
+def _blend(smooth, doubt, mask, result):  # type: ignore[no-untyped-def]
+    """Let the rays in ``result`` fade into the scatter ``smooth`` where the doubt does."""
+    for y in prange(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            if mask[y, x]:
+                for c in range(3):
+                    result[y, x, c] = _fuse(smooth[y, x, c], result[y, x, c], doubt[y, x])
 
 
 def _scatter_beyond(
@@ -148,9 +163,10 @@ def _render(
         above=0 if strip is None else strip.first,
     )
     add_lights(lights, cells, mask, slices, aperture, result)
-    bokeh = fuse(smooth, result, doubt[..., None])
+    with parallel_region:
+        _blend(smooth, doubt, mask, result)
     hidden = np.ascontiguousarray(layers.colors[:, :, -1])
-    return ClassicalResult(bokeh=bokeh, error_map=doubt, hidden=hidden, guessed=guessed)
+    return ClassicalResult(bokeh=result, error_map=doubt, hidden=hidden, guessed=guessed)
 
 
 def render_rays(

@@ -1,0 +1,159 @@
+"""What a user waits for: ``python -m benchmarks.end_to_end [SECTION...]``.
+
+photograph: every engine, warm, on a photograph of 1080x1350 pixels, beside the published wiring in
+the same run: a scatter as a double loop over every disc, and ARNet and IUNet of the published widths over
+the whole picture, in torch. cold: the command line from its start to the written file, in turns with
+``--help``. large: 24 megapixels with radii up to 160 pixels, and 100 megapixels with bounded memory, through
+the command line, with its peak memory. SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.classical import BLUR, FOCUS, photograph
+from benchmarks.measurement import scene, time_in_turns
+from benchmarks.rivals import double_loop
+from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.inference.pipeline import ENGINES, BokehRenderer
+from bokehnet.io.image import write_image, write_map
+
+PUBLISHED = "published wiring"
+
+
+def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
+    """The networks as published, untrained: they cost what trained ones cost.
+
+    Source:
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
+    """
+    import torch
+
+    from bokehnet.cascade import render_neural
+    from bokehnet.models.arnet import ARNet, ARNetConfig
+    from bokehnet.models.iunet import IUNet, IUNetConfig
+
+    arnet = ARNet(ARNetConfig(see_classical=False)).eval()
+    iunet = IUNet(IUNetConfig(see_classical=False)).eval()
+
+    def render(image: np.ndarray, defocus: np.ndarray) -> None:
+        classical = double_loop(image, defocus)
+        doubt = geometric_error_map(defocus)
+        arrays = (image, defocus[..., None], classical, doubt[..., None])
+        batch = [
+            torch.from_numpy(np.ascontiguousarray(x.transpose(2, 0, 1), np.float32))[None] for x in arrays
+        ]
+        with torch.inference_mode():
+            render_neural(*batch, arnet=arnet, iunet=iunet, unit=arnet.config.unit)
+
+    return render
+
+
+def photograph_section(shared: Path, rounds: int) -> None:
+    """Print medians of all engines and the ratio of the published wiring to each."""
+    image, defocus = photograph(shared)
+    runs: dict[str, Callable[[], object]] = {}
+    for name in ENGINES:
+        renderer = BokehRenderer(name)
+        renderer.render(image, defocus)
+        runs[name] = lambda renderer=renderer: renderer.render(image, defocus)
+    rival = published_wiring()
+    rival(image[:64, :64].copy(), np.ascontiguousarray(defocus[:64, :64]))
+    runs[PUBLISHED] = lambda: rival(image, defocus)
+    rows = time_in_turns(runs, rounds)
+    print(
+        f"== photograph: {image.shape[1]}x{image.shape[0]}, blur {BLUR:g}, medians of {rounds} rounds, warm"
+    )
+    for name in runs:
+        ratio = statistics.median(row[PUBLISHED] / row[name] for row in rows)
+        print(f"{name:18s} {statistics.median(row[name] for row in rows):7.2f} s  {ratio:6.1f}x", flush=True)
+
+
+def run_command(*arguments: str) -> tuple[float, int]:
+    """Seconds and peak memory, bytes, of one ``bokehnet`` command line. Linux only."""
+    start = time.perf_counter()
+    command = [sys.executable, "-m", "bokehnet.cli.app", *arguments]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    seconds = time.perf_counter() - start
+    if process.returncode != 0:
+        raise SystemExit(f"bokehnet {' '.join(arguments)}: exit code {process.returncode}")
+    return seconds, usage.ru_maxrss * 1024
+
+
+def cold_section(shared: Path, rounds: int) -> None:
+    """Print medians of whole command lines; the kernels were compiled before."""
+    with tempfile.TemporaryDirectory() as folder:
+        picture = [str(shared / "real/21.jpg"), "--disparity", str(shared / "real/21.png")]
+        options = ["--blur", f"{BLUR:g}", "--focus", f"{FOCUS:g}", "-o", f"{folder}/out.png"]
+        commands = {"--help": ["--help"], "render --help": ["render", "--help"]}
+        for name in ENGINES:
+            for refine in ("off", "auto"):
+                extra = ["--engine", name, "--refine-disparity", refine]
+                commands[" ".join(["render", *extra])] = ["render", *picture, *options, *extra]
+        for arguments in commands.values():
+            run_command(*arguments)
+        runs = {
+            name: lambda arguments=arguments: run_command(*arguments) for name, arguments in commands.items()
+        }
+        rows = time_in_turns(runs, rounds)
+    print(f"== cold: from start to written file, medians of {rounds} rounds")
+    for name in runs:
+        print(f"{name:52s} {statistics.median(row[name] for row in rows):6.2f} s", flush=True)
+
+
+def large_section(engines: list[str]) -> None:
+    """Print seconds and peak memory of large pictures; each is rendered once."""
+    print("== large: through the command line, reading and writing included")
+    cases = (((6000, 4000), 160.0, []), ((12000, 8400), 160.0, ["--max-memory", "4G"]))
+    for (width, height), blur, extra in cases:
+        with tempfile.TemporaryDirectory() as folder:
+            image, defocus = scene(width, height, blur)
+            low, high = float(defocus.min()), float(defocus.max())
+            write_image(f"{folder}/image.png", image)
+            write_map(f"{folder}/map.exr", (defocus - low) / (high - low))
+            del image, defocus
+            for engine in engines:
+                seconds, memory = run_command(
+                    *("render", f"{folder}/image.png", "--disparity", f"{folder}/map.exr"),
+                    *("--blur", f"{high - low:.9g}", "--focus", f"{-low / (high - low):.9g}"),
+                    *("--engine", engine, "--refine-disparity", "off", "-o", f"{folder}/out.png", *extra),
+                )
+                print(
+                    f"{width * height / 1e6:6.1f} MP, radius {blur:g}, {engine:8s} {' '.join(extra):18s}"
+                    f"{seconds:7.1f} s {memory / 2**30:6.2f} GB",
+                    flush=True,
+                )
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    sections = ("photograph", "cold", "large")
+    parser.add_argument("sections", nargs="*", metavar="SECTION", default=sections, help=", ".join(sections))
+    parser.add_argument("--shared", type=Path, default=Path("../shared"))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--engines", nargs="+", default=["rays", "hybrid"], help="of the section large")
+    arguments = parser.parse_args()
+    for section in arguments.sections:
+        if section == "photograph":
+            photograph_section(arguments.shared, arguments.rounds)
+        elif section == "cold":
+            cold_section(arguments.shared, arguments.rounds)
+        elif section == "large":
+            large_section(arguments.engines)
+        else:
+            parser.error(f"unknown section {section}; expected {', '.join(sections)}")
+
+
+if __name__ == "__main__":
+    main()
