@@ -88,9 +88,7 @@ BLOCK = 8
 Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
 
 
-def carry_detail(
-    image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None
-) -> Array:
+def carry_detail(image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None) -> Array:
     """Stand in for IUNet: what is finer than ``coarse`` is taken over from the classical render.
 
     Both are compared on a perceptual scale, so that a correction means the same in light and in shadow.

@@ -81,14 +81,12 @@ def python_process() -> Callable[..., Outcome]:
 
 @pytest.fixture(scope="session")
 def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder, called fast, with small untrained networks and their manifest."""
+    """A folder, called fast, with a small untrained network and its manifest."""
     torch = pytest.importorskip("torch")
     from bokehnet.models.arnet import ARNet, ARNetConfig
-    from bokehnet.models.iunet import IUNet, IUNetConfig
     from bokehnet.models.onnx_export import export_networks
 
     torch.manual_seed(0)
     folder = tmp_path_factory.mktemp("weights") / "fast"
-    networks = {"arnet": ARNet(ARNetConfig(width=8)), "iunet": IUNet(IUNetConfig(width=8))}
-    export_networks(networks, folder, {"classical": "scatter"})
+    export_networks({"arnet": ARNet(ARNetConfig(width=8))}, folder, {"classical": "scatter"})
     return folder

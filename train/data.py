@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
+from bokehnet.errors import DataFileError
 from bokehnet.pyramid import count_halvings, downsample2
 from train.prepared import PLANES, PreparedSet
 
@@ -23,6 +24,7 @@ class DataConfig:
 
     Attributes:
         folder: Prepared examples for training.
+        also: Further sets of them; every set is as likely as the others.
         validation: Prepared examples for validation, of other scenes.
         batch_size: Examples a step.
         workers: Loader processes; 0 loads in the training process.
@@ -46,6 +48,7 @@ class DataConfig:
     fine_crop: int = 192
     most_halvings: int = 1
     extra_halvings: int = 0
+    also: tuple[str, ...] = ()
 
 
 def _halved(array: np.ndarray, times: int) -> np.ndarray:
@@ -85,17 +88,23 @@ class Examples(Dataset):
 
     def __init__(self, config: DataConfig, seed: int, length: int, unit: float | None = None) -> None:
         self.config, self.seed, self.length, self.unit = config, seed, length, unit
-        self.prepared = PreparedSet(config.folder)
-        self.spoilt = config.spoilt if self.prepared.per_view > 1 else 0.0
+        self.sets = [PreparedSet(folder) for folder in (config.folder, *config.also)]
+        if len(bases := {prepared.classical for prepared in self.sets}) > 1:
+            raise DataFileError(
+                "folder and also: expected examples of one classical renderer, found "
+                f"{', '.join(sorted(bases))}"
+            )
 
     def __len__(self) -> int:
         return self.length
 
     def __getitem__(self, index: int) -> dict[str, Tensor]:
         rng = np.random.default_rng([self.seed, index])
-        view = int(rng.integers(len(self.prepared) // self.prepared.per_view))
-        other = int(rng.integers(1, self.prepared.per_view)) if rng.random() < self.spoilt else 0
-        arrays = self.prepared[view * self.prepared.per_view + other]
+        prepared = self.sets[int(rng.integers(len(self.sets)))]
+        view = int(rng.integers(len(prepared) // prepared.per_view))
+        spoilt = prepared.per_view > 1 and rng.random() < self.config.spoilt
+        other = int(rng.integers(1, prepared.per_view)) if spoilt else 0
+        arrays = prepared[view * prepared.per_view + other]
         halvings, crop = 0, self.config.fine_crop
         if self.unit is not None:
             largest = float(np.abs(arrays[PLANES["defocus"]]).max())

@@ -42,6 +42,7 @@ class PreparedSet:
 
     Attributes:
         per_view: Examples of one view: one with the true disparity, then those with a spoilt one.
+        classical: Name of the renderer that made them.
 
     Args:
         folder: Where ``train.prepare`` wrote.
@@ -56,6 +57,7 @@ class PreparedSet:
         try:
             told = json.loads(description.read_text(encoding="utf-8"))
             parts, self.per_view = int(told["parts"]), 1 + int(told["config"]["spoilt"])
+            self.classical = str(told["config"]["classical"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataFileError(
                 f"{description}: expected the description of prepared examples ({error}); "

@@ -1,5 +1,6 @@
 """Examples for the disparity repair: a picture, its true disparity, and what was made of it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ class RepairDataConfig:
 
     Attributes:
         folder: Shards for training.
+        also: Further sets of them; every set is as likely as the others.
         validation: Shards for validation, of another seed.
         batch_size: Examples a step.
         workers: Loader processes; 0 loads in the training process.
@@ -44,6 +46,7 @@ class RepairDataConfig:
     clean: float = 0.2
     bent: float = 0.3
     crop: int = 128
+    also: tuple[str, ...] = ()
 
 
 def repair_pair(
@@ -86,19 +89,20 @@ def _busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple
 class RepairExamples(Dataset):
     """Example number i of an endless, fixed sequence: all that is random follows from (seed, i)."""
 
-    def __init__(self, folder: str, config: RepairDataConfig, seed: int, length: int) -> None:
+    def __init__(self, folders: Sequence[str], config: RepairDataConfig, seed: int, length: int) -> None:
         self.config, self.seed, self.length = config, seed, length
-        self.samples = ShardSet(Path(folder))
-        self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.sets = [ShardSet(Path(folder)) for folder in folders]
+        self._seen: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
 
     def __len__(self) -> int:
         return self.length
 
     def __getitem__(self, index: int) -> dict[str, Tensor]:
         rng = np.random.default_rng([self.seed, index])
-        number = int(rng.integers(len(self.samples)))
+        chosen = int(rng.integers(len(self.sets)))
+        number = chosen, int(rng.integers(len(self.sets[chosen])))
         if number not in self._seen:
-            sample = self.samples[number]
+            sample = self.sets[chosen][number[1]]
             self._seen[number] = sample.image, sample.disparity
         pair = repair_pair(*self._seen[number], rng, self.config)
         return {name: torch.from_numpy(x) for name, x in pair.items()}
@@ -106,7 +110,7 @@ class RepairExamples(Dataset):
 
 def repair_loader(config: RepairDataConfig, *, seed: int, steps: int, first_step: int) -> DataLoader[Any]:
     """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen."""
-    examples = RepairExamples(config.folder, config, seed, steps * config.batch_size)
+    examples = RepairExamples((config.folder, *config.also), config, seed, steps * config.batch_size)
     return DataLoader(
         examples,
         batch_size=config.batch_size,

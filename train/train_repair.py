@@ -8,6 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from bokehnet.models.checkpoint import load_network
 from bokehnet.models.repair import FLAT, RepairNet, RepairNetConfig, extremes
 from train.command import run_command
 from train.loop import OptimConfig, train
@@ -30,12 +31,14 @@ class RepairRun:
     Attributes:
         data, optim, model: See there.
         held_out: Held-out examples scored at each validation.
+        start: Checkpoint of a RepairNet of the same shape that a new run starts from; empty for none.
     """
 
     data: RepairDataConfig
     optim: OptimConfig
     model: RepairNetConfig = field(default_factory=RepairNetConfig)
     held_out: int = 64
+    start: str = ""
 
 
 def step_sizes(truth: Tensor) -> Tensor:
@@ -90,7 +93,7 @@ def run(config: RepairRun, out: Path, device: torch.device, max_minutes: float) 
         found = {}
         for kind, clean in (("spoilt", 0.0), ("clean", 1.0)):
             data = replace(config.data, clean=clean, crop=256)
-            examples = RepairExamples(config.data.validation, data, seed=5, length=config.held_out)
+            examples = RepairExamples([config.data.validation], data, seed=5, length=config.held_out)
             found[kind] = [examples[i] for i in range(config.held_out)]
         return found
 
@@ -99,10 +102,13 @@ def run(config: RepairRun, out: Path, device: torch.device, max_minutes: float) 
         loss = repair_loss(network, batch)
         return loss, {"error": loss}
 
+    network = RepairNet(config.model)
+    if config.start:
+        network.load_state_dict(load_network(Path(config.start), "repair").state_dict())
     return train(
         "repair",
         config,
-        RepairNet(config.model),
+        network,
         out=out,
         device=device,
         loader=lambda step: repair_loader(

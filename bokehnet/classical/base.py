@@ -1,7 +1,7 @@
 """What every classical renderer takes and gives, and the table of their names."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Protocol
 
@@ -62,8 +62,12 @@ class ClassicalResult:
 
     def rows(self, wanted: slice) -> "ClassicalResult":
         """Some of the rows."""
-        maps = {field.name: getattr(self, field.name) for field in fields(self)}
-        return ClassicalResult(**{name: None if x is None else x[wanted] for name, x in maps.items()})
+        return ClassicalResult(
+            bokeh=self.bokeh[wanted],
+            error_map=self.error_map[wanted],
+            hidden=None if self.hidden is None else self.hidden[wanted],
+            guessed=None if self.guessed is None else self.guessed[wanted],
+        )
 
     @property
     def hints(self) -> np.ndarray | None:

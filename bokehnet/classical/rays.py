@@ -81,7 +81,7 @@ def rays(
     return _render(image, defocus, aperture or Aperture(), seed, layers).bokeh
 
 
-_fuse = njit(fuse)
+_fuse = njit()(fuse)
 
 
 @njit(cache=True, parallel=True)

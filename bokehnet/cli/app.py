@@ -8,6 +8,8 @@ import typer
 
 from bokehnet import __version__
 from bokehnet.cli.demo import demo
+from bokehnet.cli.depth import depth
+from bokehnet.cli.export import export
 from bokehnet.cli.info import info
 from bokehnet.cli.lens import lens
 from bokehnet.cli.render import render
@@ -31,6 +33,8 @@ app = typer.Typer(
 )
 app.command()(render)
 app.command()(demo)
+app.command()(depth)
+app.command()(export)
 app.command()(info)
 app.command()(lens)
 app.command()(synth)

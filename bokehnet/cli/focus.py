@@ -1,148 +1,213 @@
-"""What stays sharp, and how blurred the rest is: the options of ``bokehnet render`` that make the defocus."""
+"""What stays sharp, and how strongly the rest is blurred: from options and the map of a scene to defocus."""
 
 import math
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+from bokehnet.checks import check_at_least, check_number
 from bokehnet.errors import ParameterError
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["FocusOptions"]
+    from bokehnet.cli.scene_map import SceneMap
+    from bokehnet.io.camera import Camera
+
+__all__ = ["Focus", "parse_pixel", "parse_range"]
+
+_RELATIVE = ("focus", "blur")
+_METRIC = ("focus_distance", "focal_length", "f_number", "sensor_width")
+_LENS = ("focal_length", "f_number", "sensor_width")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class FocusOptions:
-    """Options as they were typed; None where one was left out.
+class Focus:
+    """Numbers as they were given; None where one was left out.
 
     Attributes:
-        disparity: File with relative disparity.
-        depth: File with metric depth.
-        channel: Channel of the map in its file.
-        resize: Whether a map of another size is brought to the picture's.
-        refine: Whether its edges are moved to the picture's, one of ``REFINE_MODES``.
-        relative: Numbers that go with ``disparity``, by the option's name.
-        metric: Numbers that go with ``depth``.
-        focus_at: Pixel ``X,Y`` that stays sharp.
+        focus_at: Pixel (x, y) that stays sharp.
+        focus_range: Two ends between which all stays sharp, relative disparity or metres, in any order.
+        focus: Relative disparity that stays sharp, 0 to 1.
+        focus_distance: Distance that stays sharp, metres.
+        blur: Blur radius in pixels per unit of relative disparity.
+        focal_length: Of the lens, mm.
+        f_number: Focal length over the pupil's diameter.
+        sensor_width: What the width of the picture covers on the sensor, mm.
     """
 
-    disparity: Path | None
-    depth: Path | None
-    channel: str | None
-    resize: bool
-    refine: str
-    relative: dict[str, float | None]
-    metric: dict[str, float | None]
-    focus_at: str | None
+    focus_at: tuple[int, int] | None = None
+    focus_range: tuple[float, float] | None = None
+    focus: float | None = None
+    focus_distance: float | None = None
+    blur: float | None = None
+    focal_length: float | None = None
+    f_number: float | None = None
+    sensor_width: float | None = None
 
-    def check(self) -> None:
-        """Raise unless exactly one kind of map is given, with all of its options and none of the other's."""
-        from bokehnet.checks import check_choice
-        from bokehnet.inference.refine import REFINE_MODES
+    def check(self, metric: bool, source: str, complete: bool = False) -> None:
+        """Raise ``ParameterError`` unless the numbers can go with a map of this kind.
 
-        check_choice("--refine-disparity", self.refine, REFINE_MODES)
-        if (self.disparity is None) == (self.depth is None):
-            found = "neither" if self.disparity is None else "both"
-            raise ParameterError(f"expected one of --disparity and --depth, found {found}")
-        if self.disparity is not None:
-            mine, needed, focusing = "--disparity", ["--blur"], "--focus"
-            given, other = self.relative, self.metric
-        else:
-            mine, needed, focusing = (
-                "--depth",
-                ["--focal-length", "--f-number", "--sensor-width"],
-                "--focus-distance",
+        Args:
+            metric: Whether the map tells distances; else relative disparity.
+            source: What made it so, for the message.
+            complete: Whether no file can tell what stays sharp.
+        """
+        if wrong := self._given(_RELATIVE if metric else _METRIC):
+            raise ParameterError(f"{', '.join(map(_option, wrong))} cannot go with {source}; leave it out")
+        if not metric and self.blur is None:
+            raise ParameterError(f"{source} needs --blur")
+        found = self._given(_ways(metric))
+        if len(found) > 1 or (complete and not found):
+            raise ParameterError(f"expected one of {_options(_ways(metric))}, found {_options(found)}")
+        if self.blur is not None:
+            check_at_least("--blur", self.blur, 0)
+        for value in (self.focus, *(self.focus_range or ())) if not metric else ():
+            if value is not None and not 0 <= value <= 1:
+                name = _option("focus" if self.focus is not None else "focus_range")
+                raise ParameterError(f"{name}: expected a relative disparity in 0..1, got {value:g}")
+        if metric and self.focus_range is not None and not min(self.focus_range) > 0:
+            raise ParameterError(f"--focus-range: expected metres above 0, got {min(self.focus_range):g}")
+        if self.sensor_width is not None:
+            check_number("--sensor-width", self.sensor_width)
+            if self.sensor_width <= 0:
+                raise ParameterError(f"--sensor-width: expected mm above 0, got {self.sensor_width:g}")
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> "Focus":
+        """Return these numbers with some replaced, by their names."""
+        changes: dict[str, Any] = dict(numbers)
+        return replace(self, **changes)
+
+    def filled_by(self, camera: "Camera | None") -> "Focus":
+        """Return these numbers, and those of ``camera`` where none was given."""
+        if camera is None:
+            return self
+        told = {name: getattr(camera, name) for name in _LENS if getattr(self, name) is None}
+        if camera.focus_distance is not None and not self._given(_ways(True)):
+            told["focus_distance"] = camera.focus_distance / 1000
+        return self.with_numbers(told)
+
+    def defocus(self, scene: "SceneMap") -> "np.ndarray":
+        """Return the signed blur radius of each pixel of ``scene`` in pixels, (H, W).
+
+        Raises:
+            ParameterError: Something is missing, or the pixel lies outside.
+            LensError: The lens cannot focus there.
+        """
+        from bokehnet.optics.focus_range import defocus_outside_range
+
+        chosen = self.filled_by(scene.camera if scene.metric else None)
+        sharp_at = chosen._lens(scene) if scene.metric else chosen._scale(scene)
+        if chosen.focus_range is None:
+            return sharp_at(chosen._focus_disparity(scene))
+        ends = [_inverse_mm(end) if scene.metric else end for end in chosen.focus_range]
+        defocus: np.ndarray = defocus_outside_range(sharp_at(max(ends)), sharp_at(min(ends)))
+        return defocus
+
+    def _scale(self, scene: "SceneMap") -> Callable[[float], "np.ndarray"]:
+        """From a relative disparity to the defocus with the focus there."""
+        import numpy as np
+
+        from bokehnet.optics.coc import defocus_from_disparity
+
+        def sharp_at(disparity: float) -> np.ndarray:
+            with np.errstate(over="ignore"):  # a blur beyond float32 is told by the renderer's check
+                defocus: np.ndarray = defocus_from_disparity(scene.disparity, self.blur, disparity)
+            return defocus
+
+        return sharp_at
+
+    def _lens(self, scene: "SceneMap") -> Callable[[float], "np.ndarray"]:
+        """From an inverse distance in 1/mm to the defocus with the focus there."""
+        from bokehnet.lenses import ThinLens, defocus_map
+
+        if missing := [name for name in _LENS if getattr(self, name) is None]:
+            raise ParameterError(f"{scene.source} needs {_options(missing)}; the picture's file tells none")
+        focal_length, f_number, sensor_width = self.focal_length, self.f_number, self.sensor_width
+        assert focal_length is not None
+        assert f_number is not None
+        assert sensor_width is not None
+
+        def sharp_at(disparity: float) -> "np.ndarray":
+            distance = 1 / disparity if disparity > 0 else math.inf
+            lens = ThinLens(focal_length=focal_length, f_number=f_number, focus_distance=distance)
+            defocus: np.ndarray = defocus_map(
+                scene.disparity, lens, sensor_width / scene.window.display_width
             )
-            given, other = self.metric, self.relative
-        if wrong := [name for name, value in other.items() if value is not None]:
-            raise ParameterError(f"{', '.join(wrong)} cannot go with {mine}; leave it out")
-        if missing := [name for name in needed if given[name] is None]:
-            raise ParameterError(f"{mine} needs {', '.join(missing)}")
-        if (given[focusing] is None) == (self.focus_at is None):
-            found = "neither" if self.focus_at is None else "both"
-            raise ParameterError(f"expected one of {focusing} and --focus-at, found {found}")
+            return defocus
 
-    def read_defocus(self, picture: "np.ndarray") -> "np.ndarray":
-        """Read the map and return the defocus of ``picture`` (H, W, 3): signed radius in pixels, (H, W)."""
-        from bokehnet.checks import check_same_size
-        from bokehnet.io.maps import read_depth, read_disparity, resize_map
-        from bokehnet.optics.coc import disparity_from_depth
+        return sharp_at
 
-        height, width = picture.shape[:2]
-        if self.disparity is not None:
-            kind, values = "disparity", read_disparity(self.disparity, self.channel)
-        else:  # sky at infinite depth is 0 from here on
-            assert self.depth is not None
-            kind, values = "depth", disparity_from_depth(read_depth(self.depth, self.channel))
-        if self.resize and values.shape != (height, width):
-            values = resize_map(values, height, width)
-        hint = "--resize-disparity brings them together"
-        check_same_size("the picture", picture, f"its {kind}", values, hint)
-        if self.refine != "off":
-            from bokehnet.inference.refine import DisparityRefiner
+    def _focus_disparity(self, scene: "SceneMap") -> float:
+        """What stays sharp, in the unit of the map."""
+        if self.focus_at is not None:
+            return _value_at(self.focus_at, scene)
+        if self.focus is not None:
+            return self.focus
+        if self.focus_distance is not None:
+            return _inverse_mm(self.focus_distance)
+        if scene.focus is not None:
+            return scene.focus
+        raise ParameterError(
+            f"expected one of {_options(_ways(scene.metric))}, found none; the picture's file tells no focus"
+        )
 
-            values = DisparityRefiner()(picture, values, self.refine)
-        chosen = None if self.focus_at is None else _value_at(self.focus_at, values)
-        if kind == "depth":
-            return _metric_defocus(values, self.metric, chosen, width)
-        blur, focus = self.relative.values()
-        assert blur is not None
-        return _relative_defocus(values, blur, focus if chosen is None else chosen)
+    def _given(self, names: tuple[str, ...]) -> list[str]:
+        return [name for name in names if getattr(self, name) is not None]
 
 
-def _value_at(focus_at: str, values: "np.ndarray") -> float:
-    """Value of the map at the pixel ``X,Y``."""
-    height, width = values.shape
+def parse_pixel(text: str) -> tuple[int, int]:
+    """Return the pixel of ``X,Y``; ``ParameterError`` where it is none."""
     try:
-        x, y = (int(part) for part in focus_at.split(","))
+        x, y = (int(part) for part in text.split(","))
     except ValueError as error:
         raise ParameterError(
-            f"--focus-at: expected two whole numbers X,Y of a pixel, got {focus_at!r}"
+            f"--focus-at: expected two whole numbers X,Y of a pixel, got {text!r}"
         ) from error
-    if not (0 <= x < width and 0 <= y < height):
-        raise ParameterError(
-            f"--focus-at: expected a pixel inside the picture of {width}x{height}, got {focus_at}"
-        )
-    return float(values[y, x])
+    return x, y
 
 
-def _relative_defocus(values: "np.ndarray", blur: float, focus: float | None) -> "np.ndarray":
-    """Defocus of relative disparity, sharp at ``focus``."""
-    import numpy as np
-
-    from bokehnet.checks import check_at_least
-    from bokehnet.optics.coc import defocus_from_disparity
-
-    check_at_least("--blur", blur, 0)
-    assert focus is not None
-    if not 0 <= focus <= 1:
-        raise ParameterError(f"--focus: expected a relative disparity in 0..1, got {focus:g}")
-    with np.errstate(over="ignore"):  # a blur beyond float32 is told by the renderer's check
-        defocus: np.ndarray = defocus_from_disparity(values, blur, focus)
-    return defocus
+def parse_range(text: str, option: str) -> tuple[float, float]:
+    """Return the two numbers of ``A,B``; ``ParameterError`` names ``option`` where they are none."""
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise ParameterError(f"{option}: expected two numbers such as 0.5,2, got {text!r}") from error
+    if math.isnan(first) or math.isnan(second):
+        raise ParameterError(f"{option}: expected two numbers such as 0.5,2, got {text!r}")
+    return first, second
 
 
-def _metric_defocus(
-    disparity: "np.ndarray", metric: dict[str, float | None], chosen: float | None, width: int
-) -> "np.ndarray":
-    """Defocus of inverse depth in 1/mm, sharp at ``chosen`` (1/mm) or at ``--focus-distance`` (metres)."""
-    from bokehnet.checks import check_number
-    from bokehnet.lenses import ThinLens, defocus_map
+def _value_at(pixel: tuple[int, int], scene: "SceneMap") -> float:
+    """Value of the map at a pixel of the shown picture."""
+    (x, y), window = pixel, scene.window
+    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
+        size = f"{window.display_width}x{window.display_height}"
+        raise ParameterError(f"--focus-at: expected a pixel inside the picture of {size}, got {x},{y}")
+    column, row = x - window.x, y - window.y
+    height, width = scene.disparity.shape
+    if not (0 <= column < width and 0 <= row < height):
+        raise ParameterError(f"--focus-at: the file stores nothing at {x},{y}, outside its data window")
+    return float(scene.disparity[row, column])
 
-    focal_length, f_number, focus_distance, sensor_width = metric.values()
-    assert focal_length is not None
-    assert f_number is not None
-    assert sensor_width is not None
-    check_number("--sensor-width", sensor_width)
-    if sensor_width <= 0:
-        raise ParameterError(f"--sensor-width: expected mm above 0, got {sensor_width:g}")
-    if chosen is None:
-        assert focus_distance is not None
-        focus = 1000 * focus_distance
-    else:
-        focus = 1 / chosen if chosen > 0 else math.inf
-    lens = ThinLens(focal_length=focal_length, f_number=f_number, focus_distance=focus)
-    defocus: np.ndarray = defocus_map(disparity, lens, sensor_width / width)
-    return defocus
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def _options(names: Sequence[str]) -> str:
+    if not names:
+        return "none"
+    *first, last = map(_option, names)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _ways(metric: bool) -> tuple[str, ...]:
+    """The ways to say what stays sharp."""
+    return ("focus_distance" if metric else "focus", "focus_at", "focus_range")
+
+
+def _inverse_mm(metres: float) -> float:
+    if not metres > 0:
+        raise ParameterError(f"--focus-distance: expected metres above 0, got {metres:g}")
+    return 1 / (1000 * metres)

@@ -1,32 +1,17 @@
 """``bokehnet render``: bokeh from a picture and its depth or disparity."""
 
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from bokehnet.cli.aperture_options import (
-    ApertureImage,
-    ApertureRotation,
-    BladeCurvature,
-    Blades,
-    CatsEye,
-    Obstruction,
-    Rim,
-    Squeeze,
-    read_aperture,
-)
+from bokehnet.cli import aperture_options as opening
+from bokehnet.cli import light_options as light
+from bokehnet.cli import map_options as scene
+from bokehnet.cli import sequence_options as many
 from bokehnet.cli.engine_option import DEFAULT_ENGINE, Engine
-from bokehnet.cli.focus import FocusOptions
-from bokehnet.cli.light_options import Gamma, HighlightGain, HighlightThreshold, make_highlights
-from bokehnet.cli.naming import named_options
-from bokehnet.errors import ImageFileError
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from bokehnet.inference.pipeline import RenderResult
+from bokehnet.cli.memory_option import MaxMemory, parse_bytes
+from bokehnet.errors import ParameterError
 
 __all__ = ["render"]
 
@@ -36,75 +21,101 @@ def render(
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Where the result goes; its extension picks the format.")
     ],
-    disparity: Annotated[
-        Path | None, typer.Option(help="Disparity map, near is bright; normalised to 0..1.")
-    ] = None,
-    depth: Annotated[Path | None, typer.Option(help="EXR with metric depth in metres.")] = None,
-    channel: Annotated[str | None, typer.Option(help="Channel of the map in its EXR; default: Z.")] = None,
-    blur: Annotated[
-        float | None, typer.Option(help="With --disparity: blur radius in pixels per unit of disparity.")
-    ] = None,
-    focus: Annotated[float | None, typer.Option(help="With --disparity: what stays sharp, 0..1.")] = None,
-    focal_length: Annotated[float | None, typer.Option(help="With --depth: mm.")] = None,
-    f_number: Annotated[float | None, typer.Option(help="With --depth: focal length over pupil.")] = None,
-    focus_distance: Annotated[float | None, typer.Option(help="With --depth: metres.")] = None,
-    sensor_width: Annotated[float | None, typer.Option(help="With --depth: mm.")] = None,
-    focus_at: Annotated[
-        str | None, typer.Option(metavar="X,Y", help="Focus on this pixel, from the upper left.")
-    ] = None,
-    resize_disparity: Annotated[
-        bool, typer.Option("--resize-disparity", help="Bring a map of another size to the picture's.")
-    ] = False,
-    refine_disparity: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|on|off",
-            help="Move the map's edges to the picture's; auto: where they are out of place.",
-        ),
-    ] = "auto",
+    disparity: scene.Disparity = None,
+    depth: scene.Depth = None,
+    channel: scene.Channel = None,
+    depth_unit: scene.DepthUnit = None,
+    invert: scene.Invert = False,
+    disparity_range: scene.DisparityRange = None,
+    blur: scene.Blur = None,
+    focus: scene.FocusValue = None,
+    focal_length: scene.FocalLength = None,
+    f_number: scene.FNumber = None,
+    focus_distance: scene.FocusDistance = None,
+    sensor_width: scene.SensorWidth = None,
+    focus_at: scene.FocusAt = None,
+    focus_range: scene.FocusRange = None,
+    resize_disparity: scene.ResizeDisparity = False,
+    mixed_depth: scene.MixedDepth = "auto",
+    refine_disparity: scene.RefineDisparity = "auto",
     engine: Engine = DEFAULT_ENGINE,
-    blades: Blades = 0,
-    blade_curvature: BladeCurvature = None,
-    aperture_rotation: ApertureRotation = None,
-    squeeze: Squeeze = 1.0,
-    cats_eye: CatsEye = 0.0,
-    aperture_image: ApertureImage = None,
-    rim: Rim = 0.0,
-    obstruction: Obstruction = 0.0,
-    gamma: Gamma = 1.0,
-    highlights: HighlightThreshold = None,
-    highlight_gain: HighlightGain = None,
+    blades: opening.Blades = 0,
+    blade_curvature: opening.BladeCurvature = None,
+    aperture_rotation: opening.ApertureRotation = None,
+    squeeze: opening.Squeeze = 1.0,
+    cats_eye: opening.CatsEye = 0.0,
+    aperture_image: opening.ApertureImage = None,
+    rim: opening.Rim = 0.0,
+    obstruction: opening.Obstruction = 0.0,
+    gamma: light.Gamma = 1.0,
+    highlights: light.HighlightThreshold = None,
+    highlight_gain: light.HighlightGain = None,
+    frames: many.Frames = None,
+    jobs: many.Jobs = None,
+    overwrite: many.Overwrite = False,
+    focus_from: many.FocusFrom = None,
+    focus_to: many.FocusTo = None,
+    f_number_from: many.FNumberFrom = None,
+    f_number_to: many.FNumberTo = None,
+    blur_from: many.BlurFrom = None,
+    blur_to: many.BlurTo = None,
+    pull: many.PullFile = None,
     save_maps: Annotated[
         Path | None, typer.Option(help="Folder for defocus, error map, classical and neural as pictures.")
     ] = None,
     weights: Annotated[Path | None, typer.Option(help="Folder with other networks.")] = None,
+    max_memory: MaxMemory = None,
 ) -> None:
     """Render bokeh from an image and its depth or disparity."""
-    from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
-    from bokehnet.inference.pipeline import BokehRenderer
-    from bokehnet.io.image import check_writable, read_image, write_image
+    from bokehnet.cli.compiling import compile_notice  # after parsing, so --help stays fast
+    from bokehnet.cli.focus import Focus, parse_pixel, parse_range
+    from bokehnet.cli.frames import is_pattern, parse_frames
+    from bokehnet.cli.look import Look, Renderer
+    from bokehnet.cli.progress import progress
+    from bokehnet.cli.render_job import RenderJob, render_frame
+    from bokehnet.cli.scene_map import MapSource
+    from bokehnet.cli.sequence import jobs_of_frames, render_sequence
 
-    focusing = FocusOptions(
+    source = MapSource(
         disparity=disparity,
         depth=depth,
         channel=channel,
+        unit=depth_unit,
+        invert=invert,
+        value_range=None if disparity_range is None else parse_range(disparity_range, "--disparity-range"),
+        mixed=mixed_depth,
         resize=resize_disparity,
         refine=refine_disparity,
-        relative={"--blur": blur, "--focus": focus},
-        metric={
-            "--focal-length": focal_length,
-            "--f-number": f_number,
-            "--focus-distance": focus_distance,
-            "--sensor-width": sensor_width,
-        },
-        focus_at=focus_at,
     )
-    focusing.check()
-    expansion = make_highlights(highlights, highlight_gain)
-    check_writable(output)
-    if save_maps is not None:
-        _check_folder(save_maps)
-    aperture = read_aperture(
+    focusing = Focus(
+        focus_at=None if focus_at is None else parse_pixel(focus_at),
+        focus_range=None if focus_range is None else parse_range(focus_range, "--focus-range"),
+        focus=focus,
+        focus_distance=focus_distance,
+        blur=blur,
+        focal_length=focal_length,
+        f_number=f_number,
+        sensor_width=sensor_width,
+    )
+    job = RenderJob(image=image, output=output, source=source, focus=focusing, save_maps=save_maps)
+    blur_given = blur is not None or blur_from is not None
+    ends = {
+        "focus_distance" if source.is_metric(blur_given) else "focus": (focus_from, focus_to),
+        "f_number": (f_number_from, f_number_to),
+        "blur": (blur_from, blur_to),
+    }
+    expansion = light.make_highlights(highlights, highlight_gain)
+    if frames is None:
+        if jobs or overwrite or pull or any(value is not None for pair in ends.values() for value in pair):
+            raise ParameterError(f"{_SEQUENCE_ONLY} need --frames")
+        if is_pattern(image) and not image.exists():
+            raise ParameterError(f"{image} names a sequence: say which frames, such as --frames 1001-1100")
+        job.check()
+        frame_jobs = {}
+    else:
+        numbers = parse_frames(frames)
+        frame_jobs = jobs_of_frames(job, numbers, many.make_pull(numbers, ends, pull))
+    aperture = opening.read_aperture(
         blades=blades,
         curvature=blade_curvature,
         rotation=aperture_rotation,
@@ -114,39 +125,20 @@ def render(
         rim=rim,
         obstruction=obstruction,
     )
-    renderer = BokehRenderer(engine, aperture=aperture, weights=weights)
-    picture = read_image(image)
-    defocus = focusing.read_defocus(picture)
-    with progress("rendering") as report, named_options({"gamma": "--gamma"}):
-        result = renderer.render(picture, defocus, report, gamma=gamma, highlights=expansion)
-    if save_maps is not None:
-        _save_maps(save_maps, result, defocus)
-    write_image(output, result.bokeh)
+    look = Look(
+        engine=engine,
+        aperture=aperture,
+        weights=weights,
+        gamma=gamma,
+        highlights=expansion,
+        max_memory=None if max_memory is None else parse_bytes(max_memory),
+    )
+    with compile_notice():
+        if frame_jobs:
+            render_sequence(frame_jobs, look, processes=jobs or 1, overwrite=overwrite)
+        else:
+            with progress("rendering") as report:
+                render_frame(job, Renderer(look), report)
 
 
-def _check_folder(folder: Path) -> None:
-    """Raise ``ImageFileError`` unless ``folder`` is there, or could be made; nothing is touched."""
-    nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not nearest.is_dir():
-        raise ImageFileError(f"--save-maps: expected a folder, found the file {nearest}")
-    if not os.access(nearest, os.W_OK | os.X_OK):
-        raise ImageFileError(f"--save-maps: the folder {nearest} is not writable")
-
-
-def _save_maps(folder: Path, result: "RenderResult", defocus: "np.ndarray") -> None:
-    """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR."""
-    import numpy as np
-
-    from bokehnet.io.image import write_image, write_map
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ImageFileError(f"cannot make the folder {folder}: {error.strerror}") from error
-    largest = max(float(np.abs(defocus).max()), 1e-6)
-    write_map(folder / "defocus.exr", defocus)
-    write_map(folder / "defocus.png", 0.5 + 0.5 * defocus / largest)
-    write_map(folder / "error_map.png", result.error_map)
-    write_image(folder / "classical.png", result.classical)
-    if result.neural is not None:
-        write_image(folder / "neural.png", result.neural)
+_SEQUENCE_ONLY = "--jobs, --overwrite, --pull and options that end in -from and -to"

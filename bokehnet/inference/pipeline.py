@@ -196,7 +196,8 @@ class BokehRenderer:
             result = self._render_cascade(image, defocus, classical)
         else:
             reach = max(float(defocus.max()), -float(defocus.min()))
-            small = SmallCopy(*defocus.shape, reach, self._networks.unit)
+            height, width = defocus.shape
+            small = SmallCopy(height, width, reach, self._networks.unit)
             small.add(0, image, defocus, classical)
             found = small.correct(self._networks.arnet).apply(classical.bokeh, classical.error_map)
             result = RenderResult(
@@ -217,7 +218,8 @@ class BokehRenderer:
         networks = self._networks
         bokeh, error_map = np.empty_like(image), np.empty_like(defocus)
         reach = max(float(defocus.max()), -float(defocus.min()))
-        small = None if networks is None else SmallCopy(*defocus.shape, reach, networks.unit)
+        height, width = defocus.shape
+        small = None if networks is None else SmallCopy(height, width, reach, networks.unit)
         steps = len(strips) + (networks is not None)
         for done, strip in enumerate(strips):
             assert strip is not None

@@ -21,7 +21,7 @@ _BLOCK = 8
 # size, seven at a quarter, five at an eighth; rounded up to a multiple of the block.
 _HALO = 112
 
-_TILE = 512
+_TILE = 1024
 
 # Pictures with longer sides are repaired at half their size first: their maps are off by more pixels.
 _LARGEST_SIDE = 1024

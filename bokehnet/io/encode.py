@@ -12,10 +12,12 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.pixels import ImageFile
 
-__all__ = ["encode"]
+__all__ = ["check_readable", "encode"]
 
 
-def encode(path: Path, array: NDArray[Any], channels: Sequence[str], attributes: Mapping[str, str]) -> None:
+def encode(
+    path: Path, array: NDArray[Any], channels: Sequence[str], attributes: Mapping[str, str | int]
+) -> None:
     """Encode ``array`` (H, W, C) in its own type and put it in place atomically.
 
     Args:
@@ -42,12 +44,21 @@ def encode(path: Path, array: NDArray[Any], channels: Sequence[str], attributes:
         closed = output.close()
         if not (written and closed) or problem:
             raise OSError(problem or output.geterror())
-        # The encoders miss some failures of their last write: what cannot be read back is not there.
-        try:
-            with ImageFile(temporary) as file:
-                file.read(file.parts[0], file.parts[0].channels)
-        except ImageFileError as damage:
-            raise OSError("what was written cannot be read back; is the disk full?") from damage
+        check_readable(temporary)
 
     # On a full disk the encoders crash or hang, so the room is proven first; none needs more than this.
     write_atomic(path, fill, room=array.nbytes * 3 // 2 + 2**16)
+
+
+def check_readable(path: Path, part: int = 0) -> None:
+    """Raise ``OSError`` unless the pixels can be read: encoders miss some failures of their last write."""
+    try:
+        with ImageFile(path) as file:
+            found = file.parts[part]
+            if file.headers is None:
+                file.read(found, found.channels)
+            else:
+                for rows in file.bands(found):
+                    file.read_stored(found, rows)
+    except ImageFileError as damage:
+        raise OSError("what was written cannot be read back; is the disk full?") from damage

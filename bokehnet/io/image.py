@@ -6,12 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.checks import check_image, check_map
+from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import check_target
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.banded import in_bands
+from bokehnet.io.color import linear_to_srgb
 from bokehnet.io.encode import encode
-from bokehnet.io.pixels import ImageFile, Part
+from bokehnet.io.heif import is_heif, read_heif_image
+from bokehnet.io.intact import check_name
+from bokehnet.io.picture import find_picture, read_light
+from bokehnet.io.pixels import ImageFile
 
 __all__ = [
     "IMAGE_EXTENSIONS",
@@ -26,7 +30,8 @@ IMAGE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".exr", "
 MAP_EXTENSIONS = (".png", ".exr")
 
 _LARGEST_HALF = 65504.0
-_PICTURE_LAYERS = ("combined", "beauty", "rgba", "rgb")
+_WIDEST_HDR = 32767  # beyond it the run lengths of its rows no longer fit
+_WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr")
 
 
 def read_image(path: Path | str) -> NDArray[np.float32]:
@@ -35,40 +40,47 @@ def read_image(path: Path | str) -> NDArray[np.float32]:
     Integer files (JPEG, PNG, TIFF, WebP) are decoded from sRGB, embedded colour profiles are not applied;
     EXR, HDR and floating-point TIFF are linear already. EXIF orientation is applied. Grey becomes three
     equal channels. EXR gives its channels R, G, B, bare or under a layer name, else Y; others are ignored.
+    Of an EXR the data window is read, with overscan.
 
     Alpha is dropped by laying the picture over black, in linear light: straight colours (PNG, WebP) are
     multiplied by alpha, premultiplied ones (EXR) are the light itself and stay as they are.
 
     Args:
-        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, EXR or HDR file.
+        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, EXR or HDR file; HEIC and HEIF with the extra ``heif``.
 
     Returns:
         Image of shape (H, W, 3).
 
     Raises:
         ImageFileError: the file cannot be read, has no colours, or holds NaN or infinity.
+        MissingExtraError: a HEIF file, and pillow-heif is not installed.
     """
+    if is_heif(path):
+        return read_heif_image(path)
     with ImageFile(path) as file:
-        part, names = _find_colours(file)
-        straight_or_encoded = not (part.premultiplied and part.linear)
-        alpha = part.alpha if straight_or_encoded else None
-        values = file.read(part, [*names, alpha] if alpha else names)
-    image = _over_black(values, len(names), part)
-    bad = int((~np.isfinite(image)).any(axis=-1).sum())
-    if bad:
-        raise ImageFileError(f"{path}: {bad} pixels are NaN or infinite; replace them by finite values first")
-    return np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
+        return read_light(file, find_picture(file))
 
 
-def write_image(path: Path | str, image: NDArray[Any], *, quality: int = 95, bits: int = 8) -> None:
+def write_image(
+    path: Path | str,
+    image: NDArray[Any],
+    *,
+    alpha: NDArray[Any] | None = None,
+    quality: int = 95,
+    bits: int = 8,
+) -> None:
     """Write a scene-linear picture atomically; the extension picks the format.
 
     ``.png``, ``.jpg``, ``.tif`` and ``.webp`` are sRGB, clipped to [0, 1] and rounded. ``.exr`` is linear
     half with ZIP compression, clipped to +-65504. ``.hdr`` is linear, negative values become 0.
 
+    With ``alpha``, PNG, TIFF and WebP hold straight colours, which are divided by alpha in linear light, and
+    EXR premultiplied ones; JPEG and HDR, which have no alpha, hold the picture over black.
+
     Args:
         path: where the picture goes; one of ``IMAGE_EXTENSIONS``.
-        image: scene-linear Rec.709, (H, W, 3), finite.
+        image: scene-linear Rec.709, (H, W, 3), finite; premultiplied where there is alpha.
+        alpha: coverage, (H, W), 0 to 1, finite.
         quality: of JPEG and WebP, 1 to 100.
         bits: per channel of PNG and TIFF, 8 or 16.
 
@@ -84,18 +96,36 @@ def write_image(path: Path | str, image: NDArray[Any], *, quality: int = 95, bit
     extension = path.suffix.lower()
     if bits not in (8, 16) or (bits == 16 and extension not in (".png", ".tif", ".tiff")):
         raise ParameterError(f"bits: expected 8, or 16 for .png and .tif, got {bits} for {extension}")
+    if alpha is not None:
+        check_map("alpha", alpha)
+        check_same_size("the picture", image, "alpha", alpha)
+        if extension in _WITHOUT_ALPHA:
+            alpha = None
+    channels = ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
     if extension == ".exr":
-        half = np.clip(image, -_LARGEST_HALF, _LARGEST_HALF).astype(np.float16)
-        encode(path, half, ("R", "G", "B"), {"compression": "zip"})
+        values = image if alpha is None else np.dstack([image, alpha])
+        half = in_bands(lambda rows: np.clip(rows, -_LARGEST_HALF, _LARGEST_HALF), values, np.float16)
+        encode(path, half, channels, {"compression": "zip"})
     elif extension == ".hdr":
-        encode(path, np.maximum(image, 0).astype(np.float32), ("R", "G", "B"), {})
+        if max(image.shape[:2]) > _WIDEST_HDR:
+            raise ImageFileError(
+                f"{path}: HDR files are at most {_WIDEST_HDR} pixels wide and high, "
+                f"got {image.shape[1]}x{image.shape[0]}; use .exr"
+            )
+        encode(path, np.maximum(image, 0).astype(np.float32), channels, {})
     else:
         codec = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp"}.get(extension)
-        hints = {"compression": f"{codec}:{quality}"} if codec else {}
+        hints: dict[str, str | int] = {"compression": f"{codec}:{quality}"} if codec else {}
         if codec == "jpeg":
             hints["jpeg:subsampling"] = "4:4:4"  # halved colour resolution shows at small bright discs
-        srgb = linear_to_srgb(np.clip(image, 0, 1))
-        encode(path, _quantise(srgb, bits), ("R", "G", "B"), hints)
+        if alpha is not None:
+            image = image / np.where(alpha > 0, alpha, 1)[..., None]
+            hints["oiio:UnassociatedAlpha"] = 1  # the values are straight as they stand
+        kind = np.uint8 if bits == 8 else np.uint16
+        values = in_bands(lambda rows: _quantise(linear_to_srgb(np.clip(rows, 0, 1)), bits), image, kind)
+        if alpha is not None:
+            values = np.dstack([values, _quantise(np.clip(alpha, 0, 1), bits)])
+        encode(path, values, channels, hints)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:
@@ -132,51 +162,11 @@ def check_writable(path: Path | str, extensions: tuple[str, ...] = IMAGE_EXTENSI
         ImageFileError: unknown extension, folder missing or not writable, or ``path`` is a folder.
     """
     path = Path(path)
+    check_name(path)
     check_target(path)
     if path.suffix.lower() not in extensions:
         known = ", ".join(extensions)
         raise ImageFileError(f"{path}: unknown extension {path.suffix!r}, expected one of {known}")
-
-
-def _find_colours(file: ImageFile) -> tuple[Part, list[str]]:
-    """Find the part and the channels that make the picture: R, G, B, or one grey channel."""
-    for part in file.parts:
-        names = part.channels
-        layers = [name[:-1] for name in names if name.endswith("R") and _is_layer(name[:-1], names)]
-        if "" in layers or len(layers) == 1:
-            layer = "" if "" in layers else layers[0]
-            return part, [layer + colour for colour in "RGB"]
-        for layer in layers:
-            if layer.rstrip(".").rpartition(".")[2].lower() in _PICTURE_LAYERS:
-                return part, [layer + colour for colour in "RGB"]
-        if layers:
-            found = ", ".join(layer.rstrip(".") for layer in layers)
-            raise ImageFileError(
-                f"{file.path}: expected one layer with R, G, B, found {found}; keep one of them"
-            )
-        grey = [name for name in names if name != part.alpha]
-        if "Y" in grey:
-            return part, ["Y"]
-        if len(grey) == 1 and file.file_format != "openexr":
-            return part, grey
-    found = ", ".join(name for part in file.parts for name in part.channels)
-    raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {found}")
-
-
-def _is_layer(prefix: str, names: tuple[str, ...]) -> bool:
-    return (not prefix or prefix.endswith(".")) and all(prefix + colour in names for colour in "GB")
-
-
-def _over_black(values: NDArray[np.float32], colours: int, part: Part) -> NDArray[np.float32]:
-    """Decode stored values and drop the alpha that may follow the ``colours`` first channels."""
-    colour, alpha = values[..., :colours], values[..., colours:]
-    if not alpha.shape[-1]:
-        return colour if part.linear else srgb_to_linear(colour)
-    if part.linear:
-        return colour * alpha
-    if part.premultiplied:  # in encoded values: undo, decode, multiply again
-        colour = np.asarray(colour / np.where(alpha > 0, alpha, 1), dtype=np.float32)
-    return np.asarray(srgb_to_linear(colour) * alpha)
 
 
 def _quantise(values: NDArray[Any], bits: int) -> NDArray[Any]:

@@ -6,26 +6,37 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
+from bokehnet.io.banded import in_bands
 from bokehnet.io.pixels import ImageFile, Part
+from bokehnet.io.window import Window
 
-__all__ = ["depth_channels", "read_depth", "read_disparity", "read_map", "resize_map"]
+__all__ = ["DEPTH_UNITS", "depth_channels", "read_depth", "read_disparity", "read_map", "resize_map"]
 
 _BARE_NAMES = ("z", "depth.z", "depth", "disparity", "y")
 _LAYER_NAMES = ("depth.z", "depth", "disparity", "z", "y")  # under a layer, a bare z says less than depth.z
-_MM_PER_M = 1000.0
 _SMOOTH_STEP = 0.05  # of the map's range: a larger step between neighbours is an edge
 
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
+_PER_METRE = "1/m"
+DEPTH_UNITS = (*_MM, _PER_METRE)
 
-def read_map(path: Path | str, channel: str | None = None) -> NDArray[np.float32]:
+
+def read_map(
+    path: Path | str, channel: str | None = None, *, window: Window | None = None
+) -> NDArray[np.float32]:
     """Read one channel as it is stored: integers scaled to [0, 1] without sRGB decoding, floats raw.
 
     EXIF orientation is applied and alpha ignored. A colour picture counts when its channels are equal.
 
     Args:
         path: image file.
-        channel: name of the channel; by default the first of Z, depth.Z, depth, disparity and Y, bare or
-            under a layer name, else the only channel.
+        channel: name of the channel in any part, or part and channel as in ``left.Z``; by default the first
+            of Z, depth.Z, depth, disparity and Y, bare or under a layer name, else the only channel.
+        window: where the pixels of the picture lie, of :class:`bokehnet.io.frame.Frame`. A map that
+            shows as large a picture but stores another part of it (overscan, a cropped data window) is
+            brought onto that one, its border repeated.
 
     Returns:
         Map of shape (H, W).
@@ -34,17 +45,26 @@ def read_map(path: Path | str, channel: str | None = None) -> NDArray[np.float32
         ImageFileError: the file cannot be read, or it is not clear which channel is meant.
     """
     with ImageFile(path) as file:
-        return _read(file, channel)[0]
+        return _read(file, channel, window)[0]
 
 
-def read_disparity(path: Path | str, channel: str | None = None) -> NDArray[np.float32]:
-    """Read a relative disparity map, near is large, normalised to [0, 1] by its own minimum and maximum.
-
-    A constant map keeps its value, clipped to [0, 1].
+def read_disparity(
+    path: Path | str,
+    channel: str | None = None,
+    *,
+    invert: bool = False,
+    normalise: bool = True,
+    window: Window | None = None,
+) -> NDArray[np.float32]:
+    """Read a relative disparity map; near is large in the result.
 
     Args:
         path: image file.
         channel: as for :func:`read_map`.
+        invert: the file is the other way round, such as normalised depth, 0 near to 1 far: ``1 - value``.
+        normalise: bring the map to [0, 1] by its own minimum and maximum; a constant map keeps its value,
+            clipped to [0, 1]. Else values stay as stored, which keeps the frames of a sequence alike.
+        window: as for :func:`read_map`.
 
     Returns:
         Map of shape (H, W), unitless.
@@ -52,44 +72,58 @@ def read_disparity(path: Path | str, channel: str | None = None) -> NDArray[np.f
     Raises:
         ImageFileError: as :func:`read_map`, or the map holds NaN or infinity.
     """
-    values = read_map(path, channel)
-    _check_all(
-        path, values, np.isfinite(values), "disparity", "is NaN or infinite", "set them to finite values"
-    )
-    lowest, highest = values.min(), values.max()
-    if lowest == highest:
-        return np.clip(values, 0, 1)
-    # In double precision, where the range of any float32 map is finite.
-    scaled = (values.astype(np.float64) - lowest) / (float(highest) - float(lowest))
-    return scaled.astype(np.float32)
+    values = read_map(path, channel, window=window)
+    way_out = "set them to finite values"
+    if invert:
+        way_out += "; metric depth, where sky may be infinite, is read as depth"
+    _check_all(path, values, np.isfinite(values), "disparity", "is NaN or infinite", way_out)
+    lowest, highest = float(values.min()), float(values.max())
+    if normalise and lowest == highest:
+        values = np.clip(values, 0, 1)
+    elif normalise:
+        # In double precision, where the range of any float32 map is finite.
+        values = in_bands(lambda rows: (rows.astype(np.float64) - lowest) / (highest - lowest), values)
+    return 1 - values if invert else values
 
 
-def read_depth(path: Path | str, channel: str | None = None) -> NDArray[np.float32]:
-    """Read metric depth; metres in the file, mm in the result.
+def read_depth(
+    path: Path | str, channel: str | None = None, *, unit: str = "m", window: Window | None = None
+) -> NDArray[np.float32]:
+    """Read metric depth, mm in the result.
 
     Depth is measured along the optical axis and is positive; infinity (sky) is allowed.
 
     Args:
-        path: EXR or another floating-point file, values in metres.
+        path: EXR or another floating-point file.
         channel: as for :func:`read_map`.
+        unit: of the file, one of ``DEPTH_UNITS``; ``1/m`` is metric disparity, where sky is 0.
+        window: as for :func:`read_map`.
 
     Returns:
-        Depth of shape (H, W), mm.
+        Map of shape (H, W) in mm.
 
     Raises:
-        ImageFileError: as :func:`read_map`, or the file holds integers, NaN, zero or negative values.
+        ImageFileError: as :func:`read_map`, or the file holds integers, NaN, zero or negative values
+            (``1/m``: infinite or negative values).
+        ParameterError: unknown unit.
     """
+    check_choice("unit", unit, DEPTH_UNITS)
     with ImageFile(path) as file:
-        metres, part = _read(file, channel)
+        values, part = _read(file, channel, window)
     if not part.linear:
         raise ImageFileError(
-            f"{path}: expected depth in metres as floating point, found {part.pixel_type}; "
+            f"{path}: expected depth in {unit} as floating point, found {part.pixel_type}; "
             "use an EXR file, or give the map as disparity"
         )
     way_out = "set sky to infinity and holes to the depth around them"
-    _check_all(path, metres, metres > 0, "depth", "is not above 0", way_out)
-    with np.errstate(over="ignore"):  # beyond 3.4e35 m becomes infinite, which is sky too
-        return metres * np.float32(_MM_PER_M)
+    with np.errstate(over="ignore", divide="ignore"):  # beyond 3.4e38 mm becomes infinite, which is sky too
+        if unit == _PER_METRE:
+            way_out = "set sky to 0 and holes to the disparity around them"
+            good = (values >= 0) & np.isfinite(values)
+            _check_all(path, values, good, "metric disparity", "is not 0 or a finite number above", way_out)
+            return np.divide(_MM["m"], np.abs(values), dtype=np.float32)  # abs: sky may be -0
+        _check_all(path, values, values > 0, "depth", "is not above 0", way_out)
+        return values * np.float32(_MM[unit])
 
 
 def resize_map(values: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
@@ -140,7 +174,7 @@ def _is_vector(name: str, names: Sequence[str]) -> bool:
     return last in ("Y", "Z") and layer + dot + "X" in names
 
 
-def _read(file: ImageFile, channel: str | None) -> tuple[NDArray[np.float32], Part]:
+def _read(file: ImageFile, channel: str | None, window: Window | None) -> tuple[NDArray[np.float32], Part]:
     """Read the asked or the best channel, and tell its part."""
     part, names = _find(file, channel)
     values = file.read(part, names)
@@ -148,25 +182,38 @@ def _read(file: ImageFile, channel: str | None) -> tuple[NDArray[np.float32], Pa
         raise ImageFileError(
             f"{file.path}: expected one channel, found a colour picture ({', '.join(names)} differ)"
         )
-    return np.ascontiguousarray(values[..., 0]), part
+    result = np.ascontiguousarray(values[..., 0])
+    own = part.window if file.headers is not None else Window.whole(result.shape[1], result.shape[0])
+    if window is not None and own.shows_as_much_as(window):
+        result = own.move_onto(result, window)
+    return result, part
 
 
 def _find(file: ImageFile, channel: str | None) -> tuple[Part, list[str]]:
     """Find the part and the channels of the map: one channel, or R, G, B if there is nothing else."""
-    everything = [name for part in file.parts for name in part.channels]
-    groups = _depth_groups(everything)
-    if channel is not None and channel not in everything:
-        raise ImageFileError(f"{file.path}: no channel {channel!r}, found {', '.join(everything)}")
+    stored = [(part, name) for part in file.parts for name in part.channels]
+    names = [name for _, name in stored]
+    full_names = ", ".join(
+        f"{part.name}.{name}" if part.name and names.count(name) > 1 else name for part, name in stored
+    )
+    groups = _depth_groups(names)
     if channel is None and groups and len(groups[0]) == 1:
         channel = groups[0][0]
     if channel is not None:
-        part = next(part for part in file.parts if channel in part.channels)
-        return part, [channel]
+        found = [(part, name) for part, name in stored if channel == name]
+        found = found or [(part, name) for part, name in stored if channel == f"{part.name}.{name}"]
+        if not found:
+            raise ImageFileError(f"{file.path}: no channel {channel!r}, found {full_names}")
+        if len(found) > 1:
+            raise ImageFileError(
+                f"{file.path}: {len(found)} parts have a channel {channel!r}; name one of {full_names}"
+            )
+        return found[0][0], [found[0][1]]
     first = file.parts[0]
     names = [name for name in first.channels if name != first.alpha]
     if not groups and len(file.parts) == 1 and (len(names) == 1 or names == ["R", "G", "B"]):
         return first, names
-    raise ImageFileError(f"{file.path}: which channel is the map? Name one of {', '.join(everything)}")
+    raise ImageFileError(f"{file.path}: which channel is the map? Name one of {full_names}")
 
 
 def _check_all(

@@ -3,29 +3,35 @@
 A file has one part, except for multi-part EXR. Formats are recognised by content, not by extension.
 """
 
-import os
-import struct
-import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
+from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers
+from bokehnet.io.intact import check_intact, check_pixel_count
+from bokehnet.io.window import Window
 
-__all__ = ["READABLE_EXTENSIONS", "ImageFile", "Part", "apply_orientation"]
+__all__ = [
+    "READABLE_EXTENSIONS",
+    "ImageFile",
+    "Part",
+    "apply_orientation",
+]
 
 READABLE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr")
 
 _FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr")
 _LINEAR_FORMATS = ("openexr", "hdr")
 _FLOAT_TYPES = ("half", "float", "double")
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+_BAND = 256  # rows at a time; a multiple of the rows in a chunk of any compression
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,19 +39,28 @@ class Part:
     """What the header says about one picture in a file.
 
     ``width`` and ``height`` are pixels as stored, before ``orientation`` (EXIF, 1 to 8; 1 is upright).
-    For EXR they are those of the data window. ``alpha`` is the name of the alpha channel, and
-    ``premultiplied`` tells whether the colours are already multiplied by it.
+    For EXR they are those of the data window, and ``name`` is that of the part. ``formats`` are the types
+    of the channels (``"half"``, ``"uint8"``, ...). ``alpha`` is the name of the alpha channel, and
+    ``premultiplied`` tells whether the colours are already multiplied by it. ``window`` tells where the
+    pixels lie in the shown picture.
     """
 
     index: int
+    name: str
     width: int
     height: int
     channels: tuple[str, ...]
-    pixel_type: str
+    formats: tuple[str, ...]
     orientation: int
     alpha: str | None
     premultiplied: bool
     linear: bool
+    window: Window
+
+    @property
+    def pixel_type(self) -> str:
+        """The types that occur, such as ``"half, float"``."""
+        return ", ".join(dict.fromkeys(self.formats))
 
 
 class ImageFile:
@@ -55,23 +70,31 @@ class ImageFile:
         path: JPEG, PNG, TIFF, WebP, EXR or HDR file.
 
     Raises:
-        ImageFileError: the file is missing, a folder, empty, damaged or of another format.
+        ImageFileError: the file is missing, a folder, empty, damaged, of another format, or has more pixels
+            than the environment variable ``BOKEHNET_MAX_PIXELS`` allows (200 million if it is not set).
+        ParameterError: that variable is not a number.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        _check_file(self.path)
+        check_intact(self.path)
+        self.headers: ExrHeaders | None = read_headers(self.path) if is_exr(self.path) else None
         hints = oiio.ImageSpec()
         hints.attribute("oiio:UnassociatedAlpha", 1)  # hand out the values as stored
         opened = oiio.ImageInput.open(str(self.path), hints)
         if opened is None:
-            raise ImageFileError(f"{self.path}: {_why_not_opened(self.path, oiio.geterror())}")
+            raise ImageFileError(f"{self.path}: {_why_not_opened(self.path, _message(oiio.geterror))}")
         self._input = opened
         self.file_format: str = opened.format_name()
-        if self.file_format not in _FORMATS:
+        try:
+            if self.file_format not in _FORMATS:
+                raise ImageFileError(
+                    f"{self.path}: expected {_known()}, found the format {self.file_format!r}"
+                )
+            self.parts = tuple(self._describe())
+        except BaseException:
             self._input.close()
-            raise ImageFileError(f"{self.path}: expected {_known()}, found the format {self.file_format!r}")
-        self.parts = tuple(self._describe())
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -92,8 +115,13 @@ class ImageFile:
         indices = [part.channels.index(name) for name in names]
         first, last = min(indices), max(indices)
         # The decoder may hand out a partial picture beside an error: an error always counts.
-        values = self._input.read_image(part.index, 0, first, last + 1, "float")
-        problem = self._input.geterror()
+        try:
+            values = self._input.read_image(part.index, 0, first, last + 1, "float")
+        except MemoryError as full:
+            raise ImageFileError(
+                f"{self.path}: {part.width}x{part.height} pixels do not fit into memory"
+            ) from full
+        problem = _message(self._input.geterror)
         if values is None or problem:
             raise ImageFileError(f"{self.path}: the pixels are truncated or damaged ({_first_line(problem)})")
         values = values.reshape(part.height, part.width, last + 1 - first)
@@ -102,28 +130,105 @@ class ImageFile:
         )
         return apply_orientation(picked, part.orientation)
 
+    def bands(self, part: Part) -> Iterator[slice]:
+        """Return the rows of an EXR part in groups that end where chunks end, so as to read them in turn."""
+        tile = self.spec(part).tile_height
+        step = tile * max(1, _BAND // tile) if tile else _BAND
+        for first in range(0, part.height, step):
+            yield slice(first, min(first + step, part.height))
+
+    def read_stored(self, part: Part, rows: slice) -> NDArray[np.float32]:
+        """Return some rows of all channels of an EXR part, (rows, W, C), as they are stored.
+
+        Whole numbers come as the float32 of the same bits.
+
+        Args:
+            part: of this file.
+            rows: one of :meth:`bands`.
+
+        Raises:
+            ImageFileError: the pixels are truncated or damaged.
+        """
+        values = self._read_rows(part, rows, (0, len(part.channels)), "float")
+        for index, name in enumerate(part.formats):
+            if name == "uint":
+                bits = self._read_rows(part, rows, (index, index + 1), "uint")
+                values[..., index] = bits[..., 0].view(np.float32)
+        return values
+
+    def _read_rows(self, part: Part, rows: slice, channels: tuple[int, int], kind: str) -> NDArray[Any]:
+        spec = self.spec(part)
+        top, bottom = spec.y + rows.start, spec.y + rows.stop
+        if spec.tile_width:
+            values = self._input.read_tiles(
+                part.index, 0, spec.x, spec.x + spec.width, top, bottom, 0, 1, *channels, kind
+            )
+        else:
+            values = self._input.read_scanlines(part.index, 0, top, bottom, 0, *channels, kind)
+        problem = _message(self._input.geterror)
+        if values is None or problem:
+            raise ImageFileError(f"{self.path}: the pixels are truncated or damaged ({_first_line(problem)})")
+        return np.ascontiguousarray(values.reshape(bottom - top, part.width, channels[1] - channels[0]))
+
+    def spec(self, part: Part) -> oiio.ImageSpec:
+        """Return the decoder's own description of ``part``."""
+        self._input.seek_subimage(part.index, 0)
+        return self._input.spec()
+
+    def attributes(self, part: Part) -> dict[str, Value]:
+        """Return what the header of ``part`` tells besides the pixels: numbers and texts by name.
+
+        EXR names are those in the file; others are those of OpenImageIO, such as ``Exif:FocalLength``.
+        """
+        if self.headers is not None:
+            stored = self.headers.parts[part.index]
+            values = {name: attribute.value() for name, attribute in stored.items()}
+            return {name: value for name, value in values.items() if value is not None}
+        entries = {entry.name: entry.value for entry in self.spec(part).extra_attribs}
+        return {name: value for name, value in entries.items() if isinstance(value, int | float | str)}
+
     def _describe(self) -> list[Part]:
         parts: list[Part] = []
         while self._input.seek_subimage(len(parts), 0):
             spec = self._input.spec()
-            types = dict.fromkeys(str(spec.channelformat(i)) for i in range(spec.nchannels))
-            linear = self.file_format in _LINEAR_FORMATS or all(name in _FLOAT_TYPES for name in types)
-            part = Part(
-                index=len(parts),
-                width=spec.width,
-                height=spec.height,
-                channels=tuple(spec.channelnames),
-                pixel_type=", ".join(types),
-                orientation=spec.get_int_attribute("Orientation", 1),
-                alpha=spec.channelnames[spec.alpha_channel] if spec.alpha_channel >= 0 else None,
-                premultiplied=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
-                linear=linear,
-            )
-            parts.append(part)
+            check_pixel_count(self.path, spec.width, spec.height)
+            parts.append(self._part(len(parts), spec))
             if self.file_format != "openexr":  # further pages of a TIFF are other pictures or thumbnails
                 break
-        self._input.geterror()  # running past the last part leaves a message behind
+        _message(self._input.geterror)  # running past the last part leaves a message behind
+        if self.headers is not None and len(parts) != len(self.headers.parts):
+            raise ImageFileError(
+                f"{self.path}: expected {len(self.headers.parts)} parts as in the EXR header, "
+                f"found {len(parts)}; the file is damaged"
+            )
         return parts
+
+    def _part(self, index: int, spec: Any) -> Part:
+        formats = tuple(str(spec.channelformat(i)) for i in range(spec.nchannels))
+        exr = self.file_format == "openexr"
+        window = Window.whole(spec.width, spec.height)
+        if exr:
+            window = Window(
+                x=spec.x - spec.full_x,
+                y=spec.y - spec.full_y,
+                width=spec.width,
+                height=spec.height,
+                display_width=spec.full_width,
+                display_height=spec.full_height,
+            )
+        return Part(
+            index=index,
+            name=spec.get_string_attribute("oiio:subimagename") if exr else "",
+            width=spec.width,
+            height=spec.height,
+            channels=tuple(spec.channelnames),
+            formats=formats,
+            orientation=1 if exr else spec.get_int_attribute("Orientation", 1),
+            alpha=spec.channelnames[spec.alpha_channel] if spec.alpha_channel >= 0 else None,
+            premultiplied=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
+            linear=self.file_format in _LINEAR_FORMATS or all(name in _FLOAT_TYPES for name in formats),
+            window=window,
+        )
 
 
 def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:
@@ -140,36 +245,6 @@ def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[
     return np.ascontiguousarray(values)
 
 
-def _check_file(path: Path) -> None:
-    if path.is_dir():
-        raise ImageFileError(f"{path}: expected an image file, found a folder")
-    if not path.exists():
-        raise ImageFileError(f"{path}: no such file")
-    if not path.is_file():
-        raise ImageFileError(f"{path}: expected an image file, found something that is not a regular file")
-    if not os.access(path, os.R_OK):
-        raise ImageFileError(f"{path}: no permission to read this file")
-    if path.stat().st_size == 0:
-        raise ImageFileError(f"{path}: the file is empty (0 bytes)")
-    _check_png(path)
-
-
-def _check_png(path: Path) -> None:
-    """Check lengths and checksums of a PNG file, because libpng tells of damage on stderr by itself."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        if file.read(8) != _PNG_SIGNATURE:
-            return
-        kind = b""
-        while kind != b"IEND":
-            head = file.read(8)
-            length, kind = struct.unpack(">I4s", head) if len(head) == 8 else (size, b"")
-            if file.tell() + length + 4 > size:
-                raise ImageFileError(f"{path}: the PNG file is truncated at byte {size}")
-            if zlib.crc32(file.read(length), zlib.crc32(kind)) != int.from_bytes(file.read(4), "big"):
-                raise ImageFileError(f"{path}: the PNG file is damaged before byte {file.tell()}")
-
-
 def _why_not_opened(path: Path, reason: str) -> str:
     extension = path.suffix.lower()
     if extension in READABLE_EXTENSIONS:
@@ -181,6 +256,14 @@ def _why_not_opened(path: Path, reason: str) -> str:
 
 def _known() -> str:
     return "one of " + ", ".join(READABLE_EXTENSIONS)
+
+
+def _message(tell: Callable[[], str]) -> str:
+    """Return what a decoder says; a damaged file may make it quote bytes that are no text."""
+    try:
+        return tell()
+    except UnicodeDecodeError as problem:
+        return problem.object.decode("utf-8", "replace")
 
 
 def _first_line(message: str) -> str:

@@ -9,6 +9,7 @@ from bokehnet.optics.encoding import encode
 
 __all__ = ["Backbone", "ResidualBlock", "UNet", "encode_hints", "make_backbone"]
 
+
 def encode_hints(hints: Tensor | None, seen: bool) -> list[Tensor]:
     """What to append to a network's inputs: hints (B, 5, H, W) with their colours encoded, or nothing."""
     if not seen:

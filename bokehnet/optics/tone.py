@@ -14,20 +14,20 @@ from bokehnet.errors import ParameterError
 
 __all__ = ["GammaCurve", "Highlights", "gamma_curve"]
 
-_LOWEST_GAMMA, _HIGHEST_GAMMA = 0.2, 5.0
+LOWEST_GAMMA, HIGHEST_GAMMA = 0.2, 5.0
 
 # Share of a picture's pixels that count as brighter than white, and the most by which they may be so.
-_ABOVE_WHITE = 0.01
-_LARGEST_RANGE = 1e6
+ABOVE_WHITE = 0.01
+LARGEST_RANGE = 1e6
 
 # Rounding that a bright row leaves in sums of float64, as a part of its brightest value.
-_ROUNDING = 2.0**-52
+ROUNDING = 2.0**-52
 
 # Half a step of 8-bit sRGB at black, as a part of white: errors up to here cannot be seen.
-_INVISIBLE = 0.5 / 255 / 12.92
+INVISIBLE = 0.5 / 255 / 12.92
 
 # What lies below this part of white may be averaged without the power.
-_HIGHEST_TOE = 0.01
+HIGHEST_TOE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -165,21 +165,21 @@ def gamma_curve(image: np.ndarray, gamma: float) -> GammaCurve:
         law; the two lines are ours.
     """
     check_number("gamma", gamma)
-    if not _LOWEST_GAMMA <= gamma <= _HIGHEST_GAMMA:
+    if not LOWEST_GAMMA <= gamma <= HIGHEST_GAMMA:
         raise ParameterError(
-            f"gamma: expected {_LOWEST_GAMMA:g} to {_HIGHEST_GAMMA:g}, 1 being a real lens, got {gamma:g}"
+            f"gamma: expected {LOWEST_GAMMA:g} to {HIGHEST_GAMMA:g}, 1 being a real lens, got {gamma:g}"
         )
     brightness = image.max(axis=-1)
     largest = float(brightness.max())
     if largest <= 0:
         return GammaCurve(gamma=gamma, white=1.0, toe=0.0, shoulder=1.0)
-    white = max(float(np.quantile(brightness, 1 - _ABOVE_WHITE)), largest / _LARGEST_RANGE)
+    white = max(float(np.quantile(brightness, 1 - ABOVE_WHITE)), largest / LARGEST_RANGE)
     shoulder = most = largest / white
     if gamma <= 1:
         return GammaCurve(gamma=gamma, white=white, toe=0.0, shoulder=shoulder)
-    allowed = _INVISIBLE * _HIGHEST_TOE ** (gamma - 1) / _ROUNDING
+    allowed = INVISIBLE * HIGHEST_TOE ** (gamma - 1) / ROUNDING
     if most**gamma > allowed:
         shoulder = (allowed / (gamma * most)) ** (1 / (gamma - 1))
     highest = shoulder**gamma + gamma * shoulder ** (gamma - 1) * (most - shoulder)
-    toe = (_ROUNDING * highest / _INVISIBLE) ** (1 / (gamma - 1))
+    toe = (ROUNDING * highest / INVISIBLE) ** (1 / (gamma - 1))
     return GammaCurve(gamma=gamma, white=white, toe=toe, shoulder=shoulder)

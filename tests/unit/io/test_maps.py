@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.errors import ImageFileError
+from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.frame import read_frame
 from bokehnet.io.maps import depth_channels, read_depth, read_disparity, read_map, resize_map
+from tests.unit.io.exr_files import write_exr
 
 
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
@@ -102,6 +104,87 @@ def test_depth_that_is_not_positive_is_an_error_with_count_place_and_way_out(sto
     stored[2, 1] = bad
     with pytest.raises(ImageFileError, match=r"at 1 pixels, first at x=1, y=2 .*; set sky to infinity"):
         read_depth(store("a.exr", stored, ["Z"]))
+
+
+@pytest.mark.parametrize(("unit", "mm"), [("mm", 1), ("cm", 10), ("m", 1000), ("in", 25.4), ("ft", 304.8)])
+def test_depth_comes_in_many_units(store, unit, mm):
+    """Exact: the international inch is 25.4 mm."""
+    depth = read_depth(store("a.exr", np.array([[0.5, 2.0, np.inf]], np.float32), ["Z"]), unit=unit)
+    assert_allclose(depth, [[0.5 * mm, 2 * mm, np.inf]], rtol=1e-6)
+
+
+def test_metric_disparity_is_the_inverse_of_depth_and_sky_is_zero(store):
+    path = store("a.exr", np.array([[0.5, 2.0, 0.0, -0.0, 1e-38]], np.float32), ["Z"])
+    depth = read_depth(path, unit="1/m")
+    assert depth.dtype == np.float32
+    assert_allclose(depth, [[2000, 500, np.inf, np.inf, np.inf]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("bad", [-0.5, np.nan, np.inf])
+def test_metric_disparity_that_is_no_disparity_is_an_error(store, bad):
+    path = store("a.exr", np.array([[0.5, bad]], np.float32), ["Z"])
+    with pytest.raises(ImageFileError, match=r"at 1 pixels, first at x=1, y=0 .*; set sky to 0"):
+        read_depth(path, unit="1/m")
+
+
+def test_an_unknown_unit_is_an_error_that_lists_the_known_ones(store):
+    path = store("a.exr", np.ones((2, 2), np.float32), ["Z"])
+    with pytest.raises(ParameterError, match=r"unit: expected one of 1/m, cm, ft, in, m, mm, got 'km'"):
+        read_depth(path, unit="km")
+
+
+def test_normalised_depth_is_turned_round(store):
+    stored = np.array([[0.2, 0.5, 1.0]], np.float32)
+    path = store("a.exr", stored, ["Z"])
+    assert_allclose(read_disparity(path, invert=True), [[1, 0.625, 0]], atol=1e-7)
+    assert_allclose(read_disparity(path, invert=True, normalise=False), 1 - stored, atol=1e-7)
+    assert_array_equal(read_disparity(path, normalise=False), stored)
+    levels = np.array([[0, 51, 255]], np.uint8)
+    path = store("b.png", levels)
+    assert_allclose(read_disparity(path, invert=True), 1 - levels / 255, atol=1e-6)
+    assert (
+        read_disparity(store("c.exr", np.full((2, 2), 0.3, np.float32), ["Z"]), invert=True)
+        == 1 - np.float32(0.3)
+    ).all()
+
+
+def test_infinity_in_normalised_depth_tells_of_the_other_way_to_read_it(store):
+    path = store("a.exr", np.array([[0.2, np.inf]], np.float32), ["Z"])
+    with pytest.raises(ImageFileError, match="is read as depth"):
+        read_disparity(path, invert=True)
+
+
+def test_values_as_stored_may_leave_zero_to_one(store):
+    stored = np.array([[-3.0, 1.0, 5.0]], np.float32)
+    assert_array_equal(read_disparity(store("a.exr", stored, ["disparity"]), normalise=False), stored)
+
+
+def test_a_channel_of_several_parts_is_named_with_its_part(store_parts):
+    left, right = np.full((2, 2, 1), 1.0), np.full((2, 2, 1), 2.0)
+    path = store_parts("a.exr", [(["Z"], left), (["Z"], right)])
+    assert (read_map(path, "part1.Z") == 2).all()
+    assert (read_map(path, "part0.Z") == 1).all()
+    with pytest.raises(ImageFileError, match=r"2 parts have a channel 'Z'; name one of part0\.Z, part1\.Z"):
+        read_map(path, "Z")
+    with pytest.raises(ImageFileError, match=r"which channel.*part0\.Z, part1\.Z"):
+        read_map(path)
+
+
+def test_a_map_with_another_data_window_is_brought_onto_the_pictures(tmp_path):
+    """Formula: pixel (x, y) of the display window is the same place in both files."""
+    y, x = np.mgrid[:8, :10]
+    display = {"full_x": 0, "full_y": 0, "full_width": 10, "full_height": 8}
+    colours = {c: ("float", np.zeros((8, 10))) for c in "RGB"}
+    shifted = {"Z": ("float", (x + 100 * y)[1:7, 2:9])}
+    frame = read_frame(write_exr(tmp_path / "a.exr", {"channels": colours, **display}))
+    path = write_exr(tmp_path / "z.exr", {"channels": shifted, "x": 2, "y": 1, **display})
+    moved = read_map(path, window=frame.window)
+    assert_array_equal(moved, np.clip(x, 2, 8) + 100 * np.clip(y, 1, 6))
+    assert read_map(path).shape == (6, 7)
+    other = write_exr(
+        tmp_path / "b.exr", {"channels": shifted}
+    )  # another display window: only resizing helps
+    assert read_map(other, window=frame.window).shape == (6, 7)
 
 
 def test_integer_depth_is_refused_because_its_unit_is_unknown(store):

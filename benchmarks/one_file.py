@@ -1,0 +1,82 @@
+"""Time and memory of the renderer as one ONNX file: ``python -m benchmarks.one_file``.
+
+ONNX Runtime renders with the file that ``bokehnet export --full`` writes, beside it the package's own engine
+``fast`` in the same run, each in a process of its own, warm; then both on one picture, for their PSNR.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+
+from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.onnx_file.renderer import export_renderer
+from bokehnet.optics.coc import defocus_from_disparity
+
+
+class OneFile:
+    """The file in plain ONNX Runtime; called like a renderer's ``render``."""
+
+    def __init__(self, path: Path) -> None:
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 3
+        self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+    def __call__(self, image: np.ndarray, disparity: np.ndarray, blur: float) -> np.ndarray:
+        """Bokeh (H, W, 3), focused on disparity 0."""
+        numbers = {"K": blur, "focus": 0, "gamma": 1}
+        scalars = {name: np.array(value, np.float32) for name, value in numbers.items()}
+        return self._session.run(None, {"image": image, "disparity": disparity, **scalars})[0]
+
+
+class Package:
+    """The engine ``fast``, called likewise."""
+
+    def __init__(self) -> None:
+        self._renderer = BokehRenderer("fast")
+
+    def __call__(self, image: np.ndarray, disparity: np.ndarray, blur: float) -> np.ndarray:
+        """Bokeh (H, W, 3), focused on disparity 0."""
+        defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(0))
+        return self._renderer.render(image, defocus).bokeh
+
+
+def measure(path: Path | None, size: tuple[int, int], blur: float, repeats: int) -> tuple[float, float]:
+    """Median seconds and peak memory, GB, of the file, or of the package without one."""
+    render = OneFile(path) if path else Package()
+    image, disparity = scene(*size, 1.0)
+    render(image[:64, :64].copy(), disparity[:64, :64].copy(), 4.0)
+    seconds = median_seconds(lambda: render(image, disparity, blur), repeats)
+    return seconds, peak_memory() / 1024**3
+
+
+def parity(path: Path, size: tuple[int, int], blur: float) -> float:
+    """PSNR of the file to the package, dB, scene-linear."""
+    image, disparity = scene(*size, 1.0)
+    one, other = (render(image, disparity, blur) for render in (OneFile(path), Package()))
+    return float(-10 * np.log10(np.square(one - other).mean() + 1e-20))
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, nargs=2, default=(1350, 1080), metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--blur", type=float, default=60.0, help="largest radius, pixels")
+    parser.add_argument("--repeats", type=int, default=3)
+    arguments = parser.parse_args()
+    size, blur = tuple(arguments.size), arguments.blur
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fast.onnx"
+        export_renderer(path)
+        print(f"{size[0]}x{size[1]}, largest blur {blur:g} px, median of {arguments.repeats} warm renders")
+        for name, file in (("package", None), ("one file", path)):
+            seconds, memory = in_own_process(measure, file, size, blur, arguments.repeats)
+            print(f"{name:10s} {seconds:6.2f} s  {memory:5.2f} GB", flush=True)
+        print(f"parity     {in_own_process(parity, path, size, blur):6.1f} dB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""Frame numbers and the names of numbered files: ``1001-1100x2`` and ``shot.####.exr``."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from bokehnet.errors import ParameterError
+
+__all__ = ["format_frames", "frame_path", "is_pattern", "parse_frames"]
+
+# The number of a frame in the name of a file: #### or %04d, one # or digit for each place.
+_NUMBER = re.compile(r"#+|%(?:0(\d{1,2}))?d")
+
+_PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?:x(\d{1,9}))?)?")
+
+_MOST_FRAMES = 1_000_000
+
+
+def parse_frames(text: str) -> tuple[int, ...]:
+    """Return the frames of ``1001-1100``, ``1001-1100x2`` (every second) or ``1,5,10-20``, rising.
+
+    Raises:
+        ParameterError: ``text`` says something else, or names more than a million frames.
+    """
+    frames: set[int] = set()
+    for part in text.split(","):
+        match = _PART.fullmatch(part.strip())
+        if match is None:
+            raise ParameterError(
+                f"--frames: expected frames such as 1001-1100, 1001-1100x2 or 1,5,10-20, got {text!r}"
+            )
+        first, last, step = int(match[1]), int(match[2] or match[1]), int(match[3] or 1)
+        if last < first or step < 1:
+            raise ParameterError(f"--frames: expected FIRST-LAST or FIRST-LASTxSTEP that rises, got {part!r}")
+        steps = range(first, last + 1, step)
+        if len(frames) + len(steps) > _MOST_FRAMES:
+            raise ParameterError(f"--frames: expected at most {_MOST_FRAMES} frames, got {text!r}")
+        frames.update(steps)
+    return tuple(sorted(frames))
+
+
+def format_frames(frames: Iterable[int]) -> str:
+    """Return frames as :func:`parse_frames` reads them, runs of neighbours as ranges."""
+    runs: list[list[int]] = []
+    for frame in sorted(frames):
+        if runs and frame == runs[-1][1] + 1:
+            runs[-1][1] = frame
+        else:
+            runs.append([frame, frame])
+    return ",".join(f"{first}" if first == last else f"{first}-{last}" for first, last in runs)
+
+
+def is_pattern(path: Path) -> bool:
+    """Whether the name of ``path`` has a place for a frame number."""
+    return _NUMBER.search(path.name) is not None
+
+
+def frame_path(path: Path, frame: int) -> Path:
+    """Return ``path`` with the last ``####`` or ``%04d`` of its name replaced by ``frame``, zeros in front.
+
+    A path without one is every frame's, and comes back as it is.
+    """
+    places = list(_NUMBER.finditer(path.name))
+    if not places:
+        return path
+    place = places[-1]
+    width = len(place[0]) if place[0][0] == "#" else int(place[1] or 1)
+    return path.with_name(f"{path.name[: place.start()]}{frame:0{width}d}{path.name[place.end() :]}")

@@ -1,0 +1,152 @@
+"""Frames rendered by several processes, each of which may fail without the others."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+import traceback
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import TYPE_CHECKING
+
+from bokehnet.errors import BokehnetError
+
+if TYPE_CHECKING:
+    from bokehnet.cli.look import Look, Renderer
+    from bokehnet.cli.render_job import RenderJob
+
+__all__ = ["available_cores", "render_in_processes", "try_frame"]
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def try_frame(job: "RenderJob", renderer: "Renderer") -> str | None:
+    """Render one frame; return None, or why it failed: one line, the traceback of a bug."""
+    from bokehnet.cli.render_job import render_frame
+
+    try:
+        render_frame(job, renderer)
+    except BokehnetError as error:
+        return " ".join(str(error).split())
+    except MemoryError as error:
+        return f"out of memory, try fewer --jobs ({error})"
+    except Exception:
+        return traceback.format_exc()
+    return None
+
+
+def render_in_processes(
+    jobs: Mapping[int, "RenderJob"], look: "Look", processes: int
+) -> Generator[tuple[int, str | None], None, None]:
+    """Render ``jobs`` by frame, and yield each frame when it is done, with None or why it failed.
+
+    Each process takes its share of the cores. One that dies fails its frame alone, another one takes its
+    place. When the caller stops, by Ctrl-C too, all end at once and leave no half of a file.
+
+    Args:
+        jobs: By frame; started in their order.
+        look: What they have in common.
+        processes: How many at a time.
+    """
+    waiting = deque(jobs.items())
+    threads = max(1, available_cores() // processes)
+    idle: list[_Worker] = []
+    busy: dict[Connection, tuple[_Worker, int]] = {}
+    try:
+        while waiting or busy:
+            while waiting and len(busy) < processes:
+                worker = idle.pop() if idle else _Worker(look, threads, tell_compiling=not busy)
+                frame, job = waiting.popleft()
+                busy[worker.pipe] = worker, frame
+                with contextlib.suppress(BrokenPipeError):  # it died; the pipe tells so below
+                    worker.pipe.send(job)
+            for pipe in wait(list(busy)):
+                assert isinstance(pipe, Connection)
+                worker, frame = busy.pop(pipe)
+                try:
+                    failure = pipe.recv()
+                    idle.append(worker)
+                except (EOFError, ConnectionResetError):
+                    failure = worker.last_words()
+                yield frame, failure
+    finally:
+        for worker in [*idle, *(worker for worker, _ in busy.values())]:
+            worker.end()
+
+
+class _Worker:
+    """A process that renders the jobs sent to ``pipe`` and answers each with None or why it failed."""
+
+    def __init__(self, look: "Look", threads: int, tell_compiling: bool) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self._process: SpawnProcess = context.Process(
+            target=_serve, args=(theirs, look, threads, tell_compiling), daemon=True
+        )
+        with _interrupts_held():
+            self._process.start()
+        theirs.close()  # so that the pipe ends with the process
+
+    def end(self) -> None:
+        """Stop, within a frame too; what it was writing is removed."""
+        self._process.terminate()
+        self.pipe.close()
+        self._process.join()
+
+    def last_words(self) -> str:
+        """Say how the process died."""
+        self._process.join()
+        self.pipe.close()
+        code = self._process.exitcode
+        killed = code is not None and code < 0
+        reason = f"killed by signal {-code}, out of memory?" if code and killed else f"exit code {code}"
+        return f"the process that rendered it died ({reason})"
+
+
+def _serve(pipe: Connection, look: "Look", threads: int, tell_compiling: bool) -> None:
+    """Render until the pipe closes; the main function of a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers clean up behind themselves
+    from bokehnet.cli.compiling import compile_notice
+    from bokehnet.cli.look import Renderer
+
+    _limit_threads(threads)
+    renderer = Renderer(look, threads)
+    with compile_notice() if tell_compiling else contextlib.nullcontext():
+        while True:
+            try:
+                job = pipe.recv()
+            except (EOFError, ConnectionResetError):  # the parent is done, or gone
+                return
+            failure = try_frame(job, renderer)
+            with contextlib.suppress(BrokenPipeError):
+                pipe.send(failure)
+
+
+def _limit_threads(threads: int) -> None:
+    import numba
+    import OpenImageIO as oiio  # noqa: N813
+
+    numba.set_num_threads(min(threads, numba.get_num_threads()))
+    oiio.attribute("threads", threads)
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let Ctrl-C wait: a process that starts inherits this, and does not die of it before it is ready."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,146 @@
+"""The headers of an OpenEXR file as they are stored: attributes by name, with their types and bytes.
+
+The decoder renames and drops some attributes; here none is touched. Nothing of the pixels is decoded.
+"""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from bokehnet.errors import ImageFileError
+
+__all__ = ["Attribute", "ExrHeaders", "Value", "channel_sizes", "is_exr", "read_headers"]
+
+Value = float | str | tuple[float, ...]
+
+_MAGIC = b"\x76\x2f\x31\x01"
+_TILED, _LONG_NAMES, _DEEP, _MULTI_PART = 0x200, 0x400, 0x800, 0x1000
+_LONGEST_NAME = 255
+_NUMBERS = {
+    "int": "<i",
+    "float": "<f",
+    "double": "<d",
+    "v2i": "<2i",
+    "v2f": "<2f",
+    "v2d": "<2d",
+    "box2i": "<4i",
+    "rational": "<iI",
+}
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """One attribute: the name of its type and its bytes."""
+
+    kind: str
+    data: bytes
+
+    def value(self) -> Value | None:
+        """Return the number, numbers or text; None for other types. A rational is divided."""
+        if self.kind == "string":
+            return self.data.decode("utf-8", "replace")
+        layout = _NUMBERS.get(self.kind)
+        if layout is None or struct.calcsize(layout) != len(self.data):
+            return None
+        numbers = struct.unpack(layout, self.data)
+        if self.kind == "rational":
+            return numbers[0] / numbers[1] if numbers[1] else None
+        return numbers[0] if len(numbers) == 1 else numbers
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExrHeaders:
+    """What stands before the offset tables of a file.
+
+    ``parts`` holds the attributes of each part in the order of the file, ``flags`` the version field with
+    its flag bits, and ``end`` the position of the first byte behind the headers.
+    """
+
+    flags: int
+    parts: tuple[dict[str, Attribute], ...]
+    end: int
+
+    @property
+    def multi_part(self) -> bool:
+        """Whether chunks carry part numbers."""
+        return bool(self.flags & _MULTI_PART)
+
+    def pack(self) -> bytes:
+        """Return the bytes of all headers, magic number and version included."""
+        packed = [_MAGIC, struct.pack("<I", self.flags)]
+        for attributes in self.parts:
+            for name, attribute in attributes.items():
+                packed += [name.encode("latin-1"), b"\0", attribute.kind.encode("latin-1"), b"\0"]
+                packed += [struct.pack("<i", len(attribute.data)), attribute.data]
+            packed.append(b"\0")
+        return b"".join(packed) + (b"\0" if self.multi_part else b"")
+
+
+def channel_sizes(channels: Attribute) -> dict[str, int]:
+    """Return the bytes of a value by channel, in the order of the file: 2 for half, 4 for float and uint."""
+    sizes: dict[str, int] = {}
+    rest = channels.data
+    while name := rest[: rest.index(b"\0")]:
+        rest = rest[len(name) + 1 :]
+        sizes[name.decode("latin-1")] = 2 if rest[0] == 1 else 4
+        rest = rest[16:]  # type, linearity and two sampling rates
+    return sizes
+
+
+def is_exr(path: Path) -> bool:
+    """Whether the file starts as OpenEXR files do."""
+    with path.open("rb") as file:
+        return file.read(4) == _MAGIC
+
+
+def read_headers(path: Path) -> ExrHeaders:
+    """Read all headers of an OpenEXR file.
+
+    Raises:
+        ImageFileError: they are truncated or damaged.
+
+    Source: "OpenEXR File Layout", openexr.com.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        try:
+            magic, flags = struct.unpack("<4sI", file.read(8))
+            if magic != _MAGIC or flags & 0xFF != 2 or flags & ~0x1EFF:
+                raise ValueError("unknown version")
+            parts = []
+            while True:
+                if attributes := _read_attributes(file, size):
+                    parts.append(attributes)
+                if not (flags & _MULTI_PART and attributes):
+                    break
+            if not parts:
+                raise ValueError("no part")
+        except (ValueError, struct.error) as problem:
+            raise ImageFileError(f"{path}: the EXR header is truncated or damaged ({problem})") from problem
+        return ExrHeaders(flags=flags, parts=tuple(parts), end=file.tell())
+
+
+def _read_attributes(file: BinaryIO, size: int) -> dict[str, Attribute]:
+    """Read the attributes of one part, up to and with the byte that ends them."""
+    attributes: dict[str, Attribute] = {}
+    while name := _read_name(file):
+        kind = _read_name(file)
+        (length,) = struct.unpack("<i", file.read(4))
+        if not 0 <= length <= size - file.tell():
+            raise ValueError(f"attribute {name!r} has {length} bytes")
+        if name in attributes:
+            raise ValueError(f"attribute {name!r} stands there twice")
+        attributes[name] = Attribute(kind, file.read(length))
+    return attributes
+
+
+def _read_name(file: BinaryIO) -> str:
+    """Read a name that ends with a zero byte; empty where a list of attributes ends."""
+    start = file.tell()
+    text = file.read(_LONGEST_NAME + 1)
+    length = text.find(b"\0")
+    if length < 0:
+        raise ValueError("a name does not end")
+    file.seek(start + length + 1)
+    return text[:length].decode("latin-1")

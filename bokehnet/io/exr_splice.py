@@ -1,0 +1,190 @@
+"""An OpenEXR file with some channels of one part replaced, and everything else as it was.
+
+The part is encoded anew, from its other channels as they are stored and the new ones; then its chunks are
+set into a copy of the file. Headers and all other parts, deep ones too, are copied byte by byte.
+"""
+
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+from numpy.typing import NDArray
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.exr_header import Attribute, ExrHeaders, channel_sizes, read_headers
+from bokehnet.io.pixels import ImageFile, Part
+
+__all__ = ["write_replaced"]
+
+_LARGEST_HALF = 65504.0
+
+# What a new encoding may choose by itself; all other attributes stay.
+_OF_THE_ENCODING = ("compression", "lineOrder", "tiles")
+
+# Before the data of a chunk stand its position and the sizes of what follows, by type of part.
+_CHUNK_HEADS = {"scanlineimage": "<iI", "tiledimage": "<4iI", "deepscanline": "<i3Q", "deeptile": "<4i3Q"}
+
+
+def write_replaced(
+    target: Path, source: ImageFile, part: Part, replaced: Mapping[str, NDArray[np.float32]]
+) -> None:
+    """Write ``source`` to ``target`` with the channels ``replaced`` (H, W) of ``part`` in place of its own.
+
+    The types of the channels stay; half is clipped to +-65504. Compression stays, except for HTJ2K and for
+    whole numbers in PXR24, which become ZIP. Other channels of the same part stay exactly as they are under
+    lossless compression, and are compressed once more under B44 and DWA. Mip levels are dropped.
+
+    Args:
+        target: an empty file, overwritten; a second one beside it is needed for a while.
+        source: an open EXR file.
+        part: of ``source``.
+        replaced: float32 by name of the channel.
+
+    Raises:
+        OSError: the target cannot be written, or the source changes meanwhile.
+        ImageFileError: the source is damaged.
+    """
+    assert source.headers is not None
+    donor = target.with_name(f"{target.stem}-part{target.suffix}")
+    try:
+        _encode_part(donor, source, part, replaced)
+        _splice(target, source.path, source.headers, part.index, donor)
+    finally:
+        donor.unlink(missing_ok=True)
+
+
+def _encode_part(
+    donor: Path, source: ImageFile, part: Part, replaced: Mapping[str, NDArray[np.float32]]
+) -> None:
+    """Write one part as a file of its own, a band of rows after the other."""
+    spec = _donor_spec(source, part)
+    output = oiio.ImageOutput.create(str(donor))
+    if output is None or not output.open(str(donor), spec):
+        raise OSError(output.geterror() if output else oiio.geterror())
+    left, right = spec.x, spec.x + spec.width
+    for rows in source.bands(part):
+        values = source.read_stored(part, rows)
+        for name, channel in replaced.items():
+            index = part.channels.index(name)
+            clipped = part.formats[index] == "half"
+            new = np.clip(channel[rows], -_LARGEST_HALF, _LARGEST_HALF) if clipped else channel[rows]
+            values[..., index] = new
+        top, bottom = spec.y + rows.start, spec.y + rows.stop
+        written = (
+            output.write_tiles(left, right, top, bottom, 0, 1, values)
+            if spec.tile_width
+            else output.write_scanlines(top, bottom, 0, values)
+        )
+        if not written:
+            raise OSError(output.geterror())
+    problem = output.geterror()
+    if not output.close() or problem:
+        raise OSError(problem or output.geterror())
+
+
+def _donor_spec(source: ImageFile, part: Part) -> oiio.ImageSpec:
+    """Describe the part alone. Whole numbers go through the encoder as the bits of floats."""
+    stored = source.spec(part)
+    formats = ["half" if name == "half" else "float" for name in part.formats]
+    spec = oiio.ImageSpec(part.width, part.height, len(part.channels), formats[0])
+    spec.channelnames = part.channels
+    if len(set(formats)) > 1:  # else the encoder takes the type of all
+        spec.channelformats = tuple(oiio.TypeDesc(name) for name in formats)
+    spec.x, spec.y = stored.x, stored.y
+    spec.full_x, spec.full_y = stored.full_x, stored.full_y
+    spec.full_width, spec.full_height = stored.full_width, stored.full_height
+    spec.tile_width, spec.tile_height = stored.tile_width, stored.tile_height
+    compression = stored.get_string_attribute("compression", "zip")
+    if compression == "pxr24" and "uint" in part.formats:
+        compression = "zip"
+    if compression.startswith("dwa"):
+        compression += f":{stored.get_float_attribute('openexr:dwaCompressionLevel', 45.0):g}"
+    spec.attribute("compression", compression)
+    return spec
+
+
+def _splice(target: Path, path: Path, headers: ExrHeaders, index: int, donor: Path) -> None:
+    """Copy the file at ``path`` with the chunks of ``donor`` as those of the part ``index``."""
+    new = read_headers(donor)
+    attributes = dict(headers.parts[index])
+    if channel_sizes(new.parts[0]["channels"]) != channel_sizes(attributes["channels"]):
+        raise OSError("the encoder cannot keep the channels as they are")
+    for name in _OF_THE_ENCODING:
+        if name in new.parts[0]:
+            attributes[name] = new.parts[0][name]
+    with target.open("wb") as output, path.open("rb") as old, donor.open("rb") as fresh:
+        fresh.seek(new.end)
+        first = _offsets(fresh, 1)  # the first chunk follows the table of offsets
+        own = first + _offsets(fresh, (first[0] - new.end) // 8 - 1)
+        if "chunkCount" in attributes:
+            attributes["chunkCount"] = Attribute("int", struct.pack("<i", len(own)))
+        parts = (*headers.parts[:index], attributes, *headers.parts[index + 1 :])
+        merged = ExrHeaders(flags=headers.flags, parts=parts, end=0).pack()
+        tables = _tables(old, headers) if headers.multi_part else [own]
+        tables[index] = own
+        output.write(merged)
+        output.write(bytes(8 * sum(map(len, tables))))
+        most = output.tell() + path.stat().st_size + donor.stat().st_size
+        written: list[int] = []
+        for number, table in enumerate(tables):
+            kind = _kind(parts[number])
+            for offset in table:
+                written.append(output.tell())
+                if headers.multi_part:
+                    output.write(struct.pack("<i", number))
+                if number == index:
+                    _copy_chunk(fresh, offset, kind, output)
+                else:
+                    _copy_chunk(old, offset + 4, kind, output)  # behind the number of the part
+                if output.tell() > most:
+                    raise ImageFileError(f"{path}: the chunks of a part overlap; the file is damaged")
+        output.seek(len(merged))
+        output.write(struct.pack(f"<{len(written)}Q", *written))
+
+
+def _tables(file: BinaryIO, headers: ExrHeaders) -> list[list[int]]:
+    """Return where the chunks of each part begin, for a file with several parts."""
+    file.seek(headers.end)
+    counts = [attributes["chunkCount"].value() for attributes in headers.parts]
+    return [_offsets(file, int(count) if isinstance(count, int) else 0) for count in counts]
+
+
+def _offsets(file: BinaryIO, count: int) -> list[int]:
+    """Read ``count`` positions in a file."""
+    table = file.read(8 * count)
+    if len(table) < 8 * count:
+        raise OSError("the table of chunks is cut off")
+    return list(struct.unpack(f"<{count}Q", table))
+
+
+def _kind(attributes: Mapping[str, Attribute]) -> str:
+    """Return the type of a part."""
+    if "type" in attributes:
+        return str(attributes["type"].value())
+    return "tiledimage" if "tiles" in attributes else "scanlineimage"
+
+
+def _copy_chunk(file: BinaryIO, offset: int, kind: str, output: BinaryIO) -> None:
+    """Copy one chunk, without the number of its part."""
+    file.seek(offset)
+    layout = _CHUNK_HEADS[kind]
+    head = file.read(struct.calcsize(layout))
+    if len(head) < struct.calcsize(layout):
+        raise OSError(f"the source ends before its chunk at byte {offset}")
+    fields = struct.unpack(layout, head)
+    size = fields[-3] + fields[-2] if kind.startswith("deep") else fields[-1]
+    output.write(head)
+    start = output.tell()
+    _copy(file, size, output)
+    if output.tell() - start != size:
+        raise OSError(f"the source ends within its chunk at byte {offset}")
+
+
+def _copy(file: BinaryIO, size: int, output: BinaryIO) -> None:
+    """Copy ``size`` bytes, or what there is."""
+    while size > 0 and (block := file.read(min(size, 2**20))):
+        output.write(block)
+        size -= len(block)

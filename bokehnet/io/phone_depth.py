@@ -1,0 +1,130 @@
+"""The depth map that a phone has stored inside a photo."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.apple_depth import apple_depth
+from bokehnet.io.depth_coding import StoredDepth
+from bokehnet.io.google_depth import google_depth
+from bokehnet.io.heif import is_heif, read_heif_depth
+from bokehnet.io.image import read_image
+from bokehnet.io.jpeg import JPEG_START, jpeg_layout
+from bokehnet.io.pixels import ImageFile, apply_orientation
+from bokehnet.io.xmp import jpeg_xmp
+
+__all__ = ["PhoneDepth", "read_phone_depth"]
+
+_EXTENSIONS = {JPEG_START: ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
+_COLOURED = 0.1  # difference of the colours of a pixel from which on a map is not grey
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PhoneDepth:
+    """A depth map out of a photo.
+
+    Attributes:
+        disparity: Near is large, upright as the photo is read, at its own size (H, W); in 1/mm if
+            ``metric``, else relative, 0 to 1 between the ends of the phone's range.
+        metric: Whether the photo tells the scale.
+        focus_disparity: What the phone had in focus, on the scale of ``disparity``; None if not told.
+        all_in_focus: The photo before the phone blurred it, scene-linear (H', W', 3), where the file keeps
+            it; None means that the photo itself is what there is.
+    """
+
+    disparity: NDArray[np.float32]
+    metric: bool
+    focus_disparity: float | None = None
+    all_in_focus: NDArray[np.float32] | None = None
+
+    @property
+    def focus_distance(self) -> float | None:
+        """Depth in focus, mm, ``inf`` for the sky; None if not told or not metric."""
+        if not self.metric or self.focus_disparity is None:
+            return None
+        return 1 / self.focus_disparity if self.focus_disparity > 0 else float("inf")
+
+
+def read_phone_depth(path: Path | str) -> PhoneDepth | None:
+    """Read the depth map inside a photo; None when it holds none.
+
+    Known are JPEG files with GDepth or Dynamic Depth (Android), JPEG and HEIC files with Apple's depth
+    or disparity map.
+
+    Args:
+        path: The photo.
+
+    Raises:
+        ImageFileError: The file cannot be read, or it announces a map that is damaged.
+        MissingExtraError: A HEIC file, and pillow-heif is not installed.
+
+    Source: see ``google_depth`` and ``apple_depth``.
+    """
+    if is_heif(path):
+        found = read_heif_depth(path)
+        if found is None:
+            return None
+        values, coding = found
+        return PhoneDepth(disparity=coding.decode(values), metric=coding.unit is not None)
+    with ImageFile(path) as file:  # says what is wrong with a file that is no picture
+        orientation = file.parts[0].orientation
+        if file.file_format != "jpeg":
+            return None
+    data = Path(path).read_bytes()
+    layout = jpeg_layout(data)
+    stored = google_depth(path, data, layout.end, jpeg_xmp(path, layout.app1))
+    stored = stored or apple_depth(path, data, layout.end)
+    return None if stored is None else _decode(Path(path), stored, orientation)
+
+
+def _decode(path: Path, stored: StoredDepth, orientation: int) -> PhoneDepth:
+    coding = stored.coding
+    values = _read_grey(path, stored.picture, orientation)
+    return PhoneDepth(
+        disparity=coding.decode(values),
+        metric=coding.unit is not None,
+        focus_disparity=None if stored.focus is None else coding.focus(stored.focus),
+        all_in_focus=None if stored.original is None else _read_original(path, stored.original, orientation),
+    )
+
+
+def _read_grey(path: Path, picture: bytes, orientation: int) -> NDArray[np.float32]:
+    """Decode a map, which is turned as its photo, whatever it says of itself."""
+    with _embedded(path, picture, "depth map") as name, ImageFile(name) as file:
+        part = file.parts[0]
+        names = [channel for channel in part.channels if channel != part.alpha]
+        values = file.read(replace(part, orientation=orientation), names)
+        if np.ptp(values, axis=-1).max() > _COLOURED:
+            raise ImageFileError(f"{name}: expected a grey picture, found colours")
+        return np.asarray(values.mean(axis=-1, dtype=np.float64), np.float32)
+
+
+def _read_original(path: Path, picture: bytes, orientation: int) -> NDArray[np.float32]:
+    """Decode the unblurred picture; one that does not tell how it is turned is turned as its photo."""
+    with _embedded(path, picture, "original picture") as name:
+        with ImageFile(name) as file:
+            own = file.parts[0].orientation
+        image = read_image(name)
+        return apply_orientation(image, orientation) if own == 1 else image
+
+
+@contextmanager
+def _embedded(path: Path, content: bytes, what: str) -> Iterator[Path]:
+    """Bytes as a file while the block runs; errors about it name the photo and what it is to it."""
+    told = f"{path}: the {what} inside"
+    extension = next((name for start, name in _EXTENSIONS.items() if content.startswith(start)), None)
+    if extension is None:
+        raise ImageFileError(f"{told}: expected JPEG or PNG, found neither; the photo is damaged")
+    with tempfile.TemporaryDirectory(prefix="bokehnet-") as folder:
+        name = Path(folder) / f"embedded{extension}"
+        name.write_bytes(content)
+        try:
+            yield name
+        except ImageFileError as error:
+            raise ImageFileError(str(error).replace(str(name), told, 1)) from error

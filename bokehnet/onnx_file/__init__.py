@@ -1,0 +1,1 @@
+"""One ONNX file with a whole renderer inside; standard operators only. Needs onnx."""

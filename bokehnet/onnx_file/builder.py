@@ -1,0 +1,240 @@
+"""Writing ONNX graphs like array code: values with operators, loops and branches as Python functions.
+
+The nodes go into the graph that is open: the body of a loop while that is written, else the main graph.
+Constants and sizes are values as well. Sizes are int64 of shape (1,).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import NodeProto, TensorProto, helper, numpy_helper
+
+from bokehnet.onnx_file.values import TYPES, Operand, Value
+
+__all__ = ["OPSET", "Graph"]
+
+OPSET = 20
+
+_IR_VERSION = 10
+
+
+class Graph:
+    """An ONNX graph that grows node by node."""
+
+    def __init__(self) -> None:
+        self._open: list[list[NodeProto]] = [[]]
+        self._count = 0
+        self._constants: dict[tuple, Value] = {}
+        self._initializers: list[TensorProto] = []
+        self._inputs: list[onnx.ValueInfoProto] = []
+
+    def _name(self, kind: str) -> str:
+        self._count += 1
+        return f"{kind}_{self._count}"
+
+    def constant(self, content: Operand, dtype: Any = None) -> Value:
+        """A number or array as a value; values pass through."""
+        if isinstance(content, Value):
+            return content
+        array = np.asarray(content, dtype)
+        key = (array.dtype, array.shape, array.tobytes())
+        if key not in self._constants:
+            value = Value(self, self._name("constant"), array.dtype)
+            self._constants[key] = value
+            self._initializers.append(numpy_helper.from_array(array, value.name))
+        return self._constants[key]
+
+    def sizes(self, *parts: Operand) -> Value:
+        """Numbers and values of shape (1,) as one list of int64."""
+        if not any(isinstance(part, Value) for part in parts):
+            return self.constant(parts, np.int64)
+        return self.concat(
+            [self.constant(part if isinstance(part, Value) else [part], np.int64) for part in parts]
+        )
+
+    def input(self, name: str, dtype: Any, shape: Sequence[str | int] | None) -> Value:
+        """An input of the file; without a shape it takes any."""
+        self._inputs.append(helper.make_tensor_value_info(name, TYPES[np.dtype(dtype)], shape))
+        return Value(self, name, dtype)
+
+    def ops(self, op: str, *inputs: Value, dtypes: Sequence[Any], **attributes: Any) -> list[Value]:
+        """Add a node with one result for each of ``dtypes``."""
+        results = [Value(self, self._name(op.lower()), dtype) for dtype in dtypes]
+        names = [x.name for x in inputs]
+        self._open[-1].append(helper.make_node(op, names, [r.name for r in results], **attributes))
+        return results
+
+    def op(self, op: str, *inputs: Value, dtype: Any = None, **attributes: Any) -> Value:
+        """Add a node with one result, by default of the first input's type."""
+        return self.ops(op, *inputs, dtypes=[dtype or inputs[0].dtype], **attributes)[0]
+
+    def where(self, chosen: Value, a: Operand, b: Operand) -> Value:
+        """``a`` where ``chosen``, else ``b``; one of them is a value."""
+        dtype = next(x.dtype for x in (a, b) if isinstance(x, Value))
+        return self.op("Where", chosen, self.constant(a, dtype), self.constant(b, dtype), dtype=dtype)
+
+    def minimum(self, a: Value, b: Operand) -> Value:
+        """The smaller one."""
+        return self.op("Min", a, self.constant(b, a.dtype))
+
+    def maximum(self, a: Value, b: Operand) -> Value:
+        """The larger one."""
+        return self.op("Max", a, self.constant(b, a.dtype))
+
+    def concat(self, values: Sequence[Value], axis: int = 0) -> Value:
+        """Join along an axis."""
+        return self.op("Concat", *values, axis=axis)
+
+    def zeros(self, dtype: Any, *sizes: Operand) -> Value:
+        """An array of zeros."""
+        content = numpy_helper.from_array(np.zeros(1, dtype))
+        return self.op("ConstantOfShape", self.sizes(*sizes), dtype=dtype, value=content)
+
+    def sorted(self, values: Value, count: Value | None = None) -> tuple[Value, Value]:
+        """The ``count`` largest of (N,), by default all, the largest first, and where they stood."""
+        count = values.size(0) if count is None else count
+        largest, places = self.ops("TopK", values, count, dtypes=[values.dtype, np.int64], axis=0)
+        return largest, places
+
+    def count_up(self, length: Value) -> Value:
+        """0, 1, ... up to below ``length``, int64."""
+        return self.op("Range", self.constant(0, np.int64), self.scalar(length), self.constant(1, np.int64))
+
+    def scalar(self, value: Value) -> Value:
+        """One element as shape ()."""
+        return self.op("Squeeze", value, self.sizes(0))
+
+    def empty_sequence(self) -> Value:
+        """A sequence of float32 arrays, without any."""
+        result = self.op("SequenceEmpty", dtype=np.float32)
+        result.sequence = True
+        return result
+
+    def append(self, sequence: Value, value: Value) -> Value:
+        """The sequence with one more array."""
+        result = self.op("SequenceInsert", sequence, value)
+        result.sequence = True
+        return result
+
+    def at(self, sequence: Value, place: Value) -> Value:
+        """An array of the sequence."""
+        return self.op("SequenceAt", sequence, place)
+
+    def none(self) -> Value:
+        """Stands for an input that is left out."""
+        return Value(self, "", np.float32)
+
+    @contextmanager
+    def _body(self) -> Iterator[list[NodeProto]]:
+        self._open.append([])
+        yield self._open[-1]
+        self._open.pop()
+
+    def _close(
+        self, nodes: list[NodeProto], inputs: Sequence[onnx.ValueInfoProto], outputs: Sequence[Value]
+    ) -> onnx.GraphProto:
+        """A body with these results; a node of its own makes each, as the standard wants it."""
+        named = [Value(self, self._name("result"), x.dtype, x.sequence) for x in outputs]
+        same = [helper.make_node("Identity", [x.name], [n.name]) for x, n in zip(outputs, named, strict=True)]
+        return helper.make_graph([*nodes, *same], self._name("body"), list(inputs), [_info(x) for x in named])
+
+    def loop(
+        self,
+        body: Callable[..., tuple[Sequence[Value], Sequence[Value]]],
+        state: Sequence[Value],
+        times: Value | None = None,
+        while_true: bool = False,
+    ) -> list[Value]:
+        """Repeat ``body``.
+
+        Args:
+            body: Gets the number of the turn, shape (), and the state; gives the new state and what to
+                collect in every turn. With ``while_true`` the first of the new state, a bool, tells
+                whether to go on.
+            state: At the start; its arrays may change their sizes.
+            times: Most turns, shape (1,).
+            while_true: Whether the first of the state decides.
+
+        Returns:
+            The state at the end, then what was collected, each with the turns as its first axis.
+        """
+        turn, go_on = Value(self, self._name("turn"), np.int64), Value(self, self._name("go_on"), bool)
+        held = [Value(self, self._name("held"), x.dtype, x.sequence) for x in state]
+        with self._body() as nodes:
+            new_state, collected = body(turn, *held)
+            onward = self.scalar(new_state[0]) if while_true else go_on
+            infos = [
+                helper.make_tensor_value_info(turn.name, TensorProto.INT64, ()),
+                helper.make_tensor_value_info(go_on.name, TensorProto.BOOL, ()),
+                *map(_info, held),
+            ]
+            graph = self._close(nodes, infos, [onward, *new_state, *collected])
+        results = [Value(self, self._name("loop"), x.dtype, x.sequence) for x in (*new_state, *collected)]
+        start = self.scalar(state[0]).name if while_true else ""
+        names = [times.name if times else "", start, *(x.name for x in state)]
+        self._open[-1].append(helper.make_node("Loop", names, [r.name for r in results], body=graph))
+        return results
+
+    def branch(self, chosen: Value, yes: Callable[[], Value], no: Callable[[], Value]) -> Value:
+        """``yes()`` if ``chosen``, of shape (1,), else ``no()``; only that one is worked out."""
+        graphs = []
+        for make in (yes, no):
+            with self._body() as nodes:
+                result = make()
+                graphs.append(self._close(nodes, [], [result]))
+        return self.op("If", chosen, dtype=result.dtype, then_branch=graphs[0], else_branch=graphs[1])
+
+    def inline(self, network: onnx.ModelProto, inputs: dict[str, Value]) -> list[Value]:
+        """Write another file's nodes into this graph, and return its outputs.
+
+        Args:
+            network: Of the same operator set, with float32 outputs.
+            inputs: Its inputs by name; those that it does not take are left out.
+        """
+        prefix = self._name("network")
+        taken = {item.name for item in network.graph.input}
+        renamed = {name: value.name for name, value in inputs.items() if name in taken} | {"": ""}
+        for tensor in network.graph.initializer:
+            value = self.constant(numpy_helper.to_array(tensor))
+            renamed[tensor.name] = value.name
+        for node in network.graph.node:
+            copy = NodeProto()
+            copy.CopyFrom(node)
+            copy.name = ""
+            copy.input[:] = [renamed[name] for name in node.input]
+            for name in node.output:
+                renamed.setdefault(name, f"{prefix}_{name}")
+            copy.output[:] = [renamed[name] for name in node.output]
+            self._open[-1].append(copy)
+        return [Value(self, renamed[item.name], np.float32) for item in network.graph.output]
+
+    def model(
+        self, outputs: dict[str, tuple[Value, Sequence[str | int] | None]], **about: str
+    ) -> onnx.ModelProto:
+        """The whole as a file.
+
+        Args:
+            outputs: Values with their shapes, by name.
+            about: Entries for the file's metadata.
+        """
+        assert len(self._open) == 1
+        nodes, infos = self._open[0], []
+        for name, (value, shape) in outputs.items():
+            nodes.append(helper.make_node("Identity", [value.name], [name]))
+            infos.append(helper.make_tensor_value_info(name, TYPES[value.dtype], shape))
+        graph = helper.make_graph(nodes, "bokehnet", self._inputs, infos, self._initializers)
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)])
+        model.ir_version = _IR_VERSION
+        helper.set_model_props(model, about)
+        return model
+
+
+def _info(value: Value) -> onnx.ValueInfoProto:
+    """Name and type of a value, of any shape."""
+    kind = TYPES[value.dtype]
+    if value.sequence:
+        return helper.make_tensor_sequence_value_info(value.name, kind, None)
+    return helper.make_tensor_value_info(value.name, kind, None)

@@ -1,0 +1,47 @@
+"""Pictures of other sizes as ONNX operators: what :mod:`bokehnet.pyramid` does. All are (..., H, W)."""
+
+import numpy as np
+
+from bokehnet.onnx_file.builder import Graph
+from bokehnet.onnx_file.values import END, Value
+
+__all__ = ["double", "pad_to_multiple", "repeat", "shrink"]
+
+
+def pad_to_multiple(g: Graph, x: Value, multiple: Value | int, mode: str = "edge") -> Value:
+    """Add rows and columns at the end until both are multiples of ``multiple``.
+
+    Args:
+        g: The open graph.
+        x: (..., H, W).
+        multiple: A number, or a size.
+        mode: "edge" repeats the last ones, "constant" adds zeros.
+    """
+    multiple = g.sizes(multiple)
+    shape = g.op("Shape", x, dtype=np.int64)
+    sides = shape.cut(0, -2, END)
+    missing = (multiple - sides % multiple) % multiple
+    return g.op(
+        "Pad", x, g.concat([g.constant([0, 0], np.int64), missing]), g.none(), g.sizes(-2, -1), mode=mode
+    )
+
+
+def double(g: Graph, x: Value) -> Value:
+    """Bilinear doubling, (C, H, W) to (C, 2H, 2W); the border is repeated."""
+    channels, height, width = x.size(0), x.size(1), x.size(2)
+    scales = g.constant([1, 1, 2, 2], np.float32)
+    doubled = g.op("Resize", x.reshape(1, channels, height, width), g.none(), scales, mode="linear")
+    return doubled.reshape(channels, height * 2, width * 2)
+
+
+def repeat(g: Graph, x: Value) -> Value:
+    """Every pixel twice along both axes, (H, W) to (2H, 2W)."""
+    height, width = x.size(0), x.size(1)
+    twice = g.op("Expand", x.reshape(height, 1, width, 1), g.sizes(1, 2, 1, 2))
+    return twice.reshape(height * 2, width * 2)
+
+
+def shrink(x: Value, factor: Value) -> Value:
+    """Mean of every block of ``factor`` x ``factor`` pixels, (C, H, W); the sides must be multiples."""
+    channels, height, width = x.size(0), x.size(1) // factor, x.size(2) // factor
+    return x.reshape(channels, height, factor, width, factor).mean(2, 4)

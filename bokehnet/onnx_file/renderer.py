@@ -1,0 +1,152 @@
+"""The whole renderer as one graph, and its proof against the renderer of the package."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+
+from bokehnet import __version__
+from bokehnet.errors import ModelFileError
+from bokehnet.fusion import fuse
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.inference.session import WEIGHTS, load_networks
+from bokehnet.io.atomic import write_atomic
+from bokehnet.onnx_file.builder import OPSET, Graph
+from bokehnet.onnx_file.error_map import geometric_error_map
+from bokehnet.onnx_file.neural import render_neural
+from bokehnet.onnx_file.scatter import scatter
+from bokehnet.onnx_file.tone import gamma_curve
+from bokehnet.onnx_file.values import Value
+from bokehnet.optics.coc import defocus_from_disparity
+
+__all__ = ["PARITY", "build_model", "export_renderer"]
+
+# Least PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
+PARITY = 50.0
+
+# Heights, widths, blurs and gammas at which they are compared: no side is a multiple of a block, one picture
+# has more rows than a band, one a blur that no table holds.
+_TRIALS = ((97, 131, 9.0, 1.0), (301, 154, 30.0, 1.0), (150, 203, 220.0, 1.0), (120, 90, 20.0, 2.2))
+
+
+def _read_network(weights: Path) -> tuple[onnx.ModelProto, float]:
+    """ARNet, checked, and its unit in pixels."""
+    networks = load_networks(weights, threads=1)
+    if networks.classical != "scatter" or networks.iunet is not None:
+        found = networks.classical + ("" if networks.iunet is None else " and has an IUNet")
+        raise ModelFileError(
+            f"{weights}: expected an ARNet alone that corrects the scatter, found one that corrects {found}"
+        )
+    entries = json.loads((weights / "manifest.json").read_text(encoding="utf-8"))["networks"]
+    path = weights / entries["arnet"]["file"]
+    arnet = onnx.load(path)
+    versions = {item.domain: item.version for item in arnet.opset_import}
+    if versions != {"": OPSET}:
+        raise ModelFileError(f"{path}: expected operator set {OPSET}, found {versions}; export again")
+    return arnet, networks.unit
+
+
+def build_model(weights: Path | None = None) -> onnx.ModelProto:
+    """Return the engine ``fast`` as one ONNX model of standard operators.
+
+    Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
+    ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
+    ``bokeh`` (H, W, 3), scene-linear. The network only knows gamma 1; with any other the result is the
+    scatter's alone, as of the engine ``scatter``, and gamma is held within 0.2 to 5.
+
+    Args:
+        weights: Folder with the network and its manifest; by default those of the engine ``fast``.
+
+    Raises:
+        ModelFileError: The network is missing or damaged, or does not correct the scatter by itself.
+    """
+    arnet, unit = _read_network(weights or WEIGHTS / "fast")
+    g = Graph()
+    image = g.input("image", np.float32, ["height", "width", 3])
+    disparity = g.input("disparity", np.float32, ["height", "width"])
+    blur, focus, gamma = (g.input(name, np.float32, []) for name in ("K", "focus", "gamma"))
+    image = g.maximum(image, 0).transpose(2, 0, 1)
+    defocus = defocus_from_disparity(disparity, blur, focus)
+    linear = gamma.reshape(1).equals(1)
+
+    encoded = g.branch(linear, lambda: image, lambda: gamma_curve(g, image, gamma).encode(image))
+    blurred = scatter(g, encoded, defocus)
+    classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
+
+    def corrected() -> Value:
+        doubt = geometric_error_map(g, defocus)
+        neural, error_map = render_neural(g, image, defocus, classical, doubt, arnet=arnet, unit=unit)
+        return fuse(classical, neural, error_map)
+
+    bokeh = g.branch(linear, corrected, lambda: classical).transpose(1, 2, 0)
+    about = {"producer": f"bokehnet {__version__}", "license": "Apache-2.0", "light": "scene-linear"}
+    model = g.model({"bokeh": (bokeh, ["height", "width", 3])}, **about)
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """A coloured texture of every fineness, and a disparity of slopes and steps in [0, 1]."""
+    rng = np.random.default_rng(height)
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    image = np.zeros((height, width, 3), np.float32)
+    for size in (2, 8, 32):
+        cells = rng.random((height // size + 1, width // size + 1, 3), dtype=np.float32) / 3
+        image += cells.repeat(size, 0).repeat(size, 1)[:height, :width]
+    disparity = 0.3 * y / height
+    for _ in range(6):
+        inside = (
+            np.hypot(y - rng.uniform(0, height), x - rng.uniform(0, width)) < rng.uniform(0.05, 0.2) * width
+        )
+        disparity = np.where(inside, np.float32(rng.random()), disparity)
+    return image, disparity
+
+
+def _compare(model: bytes, weights: Path | None = None) -> list[float]:
+    """PSNR in dB between a file's content in ONNX Runtime and the package, one for each trial."""
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    hybrid, plain = BokehRenderer("fast", weights=weights), BokehRenderer("scatter")
+    found = []
+    for height, width, blur, gamma in _TRIALS:
+        image, disparity = _trial_picture(height, width)
+        focus = float(np.median(disparity))
+        numbers = {"K": blur, "focus": focus, "gamma": gamma}
+        scalars = {name: np.array(number, np.float32) for name, number in numbers.items()}
+        got = session.run(None, {"image": image, "disparity": disparity, **scalars})[0]
+        defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(focus))
+        wanted = (hybrid if gamma == 1 else plain).render(image, defocus, gamma=gamma).bokeh
+        found.append(float(-10 * np.log10(np.square(got - wanted).mean() + 1e-20)))
+    return found
+
+
+def export_renderer(path: Path, weights: Path | None = None) -> float:
+    """Write the engine ``fast`` as one ONNX file, after proof that it renders what the package renders.
+
+    Args:
+        path: The file.
+        weights: As of :func:`build_model`.
+
+    Returns:
+        The lowest PSNR of the proof, dB.
+
+    Raises:
+        ModelFileError: As of :func:`build_model`; a PSNR is below ``PARITY``, or the file cannot be written;
+            an older file is kept.
+    """
+    content = build_model(weights).SerializeToString()
+    lowest = min(_compare(content, weights))
+    if not lowest >= PARITY:
+        raise ModelFileError(
+            f"{path}: expected at least {PARITY:g} dB between the file and the package, found {lowest:.1f}; "
+            f"not written"
+        )
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(content)
+
+    write_atomic(path, write, error=ModelFileError)
+    return lowest

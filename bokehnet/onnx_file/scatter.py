@@ -1,0 +1,125 @@
+"""The scatter as ONNX operators: what ``bokehnet.classical.levels`` and ``merging`` do, without numba.
+
+Large discs are spread on pictures of half, a quarter, ... of the size; which pixels go there is decided as
+in :mod:`bokehnet.classical.merging`. Besides, discs that the table lacks always go, also those of bright
+lights and of pixels at jumps, so that no loop grows with the largest blur.
+"""
+
+import numpy as np
+
+from bokehnet.classical.kernels import LARGEST_RADIUS
+from bokehnet.classical.levels import CONTRAST, DISC, TOLERANCE
+from bokehnet.classical.merging import TILE
+from bokehnet.onnx_file.builder import Graph
+from bokehnet.onnx_file.pictures import double, pad_to_multiple, repeat
+from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs
+from bokehnet.onnx_file.values import END, Value
+
+__all__ = ["scatter"]
+
+
+def _block_parts(x: Value, axis: int) -> list[Value]:
+    """The four pixels of every 2x2 block, each (..., H/2, W/2); H stands at ``axis``."""
+    return [x.cut(axis, row, END, 2).cut(axis + 1, column, END, 2) for row in (0, 1) for column in (0, 1)]
+
+
+def _block_sum(x: Value, axis: int) -> Value:
+    a, b, c, d = _block_parts(x, axis)
+    return a + b + c + d
+
+
+def _alike(g: Graph, defocus: Value) -> Value:
+    """Where the four discs of a block are large and differ little, (H/2, W/2)."""
+    a, b, c, d = _block_parts(defocus, 0)
+    low, high = g.op("Min", a, b, c, d), g.op("Max", a, b, c, d)
+    smallest = g.maximum(low, -high)
+    return (smallest > DISC.merge_above) & (high - low <= smallest * TOLERANCE)
+
+
+def _outshines(g: Graph, values: Value, height: Value, width: Value) -> Value:
+    """Where a pixel of a block exceeds ``CONTRAST`` times the mean of its tile, (H/2, W/2).
+
+    ``values`` (4, H, W) are 0 beyond ``height`` and ``width``, H and W multiples of the tile.
+    """
+    half = TILE // 2
+    rows, columns = values.size(1) // TILE, values.size(2) // TILE
+    sums = abs(values).reshape(CHANNELS, rows, TILE, columns, TILE).sum(2, 4)
+    inside = [
+        g.minimum(size - g.count_up(count) * TILE, TILE).astype(np.float32)
+        for size, count in ((height, rows), (width, columns))
+    ]
+    mean = sums / (inside[0].reshape(-1, 1) * inside[1])
+    brightest = g.op("Max", *_block_parts(abs(values), 1)).reshape(CHANNELS, rows, half, columns, half)
+    above = brightest > mean.reshape(CHANNELS, rows, 1, columns, 1) * CONTRAST
+    return (above.astype(np.float32).max(0) > 0).reshape(rows * half, columns * half)
+
+
+def _merge(g: Graph, values: Value, defocus: Value) -> tuple[Value, Value, Value, Value]:
+    """Move sources to the half-size picture.
+
+    Args:
+        g: The open graph.
+        values: What each pixel spreads, (4, H, W).
+        defocus: Its signed radius, (H, W).
+
+    Returns:
+        What stays, of the same shapes, and what goes, (4, ceil H/2, ceil W/2) and (ceil H/2, ceil W/2);
+        each is 0 where the other one has the source.
+    """
+    height, width = defocus.size(0), defocus.size(1)
+    padded, around = (pad_to_multiple(g, x, TILE, "constant") for x in (values, defocus))
+    block = _alike(g, around) & ~_outshines(g, padded, height, width)
+    goes = (repeat(g, block) | (abs(around) >= TABLE_RADIUS)).astype(np.float32)
+    count = _block_sum(goes, 0)
+    total = _block_sum(around * goes, 0)
+    magnitude = _block_sum(abs(around) * goes, 0) / g.maximum(count, 1)
+    smaller = g.op("Sqrt", g.maximum(magnitude * magnitude - DISC.excess, 0)) * 0.5
+    coarse_defocus = g.where(total < 0, -smaller, smaller)
+    half_height, half_width = (height + 1) // 2, (width + 1) // 2
+    stays = (1 - goes).cut(0, 0, height).cut(1, 0, width)
+    return (
+        values * stays,
+        defocus * stays,
+        (_block_sum(padded * goes, 1) * 0.25).cut(1, 0, half_height).cut(2, 0, half_width),
+        coarse_defocus.cut(0, 0, half_height).cut(1, 0, half_width),
+    )
+
+
+def _spread(g: Graph, values: Value, defocus: Value) -> Value:
+    """Spread (4, H, W) over discs of any size; arguments and result as of ``spread_discs``."""
+
+    def descend(
+        _: Value, __: Value, values: Value, defocus: Value, levels: Value
+    ) -> tuple[list[Value], list[Value]]:
+        values, defocus, coarse, coarse_defocus = _merge(g, values, defocus)
+        levels = g.append(levels, spread_discs(g, values, defocus))
+        return [abs(coarse_defocus).max() > 0, coarse, coarse_defocus, levels], []
+
+    start = [g.constant([True]), values, defocus, g.empty_sequence()]
+    levels = g.loop(descend, start, while_true=True)[-1]
+    last = g.op("SequenceLength", levels, dtype=np.int64) - 1
+
+    def climb(turn: Value, sums: Value) -> tuple[list[Value], list[Value]]:
+        finer = g.at(levels, last - 1 - turn)
+        doubled = double(g, sums).cut(1, 0, finer.size(1)).cut(2, 0, finer.size(2))
+        return [finer + doubled], []
+
+    return g.loop(climb, [g.at(levels, last)], times=last.reshape(1))[0]
+
+
+def scatter(g: Graph, image: Value, defocus: Value) -> Value:
+    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter.scatter` with a plain disc.
+
+    Args:
+        g: The open graph.
+        image: Scene-linear, not negative, (3, H, W), float32.
+        defocus: Signed blur radius in pixels, (H, W), float32.
+
+    Returns:
+        Picture (3, H, W).
+    """
+    ones = g.op("Expand", g.constant(1, np.float32), g.sizes(1, defocus.size(0), defocus.size(1)))
+    clipped = g.minimum(g.maximum(defocus, -LARGEST_RADIUS), LARGEST_RADIUS)
+    sums = _spread(g, g.concat([image, ones]), clipped)
+    weight = sums.cut(0, 3, 4)
+    return g.where(weight > 0, sums.cut(0, 0, 3) / weight, image)

@@ -1,0 +1,98 @@
+"""Scales of light as ONNX operators: :func:`bokehnet.optics.tone.gamma_curve`, and what networks see.
+
+A gamma out of range is brought back into it, as a file cannot refuse it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.onnx_file.builder import Graph
+from bokehnet.onnx_file.values import END, Value
+from bokehnet.optics import tone
+from bokehnet.optics.encoding import STEEPNESS, WHITE
+
+__all__ = ["GammaCurve", "decode", "encode", "gamma_curve"]
+
+
+def encode(g: Graph, light: Value) -> Value:
+    """:func:`bokehnet.optics.encoding.encode`."""
+    return g.op("Log", g.maximum(light, 0) * STEEPNESS + 1) / WHITE
+
+
+def decode(g: Graph, encoded: Value) -> Value:
+    """:func:`bokehnet.optics.encoding.decode`, values below 0 as 0."""
+    return g.maximum((g.op("Exp", encoded * WHITE) - 1) / STEEPNESS, 0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class GammaCurve:
+    """The attributes of :class:`bokehnet.optics.tone.GammaCurve`, float64, shape (1,)."""
+
+    graph: Graph
+    gamma: Value
+    white: Value
+    toe: Value
+    shoulder: Value
+
+    def encode(self, light: Value) -> Value:
+        """The curve's values for scene-linear light from 0 up, float32, any shape."""
+        g = self.graph
+        u = light.astype(np.float64) / self.white
+        value = g.op("Clip", u, *map(g.scalar, (self.toe, self.shoulder))) ** self.gamma
+        value = g.where(u < self.toe, self._toe_slope * u, value)
+        beyond = value + self._shoulder_slope * (u - self.shoulder)
+        return g.where(u > self.shoulder, beyond, value).astype(np.float32)
+
+    def decode(self, values: Value) -> Value:
+        """The light that :meth:`encode` takes to ``values``."""
+        g = self.graph
+        wide = values.astype(np.float64)
+        low, high = self.toe**self.gamma, self.shoulder**self.gamma
+        u = g.op("Clip", wide, g.scalar(low), g.scalar(high)) ** (1 / self.gamma)
+        u = g.where(wide < low, wide / g.where(self.toe > 0, self._toe_slope, 1), u)
+        u = g.where(wide > high, u + (wide - high) / self._shoulder_slope, u)
+        return (u * self.white).astype(np.float32)
+
+    @property
+    def _toe_slope(self) -> Value:
+        return self.graph.where(self.toe > 0, self.toe ** (self.gamma - 1), 0)
+
+    @property
+    def _shoulder_slope(self) -> Value:
+        return self.gamma * self.shoulder ** (self.gamma - 1)
+
+
+def _bright_quantile(g: Graph, brightness: Value) -> Value:
+    """The value that a share ``ABOVE_WHITE`` of the pixels exceeds, linear between two; shape (1,)."""
+    flat = brightness.reshape(-1)
+    place = (flat.size(0) - 1).astype(np.float64) * (1 - tone.ABOVE_WHITE)
+    below = g.op("Floor", place)
+    count = flat.size(0) - below.astype(np.int64)
+    brightest, _ = g.sorted(flat, count)
+    lower = brightest.cut(0, -1, END).astype(np.float64)
+    upper = brightest.take(g.maximum(count - 2, 0)).astype(np.float64)
+    return lower + (place - below) * (upper - lower)
+
+
+def gamma_curve(g: Graph, image: Value, gamma: Value) -> GammaCurve:
+    """The power law for a picture (3, H, W) and a gamma of shape ()."""
+    exponent = g.op(
+        "Clip",
+        gamma.reshape(1),
+        *(g.constant(x, np.float32) for x in (tone.LOWEST_GAMMA, tone.HIGHEST_GAMMA)),
+    )
+    exponent = exponent.astype(np.float64)
+    brightness = image.max(0)
+    largest = brightness.max().astype(np.float64)
+    white = g.maximum(_bright_quantile(g, brightness), largest / tone.LARGEST_RANGE)
+    white = g.where(largest > 0, white, 1)
+    most = g.where(largest > 0, largest / white, 1)
+    above = g.where(exponent > 1, exponent - 1, 1)  # where no line is needed, any number will do
+    allowed = tone.INVISIBLE * g.constant(tone.HIGHEST_TOE, np.float64) ** above / tone.ROUNDING
+    shoulder = g.where(
+        (exponent > 1) & (most**exponent > allowed), (allowed / (exponent * most)) ** (1 / above), most
+    )
+    highest = shoulder**exponent + exponent * shoulder ** (exponent - 1) * (most - shoulder)
+    toe = g.where(exponent > 1, (highest * tone.ROUNDING / tone.INVISIBLE) ** (1 / above), 0)
+    return GammaCurve(graph=g, gamma=exponent, white=white, toe=toe, shoulder=shoulder)

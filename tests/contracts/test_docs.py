@@ -1,0 +1,93 @@
+"""What the documentation shows exists, and its site builds without a warning."""
+
+import importlib.util
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+import bokehnet
+from bokehnet.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+SHELL = re.compile(r"```sh\n(.*?)```", re.DOTALL)
+
+
+def command_lines(text: str) -> list[list[str]]:
+    """Words of every command of the ``sh`` blocks; && parts two commands, ... leaves something out."""
+    lines = [
+        line
+        for block in SHELL.findall(text)
+        for line in block.replace("\\\n", " ").splitlines()
+        if not line.startswith(("#", "..."))
+    ]
+    words = [shlex.split(part, comments=True) for line in lines for part in line.split("&&")]
+    return [command for command in words if command]
+
+
+SHOWN = [(page.name, words) for page in PAGES for words in command_lines(page.read_text(encoding="utf-8"))]
+OURS = [
+    pytest.param(words[1:], id=f"{page} {' '.join(words)}") for page, words in SHOWN if words[0] == "bokehnet"
+]
+IN_LINE = [
+    (page.name, name)
+    for page in PAGES
+    for name in re.findall(
+        r"python\s+-m\s+((?:bokehnet|train|benchmarks|docs)[\w.]*)", page.read_text(encoding="utf-8")
+    )
+]
+
+
+def parse(words: list[str]) -> None:
+    """Parse a command line as the program does, without running it."""
+    group = typer.main.get_command(app)
+    command = group.commands[words[0]]  # type: ignore[attr-defined]
+    command.make_context(f"bokehnet {words[0]}", list(words[1:]))
+
+
+@pytest.mark.parametrize("words", OURS)
+def test_every_bokehnet_command_parses(words):
+    parse(words)
+
+
+def test_a_command_with_an_unknown_option_does_not_parse():
+    with pytest.raises(Exception, match="--blurr"):
+        parse(["render", "photo.jpg", "--blurr", "40", "-o", "out.png"])
+
+
+@pytest.mark.parametrize(("page", "name"), sorted(set(IN_LINE)))
+def test_every_module_that_is_run_exists(page, name):
+    assert importlib.util.find_spec(name) is not None, f"{page} runs {name}"
+
+
+def test_every_public_name_is_in_the_api_page():
+    """By itself or with its whole module."""
+    text = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"^::: ([\w.]+)$", text, re.MULTILINE))
+    homes = {name: getattr(bokehnet, name).__module__ for name in bokehnet.__all__ if name != "__version__"}
+    assert [name for name, home in homes.items() if not told & {home, f"{home}.{name}"}] == []
+
+
+def test_every_page_is_in_the_navigation():
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert [page.name for page in PAGES if page.name not in text] == []
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    for module, package in (
+        ("mkdocs", "mkdocs"),
+        ("material", "mkdocs-material"),
+        ("mkdocstrings", "mkdocstrings"),
+    ):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"needs {package}: pip install '.[docs]'")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "path-traced" in (tmp_path / "benchmarks.html").read_text(encoding="utf-8")
+    assert "cats_eye" in (tmp_path / "api.html").read_text(encoding="utf-8")

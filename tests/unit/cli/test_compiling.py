@@ -1,0 +1,43 @@
+import numba
+
+from bokehnet.cli.compiling import compile_notice
+
+
+def make_kernel():
+    @numba.njit
+    def double(x):
+        return 2 * x
+
+    return double
+
+
+def test_compiling_is_told_once(capsys):
+    first, second = make_kernel(), make_kernel()
+    with compile_notice():
+        assert first(1) == 2
+        assert second(1) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err == "bokehnet: compiling for this machine, once; it may take a minute\n"
+
+
+def test_kernels_that_are_there_are_run_in_silence(capsys):
+    kernel = make_kernel()
+    kernel(1)
+    with compile_notice():
+        kernel(1)
+    make_kernel()(1)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_the_first_render_tells_that_it_compiles_and_the_second_is_silent(folder, cli_process, monkeypatch):
+    """In processes of their own, with an empty cache of numba's."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "cache"))
+    photo, disparity, output = (folder / name for name in ("photo.png", "disparity.png", "out.png"))
+    words = ("render", photo, "--disparity", disparity, "--blur", 2, "--focus", 0, "-o", output)
+    words += ("--engine", "scatter", "--refine-disparity", "off")
+    first = cli_process(*words)
+    assert first.code == 0
+    assert first.err.startswith("bokehnet: compiling for this machine, once")
+    second = cli_process(*words)
+    assert (second.code, second.err) == (0, "")

@@ -1,0 +1,57 @@
+"""``bokehnet export``."""
+
+import re
+import sys
+
+import pytest
+
+from tests.unit.onnx_file.running import picture, start, steps
+
+
+def test_one_file_is_written_that_renders(cli, tmp_path, random_weights):
+    import numpy as np
+    import onnx
+
+    path = tmp_path / "out file.onnx"
+    outcome = cli("export", "--full", "-o", path, "--weights", random_weights)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert re.fullmatch(
+        rf"wrote {re.escape(str(path))}: \d+\.\d MB, \d+ dB or more to the engine fast\n", outcome.out
+    )
+    scalars = {name: np.array(1, np.float32) for name in ("K", "focus", "gamma")}
+    inputs = {"image": picture(20, 30), "disparity": steps(20, 30, 1), **scalars}
+    assert start(onnx.load(path)).run(None, inputs)[0].shape == (20, 30, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-o", "out.onnx"], ["--full"]),
+        (["--full", "-o", "nowhere/out.onnx"], ["nowhere", "does not exist"]),
+        (["--full", "-o", "out.onnx", "--weights", "nowhere"], ["nowhere/manifest.json"]),
+        (["--full"], ["--output"]),
+    ],
+)
+def test_mistakes_are_one_line(cli, tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    outcome = cli("export", *arguments)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("bokehnet: error: ")
+    assert outcome.err.count("\n") == 1
+    for word in words:
+        assert word in outcome.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_onnx_the_extra_is_named(cli, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    outcome = cli("export", "--full", "-o", tmp_path / "out.onnx")
+    assert outcome.code == 1
+    assert "needs onnx: pip install 'bokehnet[train]'" in outcome.err
+
+
+def test_the_command_needs_no_torch(python_process, tmp_path):
+    source = "import sys; sys.modules['torch'] = None; from bokehnet.cli.app import main; main()"
+    outcome = python_process(source, "export", "--full", "-o", tmp_path / "out.onnx")
+    assert outcome.code == 0, outcome.err
+    assert (tmp_path / "out.onnx").stat().st_size > 4e6

@@ -1,0 +1,149 @@
+"""``bokehnet render portrait.jpg -o out.jpg``: photos that hold their own depth."""
+
+import base64
+import math
+import struct
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+from numpy.testing import assert_allclose
+
+from bokehnet.cli.phone_scene import full_frame_camera
+from bokehnet.io.camera import Camera
+from bokehnet.io.image import read_image
+from bokehnet.io.maps import read_map
+
+WIDTH, HEIGHT = 64, 48
+FAST = ("--engine", "scatter", "--refine-disparity", "off", "--save-maps", "maps")
+NEAR, FAR = 0.8, 4.0  # metres
+BACK, FRONT = 204, 51  # stored values of background and subject, 255 is FAR
+DIAGONAL = math.hypot(36, 24)
+
+
+def write_bytes(path, array, **attributes):
+    spec = oiio.ImageSpec(array.shape[1], array.shape[0], array.shape[2], "uint8")
+    for name, value in attributes.items():
+        spec.attribute(name.replace("__", ":"), value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec), output.geterror()
+    assert output.write_image(array), output.geterror()
+    assert output.close()
+
+
+def write_photo(path, units='GDepth:Units="m"', focus="", **exif):
+    """A JPEG with a GDepth map: the subject in the middle, written after Google's specification."""
+    rng = np.random.default_rng(0)
+    blocks = rng.integers(0, 255, (HEIGHT // 8, WIDTH // 8, 3), dtype=np.uint8)
+    write_bytes(path, np.kron(blocks, np.ones((8, 8, 1), np.uint8)), **exif)
+    stored = np.full((HEIGHT // 2, WIDTH // 2, 1), BACK, np.uint8)
+    stored[6:18, 8:24] = FRONT
+    inside = path.with_name("map.png")
+    write_bytes(inside, stored)
+    data = base64.b64encode(inside.read_bytes()).decode()
+    xmp = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        '<rdf:Description xmlns:GDepth="http://ns.google.com/photos/1.0/depthmap/" '
+        f'xmlns:GFocus="http://ns.google.com/photos/1.0/focus/" GDepth:Format="RangeInverse" {units} {focus} '
+        f'GDepth:Near="{NEAR}" GDepth:Far="{FAR}" GDepth:Mime="image/png" GDepth:Data="{data}"/>'
+        "</rdf:RDF></x:xmpmeta>"
+    )
+    payload = b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode()
+    jpeg = path.read_bytes()
+    path.write_bytes(jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(payload) + 2) + payload + jpeg[2:])
+
+
+@pytest.fixture
+def portrait(tmp_path, monkeypatch, no_bar):
+    monkeypatch.chdir(tmp_path)
+    write_photo(tmp_path / "portrait.jpg", Exif__FocalLength=4.3, Exif__FocalLengthIn35mmFilm=28, FNumber=1.9)
+    return tmp_path
+
+
+@pytest.fixture
+def defocus(portrait, cli):
+    def call(*arguments):
+        outcome = cli("render", "portrait.jpg", "-o", "out.jpg", *FAST, *arguments)
+        assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+        assert read_image("out.jpg").shape == (HEIGHT, WIDTH, 3)
+        return read_map("maps/defocus.exr")
+
+    return call
+
+
+def metres(stored):
+    """RangeInverse: the stored value is linear in 1/distance, 0 is near."""
+    return 1 / (1 / NEAR + (1 / FAR - 1 / NEAR) * stored / 255)
+
+
+def radius(distance, focus, focal_length, f_number):
+    """Textbook, pixels, on a full-frame sensor: c / 2 = f^2 (s - d) / (N d (s - f)) / 2, lengths in mm."""
+    distance, focus = 1000 * distance, 1000 * focus
+    c = focal_length**2 * (focus - distance) / (f_number * distance * (focus - focal_length))
+    return c / 2 / (DIAGONAL / math.hypot(WIDTH, HEIGHT))
+
+
+def test_a_portrait_just_works(defocus):
+    """Sharp in its middle, blurred as by a full-frame 28 mm lens, which has the view that EXIF tells."""
+    found = defocus("--f-number", 1.8)
+    assert_allclose(found[24, 32], 0, atol=1e-6)
+    assert_allclose(found[2, 2], radius(metres(BACK), metres(FRONT), 28, 1.8), rtol=1e-4)
+
+
+def test_without_any_option_the_f_number_is_that_of_the_phone(defocus):
+    assert_allclose(defocus()[2, 2], radius(metres(BACK), metres(FRONT), 28, 1.9), rtol=1e-4)
+
+
+def test_options_win_over_what_the_photo_tells(defocus):
+    found = defocus("--f-number", 2, "--focal-length", 50, "--focus-distance", 3)
+    assert_allclose(found[2, 2], radius(metres(BACK), 3, 50, 2), rtol=1e-4)
+    assert_allclose(found[24, 32], radius(metres(FRONT), 3, 50, 2), rtol=1e-4)
+    at_back = defocus("--f-number", 2, "--focus-at", "2,2")
+    assert_allclose(at_back[24, 32], radius(metres(FRONT), metres(BACK), 28, 2), rtol=1e-4)
+
+
+def test_what_the_phone_focused_on_stays_sharp(portrait, defocus):
+    write_photo(portrait / "portrait.jpg", focus=f'GFocus:FocalDistance="{metres(BACK)}"', FNumber=1.9)
+    found = defocus("--f-number", 1.8)
+    assert_allclose(found[2, 2], 0, atol=1e-3)
+    assert_allclose(found[24, 32], radius(metres(FRONT), metres(BACK), 26, 1.8), rtol=1e-3)
+
+
+def test_a_map_without_unit_is_scaled_to_one_metre_for_the_nearest(portrait, defocus):
+    """Relative disparity d of 0 to 1 stands for 1/d metres; 26 mm is what most phones have."""
+    write_photo(portrait / "portrait.jpg", units="")
+    found = defocus("--f-number", 1.8)
+    front, back = (1 / (1 - stored / 255) for stored in (FRONT, BACK))
+    assert_allclose(found[2, 2], radius(back, front, 26, 1.8), rtol=1e-4)
+
+
+def test_blur_takes_the_map_as_relative_disparity(defocus):
+    found = defocus("--blur", 10, "--focus", 1)
+    assert_allclose(found[[24, 2], [32, 2]], [0, -10], atol=1e-5)
+    assert_allclose(defocus("--blur", 10)[[24, 2], [32, 2]], [0, -10], atol=1e-5)
+
+
+def test_a_photo_without_depth_is_told(portrait, cli):
+    write_bytes(portrait / "plain.jpg", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
+    outcome = cli("render", "plain.jpg", "-o", "out.jpg", "--f-number", 1.8)
+    assert outcome.code == 1
+    assert (
+        "expected one of --disparity and --depth, found neither, and plain.jpg holds no depth" in outcome.err
+    )
+    outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--focus", 0.5)
+    assert "--focus cannot go with a photo's own depth (no --disparity, --depth or --blur" in outcome.err
+    outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--blur", 5, "--f-number", 2)
+    assert "--f-number cannot go with --blur" in outcome.err
+    assert not (portrait / "out.jpg").exists()
+
+
+@pytest.mark.parametrize("size", [(4000, 3000), (3000, 4000)])
+def test_the_full_frame_camera_has_the_view_of_the_phones(size):
+    """Authority: equal field of view over the diagonal, 2 atan(diagonal / 2 f)."""
+    width, height = size
+    phone = Camera(focal_length=5.0, f_number=1.7, sensor_width=6.4 * width / 4000)
+    camera = full_frame_camera(phone, width, height)
+    diagonal = math.hypot(1, height / width)
+    assert camera.sensor_width * diagonal == pytest.approx(DIAGONAL)
+    assert camera.focal_length / camera.sensor_width == pytest.approx(phone.focal_length / phone.sensor_width)
+    assert camera.f_number == 1.7

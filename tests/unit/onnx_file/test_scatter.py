@@ -1,0 +1,56 @@
+"""The scatter in ONNX Runtime. Authority: the scatter of the package."""
+
+import numpy as np
+import pytest
+
+from bokehnet.classical.scatter import scatter as package_scatter
+from bokehnet.onnx_file.scatter import scatter
+from tests.unit.onnx_file.running import compiled, decibels, picture, steps
+
+
+@pytest.fixture(scope="module")
+def call():
+    """``call(image (H, W, 3), defocus)`` to bokeh (H, W, 3)."""
+    run = compiled(scatter, 3, 2)
+    return lambda image, defocus: run(image.transpose(2, 0, 1), defocus).transpose(1, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "radius"),
+    [(1, 1, 5), (1, 50, 30), (50, 70, 9), (77, 131, 30), (75, 90, 62), (64, 64, 0)],
+)
+def test_levels_are_those_of_the_package(call, height, width, radius):
+    image, defocus = picture(height, width), steps(height, width, 1) * np.float32(radius)
+    np.testing.assert_allclose(call(image, defocus), package_scatter(image, defocus), rtol=0, atol=2e-6)
+
+
+def test_lights_and_what_lies_in_shadow_stay_on_their_level(call):
+    """A pixel that outshines its tile keeps the rim of its disc; a tile at the border is a part of one."""
+    image, defocus = 0.1 * picture(70, 93), np.full((70, 93), 25.0, np.float32)
+    image[35, 40], image[69, 92] = 300, 80
+    wanted = package_scatter(image, defocus)
+    np.testing.assert_allclose(call(image, defocus), wanted, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("radius", "least"), [(90, 80), (400, 70), (1e6, 50)])
+def test_discs_beyond_the_packages_table_are_spread_too(call, radius, least):
+    """Up to 128 pixels from a table of their own, above on smaller pictures; a million is one grey."""
+    image, defocus = picture(150, 203), steps(150, 203, radius)
+    assert decibels(call(image, defocus), package_scatter(image, defocus)) > least
+
+
+@pytest.mark.parametrize(("radius", "within"), [(100, 0.05), (140, 0.45)])
+def test_a_lamp_with_a_disc_beyond_the_table_only_loses_the_sharpness_of_its_rim(call, radius, within):
+    """Its light stays; the rim is off by a part of the disc's brightness in the mean."""
+    side = 2 * radius + 40
+    image, defocus = np.full((side, side, 3), 0.1, np.float32), np.full((side, side), radius, np.float32)
+    image[side // 2, side // 2] = 4 * radius**2
+    found, wanted = call(image, defocus), package_scatter(image, defocus)
+    brightness = wanted[side // 2, side // 2, 0]
+    assert brightness > 1
+    y, x = np.mgrid[:side, :side] - side // 2
+    distance = np.abs(np.hypot(y, x) - radius)
+    error = np.abs(found - wanted) / brightness
+    assert error[distance > 4].max() < 0.01
+    assert error[distance < 1].mean() < within
+    assert found.sum() == pytest.approx(wanted.sum(), rel=0.005)
