@@ -1,5 +1,8 @@
 """Training examples: reproducible, true to the pair they come from."""
 
+import json
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -10,7 +13,7 @@ from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
 from train.data import DataConfig, Examples, example_loader
 from train.prepare import PrepareConfig, prepare
-from train.prepared import PLANES, PreparedSet, part_name
+from train.prepared import DESCRIPTION, PLANES, PreparedSet, part_name
 
 
 def config_for(folder, **values) -> DataConfig:
@@ -92,3 +95,31 @@ def test_turns_and_gains_are_the_same_for_all_parts(tiny_prepared):
         if sharp.sum() > 50:
             difference = (example["image"] - example["truth"]).abs() * sharp
             assert difference.sum() / (3 * sharp.sum()) < 0.25 * example["image"].mean()
+
+
+@pytest.fixture
+def marked(tiny_prepared, tmp_path):
+    """A copy of the prepared set in which all light is guessed."""
+    folder = tmp_path / "marked"
+    shutil.copytree(tiny_prepared, folder)
+    for part in folder.glob("*.npy"):
+        planes = np.load(part)
+        planes[:, PLANES["guessed"]] = 1
+        np.save(part, planes)
+    return folder
+
+
+def test_several_sets_are_drawn_alike(tiny_prepared, marked):
+    """Of 60 examples about half are of each: within four standard deviations."""
+    examples = Examples(config_for(tiny_prepared, also=(str(marked),)), 0, 60, 10.0)
+    of_the_second = sum(bool((examples[i]["hints"][3] == 1).all()) for i in range(60))
+    assert 15 <= of_the_second <= 45
+
+
+def test_sets_of_two_renderers_do_not_mix(tiny_prepared, marked):
+    description = marked / DESCRIPTION
+    told = json.loads(description.read_text(encoding="utf-8"))
+    told["config"]["classical"] = "scatter"
+    description.write_text(json.dumps(told), encoding="utf-8")
+    with pytest.raises(DataFileError, match="examples of one classical renderer, found rays, scatter"):
+        Examples(config_for(tiny_prepared, also=(str(marked),)), 0, 4, 10.0)
