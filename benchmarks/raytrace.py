@@ -2,13 +2,13 @@
 
 Prints how the error falls with the samples for random, stratified and Halton points (``--plot`` draws it),
 how many camera rays are followed per second beside Mitsuba 3 on the same cores, and how many training
-pairs a minute gives. ``--device cuda`` measures rays and pairs on a GPU. Run it on a quiet machine.
+pairs a minute gives (:mod:`benchmarks.training_pairs`). ``--device cuda`` measures rays and pairs on a GPU.
+Run it on a quiet machine.
 """
 
 import argparse
 import math
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.measurement import median_seconds
+from benchmarks.training_pairs import print_pairs
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
 from bokehnet.raytrace import (
@@ -27,20 +28,13 @@ from bokehnet.raytrace import (
     Scene,
     background_from,
     plane_texture,
-    render_all_in_focus,
     render_bokeh,
-    render_disparity,
 )
 from bokehnet.raytrace.paths import trace_paths
 from bokehnet.raytrace.tracer import Tracer, lens_rays
 from bokehnet.raytrace.world import World, world_from_scene
-from bokehnet.synth import SynthConfig
-from bokehnet.synth.pairs import lens_for_view, make_sample
-from bokehnet.synth.scenes import random_scene
 
 __all__ = ["convergence", "main"]
-
-_PAIRS = SynthConfig(seed=11, scenes=1, width=256, height=256, bokeh_samples=512, image_samples=16)
 
 
 def plane_scene(device: torch.device) -> Scene:
@@ -227,47 +221,6 @@ def _print_rates(device: torch.device, width: int, height: int, samples: int) ->
             print(f"  {name} against the first: {-20 * math.log10(error):.1f} dB")
 
 
-def _print_pairs(device: torch.device, scenes: int) -> None:
-    """Training pairs per minute: as synth makes them in one process, or rendered on a GPU."""
-    start = time.perf_counter()
-    if device.type == "cpu":
-        pairs = sum(len(make_sample(_PAIRS, index).bokeh) for index in range(scenes))
-        seconds = time.perf_counter() - start
-    else:
-        made = [random_scene(np.random.default_rng(index), _PAIRS) for index in range(scenes)]
-        made = [_on(scene, device) for scene in made]
-        lens = lens_for_view(20.0, 0.3, _PAIRS)
-        view = Camera(lens=lens, width=256, height=256, pixel_pitch=_PAIRS.pixel_pitch)
-        render_bokeh(made[0], view, 8, 0)
-        torch.cuda.synchronize()
-        start = time.perf_counter()
-        for index, scene in enumerate(made):
-            render_all_in_focus(scene, view, _PAIRS.image_samples, index)
-            render_disparity(scene, view)
-            render_bokeh(scene, view, _PAIRS.bokeh_samples, index)
-        torch.cuda.synchronize()
-        pairs, seconds = scenes, time.perf_counter() - start
-    print(
-        f"training pairs of 256x256, {_PAIRS.bokeh_samples} pupil samples: {60 * pairs / seconds:.1f} per "
-        f"minute on {device} ({pairs} pairs)"
-    )
-
-
-def _on(scene: Scene, device: torch.device) -> Scene:
-    background = scene.background
-    return Scene(
-        background=Background(
-            texture=background.texture.to(device),
-            half_extent=background.half_extent,
-            disparity=background.disparity,
-        ),
-        planes=tuple(
-            Plane(texture=p.texture.to(device), centre=p.centre, u_axis=p.u_axis, v_axis=p.v_axis)
-            for p in scene.planes
-        ),
-    )
-
-
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -282,7 +235,7 @@ def main() -> None:
     device = torch.device(arguments.device)
     _print_convergence(arguments.plot)
     _print_rates(device, *arguments.size, arguments.samples)
-    _print_pairs(device, arguments.scenes)
+    print_pairs(device, arguments.scenes)
 
 
 if __name__ == "__main__":

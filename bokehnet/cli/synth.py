@@ -12,6 +12,13 @@ def synth(
     config: Annotated[Path, typer.Option(help="What to make: a TOML file, see configs/synth_*.toml.")],
     out: Annotated[Path, typer.Option(help="Folder for the shards; a set begun there is completed.")],
     workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Render on this Ray cluster instead: HOST:PORT, ray://HOST:PORT or auto (extra: cluster).",
+        ),
+    ] = None,
 ) -> None:
     """Render random scenes with the ray tracer and write them as training pairs."""
     from bokehnet.cli.progress import progress
@@ -20,4 +27,4 @@ def synth(
 
     resolved = load_config(config, SynthConfig)
     with progress("rendering scenes") as report:
-        write_dataset(resolved, out, workers=workers, progress=report)
+        write_dataset(resolved, out, workers=workers, progress=report, cluster=ray)

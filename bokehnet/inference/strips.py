@@ -8,7 +8,7 @@ from bokehnet.errors import ParameterError
 __all__ = ["cut_strips"]
 
 # Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
-BYTES_PER_PIXEL = {"rays": 190, "scatter": 70}
+BYTES_PER_PIXEL = {"rays": 125, "scatter": 45}
 
 # Rows around a strip that its result depends on, in units of the blur radius: those that a ray crosses, and
 # those from which what they hide is filled. Windows of a few pixels come on top.

@@ -1,7 +1,15 @@
 """Training data: random scenes, ray-traced, in shards. Reading shards needs no torch."""
 
-from bokehnet.synth.config import SceneConfig, SynthConfig
+from bokehnet.synth.config import ClutterConfig, SceneConfig, SynthConfig
 from bokehnet.synth.dataset import write_dataset
 from bokehnet.synth.shards import ShardSet, TrainingSample, read_sample
 
-__all__ = ["SceneConfig", "ShardSet", "SynthConfig", "TrainingSample", "read_sample", "write_dataset"]
+__all__ = [
+    "ClutterConfig",
+    "SceneConfig",
+    "ShardSet",
+    "SynthConfig",
+    "TrainingSample",
+    "read_sample",
+    "write_dataset",
+]

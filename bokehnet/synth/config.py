@@ -1,11 +1,14 @@
 """What a set of training pairs is made of."""
 
+import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 from bokehnet.checks import check_at_least
 from bokehnet.errors import ParameterError
+from bokehnet.synth.glass import covered_slope
 
-__all__ = ["SceneConfig", "SynthConfig"]
+__all__ = ["ClutterConfig", "SceneConfig", "SynthConfig"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -43,11 +46,40 @@ class SceneConfig:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ClutterConfig:
+    """How random scenes with things on the ground are drawn; exposure and photographs are SceneConfig's.
+
+    Attributes:
+        places: How often a scene is a table, a room and open land, relative to each other.
+        things: Fewest and most things on the ground.
+        thin_probability: Share of things with thin forms: poles, fences, twigs with leaves, grass, hair.
+        foreground_probability: Share of scenes with something near that comes in over the border.
+        lamp_probability: Share of scenes with small HDR lamps.
+    """
+
+    places: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    things: tuple[int, int] = (4, 14)
+    thin_probability: float = 0.35
+    foreground_probability: float = 0.5
+    lamp_probability: float = 0.2
+
+    def __post_init__(self) -> None:
+        for weight in self.places:
+            check_at_least("places", weight, 0)
+        if not sum(self.places):
+            raise ParameterError("places: expected at least one weight above 0, got none")
+        if not 0 <= self.things[0] <= self.things[1]:
+            raise ParameterError(f"things: expected two rising counts, got {self.things}")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class SynthConfig:
     """A set of training pairs.
 
     Attributes:
         seed: Seed of the set; scene i depends on (seed, i) alone.
+        kind: "planes" are cards at all depths that only shine; "clutter" are things on the ground, with
+            light, shades and shadows.
         scenes: Number of scenes.
         scenes_per_shard: Scenes in one file.
         width: Picture width, pixels.
@@ -60,11 +92,15 @@ class SynthConfig:
         sensor_width: Sensor width, mm.
         sensor_distance: Lens to sensor, mm, equal for all views so that refocusing does not zoom.
         nearest_distance: The depth at relative disparity 1, mm.
-        scene: How scenes are drawn.
+        catalog: Lenses of the catalog to draw from, for clutter; each must cover the picture's corners.
+        catalog_share: Share of views through one of them; the others are through thin lenses.
+        scene: How scenes of planes are drawn.
+        clutter: How scenes of clutter are drawn.
     """
 
     seed: int
     scenes: int
+    kind: Literal["planes", "clutter"] = "planes"
     scenes_per_shard: int = 50
     width: int = 256
     height: int = 256
@@ -76,7 +112,10 @@ class SynthConfig:
     sensor_width: float = 36.0
     sensor_distance: float = 50.0
     nearest_distance: float = 1000.0
+    catalog: tuple[str, ...] = ()
+    catalog_share: float = 0.0
     scene: SceneConfig = field(default_factory=SceneConfig)
+    clutter: ClutterConfig = field(default_factory=ClutterConfig)
 
     def __post_init__(self) -> None:
         for name in (
@@ -93,6 +132,23 @@ class SynthConfig:
         check_at_least("seed", self.seed, 0)
         if not 0 < self.defocus[0] <= self.defocus[1]:
             raise ParameterError(f"defocus: expected two rising radii above 0, got {self.defocus}")
+        self._check_catalog()
+
+    def _check_catalog(self) -> None:
+        """Raise ``ParameterError`` unless the lenses of the catalog can take these pictures."""
+        if not 0 <= self.catalog_share <= 1:
+            raise ParameterError(f"catalog_share: expected 0 to 1, got {self.catalog_share:g}")
+        if self.catalog_share and not self.catalog:
+            raise ParameterError("catalog_share: is above 0, but catalog names no lens")
+        if self.catalog and self.kind != "clutter":
+            raise ParameterError(f"catalog: expected kind = 'clutter', got {self.kind!r}")
+        corner = math.hypot(self.width, self.height) / 2 * self.pixel_pitch / self.sensor_distance
+        for name in self.catalog:
+            if covered_slope(name) < corner:
+                raise ParameterError(
+                    f"catalog: {name} shows slopes up to {covered_slope(name):.3f}, the picture's "
+                    f"corners are at {corner:.3f}; take another lens or a larger sensor_distance"
+                )
 
     @property
     def pixel_pitch(self) -> float:

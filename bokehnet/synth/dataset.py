@@ -12,9 +12,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from bokehnet.checks import check_at_least
-from bokehnet.config import dump_json, first_difference, to_dict
+from bokehnet.config import build_config, dump_json, first_difference, to_dict
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
+from bokehnet.synth.cluster import render_on_cluster
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
 
@@ -26,6 +27,7 @@ def write_dataset(
     out_dir: str | Path,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    cluster: str | None = None,
 ) -> None:
     """Render all scenes of ``config`` and write them as shards; shards that exist are kept.
 
@@ -34,11 +36,13 @@ def write_dataset(
         out_dir: Folder, made if missing. One process may write to it at a time.
         workers: Processes that render.
         progress: Called with the number of scenes that are there and that there will be.
+        cluster: Address of a Ray cluster that renders in their stead; its workers may die at any time.
 
     Raises:
         ConfigError: The folder holds a set made with another configuration.
         DataFileError: The folder cannot be written.
-        ParameterError: ``workers`` is less than 1.
+        ParameterError: ``workers`` is less than 1, or there is no such cluster.
+        MissingExtraError: A package is missing that rendering needs.
     """
     check_at_least("workers", workers, 1)
     folder = Path(out_dir)
@@ -46,36 +50,45 @@ def write_dataset(
         folder.mkdir(parents=True, exist_ok=True)
         _claim(folder, config)
         remove_leftovers(folder)
-        _write_missing(folder, config, workers, progress or (lambda done, total: None))
+        missing = [number for number in range(config.shards) if not (folder / shard_name(number)).exists()]
+        wanted = [index for number in missing for index in _scenes_of(number, config)]
+        make = functools.partial(_make_bytes, config)
+        on = (
+            render_on_cluster(make, wanted, cluster) if cluster and wanted else _render(make, wanted, workers)
+        )
+        with on as samples:
+            _write_shards(folder, config, missing, samples, progress or (lambda done, total: None))
     except OSError as error:
         if isinstance(error, DataFileError):
             raise
         raise DataFileError(f"cannot write data set {folder}: {error.strerror or error}") from error
 
 
-def _write_missing(
-    folder: Path, config: SynthConfig, workers: int, progress: Callable[[int, int], None]
+def _write_shards(
+    folder: Path,
+    config: SynthConfig,
+    missing: list[int],
+    samples: Iterator[bytes],
+    progress: Callable[[int, int], None],
 ) -> None:
-    missing = [number for number in range(config.shards) if not (folder / shard_name(number)).exists()]
-    wanted = [index for number in missing for index in _scenes_of(number, config)]
-    done = config.scenes - len(wanted)
+    """Write the shards ``missing`` of their ``samples``, which come in order."""
+    done = config.scenes - sum(len(_scenes_of(number, config)) for number in missing)
     progress(done, config.scenes)
 
-    def take(numbers: Iterable[int], samples: Iterator[bytes]) -> Iterator[tuple[str, bytes]]:
+    def take(numbers: Iterable[int]) -> Iterator[tuple[str, bytes]]:
         nonlocal done
         for index in numbers:
             yield f"{index:08d}.npz", next(samples)
             done += 1
             progress(done, config.scenes)
 
-    with _render(config, wanted, workers) as samples:
-        for number in missing:
+    for number in missing:
 
-            def write(temporary: Path, number: int = number) -> None:
-                with temporary.open("wb") as stream:
-                    write_members(stream, take(_scenes_of(number, config), samples))
+        def write(temporary: Path, number: int = number) -> None:
+            with temporary.open("wb") as stream:
+                write_members(stream, take(_scenes_of(number, config)))
 
-            write_atomic(folder / shard_name(number), write, error=DataFileError)
+        write_atomic(folder / shard_name(number), write, error=DataFileError)
 
 
 def _scenes_of(shard: int, config: SynthConfig) -> range:
@@ -90,9 +103,8 @@ def _make_bytes(config: SynthConfig, index: int) -> bytes:
 
 
 @contextlib.contextmanager
-def _render(config: SynthConfig, indices: list[int], workers: int) -> Iterator[Iterator[bytes]]:
-    """Give encoded samples in the order of ``indices``; processes end with this context or its process."""
-    make = functools.partial(_make_bytes, config)
+def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> Iterator[Iterator[bytes]]:
+    """Give ``make(index)`` in the order of ``indices``; processes end with this context or its process."""
     if workers == 1 or len(indices) < 2:
         yield map(make, indices)
         return
@@ -133,6 +145,8 @@ def _claim(folder: Path, config: SynthConfig) -> None:
         there = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ConfigError(f"{path}: expected a configuration as JSON: {error}") from error
+    # Sets that were begun before a key was known have its default.
+    there = to_dict(build_config(there, SynthConfig, str(path)))
     difference = first_difference(there, to_dict(config))
     if difference is not None:
         key, old, new = difference

@@ -1,12 +1,20 @@
 """One training sample: a scene, its all-in-focus picture, its disparity and views with bokeh."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bokehnet.lenses import ThinLens
+from bokehnet.errors import LensError
+from bokehnet.lenses import LensModel, ThinLens
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
+from bokehnet.synth.baked import View
+from bokehnet.synth.clutter import random_clutter
 from bokehnet.synth.config import SynthConfig
+from bokehnet.synth.glass import make_glass
+from bokehnet.synth.lamps import add_lamps
+from bokehnet.synth.paint import MIDDLE_GREY
 from bokehnet.synth.scenes import random_scene
 from bokehnet.synth.shards import TrainingSample
 
@@ -16,32 +24,99 @@ __all__ = ["lens_for_view", "make_sample"]
 _LEAST_RANGE = 0.1
 # Scenes with lights beyond this radiance need more rays.
 _BRIGHT = 16.0
+# Largest relative disparity of cluttered scenes.
+_NEAREST = (0.75, 1.0)
+# How far the iris of a catalog lens is closed at most, stops.
+_MOST_STOPS = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Subject:
+    """A scene before the camera: its pictures by blur, focus and seed.
+
+    Attributes:
+        image: All in focus, (H, W, 3).
+        disparity: Relative, (H, W) float32.
+        bokeh: Gives a picture, (H, W, 3).
+    """
+
+    image: np.ndarray
+    disparity: np.ndarray
+    bokeh: Callable[[float, float, int], np.ndarray]
 
 
 def make_sample(config: SynthConfig, index: int) -> TrainingSample:
     """Render scene ``index`` of a set; depends on ``config`` and ``index`` alone."""
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, index]))
-    scene = random_scene(rng, config)
-    pinhole = _camera(config, ThinLens(focal_length=config.sensor_distance, f_number=1.0))
-    seeds = rng.integers(2**62, size=config.views + 1)
-    image = render_all_in_focus(scene, pinhole, config.image_samples, int(seeds[0])).numpy()
-    disparity = render_disparity(scene, pinhole).numpy() * np.float32(config.nearest_distance)
-    views = [_draw_view(disparity, config, rng) for _ in range(config.views)]
-    brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
-    samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
-    bokeh = [
-        render_bokeh(scene, _camera(config, lens_for_view(blur, focus, config)), samples, int(seed)).numpy()
-        for (blur, focus), seed in zip(views, seeds[1:], strict=True)
-    ]
-    assert np.isfinite(image).all()
+    subject, seeds = (_planes if config.kind == "planes" else _clutter)(config, rng)
+    views = [_draw_view(subject.disparity, config, rng) for _ in range(config.views)]
+    bokeh = [subject.bokeh(blur, focus, int(seed)) for (blur, focus), seed in zip(views, seeds, strict=True)]
+    assert np.isfinite(subject.image).all()
     assert np.isfinite(bokeh).all()
     return TrainingSample(
-        image=image.astype(np.float16),
-        disparity=disparity,
+        image=subject.image.astype(np.float16),
+        disparity=subject.disparity,
         bokeh=np.stack(bokeh).astype(np.float16),
         blur=np.array([blur for blur, _ in views], np.float32),
         focus=np.array([focus for _, focus in views], np.float32),
     )
+
+
+def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np.ndarray]:
+    """A scene of planes, and a seed for each view."""
+    scene = random_scene(rng, config)
+    pinhole = _camera(config, _pinhole(config))
+    seeds = rng.integers(2**62, size=config.views + 1)
+    image = render_all_in_focus(scene, pinhole, config.image_samples, int(seeds[0])).numpy()
+    disparity = render_disparity(scene, pinhole).numpy() * np.float32(config.nearest_distance)
+    brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
+    samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
+
+    def bokeh(blur: float, focus: float, seed: int) -> np.ndarray:
+        view = _camera(config, lens_for_view(blur, focus, config))
+        picture: np.ndarray = render_bokeh(scene, view, samples, seed).numpy()
+        return picture
+
+    return _Subject(image=image, disparity=disparity, bokeh=bokeh), seeds[1:]
+
+
+def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np.ndarray]:
+    """A scene of things, and a seed for each view."""
+    clutter = random_clutter(rng, config)
+    seeds = rng.integers(2**62, size=config.views + 1)
+    stops = rng.uniform(*config.scene.exposure_stops)
+
+    def render(lens: LensModel, samples: int, seed: int, pupil: bool) -> np.ndarray:
+        view = View(
+            width=config.width,
+            height=config.height,
+            pixel_pitch=config.pixel_pitch,
+            samples=samples,
+            seed=seed,
+        )
+        picture = clutter.scene.render(lens, view, pupil)
+        if clutter.lamps:
+            assert isinstance(lens, ThinLens)
+            add_lamps(picture, clutter.scene, clutter.lamps, lens, view, pupil)
+        return picture
+
+    pinhole = _pinhole(config)
+    image = render(pinhole, config.image_samples, int(seeds[0]), False)
+    view = View(width=config.width, height=config.height, pixel_pitch=config.pixel_pitch, samples=1, seed=0)
+    inverse_depth = clutter.scene.disparity(pinhole, view)
+    nearest = rng.uniform(*_NEAREST) / max(float(inverse_depth.max()), 1e-9)
+    scaled = replace(config, nearest_distance=float(nearest))
+    # Lamps are left out, so that the rest is as bright in scenes with lamps as in others.
+    gain = np.float32(
+        MIDDLE_GREY * 2**stops / max(float(np.minimum(image, np.median(image) * 8).mean()), 1e-6)
+    )
+
+    def bokeh(blur: float, focus: float, seed: int) -> np.ndarray:
+        lens = lens_for_view(blur, focus, scaled) if clutter.lamps else _draw_lens(blur, focus, scaled, seed)
+        return gain * render(lens, config.bokeh_samples, seed, True)
+
+    disparity = inverse_depth * np.float32(nearest)
+    return _Subject(image=gain * image, disparity=disparity, bokeh=bokeh), seeds[1:]
 
 
 def lens_for_view(blur: float, focus: float, config: SynthConfig) -> ThinLens:
@@ -54,13 +129,29 @@ def lens_for_view(blur: float, focus: float, config: SynthConfig) -> ThinLens:
             length follows from the focus by the thin-lens equation.
     """
     focus_disparity = focus / config.nearest_distance
-    pupil_radius = blur * config.nearest_distance * config.pixel_pitch / config.sensor_distance
     focal_length = 1 / (1 / config.sensor_distance + focus_disparity)
     return ThinLens(
         focal_length=focal_length,
-        f_number=focal_length / (2 * pupil_radius),
+        f_number=focal_length / (2 * _pupil_radius(blur, config)),
         focus_distance=1 / focus_disparity if focus_disparity > 0 else math.inf,
     )
+
+
+def _draw_lens(blur: float, focus: float, config: SynthConfig, seed: int) -> LensModel:
+    """A thin lens, or one of the catalog where it can focus so near."""
+    thin = lens_for_view(blur, focus, config)
+    rng = np.random.default_rng([seed, 2])
+    if rng.random() >= config.catalog_share:
+        return thin
+    name, stops = config.catalog[rng.integers(len(config.catalog))], rng.uniform(0, _MOST_STOPS)
+    try:
+        return make_glass(name, thin.pupil_radius, thin.focus_distance, stops, config.sensor_distance)
+    except LensError:
+        return thin
+
+
+def _pupil_radius(blur: float, config: SynthConfig) -> float:
+    return blur * config.nearest_distance * config.pixel_pitch / config.sensor_distance
 
 
 def _draw_view(disparity: np.ndarray, config: SynthConfig, rng: np.random.Generator) -> tuple[float, float]:
@@ -76,6 +167,10 @@ def _draw_view(disparity: np.ndarray, config: SynthConfig, rng: np.random.Genera
         focus = float(rng.random())
     radius = np.exp(rng.uniform(*np.log(config.defocus)))
     return float(radius / max(np.abs(disparity - focus).max(), _LEAST_RANGE)), focus
+
+
+def _pinhole(config: SynthConfig) -> ThinLens:
+    return ThinLens(focal_length=config.sensor_distance, f_number=1.0)
 
 
 def _camera(config: SynthConfig, lens: ThinLens) -> Camera:

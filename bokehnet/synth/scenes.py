@@ -10,13 +10,12 @@ import numpy as np
 
 from bokehnet.raytrace.scene import Background, Plane, Scene, background_from, plane_texture
 from bokehnet.raytrace.shapes import OPEN_SHAPES, SOLID_SHAPES, THIN_SHAPES, draw_shape
-from bokehnet.raytrace.textures import TEXTURES, dead_leaves, light_points
+from bokehnet.raytrace.textures import light_points
 from bokehnet.synth.config import SynthConfig
-from bokehnet.synth.photographs import crop_photograph, photograph_files
+from bokehnet.synth.paint import paint
 
 __all__ = ["random_scene"]
 
-_MIDDLE_GREY = 0.18
 _LARGEST_TEXTURE = 512
 _LAMP_RADIUS = (1.2, 3.0)
 _LAMP_PEAK = (5.0, 100.0)
@@ -157,20 +156,7 @@ class _SceneMaker:
 
     def paint(self, height: int, width: int, photograph: float = 0.65) -> np.ndarray:
         """Colours (H, W, 3), about as bright as each other; with that probability a ``photograph``."""
-        rng = self.rng
-        if rng.random() < photograph:
-            colours = self.photograph(height, width, rng)
-        elif rng.random() < 0.5:
-            colours = dead_leaves(height, width, rng, self.photograph if rng.random() < 0.6 else None)
-        else:
-            colours = TEXTURES[list(TEXTURES)[rng.integers(len(TEXTURES))]](height, width, rng)
-        wanted = _MIDDLE_GREY * 2 ** rng.normal(0, 0.8)
-        return colours * np.float32(wanted / max(float(colours.mean()), 0.02))
-
-    def photograph(self, height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-        recipe = self.config.scene
-        files = photograph_files(recipe.photographs, recipe.photograph_folder)
-        return crop_photograph(files[rng.integers(len(files))], height, width, rng)
+        return paint(self.config.scene, height, width, self.rng, photograph)
 
 
 def _expose(scene: Scene, rng: np.random.Generator, stops: tuple[float, float]) -> Scene:

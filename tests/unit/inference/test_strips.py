@@ -55,7 +55,7 @@ def test_progress_counts_the_strips():
     image, defocus = tall_picture()
     calls: list[tuple[int, int]] = []
     BokehRenderer("scatter").render(
-        image, defocus, lambda done, total: calls.append((done, total)), max_memory=4_400_000
+        image, defocus, lambda done, total: calls.append((done, total)), max_memory=2_830_000
     )
     assert calls[0][0] == 0
     assert calls[-1][0] == calls[-1][1] > 2
@@ -65,7 +65,7 @@ def test_progress_counts_the_strips():
 def test_too_little_memory_tells_how_much_it_takes():
     image, defocus = tall_picture()
     with pytest.raises(
-        ParameterError, match=r"max_memory: expected at least 9 MB .* width of 120 .* 14 pixels"
+        ParameterError, match=r"max_memory: expected at least 6 MB .* width of 120 .* 14 pixels"
     ):
         BokehRenderer("rays").render(image, defocus, max_memory=1000)
 

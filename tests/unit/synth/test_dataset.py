@@ -93,6 +93,29 @@ def test_folder_of_another_configuration_is_refused_by_its_first_different_key(c
     assert contents(whole) == before
 
 
+def test_set_that_was_begun_before_a_key_was_known_is_completed(config, whole, tmp_path):
+    older = to_dict(config)
+    for key in ("kind", "clutter", "catalog", "catalog_share"):
+        del older[key]
+    (tmp_path / "dataset.json").write_text(json.dumps(older))
+    (tmp_path / "shard-000000.tar").write_bytes((whole / "shard-000000.tar").read_bytes())
+    write_dataset(config, tmp_path)
+    assert len(ShardSet(tmp_path)) == config.scenes
+    with pytest.raises(ConfigError, match=r"kind = 'planes', but 'clutter' was asked for"):
+        write_dataset(dataclasses.replace(config, kind="clutter"), tmp_path)
+
+
+def test_shards_are_what_webdataset_reads(config, whole):
+    """Authority: the webdataset package, and the layout it tells of: members named key.extension."""
+    webdataset = pytest.importorskip("webdataset", reason="webdataset is not installed")
+    urls = [f"file:{path}" for path in sorted(whole.glob("*.tar"))]
+    found = list(webdataset.WebDataset(urls, shardshuffle=False).decode())
+    assert [sample["__key__"] for sample in found] == [f"{index:08d}" for index in range(config.scenes)]
+    expected = ShardSet(whole)[2]
+    for field in dataclasses.fields(expected):
+        assert np.array_equal(found[2]["npz"][field.name], getattr(expected, field.name))
+
+
 def test_unknown_key_names_the_file_the_key_and_the_valid_keys(tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text("seed = 1\nscenes = 2\n[scene]\ntilt = 3\n")
