@@ -32,6 +32,8 @@ def encode(
     kind = {"float16": "half", "float32": "float"}.get(array.dtype.name, array.dtype.name)
     spec = oiio.ImageSpec(array.shape[1], array.shape[0], array.shape[2], kind)
     spec.channelnames = tuple(channels)
+    if path.suffix.lower() == ".exr":
+        spec.attribute("DateTime", "")  # else the time of writing is added, and no two files are alike
     for name, value in attributes.items():
         spec.attribute(name, value)
 

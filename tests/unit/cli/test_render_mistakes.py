@@ -133,9 +133,9 @@ def test_weights_that_are_missing(fails, folder, random_weights):
     hybrid = [*ALL, "--engine", "hybrid", "--weights", "weights"]
     fails(hybrid, "weights missing", "manifest.json", "--engine rays")
     shutil.copytree(random_weights, folder / "weights")
-    (folder / "weights" / "iunet.onnx").unlink()
+    (folder / "weights" / "arnet.onnx").unlink()
     (folder / "out.png").unlink()
-    fails(hybrid, "weights missing", "iunet.onnx")
+    fails(hybrid, "weights missing", "arnet.onnx")
 
 
 def test_weights_with_a_wrong_hash(fails, folder, random_weights):
