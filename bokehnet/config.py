@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from bokehnet.errors import ConfigError
 
-__all__ = ["build_config", "dump_json", "first_difference", "load_config", "to_dict"]
+__all__ = ["build_config", "check_same", "dump_json", "first_difference", "load_config", "to_dict"]
 
 Config = TypeVar("Config")
 
@@ -75,6 +75,23 @@ def first_difference(old: Any, new: Any, key: str = "") -> tuple[str, Any, Any] 
                 return found
         return None
     return None if old == new else (key, old, new)
+
+
+def check_same(holder: str, old: Any, new: Any, way_out: str) -> None:
+    """Raise unless what a folder was begun with is what is asked for now.
+
+    Args:
+        holder: The folder and what it holds, as the message begins.
+        old: Plain configuration that it was begun with.
+        new: The one asked for.
+        way_out: What to do, as the message ends.
+
+    Raises:
+        ConfigError: They differ; the first key that does is named.
+    """
+    if difference := first_difference(old, new):
+        key, was, asked = difference
+        raise ConfigError(f"{holder} with {key} = {was!r}, but {asked!r} was asked for; {way_out}")
 
 
 def _set(table: dict[str, Any], keys: list[str], value: Any, source: str) -> None:

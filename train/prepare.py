@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from bokehnet.classical.base import make_classical
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.config import first_difference, load_config, to_dict
+from bokehnet.config import check_same, load_config, to_dict
 from bokehnet.errors import BokehnetError, ConfigError, DataFileError
 from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
@@ -163,11 +163,7 @@ def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
         there = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ConfigError(f"{path}: expected a description as JSON: {error}") from error
-    if difference := first_difference(there, wanted):
-        key, old, new = difference
-        raise ConfigError(
-            f"{out}: holds examples with {key} = {old!r}, but {new!r} was asked for; choose another folder"
-        )
+    check_same(f"{out}: holds examples", there, wanted, "choose another folder")
 
 
 def main() -> None:

@@ -4,8 +4,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bokehnet.config import build_config, dump_json, first_difference, to_dict
-from bokehnet.errors import ConfigError, DataFileError
+from bokehnet.config import build_config, check_same, dump_json, to_dict
+from bokehnet.errors import DataFileError
 from bokehnet.io.atomic import remove_leftovers, write_text
 from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
 from train.schedule import OptimConfig
@@ -40,12 +40,7 @@ class RunFolder:
             return None
         state = load_checkpoint(self.checkpoint)
         old = build_config(state["run"], type(self.config), str(self.checkpoint))
-        if difference := first_difference(to_dict(old), to_dict(self.config)):
-            key, was, asked = difference
-            raise ConfigError(
-                f"{self.path}: holds a run with {key} = {was!r}, but {asked!r} was asked for; "
-                "choose another --out"
-            )
+        check_same(f"{self.path}: holds a run", to_dict(old), to_dict(self.config), "choose another --out")
         return state
 
     def write_config(self) -> None:

@@ -6,7 +6,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import models, register_model
 
-from bokehnet.classical.lanes import LANES, LanesType, intrinsic
+from bokehnet.classical.lanes import LANES, LanesType, intrinsic, larger, smaller
 
 __all__ = [
     "any_lane",
@@ -97,7 +97,7 @@ def smaller_lanes(_, a, b):  # type: ignore[no-untyped-def]
     """The smaller of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
+        return smaller(builder, *arguments)
 
     return a(a, b), generate
 
@@ -107,7 +107,7 @@ def larger_lanes(_, a, b):  # type: ignore[no-untyped-def]
     """The larger of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.select(builder.fcmp_ordered(">", *arguments), *arguments)
+        return larger(builder, *arguments)
 
     return a(a, b), generate
 

@@ -22,9 +22,11 @@ __all__ = [
     "count_lanes",
     "cover_growth_lanes",
     "cover_lanes",
+    "larger",
     "load_lanes",
     "load_twice",
     "repeat_lanes",
+    "smaller",
     "splat_lanes",
     "store_lanes",
     "sum_lanes",
@@ -75,15 +77,17 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any
     return builder.bitcast(builder.gep(data, [index]), _vector(element).as_pointer()), element
 
 
-def _larger(builder: Any, a: Any, b: Any) -> Any:
+def larger(builder: Any, a: Any, b: Any) -> Any:
+    """The larger of two numbers or vectors, as an instruction of the function being built."""
     return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
 
 def _magnitude(builder: Any, value: Any) -> Any:
-    return _larger(builder, value, builder.fneg(value))
+    return larger(builder, value, builder.fneg(value))
 
 
-def _smaller(builder: Any, a: Any, b: Any) -> Any:
+def smaller(builder: Any, a: Any, b: Any) -> Any:
+    """The smaller one; see :func:`larger`."""
     return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
@@ -171,7 +175,7 @@ def cover_lanes(_, distance, half):  # type: ignore[no-untyped-def]
         distance, half = arguments
         zero, one = (_constant(half.type.element, [bound] * LANES) for bound in (0.0, 1.0))
         cover = builder.fsub(half, _magnitude(builder, distance))
-        return _smaller(builder, _larger(builder, cover, zero), one)
+        return smaller(builder, larger(builder, cover, zero), one)
 
     return distance(distance, half), generate
 

@@ -61,6 +61,11 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
+def _reach(defocus: np.ndarray) -> float:
+    """Largest blur radius, pixels."""
+    return max(float(defocus.max()), -float(defocus.min()))
+
+
 def _ignore(done: int, total: int) -> None:
     """Progress that nobody follows."""
 
@@ -172,7 +177,7 @@ class BokehRenderer:
     def _cut(self, defocus: np.ndarray, memory: int) -> list[Strip | None]:
         """Strips of at most ``memory`` bytes; a single ``None`` where the whole picture fits."""
         height, width = defocus.shape
-        reach = math.ceil(max(float(defocus.max()), -float(defocus.min())))
+        reach = math.ceil(_reach(defocus))
         strips: list[Strip | None] = [*cut_strips(height, width, reach, self._classical_name, memory)]
         if len(strips) <= 1:
             return [None]
@@ -195,9 +200,8 @@ class BokehRenderer:
         if self._networks.iunet is not None:
             result = self._render_cascade(image, defocus, classical)
         else:
-            reach = max(float(defocus.max()), -float(defocus.min()))
             height, width = defocus.shape
-            small = SmallCopy(height, width, reach, self._networks.unit)
+            small = SmallCopy(height, width, _reach(defocus), self._networks.unit)
             small.add(0, image, defocus, classical)
             found = small.correct(self._networks.arnet).apply(classical.bokeh, classical.error_map)
             result = RenderResult(
@@ -217,9 +221,8 @@ class BokehRenderer:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
         bokeh, error_map = np.empty_like(image), np.empty_like(defocus)
-        reach = max(float(defocus.max()), -float(defocus.min()))
         height, width = defocus.shape
-        small = None if networks is None else SmallCopy(height, width, reach, networks.unit)
+        small = None if networks is None else SmallCopy(height, width, _reach(defocus), networks.unit)
         steps = len(strips) + (networks is not None)
         for done, strip in enumerate(strips):
             assert strip is not None

@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from bokehnet.checks import check_at_least
-from bokehnet.config import build_config, dump_json, first_difference, to_dict
+from bokehnet.config import build_config, check_same, dump_json, to_dict
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.synth.cluster import render_on_cluster
@@ -147,9 +147,4 @@ def _claim(folder: Path, config: SynthConfig) -> None:
         raise ConfigError(f"{path}: expected a configuration as JSON: {error}") from error
     # Sets that were begun before a key was known have its default.
     there = to_dict(build_config(there, SynthConfig, str(path)))
-    difference = first_difference(there, to_dict(config))
-    if difference is not None:
-        key, old, new = difference
-        raise ConfigError(
-            f"{folder}: holds a set with {key} = {old!r}, but {new!r} was asked for; choose another folder"
-        )
+    check_same(f"{folder}: holds a set", there, to_dict(config), "choose another folder")
