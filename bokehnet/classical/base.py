@@ -9,6 +9,7 @@ import numpy as np
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.character import Character
 
 __all__ = [
     "ALIGNED",
@@ -86,6 +87,7 @@ class ClassicalRenderer(Protocol):
         defocus: np.ndarray,
         aperture: Aperture | None = None,
         strip: Strip | None = None,
+        character: Character | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -95,6 +97,7 @@ class ClassicalRenderer(Protocol):
             aperture: Shape of the lens opening; default a plain disc.
             strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
                 the result mean anything.
+            character: What the lens does beyond focusing; default a perfect lens.
         """
         ...
 

@@ -2,29 +2,30 @@
 
 A small light fills a wide disc evenly, but only a few of a pixel's rays would find it. So lights that
 stand far above their surroundings are taken out of what the rays gather, and each is added to every pixel
-of its disc from which it can be seen.
+of its disc from which it can be seen: its sprite (:mod:`bokehnet.classical.sprites`, or behind a lens with a
+character :mod:`bokehnet.classical.lens_sprites`) is stamped (:mod:`bokehnet.classical.stamping`).
 
 Source: "Efficient and expressive rendering for real-time defocus blur and bokeh" (dissertation), chapter 5,
-for lights apart from the rest with visibility of their own; visibility by rays through layers is ours.
+for lights apart from the rest, their merging, and visibility of their own; rectangles are ours.
 """
 
 import math
 
 import numpy as np
-from numba import njit, prange
 
 from bokehnet.classical.brightness import brightest, light_limit
 from bokehnet.classical.gaps import JUMP
-from bokehnet.classical.lanes import LANES, ORDER, count_lanes, splat_lanes
 from bokehnet.classical.layers import Layers
-from bokehnet.classical.meeting import meet
+from bokehnet.classical.lens_sprites import LensSprites
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.ray_kernels import SLICES, TILE, fair_stride, slice_runs
-from bokehnet.optics.aperture import Aperture, cats_eye_shift, transmission
+from bokehnet.classical.sprites import Frame, PlainSprites, place_sprites
+from bokehnet.classical.stamping import stamp_sprites
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.character import Character
 
 __all__ = ["add_lights", "separate_lights"]
 
-# Sharper lights stay in the picture.
+# Sharper lights stay in the picture; from this radius to one pixel more they leave it by and by.
 _SMALLEST_RADIUS = 3.0
 
 # At most this share of the pixels are lights, the brightest ones, so that their discs stay affordable.
@@ -33,153 +34,127 @@ _MOST = 1 / 20
 # Lights are gathered in cells of this share of their radius.
 _CELL = 1 / 16
 
-_GRID = 256
+# Numbers of sprites in memory together.
+_FLOATS = 16_000_000
 
 
-def separate_lights(layers: Layers, reach: int | None = None) -> tuple[Layers, np.ndarray]:
+def separate_lights(
+    layers: Layers, reach: int | None = None, most: int | None = None
+) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
-    A light is what outshines the window around it. Where nearer layers cover a part of its
-    pixel, only the share that they leave is its light; where they cover all, it stays in its layer.
+    A light is what a pixel has above the limit of its window; the limit's worth stays in the picture. So a
+    light that fades goes over into the picture without a step, whichever way the limit moves. Where nearer
+    layers cover a part of its pixel, only the share that they leave is its light; where they cover all, it
+    stays in its layer.
 
     Args:
         layers: As split from a picture, or true ones.
         reach: Half-width in pixels of the window that a light outshines; default: the largest radius.
+        most: Lights that may be found; if there are more, each is left only what it has beyond the first one
+            that is too many. Default: any number.
 
     Returns:
-        Layers without lights, and the lights as rows (x, y, defocus, red, green, blue), lights of like
-        defocus in one small cell gathered into one of their energy. If more than a twentieth of the pixels
-        are lights, the brightest are taken.
+        Layers without lights, and the lights as rows (x, y, defocus, red, green, blue, width, height).
+        Lights of like defocus in one small cell are gathered into one, a rectangle of even brightness with
+        their energy, their centre and their variance along either axis; of one pixel it is 1 wide and high.
+        If more than a twentieth of the pixels are lights, the limit is raised until they are not.
     """
     if reach is None:
         reach = math.ceil(float(np.abs(layers.defocus).max()))
     limit = light_limit(layers.colors[:, :, 0], reach)
-    colors, lights = layers.colors.copy(), []
+    places, lights = [], []
     seen: np.ndarray = np.ones(limit.shape, np.float32)
     for layer in range(layers.defocus.shape[2]):
         brightness, coverage = brightest(layers.colors[:, :, layer]), layers.coverage[:, :, layer]
         share = seen * coverage
-        blurred = np.abs(layers.defocus[:, :, layer]) >= _SMALLEST_RADIUS
+        blurred = np.abs(layers.defocus[:, :, layer]) > _SMALLEST_RADIUS
         y, x = np.nonzero((share > 0) & (brightness > limit) & blurred)
         amount = share[y, x]
         excess = 1.0 - limit[y, x] / brightness[y, x]
-        most = int(_MOST * limit.size)
-        if len(y) > most:
-            kept = np.argsort(-amount * excess * brightness[y, x], kind="stable")[:most]
+        bound = int(_MOST * limit.size)
+        if len(y) > bound:
+            value = amount * excess * brightness[y, x]
+            ranked = np.argsort(-value, kind="stable")
+            kept = ranked[:bound]
+            excess *= 1.0 - value[ranked[bound]] / value
             y, x, amount, excess = y[kept], x[kept], amount[kept], excess[kept]
-        color = colors[y, x, layer] * excess[:, None]
-        colors[y, x, layer] -= color
-        lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color]))
+        excess *= _fade(np.abs(layers.defocus[y, x, layer]) - _SMALLEST_RADIUS)
+        color = layers.colors[y, x, layer] * excess[:, None]
+        places.append(np.column_stack([y, x, np.full_like(y, layer)]))
+        lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color, excess]))
         seen = seen * (1.0 - coverage)
+    place, light = np.concatenate(places), np.concatenate(lights).astype(np.float64)
+    if most is not None:
+        light[:, 3:] *= _strongest(light, most)[:, None]
+    colors = layers.colors.copy()
+    y, x, layer = place.T
+    colors[y, x, layer] -= colors[y, x, layer] * light[:, 6:].astype(np.float32)
     rest = Layers(colors=colors, defocus=layers.defocus, coverage=layers.coverage)
-    return rest, _gather(np.concatenate(lights).astype(np.float64))
+    return rest, _gather(light[:, :6])
 
 
-def _gather(lights: np.ndarray) -> np.ndarray:
-    """Make one light of those of like defocus in one cell.
+def _strongest(lights: np.ndarray, most: int) -> np.ndarray:
+    """Share of each light that is left when at most so many, gathered as they will be, are; (N,)."""
+    group = _groups(lights)
+    energy = np.bincount(group, lights[:, 3:6].max(axis=1))
+    if len(energy) <= most:
+        return np.ones(len(lights))
+    too_many = np.partition(energy, len(energy) - most - 1)[len(energy) - most - 1]
+    share: np.ndarray = np.maximum(1.0 - too_many / np.maximum(energy, 1e-30), 0.0)[group]
+    return share
+
+
+def _fade(t: np.ndarray) -> np.ndarray:
+    """Smooth step from 0 at t = 0 to 1 at t = 1."""
+    t = np.minimum(t, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _groups(lights: np.ndarray) -> np.ndarray:
+    """Number the lights of like defocus in one cell alike, (N,).
 
     A cell is a square of a power of two pixels, at most ``_CELL`` of the radius wide.
     """
     x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
-    size = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
-    keys = np.stack([size, x // size, y // size, np.round(depth / JUMP)], axis=1)
+    cell = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
+    keys = np.stack([cell, x // cell, y // cell, np.round(depth / JUMP)], axis=1)
     _, group = np.unique(keys, axis=0, return_inverse=True)
-    group = group.reshape(-1)
-    weight = lights[:, 3:].sum(axis=1)
+    return group.reshape(-1)
+
+
+def _gather(lights: np.ndarray) -> np.ndarray:
+    """Make one light of those of one group.
+
+    An even row of n pixels has the variance (n^2 - 1) / 12, so the rectangle is sqrt(12 variance + 1) long.
+    """
+    lights = lights[lights[:, 3:].max(axis=1) > 0]
+    x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
+    group = _groups(lights)
+    weight = lights[:, 3:].max(axis=1)
     total = np.bincount(group, weight)
     mean = [np.bincount(group, weight * value) / total for value in (x, y, depth)]
-    return np.stack(mean + [np.bincount(group, lights[:, c]) for c in (3, 4, 5)], axis=1)
+    size = [
+        np.sqrt(1 + 12 * np.bincount(group, weight * (value - centre[group]) ** 2) / total)
+        for value, centre in ((x, mean[0]), (y, mean[1]))
+    ]
+    return np.stack(mean + [np.bincount(group, lights[:, c]) for c in (3, 4, 5)] + size, axis=1)
 
 
-@njit(cache=True)
-def _light_at(grids, radius, depth, x, y):  # type: ignore[no-untyped-def]
-    """Transmission at a pixel (x, y) from the light's centre, averaged over the pixel."""
-    size = grids.shape[1]
-    steps = 1 if radius >= 16.0 else (2 if radius >= 8.0 else 4)
-    grid = grids[0 if depth > 0 else 1]
-    total = 0.0
-    for i in range(steps):
-        v = (y + (i + 0.5) / steps - 0.5) / depth
-        row = int(math.floor((v + 1.0) * 0.5 * size))
-        if row < 0 or row >= size:
-            continue
-        for j in range(steps):
-            u = (x + (j + 0.5) / steps - 0.5) / depth
-            column = int(math.floor((u + 1.0) * 0.5 * size))
-            if 0 <= column < size:
-                total += grid[row, column]
-    return total / (steps * steps)
+def _batches(boxes: np.ndarray, planes: int) -> list[np.ndarray]:
+    """Numbers of the lights whose sprites are in memory together, at least one at a time."""
+    pixels = (boxes[:, 1] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 2])
+    order = np.flatnonzero(pixels)
+    batch = np.cumsum(pixels[order]) * planes // _FLOATS
+    return [order[batch == number] for number in np.unique(batch)]
 
 
-@njit(cache=True, parallel=True)
-def _totals(found, grids, totals):  # type: ignore[no-untyped-def]
-    """Sum of each light's disc on whole pixels, so that its energy is exact."""
-    for i in prange(found.shape[0]):
-        depth = found[i, 2]
-        radius = abs(depth)
-        reach = int(math.ceil(radius + 0.5))
-        fraction_x, fraction_y = found[i, 0] - math.floor(found[i, 0]), found[i, 1] - math.floor(found[i, 1])
-        for y in range(-reach, reach + 2):
-            for x in range(-reach, reach + 2):
-                totals[i] += _light_at(grids, radius, depth, x - fraction_x, y - fraction_y)
-
-
-@njit(cache=True, parallel=True)
-def _add_lights(found, totals, cells, mask, slices, low, thickness, grids, cats_eye, result):  # type: ignore[no-untyped-def]
-    height, width = mask.shape
-    size = (height, width, cells.shape[2])
-    flat = cells.reshape(-1)
-    stride = fair_stride(slices.shape[0])
-    for number in prange(slices.shape[0]):
-        tile_row = np.int64(number) * stride % slices.shape[0]
-        runs = np.empty((SLICES // 2, 2))
-        met, strength = np.empty(3 * LANES, np.float32), np.empty(TILE)
-        top, bottom = tile_row * TILE, min(height, (tile_row + 1) * TILE)
-        for i in range(found.shape[0]):
-            light_x, light_y, depth = found[i, 0], found[i, 1], found[i, 2]
-            radius = abs(depth)
-            if light_y + radius + 1.0 < top or light_y - radius - 1.0 > bottom or totals[i] <= 0.0:
-                continue
-            left = max(0, int(math.floor(light_x - radius - 0.5)))
-            right = min(width, int(math.ceil(light_x + radius + 0.5)) + 1)
-            per_pixel = splat_lanes(np.float32(1.0 / depth))
-            for tile_column in range(left // TILE, (right + TILE - 1) // TILE):
-                count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
-                while count > 0 and runs[count - 1, 0] <= depth + JUMP:  # nothing there is in front
-                    count -= 1
-                begin = tile_column * TILE
-                for y in range(top, bottom):
-                    brightest_here = 0.0
-                    for x in range(begin, min(width, begin + TILE)):
-                        w = 0.0
-                        if mask[y, x]:
-                            u, v = (x - light_x) / depth, (y - light_y) / depth
-                            shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
-                            if cats_eye <= 0 or (u - shift_x) ** 2 + (v - shift_y) ** 2 <= 1.0:
-                                w = _light_at(grids, radius, depth, x - light_x, y - light_y) / totals[i]
-                        strength[x - begin] = w
-                        brightest_here = max(brightest_here, w)
-                    if brightest_here <= 0.0:
-                        continue
-                    if count > 0:
-                        place_x = count_lanes(np.float32(begin))
-                        place_y = splat_lanes(np.float32(y))
-                        across = (place_x - splat_lanes(np.float32(light_x))) * per_pixel
-                        down = splat_lanes(np.float32((y - light_y) / depth))
-                        half = splat_lanes(np.float32(0.5))
-                        meet(flat, size, runs, count, place_x, place_y, across, down, half, met)
-                    for lane in range(LANES):
-                        x = begin + ORDER[lane]
-                        w = strength[ORDER[lane]] if x < width else 0.0
-                        if w <= 0.0:
-                            continue
-                        layer = int(met[2 * LANES + lane]) if count > 0 else -1
-                        if layer >= 0:
-                            row, column = int(met[lane]), int(met[LANES + lane])
-                            if cells[row, column, layer, 0] > depth + JUMP:
-                                continue
-                        for c in range(3):
-                            result[y, x, c] += w * found[i, 3 + c]
+def _touched(boxes: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Which boxes hold a pixel of the mask, (N,)."""
+    sums = np.pad(mask.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
+    top, bottom, left, right = boxes.T
+    inside = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+    return np.asarray(inside > 0)
 
 
 def add_lights(
@@ -189,31 +164,38 @@ def add_lights(
     slices: tuple[np.ndarray, float, float],
     aperture: Aperture,
     result: np.ndarray,
+    *,
+    character: Character | None = None,
+    above: int = 0,
+    full_size: tuple[int, int] | None = None,
 ) -> None:
     """Add every light's disc to the pixels of ``mask`` that see it past what stands in front.
 
     Args:
-        lights: From :func:`separate_lights`, (N, 6).
+        lights: From :func:`separate_lights`, (N, 8).
         cells: What can stand in front of them, from :func:`bokehnet.classical.meeting.layer_cells`.
         mask: Pixels to add to, (H, W) bool.
-        slices: From :func:`bokehnet.classical.ray_kernels.occupied_slices`.
+        slices: From :func:`bokehnet.classical.slices.occupied_slices`.
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
+        character: Of the lens; default: a perfect one.
+        above: Rows of the picture above these arrays, where they are a strip of it.
+        full_size: Height and width of the whole picture; default: those of ``mask``.
     """
     if not len(lights):
         return
-    axis = (np.arange(_GRID) + 0.5) * (2 / _GRID) - 1
-    grids = np.stack([transmission(aperture, axis[None], axis[:, None], side) for side in (1, -1)])
-    totals = np.zeros(len(lights))
-    with parallel_region:
-        _totals(lights, grids, totals)
-        _add_lights(
-            lights,
-            totals,
-            cells,
-            mask,
-            *slices,
-            grids,
-            aperture.cats_eye,
-            result,
-        )
+    height, width = full_size or mask.shape
+    frame = Frame.of(height, width, above)
+    if character is None or character.is_plain:
+        draw: PlainSprites | LensSprites = PlainSprites(aperture, lights, frame)
+    else:
+        draw = LensSprites(aperture, character, lights, frame)
+    boxes = place_sprites(lights, draw.margins, mask.shape)
+    boxes[~_touched(boxes, mask)] = 0
+    for batch in _batches(boxes, draw.planes):
+        size = (boxes[batch, 1] - boxes[batch, 0]) * (boxes[batch, 3] - boxes[batch, 2])
+        starts = np.cumsum(size) - size
+        sprites = np.zeros((size.sum(), draw.planes), np.float32)
+        with parallel_region:
+            draw.fill(batch, boxes[batch], starts, sprites)
+            stamp_sprites(lights[batch], boxes[batch], starts, sprites, cells, mask, *slices, result)

@@ -32,7 +32,7 @@ from bokehnet.classical.layers import Layers
 
 __all__ = ["layer_cells", "meet"]
 
-_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
+_ZERO, _ONE = np.float32(0), np.float32(1)
 _JUMP = np.float32(JUMP)
 _NEVER = np.float32(-1e30)
 _STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
@@ -44,7 +44,7 @@ def layer_cells(layers: Layers) -> np.ndarray:
 
 
 @njit(cache=True)
-def meet(cells, size, runs, count, x, y, u, v, chance, met):  # type: ignore[no-untyped-def]
+def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
 
     Places beyond the border see the border's pixel.
@@ -56,6 +56,9 @@ def meet(cells, size, runs, count, x, y, u, v, chance, met):  # type: ignore[no-
         count: How many.
         x: Columns of the rays' pixels, lanes of float32.
         y: Rows.
+        begin_x: Where the rays are at defocus 0, from the left side of their pixel, lanes; 1/2 is its
+            middle.
+        begin_y: The same from its upper side.
         u: Where the rays meet the pupil, aperture coordinate along x, lanes.
         v: Along y.
         chance: A surface is met where this is below its coverage, lanes.
@@ -73,7 +76,7 @@ def meet(cells, size, runs, count, x, y, u, v, chance, met):  # type: ignore[no-
     for run in range(count):
         front = splat_lanes(np.float32(runs[run, 0]))
         length = splat_lanes(np.float32(runs[run, 0] - runs[run, 1]))
-        place_x, place_y = splat_lanes(_HALF) - u * front, splat_lanes(_HALF) - v * front
+        place_x, place_y = begin_x - u * front, begin_y - v * front
         column, row = floor_lanes(place_x), floor_lanes(place_y)
         place_x, place_y = place_x - column, place_y - row
         to_x = choose_lanes(right, one - place_x, place_x) * gain_x

@@ -11,18 +11,26 @@ from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_input
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights import add_lights, separate_lights
 from bokehnet.classical.layers import Layers, split_layers
+from bokehnet.classical.lens_rays import lens_table
 from bokehnet.classical.meeting import layer_cells
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.ray_kernels import SETS, march, occupied_slices
+from bokehnet.classical.ray_kernels import SETS, march
 from bokehnet.classical.scatter import scatter
+from bokehnet.classical.slices import occupied_slices
 from bokehnet.fusion import fuse
 from bokehnet.optics.aperture import Aperture, pupil_points
+from bokehnet.optics.character import Character
 from bokehnet.optics.sampling import halton, rotate_points
 
 __all__ = ["rays", "render_rays"]
 
-# Rays of a pixel where discs are large. With the 3x3 average blurred surfaces see 9 times as many.
-_RAYS = 64
+# Rays of a pixel. With the 3x3 average blurred surfaces see 9 times as many. Each ray of a lens that parts
+# colours has one wavelength, of which no channel sees all.
+_RAYS, _COLORED_RAYS = 64, 128
+
+# Behind a lens with a character every light has a disc of its own to be computed; the weaker ones are left to
+# the rays.
+_MOST_LIGHTS = 500
 
 # Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
 _LARGEST = 4.0
@@ -32,15 +40,15 @@ _VARIANTS = 16
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
+def _pattern(aperture: Aperture, rays_per_pixel: int) -> tuple[np.ndarray, np.ndarray]:
     """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus."""
-    count = SETS * _RAYS
+    count = SETS * rays_per_pixel
     square = np.stack([halton(count, 2), halton(count, 3)], -1)[None]
     shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
     square = rotate_points(square, shifts).reshape(-1, 2)
     sides = [pupil_points(aperture, square, side) for side in (1, -1)]
-    points = sides[0][0].reshape(-1, _RAYS, 2).transpose(2, 0, 1).astype(np.float32)
-    weights = np.stack([side[1].reshape(-1, _RAYS) for side in sides]).astype(np.float32)
+    points = sides[0][0].reshape(-1, rays_per_pixel, 2).transpose(2, 0, 1).astype(np.float32)
+    weights = np.stack([side[1].reshape(-1, rays_per_pixel) for side in sides]).astype(np.float32)
     return np.ascontiguousarray(points), weights
 
 
@@ -49,6 +57,7 @@ def rays(
     defocus: np.ndarray,
     *,
     aperture: Aperture | None = None,
+    character: Character | None = None,
     seed: int = 0,
     layers: Layers | None = None,
 ) -> np.ndarray:
@@ -63,6 +72,8 @@ def rays(
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         aperture: Shape of the opening; default: a disc.
+        character: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
+            all is seen along them; where they stray by less, they share the pixel with the scatter.
         seed: Of the noise; two seeds differ by noise alone.
         layers: True layers, from a renderer that can see behind things. Default: made from the picture
             (:func:`bokehnet.classical.layers.split_layers`).
@@ -78,7 +89,7 @@ def rays(
         Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
-    return _render(image, defocus, aperture or Aperture(), seed, layers).bokeh
+    return _render(image, defocus, aperture or Aperture(), character, seed, layers).bokeh
 
 
 _fuse = njit()(fuse)
@@ -124,6 +135,7 @@ def _render(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture,
+    character: Character | None = None,
     seed: int = 0,
     layers: Layers | None = None,
     strip: Strip | None = None,
@@ -135,19 +147,28 @@ def _render(
     largest = _LARGEST * max(size)
     defocus = np.clip(defocus, -largest, largest)
     radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.reach
-    doubt = geometric_error_map(defocus, boundary_threshold(size))
+    above = 0 if strip is None else strip.first
+    doubt = seen = geometric_error_map(defocus, boundary_threshold(size))
+    colored = character is not None and character.is_dispersive
+    points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
+    lens, reach, footprint = None, radius, (1.0, 0.0)
+    if character is not None and not character.is_plain:
+        lens = lens_table(character, size[1], size[0], points[0].size)
+        footprint = lens.footprint
+        reach = math.ceil(footprint[0] * radius + footprint[1])
+        seen = np.maximum(doubt, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
-    mask = doubt > 0
+    mask = seen > 0
     if strip is not None:  # and a row on either side, with which the results of large discs are averaged
         mask[: max(0, strip.wanted.start - 1)] = mask[strip.wanted.stop + 1 :] = False
     if not mask.any():
         return ClassicalResult(
             bokeh=smooth, error_map=doubt, hidden=np.array(image), guessed=np.zeros_like(doubt)
         )
-    layers, lights = separate_lights(layers or split_layers(image, defocus, radius), radius)
+    most = None if lens is None else _MOST_LIGHTS
+    layers, lights = separate_lights(layers or split_layers(image, defocus, reach), reach, most)
     result, guessed = np.array(smooth), np.zeros_like(doubt)
-    points, weights = _pattern(aperture)
-    slices = occupied_slices(layers.defocus)
+    slices = occupied_slices(layers.defocus, *footprint)
     cells = layer_cells(layers)
     march(
         layers,
@@ -159,18 +180,33 @@ def _render(
         result,
         guessed=guessed,
         cats_eye=aperture.cats_eye,
+        lens=lens,
         seed=seed,
-        above=0 if strip is None else strip.first,
+        above=above,
     )
-    add_lights(lights, cells, mask, slices, aperture, result)
+    add_lights(
+        lights,
+        cells,
+        mask,
+        slices,
+        aperture,
+        result,
+        character=character,
+        above=above,
+        full_size=size,
+    )
     with parallel_region:
-        _blend(smooth, doubt, mask, result)
+        _blend(smooth, seen, mask, result)
     hidden = np.ascontiguousarray(layers.colors[:, :, -1])
     return ClassicalResult(bokeh=result, error_map=doubt, hidden=hidden, guessed=guessed)
 
 
 def render_rays(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, strip: Strip | None = None
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    strip: Strip | None = None,
+    character: Character | None = None,
 ) -> ClassicalResult:
     """Rays, with error map, hidden layer and guessed share; arguments and errors of :func:`rays`."""
-    return _render(image, defocus, aperture or Aperture(), strip=strip)
+    return _render(image, defocus, aperture or Aperture(), character, strip=strip)

@@ -1,5 +1,7 @@
 """The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit, prange
 
@@ -9,7 +11,9 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.shapes import spread_operator
 from bokehnet.classical.spread import LARGEST_RADIUS
+from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.character import Character
 
 __all__ = ["render_scatter", "scatter"]
 
@@ -72,13 +76,24 @@ def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = 
 
 
 def render_scatter(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, strip: Strip | None = None
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    strip: Strip | None = None,
+    character: Character | None = None,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
+
+    Of a character it knows none but the lean of the focus plane, and of that only what the defocus says: its
+    discs stay round.
 
     A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
     the error map is that of the whole picture.
     """
+    if character is not None and not replace(character, pencil=character.pencil.upright()).is_plain:
+        raise ParameterError(
+            "engine: the scatter knows no aberrations, rims or fringes of a lens; use --engine rays or hybrid"
+        )
     bokeh = scatter(image, defocus, aperture)
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

@@ -17,7 +17,11 @@ __all__ = [
     "BladeCurvature",
     "Blades",
     "CatsEye",
+    "DiscGrain",
+    "DiscGrainSeed",
     "Obstruction",
+    "Onion",
+    "OnionRings",
     "Rim",
     "Squeeze",
     "read_aperture",
@@ -46,6 +50,16 @@ Rim = Annotated[
 Obstruction = Annotated[
     float, typer.Option(help="Radius of the dark core of a mirror lens, 0 to 0.95 of the disc.")
 ]
+Onion = Annotated[
+    float, typer.Option(help="Rings inside discs, as machined lenses draw them, 0 to 1 (strongest).")
+]
+OnionRings = Annotated[
+    float | None, typer.Option(help="With --onion: rings from middle to rim, 1 to 40; default 12.")
+]
+DiscGrain = Annotated[float, typer.Option(help="Dust and uneven coating inside discs, 0 to 1 (strongest).")]
+DiscGrainSeed = Annotated[
+    int | None, typer.Option(help="With --disc-grain: which grain, a whole number from 0 up.")
+]
 
 _OPTIONS = {
     "blades": "--blades",
@@ -56,6 +70,10 @@ _OPTIONS = {
     "rim": "--rim",
     "obstruction": "--obstruction",
     "aperture picture": "--aperture-image",
+    "onion": "--onion",
+    "onion_rings": "--onion-rings",
+    "grain": "--disc-grain",
+    "grain_seed": "--disc-grain-seed",
 }
 
 
@@ -69,6 +87,10 @@ def read_aperture(
     image: Path | None,
     rim: float,
     obstruction: float,
+    onion: float = 0.0,
+    onion_rings: float | None = None,
+    grain: float = 0.0,
+    grain_seed: int | None = None,
 ) -> "Aperture":
     """Return the aperture that the options describe; ``None`` where one was left out.
 
@@ -82,6 +104,10 @@ def read_aperture(
         raise ParameterError(
             "--aperture-rotation needs --blades or --aperture-image; a disc has no direction"
         )
+    if onion_rings is not None and not onion:
+        raise ParameterError("--onion-rings needs --onion")
+    if grain_seed is not None and not grain:
+        raise ParameterError("--disc-grain-seed needs --disc-grain")
     from bokehnet.io.color import luminance  # after parsing, so --help stays fast
     from bokehnet.io.image import read_image
     from bokehnet.optics.aperture import Aperture
@@ -97,4 +123,8 @@ def read_aperture(
             rim=rim,
             obstruction=obstruction,
             picture=picture,
+            onion=onion,
+            onion_rings=12.0 if onion_rings is None else onion_rings,
+            grain=grain,
+            grain_seed=grain_seed or 0,
         )

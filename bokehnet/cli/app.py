@@ -12,6 +12,7 @@ from bokehnet.cli.depth import depth
 from bokehnet.cli.export import export
 from bokehnet.cli.info import info
 from bokehnet.cli.lens import lens
+from bokehnet.cli.presets_command import presets
 from bokehnet.cli.render import render
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
@@ -37,6 +38,7 @@ app.command()(depth)
 app.command()(export)
 app.command()(info)
 app.command()(lens)
+app.command()(presets)
 app.command()(synth)
 app.command()(trace)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from bokehnet.checks import check_at_least, check_number
+from bokehnet.cli.leaning_focus import check_lean, leaning_focus, value_at
 from bokehnet.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -13,8 +14,9 @@ if TYPE_CHECKING:
 
     from bokehnet.cli.scene_map import SceneMap
     from bokehnet.io.camera import Camera
+    from bokehnet.optics.pencil import PencilMap
 
-__all__ = ["Focus", "parse_pixel", "parse_range"]
+__all__ = ["Focus", "parse_pixel", "parse_plane", "parse_range"]
 
 _RELATIVE = ("focus", "blur")
 _METRIC = ("focus_distance", "focal_length", "f_number", "sensor_width")
@@ -34,6 +36,9 @@ class Focus:
         focal_length: Of the lens, mm.
         f_number: Focal length over the pupil's diameter.
         sensor_width: What the width of the picture covers on the sensor, mm.
+        focus_plane: Three pixels (x, y); the plane through what they show stays sharp.
+        tilt: Lean of the plane that stays sharp, about x and about y, degrees; it turns about ``focus_at``,
+            or the middle of the picture.
     """
 
     focus_at: tuple[int, int] | None = None
@@ -44,6 +49,8 @@ class Focus:
     focal_length: float | None = None
     f_number: float | None = None
     sensor_width: float | None = None
+    focus_plane: tuple[tuple[int, int], tuple[int, int], tuple[int, int]] | None = None
+    tilt: tuple[float, float] = (0.0, 0.0)
 
     def check(self, metric: bool, source: str, complete: bool = False) -> None:
         """Raise ``ParameterError`` unless the numbers can go with a map of this kind.
@@ -72,6 +79,7 @@ class Focus:
             check_number("--sensor-width", self.sensor_width)
             if self.sensor_width <= 0:
                 raise ParameterError(f"--sensor-width: expected mm above 0, got {self.sensor_width:g}")
+        check_lean(self)
 
     def with_numbers(self, numbers: Mapping[str, float]) -> "Focus":
         """Return these numbers with some replaced, by their names."""
@@ -96,13 +104,72 @@ class Focus:
         """
         from bokehnet.optics.focus_range import defocus_outside_range
 
-        chosen = self.filled_by(scene.camera if scene.metric else None)
-        sharp_at = chosen._lens(scene) if scene.metric else chosen._scale(scene)
-        if chosen.focus_range is None:
-            return sharp_at(chosen._focus_disparity(scene))
-        ends = [_inverse_mm(end) if scene.metric else end for end in chosen.focus_range]
-        defocus: np.ndarray = defocus_outside_range(sharp_at(max(ends)), sharp_at(min(ends)))
+        chosen = self._complete(scene)
+        if chosen._leans:
+            sharp_at = chosen._plane(scene)
+        else:
+            sharp_at = chosen._lens(scene) if scene.metric else chosen._scale(scene)
+        near, far = chosen._ends(scene)
+        if near == far:
+            return sharp_at(near)
+        defocus: np.ndarray = defocus_outside_range(sharp_at(near), sharp_at(far))
         return defocus
+
+    def pencil(self, scene: "SceneMap") -> "PencilMap | None":
+        """Return what a leaning plane of focus does to the rays of the lens; None where it does not lean.
+
+        Raises:
+            ParameterError: As :meth:`defocus`.
+            LensError: The same.
+        """
+        from bokehnet.optics.focus_plane import plane_pencil
+
+        chosen = self._complete(scene)
+        return plane_pencil(*leaning_focus(chosen, scene, chosen._ends(scene)[0])) if chosen._leans else None
+
+    def complete(self, scene: "SceneMap") -> "tuple[Focus, float]":
+        """Return these numbers with those of the picture's files, and the largest disparity that stays sharp.
+
+        Raises:
+            ParameterError: Something is missing, or the pixel lies outside.
+        """
+        chosen = self._complete(scene)
+        return chosen, chosen._ends(scene)[0]
+
+    @property
+    def _leans(self) -> bool:
+        return self.focus_plane is not None or any(self.tilt)
+
+    def _complete(self, scene: "SceneMap") -> "Focus":
+        """These numbers, and those of the picture's files where none was given."""
+        chosen = self.filled_by(scene.camera if scene.metric else None)
+        if scene.metric and (missing := [name for name in _LENS if getattr(chosen, name) is None]):
+            raise ParameterError(f"{scene.source} needs {_options(missing)}; the picture's file tells none")
+        return chosen
+
+    def _ends(self, scene: "SceneMap") -> tuple[float, float]:
+        """The largest and the smallest disparity that stay sharp, in the unit of the map."""
+        if self.focus_range is None:
+            disparity = self._focus_disparity(scene)
+            return disparity, disparity
+        ends = [_inverse_mm(end) if scene.metric else end for end in self.focus_range]
+        return max(ends), min(ends)
+
+    def _plane(self, scene: "SceneMap") -> Callable[[float], "np.ndarray"]:
+        """From a disparity, where the plane turns, to the defocus with the focus there."""
+        import numpy as np
+
+        from bokehnet.optics.focus_plane import plane_defocus
+
+        def sharp_at(disparity: float) -> np.ndarray:
+            plane, blur = leaning_focus(self, scene, disparity)
+            with np.errstate(over="ignore"):  # told by the renderer's check
+                defocus: np.ndarray = plane_defocus(
+                    scene.disparity, blur, plane, (scene.window.x, scene.window.y)
+                )
+            return defocus
+
+        return sharp_at
 
     def _scale(self, scene: "SceneMap") -> Callable[[float], "np.ndarray"]:
         """From a relative disparity to the defocus with the focus there."""
@@ -121,8 +188,6 @@ class Focus:
         """From an inverse distance in 1/mm to the defocus with the focus there."""
         from bokehnet.lenses import ThinLens, defocus_map
 
-        if missing := [name for name in _LENS if getattr(self, name) is None]:
-            raise ParameterError(f"{scene.source} needs {_options(missing)}; the picture's file tells none")
         focal_length, f_number, sensor_width = self.focal_length, self.f_number, self.sensor_width
         assert focal_length is not None
         assert f_number is not None
@@ -139,9 +204,13 @@ class Focus:
         return sharp_at
 
     def _focus_disparity(self, scene: "SceneMap") -> float:
-        """What stays sharp, in the unit of the map."""
+        """What stays sharp, in the unit of the map; where a plane leans, in its pixel or in the middle."""
+        if self.focus_plane is not None:
+            window = scene.window
+            middle = (window.display_width - 1) / 2, (window.display_height - 1) / 2
+            return float(leaning_focus(self, scene, 0.0)[0].at(*middle))
         if self.focus_at is not None:
-            return _value_at(self.focus_at, scene)
+            return value_at(self.focus_at, scene, "--focus-at")
         if self.focus is not None:
             return self.focus
         if self.focus_distance is not None:
@@ -156,15 +225,19 @@ class Focus:
         return [name for name in names if getattr(self, name) is not None]
 
 
-def parse_pixel(text: str) -> tuple[int, int]:
-    """Return the pixel of ``X,Y``; ``ParameterError`` where it is none."""
+def parse_pixel(text: str, option: str = "--focus-at") -> tuple[int, int]:
+    """Return the pixel of ``X,Y``; ``ParameterError`` names ``option`` where it is none."""
     try:
         x, y = (int(part) for part in text.split(","))
     except ValueError as error:
-        raise ParameterError(
-            f"--focus-at: expected two whole numbers X,Y of a pixel, got {text!r}"
-        ) from error
+        raise ParameterError(f"{option}: expected two whole numbers X,Y of a pixel, got {text!r}") from error
     return x, y
+
+
+def parse_plane(texts: tuple[str, str, str]) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
+    """Return the three pixels of ``X,Y`` each; ``ParameterError`` where one is none."""
+    first, second, third = (parse_pixel(text, "--focus-plane") for text in texts)
+    return first, second, third
 
 
 def parse_range(text: str, option: str) -> tuple[float, float]:
@@ -176,19 +249,6 @@ def parse_range(text: str, option: str) -> tuple[float, float]:
     if math.isnan(first) or math.isnan(second):
         raise ParameterError(f"{option}: expected two numbers such as 0.5,2, got {text!r}")
     return first, second
-
-
-def _value_at(pixel: tuple[int, int], scene: "SceneMap") -> float:
-    """Value of the map at a pixel of the shown picture."""
-    (x, y), window = pixel, scene.window
-    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
-        size = f"{window.display_width}x{window.display_height}"
-        raise ParameterError(f"--focus-at: expected a pixel inside the picture of {size}, got {x},{y}")
-    column, row = x - window.x, y - window.y
-    height, width = scene.disparity.shape
-    if not (0 <= column < width and 0 <= row < height):
-        raise ParameterError(f"--focus-at: the file stores nothing at {x},{y}, outside its data window")
-    return float(scene.disparity[row, column])
 
 
 def _option(name: str) -> str:
@@ -204,7 +264,7 @@ def _options(names: Sequence[str]) -> str:
 
 def _ways(metric: bool) -> tuple[str, ...]:
     """The ways to say what stays sharp."""
-    return ("focus_distance" if metric else "focus", "focus_at", "focus_range")
+    return ("focus_distance" if metric else "focus", "focus_at", "focus_range", "focus_plane")
 
 
 def _inverse_mm(metres: float) -> float:

@@ -25,12 +25,16 @@ def lens(
         float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw lens, spots and depth of field here.")] = None,
+    psf_sheet: Annotated[
+        Path | None,
+        typer.Option(help="Draw blur of points here: traced beside reduced, over field and depth."),
+    ] = None,
 ) -> None:
     """Tell focal length, pupils and light of a lens, or list the catalog."""
     from bokehnet.lenses.catalog import catalog_names, find_prescription, load_lens
 
     if name is None:
-        if (focal, f_number, focus, plot) != (None, None, None, None):
+        if (focal, f_number, focus, plot, psf_sheet) != (None,) * 5:
             raise ParameterError("expected the name of a lens or a TOML file with these options, found none")
         names = catalog_names()
         width = max(map(len, names))
@@ -45,10 +49,25 @@ def lens(
         from bokehnet.lenses.plot import plot_lens
 
         plot_lens(chosen, plot)
+    if psf_sheet is not None:
+        rows["blur of points"] = _draw_psfs(chosen, psf_sheet)
     width = max(map(len, rows))
     typer.echo(chosen.prescription.name)
     for label, text in rows.items():
         typer.echo(f"  {label:<{width}}  {text}")
+
+
+def _draw_psfs(lens: "PrescriptionLens", path: Path) -> str:
+    """Write the sheet and say how well reduced and traced blur agree."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.cli.psf_sheet import write_psf_sheet
+    from bokehnet.io.image import check_writable
+
+    check_writable(path)
+    with progress("tracing") as report:
+        pairs = write_psf_sheet(lens, path, report)
+    found = [pair.correlation for pair in pairs]
+    return f"reduced against traced: correlation {sum(found) / len(found):.3f}, worst {min(found):.3f}"
 
 
 def _describe(lens: "PrescriptionLens") -> dict[str, str]:

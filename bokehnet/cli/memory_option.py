@@ -7,13 +7,16 @@ import typer
 
 from bokehnet.errors import ParameterError
 
-__all__ = ["MaxMemory", "parse_bytes"]
+__all__ = ["PROGRAM", "MaxMemory", "parse_bytes"]
+
+# Bytes that the program takes before it holds a picture: libraries, kernels, buffers of the decoders.
+PROGRAM = 560 * 2**20
 
 MaxMemory = Annotated[
     str | None,
     typer.Option(
         metavar="SIZE",
-        help="Memory for rendering beyond the pictures themselves, such as 2G; more is rendered in strips.",
+        help="Memory for all, pictures included, such as 4G; what does not fit is rendered in strips.",
     ),
 ]
 

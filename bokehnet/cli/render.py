@@ -6,11 +6,16 @@ from typing import Annotated
 import typer
 
 from bokehnet.cli import aperture_options as opening
+from bokehnet.cli import character_options as glass
+from bokehnet.cli import effect_options as camera
+from bokehnet.cli import focus_plane_options as leaning
+from bokehnet.cli import fringe_options as colors
 from bokehnet.cli import light_options as light
 from bokehnet.cli import map_options as scene
 from bokehnet.cli import sequence_options as many
 from bokehnet.cli.engine_option import DEFAULT_ENGINE, Engine
 from bokehnet.cli.memory_option import MaxMemory, parse_bytes
+from bokehnet.cli.preset_option import PresetName
 from bokehnet.errors import ParameterError
 
 __all__ = ["render"]
@@ -35,10 +40,14 @@ def render(
     sensor_width: scene.SensorWidth = None,
     focus_at: scene.FocusAt = None,
     focus_range: scene.FocusRange = None,
+    focus_plane: leaning.FocusPlane = None,
+    tilt_x: leaning.TiltX = 0.0,
+    tilt_y: leaning.TiltY = 0.0,
     resize_disparity: scene.ResizeDisparity = False,
     mixed_depth: scene.MixedDepth = "auto",
     refine_disparity: scene.RefineDisparity = "auto",
     engine: Engine = DEFAULT_ENGINE,
+    preset: PresetName = None,
     blades: opening.Blades = 0,
     blade_curvature: opening.BladeCurvature = None,
     aperture_rotation: opening.ApertureRotation = None,
@@ -47,9 +56,40 @@ def render(
     aperture_image: opening.ApertureImage = None,
     rim: opening.Rim = 0.0,
     obstruction: opening.Obstruction = 0.0,
+    onion: opening.Onion = 0.0,
+    onion_rings: opening.OnionRings = None,
+    disc_grain: opening.DiscGrain = 0.0,
+    disc_grain_seed: opening.DiscGrainSeed = None,
     gamma: light.Gamma = 1.0,
     highlights: light.HighlightThreshold = None,
     highlight_gain: light.HighlightGain = None,
+    lens: glass.LensName = None,
+    aberrations: glass.Aberrations = None,
+    lens_f_number: glass.LensFNumber = None,
+    lens_distortion: glass.LensDistortion = False,
+    spherical: glass.Spherical = 0.0,
+    coma: glass.Coma = 0.0,
+    astigmatism: glass.Astigmatism = 0.0,
+    field_curvature: glass.FieldCurvature = 0.0,
+    axial_fringe: colors.AxialFringe = 0.0,
+    lateral_fringe: colors.LateralFringe = 0.0,
+    axial_map: colors.AxialMap = None,
+    lateral_map: colors.LateralMap = None,
+    fringe_glass: colors.FringeGlass = None,
+    dispersion: colors.Dispersion = None,
+    equaliser: colors.Equaliser = None,
+    distortion: camera.DistortionStrength = 0.0,
+    distortion_brown: camera.DistortionBrown = None,
+    cos4: camera.Cos4 = 0.0,
+    optical_vignetting: camera.OpticalVignetting = 0.0,
+    vignette: camera.VignetteStops = None,
+    vignette_radius: camera.VignetteRadius = None,
+    vignette_softness: camera.VignetteSoftness = None,
+    vignette_roundness: camera.VignetteRoundness = None,
+    grain: camera.GrainIso = None,
+    grain_size: camera.GrainSize = None,
+    grain_mono: camera.GrainMono = False,
+    grain_seed: camera.GrainSeed = None,
     frames: many.Frames = None,
     jobs: many.Jobs = None,
     overwrite: many.Overwrite = False,
@@ -68,13 +108,14 @@ def render(
 ) -> None:
     """Render bokeh from an image and its depth or disparity."""
     from bokehnet.cli.compiling import compile_notice  # after parsing, so --help stays fast
-    from bokehnet.cli.focus import Focus, parse_pixel, parse_range
+    from bokehnet.cli.focus import Focus, parse_pixel, parse_plane, parse_range
     from bokehnet.cli.frames import is_pattern, parse_frames
     from bokehnet.cli.look import Look, Renderer
     from bokehnet.cli.progress import progress
     from bokehnet.cli.render_job import RenderJob, render_frame
     from bokehnet.cli.scene_map import MapSource
     from bokehnet.cli.sequence import jobs_of_frames, render_sequence
+    from bokehnet.optics.character import Character
 
     source = MapSource(
         disparity=disparity,
@@ -96,8 +137,15 @@ def render(
         focal_length=focal_length,
         f_number=f_number,
         sensor_width=sensor_width,
+        focus_plane=None if focus_plane is None else parse_plane(focus_plane),
+        tilt=(tilt_x, tilt_y),
     )
-    job = RenderJob(image=image, output=output, source=source, focus=focusing, save_maps=save_maps)
+    prescription = glass.choose_lens(
+        lens, aberrations=aberrations, distortion=lens_distortion, f_number=lens_f_number
+    )
+    job = RenderJob(
+        image=image, output=output, source=source, focus=focusing, save_maps=save_maps, lens=prescription
+    )
     blur_given = blur is not None or blur_from is not None
     ends = {
         "focus_distance" if source.is_metric(blur_given) else "focus": (focus_from, focus_to),
@@ -105,6 +153,20 @@ def render(
         "blur": (blur_from, blur_to),
     }
     expansion = light.make_highlights(highlights, highlight_gain)
+    effects = camera.make_effects(
+        distortion=distortion,
+        brown=distortion_brown,
+        cos4=cos4,
+        optical_vignetting=optical_vignetting,
+        vignette=vignette,
+        radius=vignette_radius,
+        softness=vignette_softness,
+        roundness=vignette_roundness,
+        iso=grain,
+        size=grain_size,
+        mono=grain_mono,
+        seed=grain_seed,
+    )
     if frames is None:
         if jobs or overwrite or pull or any(value is not None for pair in ends.values() for value in pair):
             raise ParameterError(f"{_SEQUENCE_ONLY} need --frames")
@@ -124,13 +186,35 @@ def render(
         image=aperture_image,
         rim=rim,
         obstruction=obstruction,
+        onion=onion,
+        onion_rings=onion_rings,
+        grain=disc_grain,
+        grain_seed=disc_grain_seed,
+    )
+    character = glass.make_character(
+        engine=engine,
+        lens=prescription,
+        spherical=spherical,
+        coma=coma,
+        astigmatism=astigmatism,
+        field_curvature=field_curvature,
+        fringes=colors.make_fringes(
+            axial=axial_fringe,
+            lateral=lateral_fringe,
+            axial_map=axial_map,
+            lateral_map=lateral_map,
+            glass=fringe_glass,
+        ),
+        light=colors.make_light(dispersion, equaliser),
     )
     look = Look(
         engine=engine,
         aperture=aperture,
+        character=character or Character(),
         weights=weights,
         gamma=gamma,
         highlights=expansion,
+        effects=effects,
         max_memory=None if max_memory is None else parse_bytes(max_memory),
     )
     with compile_notice():

@@ -15,7 +15,10 @@ from bokehnet.errors import ImageFileError
 if TYPE_CHECKING:
     import numpy as np
 
+    from bokehnet.cli.character_options import ChosenLens
+    from bokehnet.cli.scene_map import SceneMap
     from bokehnet.inference.pipeline import RenderResult
+    from bokehnet.optics.pencil import PencilMap
 
 __all__ = ["RenderJob", "check_folder", "render_frame"]
 
@@ -29,7 +32,9 @@ class RenderJob:
         output: Where the result goes.
         source: Where its map comes from.
         focus: What stays sharp, and how strongly the rest is blurred.
-        save_maps: Folder for what the result is made of.
+        save_maps: Folder for what the result is made of, before the effects of the camera.
+        number: Of the frame in its sequence.
+        lens: Prescription to render through.
     """
 
     image: Path
@@ -37,6 +42,20 @@ class RenderJob:
     source: MapSource
     focus: Focus
     save_maps: Path | None = None
+    number: int = 0
+    lens: "ChosenLens | None" = None
+
+    def pencil(self, scene: "SceneMap") -> "PencilMap | None":
+        """Return what the lens and a leaning plane of focus do to the rays of this picture, if anything.
+
+        Raises:
+            BokehnetError: As :meth:`Focus.defocus` and :meth:`ChosenLens.pencil`.
+        """
+        leaning = self.focus.pencil(scene)
+        if self.lens is None:
+            return leaning
+        pencil = self.lens.pencil(self.focus, scene)
+        return pencil if leaning is None else pencil + leaning
 
     def check(self) -> None:
         """Raise unless the options fit together and the result can be written; no picture is read."""
@@ -60,11 +79,20 @@ def render_frame(
 
     frame, scene = read_scene(job.image, job.source, job.focus.blur is not None, renderer)
     defocus = job.focus.defocus(scene)
-    result = renderer.render(frame.image, defocus, report)
-    alpha = None if frame.alpha is None else renderer.render_alpha(frame.alpha, defocus)
+    pencil = job.pencil(scene)
+    del scene
+    alpha = frame.alpha
+    if alpha is not None:
+        alpha = renderer.render_alpha(alpha, defocus, pencil=pencil, taken=frame.image.nbytes)
+    if job.save_maps is not None:
+        defocus.flags.writeable = False  # the error map is not to take its place
+    taken = (0 if frame.alpha is None else 2) * defocus.nbytes
+    result = renderer.render(frame.image, defocus, report, pencil=pencil, taken=taken)
     if job.save_maps is not None:
         _save_maps(job.save_maps, result, defocus)
-    write_frame(job.output, frame, result.bokeh, alpha)
+    del defocus
+    bokeh, alpha = renderer.take(result.bokeh, alpha, frame.window, job.number)
+    write_frame(job.output, frame, bokeh, alpha)
 
 
 def check_folder(folder: Path) -> None:

@@ -50,6 +50,7 @@ def jobs_of_frames(job: "RenderJob", frames: "Sequence[int]", pull: "Pull") -> d
             source=job.source.at(frame),
             focus=job.focus.with_numbers(pull.at(frame)),
             save_maps=job.save_maps and job.save_maps / f"{frame:04d}",
+            number=frame,
         )
         for frame in frames
     }

@@ -1,5 +1,6 @@
 """``bokehnet trace``: a scene through a lens, by ray tracing."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,7 +71,8 @@ def _trace_film(job: "SceneJob", output: Path, device: str, fresh: bool) -> None
     finally:
         if film.samples > begun:
             names = [body.name for body in job.world.bodies]
-            save_film(output, film, tracer.maps(), job.digest, names)
+            maps = tracer.maps()
+            save_film(output, film, replace(maps, depth=job.sensor_depth(maps.depth)), job.digest, names)
             typer.echo(f"wrote {output}: {film.samples} of {wanted} samples")
 
 
@@ -90,7 +92,7 @@ def _peel_layers(job: "SceneJob", output: Path, device: str, layers: int) -> Non
             device=device,
             progress=report,
         )
-    save_layers(output, peeled)
+    save_layers(output, replace(peeled, depth=job.sensor_depth(peeled.depth)))
     typer.echo(f"wrote {output}: {layers} layers")
 
 

@@ -21,9 +21,11 @@ from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.correction import SmallCopy
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.inference.strips import cut_strips
+from bokehnet.inference.strips import Gathered, cut_strips
 from bokehnet.inference.tiling import refine_in_tiles
+from bokehnet.io.banded import in_bands
 from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.character import Character
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
@@ -77,6 +79,8 @@ class BokehRenderer:
         engine: One of ``ENGINES``.
         aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
             shapes they correct what the classical half made of them.
+        character: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
+            default a perfect lens.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
@@ -93,6 +97,7 @@ class BokehRenderer:
         engine: str = "rays",
         *,
         aperture: Aperture | None = None,
+        character: Character | None = None,
         weights: Path | None = None,
         threads: int = 0,
         providers: Sequence[str] = ("CPUExecutionProvider",),
@@ -101,6 +106,7 @@ class BokehRenderer:
         check_choice("engine", engine, ENGINES)
         self.engine = engine
         self.aperture = aperture or Aperture()
+        self.character = character or Character()
         neural = engine in HYBRIDS
         self._networks = (
             load_networks(weights or WEIGHTS / engine, threads, providers, session_options)
@@ -130,6 +136,8 @@ class BokehRenderer:
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
+        memory_taken: int = 0,
+        overwrite: bool = False,
     ) -> RenderResult:
         """Render one picture, from its defocus, or from disparity, blur and focus.
 
@@ -147,6 +155,10 @@ class BokehRenderer:
                 it, unclipped; :meth:`Highlights.compress` brings it back to the range of the photograph.
             max_memory: Bytes that rendering may take beyond image, defocus and result. Pictures that need
                 more are rendered in strips; the result is the same but for rounding.
+            memory_taken: Bytes of ``max_memory`` that are not to be had any more.
+            overwrite: Whether the result may take the place of ``image`` and ``defocus``, which are of no
+                use afterwards; in strips this saves their memory. Both must be float32, C-contiguous and
+                writable, else they are left alone.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -159,30 +171,35 @@ class BokehRenderer:
         elif not (disparity is None and blur is None and focus is None):
             raise ParameterError("defocus: expected either defocus, or disparity, blur and focus, got both")
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
+        over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
-            image = np.maximum(image, 0)
+            image = np.maximum(image, 0, out=over)
         if self._networks is not None and gamma != 1:
             raise ParameterError(
                 f"gamma: expected 1, all that the networks of {self.engine} know, got {gamma:g}; "
                 f"use --engine {self._classical_name}"
             )
         if highlights is not None:
-            image = highlights.expand(image)
+            image = in_bands(highlights.expand, image, out=over)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
-        strips = [None] if max_memory is None else self._cut(defocus, max_memory)
+        strips = [None] if max_memory is None else self._cut(defocus, max_memory, memory_taken)
         if len(strips) > 1:
-            return self._render_strips(image, defocus, curve, strips, progress or _ignore)
+            return self._render_strips(image, defocus, curve, strips, progress or _ignore, overwrite)
         return self._render_whole(image, defocus, curve, progress or _ignore)
 
-    def _cut(self, defocus: np.ndarray, memory: int) -> list[Strip | None]:
-        """Strips of at most ``memory`` bytes; a single ``None`` where the whole picture fits."""
+    def _cut(self, defocus: np.ndarray, memory: int, taken: int) -> list[Strip | None]:
+        """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
         height, width = defocus.shape
         reach = math.ceil(_reach(defocus))
-        strips: list[Strip | None] = [*cut_strips(height, width, reach, self._classical_name, memory)]
+        strips: list[Strip | None] = [*cut_strips(height, width, reach, self._classical_name, memory, taken)]
         if len(strips) <= 1:
             return [None]
         if self.aperture.cats_eye > 0:
             raise ParameterError("max_memory: a cat's-eye needs the whole picture at once; leave it out")
+        if not self.character.is_plain:
+            raise ParameterError(
+                "max_memory: a lens with a character needs the whole picture at once; leave it out"
+            )
         if self._networks is not None and self._networks.iunet is not None:
             raise ParameterError("max_memory: these networks need the whole picture at once; leave it out")
         return strips
@@ -217,10 +234,12 @@ class BokehRenderer:
         curve: GammaCurve | None,
         strips: Sequence[Strip | None],
         report: Progress,
+        overwrite: bool,
     ) -> RenderResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
-        bokeh, error_map = np.empty_like(image), np.empty_like(defocus)
+        results = [Gathered(array, overwrite) for array in (image, defocus)]
+        bokeh, error_map = (result.array for result in results)
         height, width = defocus.shape
         small = None if networks is None else SmallCopy(height, width, _reach(defocus), networks.unit)
         steps = len(strips) + (networks is not None)
@@ -232,9 +251,11 @@ class BokehRenderer:
             first, wanted = strip.first + strip.wanted.start, strip.wanted
             kept = part.rows(wanted)
             inner = slice(first, first + len(kept.bokeh))
-            bokeh[inner], error_map[inner] = kept.bokeh, kept.error_map
             if small is not None:
                 small.add(first, image[inner], defocus[inner], kept)
+            later = strips[done + 1] if done + 1 < len(strips) else None
+            for result, array in zip(results, (kept.bokeh, kept.error_map), strict=True):
+                result.add(first, array, height if later is None else later.first)
         if networks is not None and small is not None:
             report(len(strips), steps)
             correction = small.correct(networks.arnet)
@@ -255,8 +276,8 @@ class BokehRenderer:
         strip: Strip | None = None,
     ) -> ClassicalResult:
         if curve is None:
-            return self._classical(image, defocus, self.aperture, strip)
-        result = self._classical(curve.encode(image), defocus, self.aperture, strip)
+            return self._classical(image, defocus, self.aperture, strip, self.character)
+        result = self._classical(curve.encode(image), defocus, self.aperture, strip, self.character)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
     def _render_cascade(

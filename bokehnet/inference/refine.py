@@ -8,6 +8,7 @@ import numpy as np
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.inference.sharpen import STEP, share_of_soft_steps, sharpen_steps
+from bokehnet.io.banded import make_in_bands
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = ["REFINE_MODES", "DisparityRefiner", "share_out_of_place"]
@@ -54,11 +55,18 @@ def share_out_of_place(disparity: np.ndarray, repaired: np.ndarray) -> float:
     Returns:
         Share, of the pixels near steps, that changed by more than a quarter of the step.
     """
-    padded, other = (pad_to_multiple(x, _BLOCK) for x in (disparity, repaired))
-    steps = np.kron(_step_sizes(padded), np.ones((_BLOCK, _BLOCK), np.float32))
-    near = steps > STEP * (float(disparity.max()) - float(disparity.min()))
-    moved = near & (np.abs(other - padded) > 0.25 * steps)
-    return float(moved.sum()) / max(float(near.sum()), 1.0)
+    least = STEP * (float(disparity.max()) - float(disparity.min()))
+    spans = _step_sizes(pad_to_multiple(disparity, _BLOCK))
+    near = moved = 0
+    for top in range(0, len(disparity), _TILE):
+        rows = slice(top, top + _TILE)
+        was, now = disparity[rows], repaired[rows]
+        blocks = spans[top // _BLOCK : (top + _TILE) // _BLOCK]
+        steps = np.kron(blocks, np.ones((_BLOCK, _BLOCK), np.float32))[: len(was), : was.shape[1]]
+        at_steps = steps > least
+        near += int(at_steps.sum())
+        moved += int((at_steps & (np.abs(now - was) > 0.25 * steps)).sum())
+    return moved / max(near, 1)
 
 
 class DisparityRefiner:
@@ -105,7 +113,9 @@ class DisparityRefiner:
         if span == 0 or mode == "off":
             return disparity.copy()
         start = sharpen_steps(disparity) if share_of_soft_steps(disparity) > _SOFT else disparity
-        repaired = self._refine(np.maximum(image, 0).transpose(2, 0, 1), start, span)
+        if image.min() < 0:
+            image = np.maximum(image, 0)
+        repaired = self._refine(image.transpose(2, 0, 1), start, span)
         if mode == "auto" and share_out_of_place(disparity, repaired) < _IMPERFECT:
             return disparity.copy()
         return repaired
@@ -114,24 +124,58 @@ class DisparityRefiner:
         height, width = disparity.shape
         if max(height, width) > _LARGEST_SIDE:
             small = downsample2(pad_to_multiple(disparity, 2))
-            mended = self._refine(downsample2(pad_to_multiple(image, 2)), small, span)
-            coarse, change = (crop_to(upsample2(x), height, width) for x in (mended, mended - small))
-            # What moved comes from the smaller map, and is as soft as that.
-            if (moved := np.abs(change) > STEP * span).any():
-                disparity = sharpen_steps(np.where(moved, coarse, disparity))
-        image, disparity = (pad_to_multiple(x, _BLOCK) for x in (image, disparity))
+            mended = self._refine(_half(image), small, span)
+            disparity = _with_moved(disparity, mended, mended - small, STEP * span)
+        disparity = pad_to_multiple(disparity, _BLOCK)
         result = disparity.copy()
         busy = _step_sizes(disparity) > STEP * span
         for tile in _tiles(busy):
             rows, columns = tile
             top, left = max(0, rows.start - _HALO), max(0, columns.start - _HALO)
             window = (slice(top, rows.stop + _HALO), slice(left, columns.stop + _HALO))
-            fed = image[None, :, *window], disparity[None, None, *window]
+            # The picture may end within the last block of the map.
+            fed = pad_to_multiple(image[None, :, *window], _BLOCK), disparity[None, None, *window]
             repaired = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))[0, 0]
             result[tile] = repaired[
                 rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
             ]
         return np.ascontiguousarray(crop_to(result, height, width))
+
+
+def _half(image: np.ndarray) -> np.ndarray:
+    """Picture (3, H, W) at half its size, without a larger copy of it."""
+    height, width = (-(-side // 2) for side in image.shape[1:])
+
+    def make(rows: slice) -> np.ndarray:
+        return downsample2(pad_to_multiple(image[:, 2 * rows.start : 2 * rows.stop], 2)).transpose(1, 2, 0)
+
+    return make_in_bands(make, (height, width, 3), np.float32).transpose(2, 0, 1)
+
+
+def _with_moved(disparity: np.ndarray, mended: np.ndarray, change: np.ndarray, least: float) -> np.ndarray:
+    """Take over what moved by more than ``least`` at half the size, with steps as sharp as here.
+
+    Args:
+        disparity: (H, W).
+        mended: The repaired map at half the size.
+        change: What the repair changed there.
+        least: In the unit of the map.
+    """
+    found = False
+
+    def make(rows: slice) -> np.ndarray:
+        nonlocal found
+        top = max(0, rows.start // 2 - 1)
+        window = slice(top, -(-rows.stop // 2) + 1)
+        inner = slice(rows.start - 2 * top, rows.stop - 2 * top)
+        coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (mended, change))
+        here = np.abs(moved) > least
+        found = found or bool(here.any())
+        return np.where(here, coarse, disparity[rows])
+
+    joined = make_in_bands(make, disparity.shape, np.float32)
+    # What moved comes from the smaller map, and is as soft as that.
+    return sharpen_steps(joined) if found else joined
 
 
 def _tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from bokehnet.io.banded import cut_bands, make_in_bands
+
 __all__ = ["share_of_soft_steps", "sharpen_steps"]
 
 # A span of the map's values, as a share of the whole map's, that makes a step.
@@ -16,17 +18,29 @@ _RADII = (3, 2)
 
 def _extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest value of the square window around each pixel, the border repeated."""
-    results = []
-    for choose in (np.minimum, np.maximum):
-        found = values
-        for axis in (0, 1):
-            padding = [(radius, radius) if a == axis else (0, 0) for a in (0, 1)]
-            padded = np.pad(found, padding, "edge")
-            size = found.shape[axis]
-            parts = [np.take(padded, np.arange(i, i + size), axis) for i in range(2 * radius + 1)]
-            found = choose.reduce(parts)
-        results.append(found)
-    return results[0], results[1]
+    low, high = (_over_windows(values, radius, choose) for choose in (np.minimum, np.maximum))
+    return low, high
+
+
+def _over_windows(values: np.ndarray, radius: int, choose: np.ufunc) -> np.ndarray:
+    """Reduce the square window around each pixel, along rows, then columns; windows grow by doubling."""
+    found = values
+    for axis in (0, 1):
+        padding = [(radius, radius) if a == axis else (0, 0) for a in (0, 1)]
+        lines = np.moveaxis(np.pad(found, padding, "edge"), axis, 0)
+        size, whole = 1, 2 * radius + 1
+        while size < whole:
+            step = min(size, whole - size)
+            lines = choose(lines[: len(lines) - step], lines[step:])
+            size += step
+        found = np.moveaxis(lines, 0, axis)
+    return found
+
+
+def _with_halo(rows: slice, halo: int) -> tuple[slice, slice]:
+    """Rows with as many more on either side as there are, and where the rows are in them."""
+    top = max(0, rows.start - halo)
+    return slice(top, rows.stop + halo), slice(rows.start - top, rows.stop - top)
 
 
 def share_of_soft_steps(disparity: np.ndarray) -> float:
@@ -35,11 +49,15 @@ def share_of_soft_steps(disparity: np.ndarray) -> float:
     Args:
         disparity: (H, W), any unit.
     """
-    low, high = _extremes(disparity, 2)
-    width = high - low
-    steps = width > STEP * np.ptp(disparity)
-    between = np.minimum(high - disparity, disparity - low) > _BETWEEN * width
-    return float((steps & between).sum()) / max(float(steps.sum()), 1.0)
+    least, soft, all_steps = STEP * np.ptp(disparity), 0, 0
+    for rows in cut_bands(disparity.shape):
+        window, inner = _with_halo(rows, 2)
+        low, high = (x[inner] for x in _extremes(disparity[window], 2))
+        width, own = high - low, disparity[rows]
+        steps = width > least
+        between = np.minimum(high - own, own - low) > _BETWEEN * width
+        soft, all_steps = soft + int((steps & between).sum()), all_steps + int(steps.sum())
+    return soft / max(all_steps, 1)
 
 
 def sharpen_steps(disparity: np.ndarray) -> np.ndarray:
@@ -49,9 +67,15 @@ def sharpen_steps(disparity: np.ndarray) -> np.ndarray:
         Kramer and Bruckner, "Iterations of a non-linear transformation for enhancement of digital images",
         Pattern Recognition 1975.
     """
-    sharp = disparity
-    for radius in _RADII:
-        low, high = _extremes(sharp, radius)
-        nearer = np.where(high - sharp < sharp - low, high, low)
-        sharp = np.where(high - low > STEP * np.ptp(disparity), nearer, sharp)
-    return np.ascontiguousarray(sharp, np.float32)
+    least = STEP * np.ptp(disparity)
+
+    def make(rows: slice) -> np.ndarray:
+        window, inner = _with_halo(rows, sum(_RADII))
+        sharp = disparity[window]
+        for radius in _RADII:
+            low, high = _extremes(sharp, radius)
+            nearer = np.where(high - sharp < sharp - low, high, low)
+            sharp = np.where(high - low > least, nearer, sharp)
+        return sharp[inner]
+
+    return make_in_bands(make, disparity.shape, np.float32)

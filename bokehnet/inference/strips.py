@@ -1,11 +1,14 @@
 """How a picture is cut into strips that are rendered one after the other, so that memory stays bounded."""
 
+import math
 from collections.abc import Iterator
+
+import numpy as np
 
 from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.errors import ParameterError
 
-__all__ = ["cut_strips"]
+__all__ = ["Gathered", "cut_strips"]
 
 # Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
 BYTES_PER_PIXEL = {"rays": 125, "scatter": 45}
@@ -20,7 +23,9 @@ def _aligned(row: int) -> int:
     return row // ALIGNED * ALIGNED
 
 
-def cut_strips(height: int, width: int, reach: int, classical: str, memory: int) -> Iterator[Strip]:
+def cut_strips(
+    height: int, width: int, reach: int, classical: str, memory: int, taken: int = 0
+) -> Iterator[Strip]:
     """Cut a picture into strips, from top to bottom.
 
     Args:
@@ -28,18 +33,20 @@ def cut_strips(height: int, width: int, reach: int, classical: str, memory: int)
         width: Of the picture.
         reach: Its largest blur radius, pixels.
         classical: Name of the classical renderer.
-        memory: Bytes that rendering a strip may take beyond input and output.
+        memory: Bytes that rendering a strip may take beyond input and output, and that are taken already.
+        taken: Those that are taken already.
 
     Raises:
         ParameterError: Not even the narrowest strip fits.
     """
     halo = _HALO[classical] * min(reach, height) + _FEW
-    most = memory // (BYTES_PER_PIXEL[classical] * width)
+    most = max(0, memory - taken) // (BYTES_PER_PIXEL[classical] * width)
     rows = height if most >= height else _aligned(most - 2 * halo - ALIGNED)
     if rows < ALIGNED and rows < height:
         least = (2 * halo + 2 * ALIGNED) * width * BYTES_PER_PIXEL[classical]
+        which = "in all" if taken else "beyond the pictures themselves"
         raise ParameterError(
-            f"max_memory: expected at least {least / 1e6:.0f} MB beyond the pictures themselves, for a "
+            f"max_memory: expected at least {math.ceil((taken + least) / 1e6)} MB {which}, for a "
             f"width of {width} and blur of {reach} pixels, got {memory / 1e6:.0f} MB"
         )
     for top in range(0, height, rows):
@@ -52,3 +59,34 @@ def cut_strips(height: int, width: int, reach: int, classical: str, memory: int)
             reach=reach,
             wanted=slice(top - first, bottom - first),
         )
+
+
+class Gathered:
+    """What strips give, gathered row by row in an array of the whole picture.
+
+    Args:
+        read: The array that the strips read, (H, W) or (H, W, C).
+        overwrite: Whether the results take its place, as soon as no later strip reads there. Where it
+            cannot be written to, they do not.
+    """
+
+    def __init__(self, read: np.ndarray, overwrite: bool) -> None:
+        self._over = overwrite and read.flags.writeable
+        self.array = read if self._over else np.empty_like(read)
+        self._waiting: list[tuple[int, np.ndarray]] = []
+
+    def add(self, first: int, rows: np.ndarray, read_from: int) -> None:
+        """Take in some rows of the result.
+
+        Args:
+            first: Row of the picture at which they begin.
+            rows: The result, (rows, W) or (rows, W, C).
+            read_from: Row of the picture from which on later strips read; its height after the last strip.
+        """
+        self._waiting.append((first, rows))
+        waiting, self._waiting = self._waiting, []
+        for start, part in waiting:
+            done = min(max(read_from - start, 0), len(part)) if self._over else len(part)
+            self.array[start : start + done] = part[:done]
+            if done < len(part):
+                self._waiting.append((start + done, part[done:].copy()))

@@ -45,7 +45,8 @@ def write_channels(
     if len(sizes) != 1 or len(next(iter(sizes))) != 2:
         raise ShapeError(f"channels: expected arrays (H, W) of one size, got {sorted(map(str, sizes))}")
     stack = np.stack([np.asarray(array, np.float32) for array in channels.values()], -1)
-    encode(path, stack, tuple(channels), {"compression": "zip", **(attributes or {})})
+    hints = {"compression": "zip", **(attributes or {})}
+    encode(path, stack.shape, np.float32, stack.__getitem__, tuple(channels), hints)
 
 
 def read_channels(path: Path | str) -> ChannelFile:

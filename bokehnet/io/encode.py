@@ -1,6 +1,6 @@
 """Arrays to image files."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,27 +10,42 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_atomic
+from bokehnet.io.banded import make_in_bands
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.png import write_png
 
 __all__ = ["check_readable", "encode"]
 
+_BAND = 256  # rows at a time, many enough for the encoders' own threads
+
 
 def encode(
-    path: Path, array: NDArray[Any], channels: Sequence[str], attributes: Mapping[str, str | int]
+    path: Path,
+    shape: tuple[int, int, int],
+    dtype: Any,
+    stored: Callable[[slice], NDArray[Any]],
+    channels: Sequence[str],
+    attributes: Mapping[str, str | int],
 ) -> None:
-    """Encode ``array`` (H, W, C) in its own type and put it in place atomically.
+    """Encode a picture a band of rows after the other and put it in place atomically.
 
     Args:
         path: where the file goes; the extension picks the format.
-        array: float32, float16, uint8 or uint16.
+        shape: (H, W, C).
+        dtype: of the file: float32, float16, uint8 or uint16.
+        stored: gives some of the rows as they are to be stored, (rows, W, C), in any type that can be
+            converted; called by several threads.
         channels: their names.
         attributes: of the file, such as its compression.
 
     Raises:
         ImageFileError: the file cannot be written.
     """
-    kind = {"float16": "half", "float32": "float"}.get(array.dtype.name, array.dtype.name)
-    spec = oiio.ImageSpec(array.shape[1], array.shape[0], array.shape[2], kind)
+    if path.suffix.lower() == ".png":
+        write_atomic(path, lambda temporary: write_png(temporary, shape, dtype, stored))
+        return
+    kind = {"float16": "half", "float32": "float"}.get(np.dtype(dtype).name, np.dtype(dtype).name)
+    spec = oiio.ImageSpec(shape[1], shape[0], shape[2], kind)
     spec.channelnames = tuple(channels)
     if path.suffix.lower() == ".exr":
         spec.attribute("DateTime", "")  # else the time of writing is added, and no two files are alike
@@ -41,7 +56,11 @@ def encode(
         output = oiio.ImageOutput.create(str(temporary))
         if output is None or not output.open(str(temporary), spec):
             raise OSError(output.geterror() if output else oiio.geterror())
-        written = output.write_image(np.ascontiguousarray(array))
+        written = True
+        for top in range(0, shape[0], _BAND):
+            bottom = min(top + _BAND, shape[0])
+            band = _make_band(stored, top, (bottom - top, *shape[1:]), dtype)
+            written = written and output.write_scanlines(top, bottom, 0, band)
         problem = output.geterror()
         closed = output.close()
         if not (written and closed) or problem:
@@ -49,7 +68,19 @@ def encode(
         check_readable(temporary)
 
     # On a full disk the encoders crash or hang, so the room is proven first; none needs more than this.
-    write_atomic(path, fill, room=array.nbytes * 3 // 2 + 2**16)
+    room = shape[0] * shape[1] * shape[2] * np.dtype(dtype).itemsize
+    write_atomic(path, fill, room=room * 3 // 2 + 2**16)
+
+
+def _make_band(
+    stored: Callable[[slice], NDArray[Any]], top: int, shape: tuple[int, ...], dtype: Any
+) -> NDArray[Any]:
+    """Return the rows of a picture from ``top`` on."""
+
+    def make(rows: slice) -> NDArray[Any]:
+        return stored(slice(top + rows.start, top + rows.stop))
+
+    return make_in_bands(make, shape, dtype)
 
 
 def check_readable(path: Path, part: int = 0) -> None:
@@ -57,10 +88,7 @@ def check_readable(path: Path, part: int = 0) -> None:
     try:
         with ImageFile(path) as file:
             found = file.parts[part]
-            if file.headers is None:
-                file.read(found, found.channels)
-            else:
-                for rows in file.bands(found):
-                    file.read_stored(found, rows)
+            for rows in file.bands(found):
+                file.read_stored(found, rows)
     except ImageFileError as damage:
         raise OSError("what was written cannot be read back; is the disk full?") from damage

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import check_target
-from bokehnet.io.banded import in_bands
 from bokehnet.io.color import linear_to_srgb
 from bokehnet.io.encode import encode
 from bokehnet.io.heif import is_heif, read_heif_image
@@ -102,30 +101,37 @@ def write_image(
         if extension in _WITHOUT_ALPHA:
             alpha = None
     channels = ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
+    shape = (*image.shape[:2], len(channels))
     if extension == ".exr":
-        values = image if alpha is None else np.dstack([image, alpha])
-        half = in_bands(lambda rows: np.clip(rows, -_LARGEST_HALF, _LARGEST_HALF), values, np.float16)
-        encode(path, half, channels, {"compression": "zip"})
+
+        def half(rows: slice) -> NDArray[Any]:
+            values = image[rows] if alpha is None else np.dstack([image[rows], alpha[rows]])
+            return np.clip(values, -_LARGEST_HALF, _LARGEST_HALF)
+
+        encode(path, shape, np.float16, half, channels, {"compression": "zip"})
     elif extension == ".hdr":
         if max(image.shape[:2]) > _WIDEST_HDR:
             raise ImageFileError(
                 f"{path}: HDR files are at most {_WIDEST_HDR} pixels wide and high, "
                 f"got {image.shape[1]}x{image.shape[0]}; use .exr"
             )
-        encode(path, np.maximum(image, 0).astype(np.float32), channels, {})
+        encode(path, shape, np.float32, lambda rows: np.maximum(image[rows], 0), channels, {})
     else:
         codec = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp"}.get(extension)
         hints: dict[str, str | int] = {"compression": f"{codec}:{quality}"} if codec else {}
         if codec == "jpeg":
             hints["jpeg:subsampling"] = "4:4:4"  # halved colour resolution shows at small bright discs
         if alpha is not None:
-            image = image / np.where(alpha > 0, alpha, 1)[..., None]
             hints["oiio:UnassociatedAlpha"] = 1  # the values are straight as they stand
-        kind = np.uint8 if bits == 8 else np.uint16
-        values = in_bands(lambda rows: _quantise(linear_to_srgb(np.clip(rows, 0, 1)), bits), image, kind)
-        if alpha is not None:
-            values = np.dstack([values, _quantise(np.clip(alpha, 0, 1), bits)])
-        encode(path, values, channels, hints)
+
+        def whole(rows: slice) -> NDArray[Any]:
+            if alpha is None:
+                return _quantise(_encoded(image[rows]), bits)
+            cover = alpha[rows]
+            straight = image[rows] / np.where(cover > 0, cover, 1)[..., None]
+            return _quantise(np.dstack([_encoded(straight), np.clip(cover, 0, 1)]), bits)
+
+        encode(path, shape, np.uint8 if bits == 8 else np.uint16, whole, channels, hints)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:
@@ -145,10 +151,15 @@ def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> 
     path = Path(path)
     check_writable(path, MAP_EXTENSIONS)
     check_map("map", values)
+    values = values[..., None]
     if path.suffix.lower() == ".exr":
-        encode(path, values[..., None].astype(np.float32), (channel,), {"compression": "zip"})
+        encode(path, values.shape, np.float32, values.__getitem__, (channel,), {"compression": "zip"})
     else:
-        encode(path, _quantise(np.clip(values, 0, 1), 8)[..., None], ("Y",), {})
+
+        def grey(rows: slice) -> NDArray[Any]:
+            return _quantise(np.clip(values[rows], 0, 1), 8)
+
+        encode(path, values.shape, np.uint8, grey, ("Y",), {})
 
 
 def check_writable(path: Path | str, extensions: tuple[str, ...] = IMAGE_EXTENSIONS) -> None:
@@ -167,6 +178,12 @@ def check_writable(path: Path | str, extensions: tuple[str, ...] = IMAGE_EXTENSI
     if path.suffix.lower() not in extensions:
         known = ", ".join(extensions)
         raise ImageFileError(f"{path}: unknown extension {path.suffix!r}, expected one of {known}")
+
+
+def _encoded(light: NDArray[Any]) -> NDArray[Any]:
+    """Return sRGB values in [0, 1]."""
+    encoded: NDArray[Any] = linear_to_srgb(np.clip(light, 0, 1))
+    return encoded
 
 
 def _quantise(values: NDArray[Any], bits: int) -> NDArray[Any]:

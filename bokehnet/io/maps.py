@@ -178,7 +178,9 @@ def _read(file: ImageFile, channel: str | None, window: Window | None) -> tuple[
     """Read the asked or the best channel, and tell its part."""
     part, names = _find(file, channel)
     values = file.read(part, names)
-    if not np.array_equal(values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True):
+    if len(names) > 1 and not np.array_equal(
+        values, np.broadcast_to(values[..., :1], values.shape), equal_nan=True
+    ):
         raise ImageFileError(
             f"{file.path}: expected one channel, found a colour picture ({', '.join(names)} differ)"
         )

@@ -1,6 +1,7 @@
 """Which channels of a file are the picture, and the light that they stand for."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from bokehnet.errors import ImageFileError
 from bokehnet.io.banded import in_bands
 from bokehnet.io.color import srgb_to_linear
-from bokehnet.io.pixels import ImageFile, Part
+from bokehnet.io.pixels import ImageFile, Part, as_stored
 
 __all__ = ["Picture", "find_picture", "read_light", "read_light_and_alpha"]
 
@@ -65,8 +66,7 @@ def read_light(file: ImageFile, picture: Picture) -> NDArray[np.float32]:
     """
     part = picture.part
     is_light = part.premultiplied and part.linear  # with or without alpha
-    names = picture.colours if is_light or picture.alpha is None else (*picture.colours, picture.alpha)
-    return _light(file, file.read(part, names), picture)
+    return _read(file, picture, with_alpha=picture.alpha is not None and not is_light)[0]
 
 
 def read_light_and_alpha(
@@ -77,12 +77,36 @@ def read_light_and_alpha(
     Raises:
         ImageFileError: the pixels are damaged, NaN or infinite.
     """
-    if picture.alpha is None:
-        return read_light(file, picture), None
-    values = file.read(picture.part, (*picture.colours, picture.alpha))
-    image, alpha = _light(file, values, picture), values[..., -1:]
-    _check_finite(file, alpha)
-    return image, None if (alpha == 1).all() else np.ascontiguousarray(alpha[..., 0])
+    image, alpha = _read(file, picture, with_alpha=picture.alpha is not None)
+    return image, None if alpha is None or (alpha == 1).all() else alpha
+
+
+def _read(
+    file: ImageFile, picture: Picture, with_alpha: bool
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Read a band after the other, so that nothing but light and alpha is ever held whole."""
+    part, colours = picture.part, len(picture.colours)
+    names = (*picture.colours, str(picture.alpha)) if with_alpha else picture.colours
+    image = file.empty(part, 3)
+    alpha = file.empty(part, 1) if with_alpha else None
+    light_rows = as_stored(image, part.orientation)
+    kind = part.formats[part.channels.index(names[0])]
+    table = _TABLES.get(kind) if not part.linear and not with_alpha and len(set(part.formats)) == 1 else None
+    bad = 0
+    for rows, values in file.read_bands(part, names, "float" if table is None else kind):
+        if table is not None:
+            light_rows[rows] = table().take(values)
+            continue
+        light = _light(values[..., :colours], values[..., colours:], part)
+        bad += int((~np.isfinite(light).all(axis=-1) | ~np.isfinite(values).all(axis=-1)).sum())
+        light_rows[rows] = light
+        if alpha is not None:
+            as_stored(alpha, part.orientation)[rows] = values[..., colours:]
+    if bad:
+        raise ImageFileError(
+            f"{file.path}: {bad} pixels are NaN or infinite; replace them by finite values first"
+        )
+    return image, None if alpha is None else alpha[..., 0]
 
 
 def _layer(part: Part, layer: str) -> Picture:
@@ -99,25 +123,28 @@ def _is_layer(prefix: str, names: tuple[str, ...]) -> bool:
     return (not prefix or prefix.endswith(".")) and all(prefix + colour in names for colour in "GB")
 
 
-def _light(file: ImageFile, values: NDArray[np.float32], picture: Picture) -> NDArray[np.float32]:
-    """Turn the stored colours, and the alpha that may follow them, into light."""
-    part, colours = picture.part, len(picture.colours)
-    colour, alpha = values[..., :colours], values[..., colours:]
+def _light(colour: NDArray[np.float32], alpha: NDArray[np.float32], part: Part) -> NDArray[np.float32]:
+    """Turn stored colours (rows, W, 1 or 3), and alpha (rows, W, 0 or 1), into light."""
     if part.linear:
-        image = colour if part.premultiplied or not alpha.shape[-1] else colour * alpha
-    elif not alpha.shape[-1]:
-        image = in_bands(srgb_to_linear, colour)
-    else:
-        if part.premultiplied:  # in encoded values: undo, decode, multiply again
-            colour = np.divide(colour, np.where(alpha > 0, alpha, 1), dtype=np.float32)
-        image = in_bands(srgb_to_linear, colour) * alpha
-    _check_finite(file, image)
-    return np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)), dtype=np.float32)
+        return colour if part.premultiplied or not alpha.shape[-1] else colour * alpha
+    if not alpha.shape[-1]:
+        return in_bands(srgb_to_linear, colour)
+    if part.premultiplied:  # in encoded values: undo, decode, multiply again
+        colour = np.divide(colour, np.where(alpha > 0, alpha, 1), dtype=np.float32)
+    light: NDArray[np.float32] = in_bands(srgb_to_linear, colour) * alpha
+    return light
 
 
-def _check_finite(file: ImageFile, values: NDArray[np.float32]) -> None:
-    bad = sum(int((~np.isfinite(row)).any(axis=-1).sum()) for row in values)
-    if bad:
-        raise ImageFileError(
-            f"{file.path}: {bad} pixels are NaN or infinite; replace them by finite values first"
-        )
+@cache
+def _linear_of_8_bits() -> NDArray[np.float32]:
+    """Light of every 8-bit value."""
+    return np.asarray(srgb_to_linear(np.arange(2**8, dtype=np.float32) / np.float32(2**8 - 1)))
+
+
+@cache
+def _linear_of_16_bits() -> NDArray[np.float32]:
+    """Light of every 16-bit value."""
+    return np.asarray(srgb_to_linear(np.arange(2**16, dtype=np.float32) / np.float32(2**16 - 1)))
+
+
+_TABLES = {"uint8": _linear_of_8_bits, "uint16": _linear_of_16_bits}

@@ -23,6 +23,7 @@ __all__ = [
     "ImageFile",
     "Part",
     "apply_orientation",
+    "as_stored",
 ]
 
 READABLE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr")
@@ -30,6 +31,8 @@ READABLE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr"
 _FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr")
 _LINEAR_FORMATS = ("openexr", "hdr")
 _FLOAT_TYPES = ("half", "float", "double")
+
+_TURNED = (5, 6, 7, 8)  # orientations in which stored rows are columns of the picture
 
 _BAND = 256  # rows at a time; a multiple of the rows in a chunk of any compression
 
@@ -112,35 +115,56 @@ class ImageFile:
         Raises:
             ImageFileError: the pixels are truncated or damaged.
         """
-        indices = [part.channels.index(name) for name in names]
-        first, last = min(indices), max(indices)
-        # The decoder may hand out a partial picture beside an error: an error always counts.
+        result = self.empty(part, len(names))
+        stored = as_stored(result, part.orientation)
+        for rows, values in self.read_bands(part, names):
+            stored[rows] = values
+        return result
+
+    def empty(self, part: Part, channels: int) -> NDArray[np.float32]:
+        """Return an array (H, W, channels) for the upright pixels of ``part``, not filled."""
+        size = (part.width, part.height) if part.orientation in _TURNED else (part.height, part.width)
         try:
-            values = self._input.read_image(part.index, 0, first, last + 1, "float")
+            return np.empty((*size, channels), np.float32)
         except MemoryError as full:
             raise ImageFileError(
                 f"{self.path}: {part.width}x{part.height} pixels do not fit into memory"
             ) from full
-        problem = _message(self._input.geterror)
-        if values is None or problem:
-            raise ImageFileError(f"{self.path}: the pixels are truncated or damaged ({_first_line(problem)})")
-        values = values.reshape(part.height, part.width, last + 1 - first)
-        picked = (
-            values if indices == list(range(first, last + 1)) else values[..., [i - first for i in indices]]
-        )
-        return apply_orientation(picked, part.orientation)
+
+    def read_bands(
+        self, part: Part, names: Sequence[str], kind: str = "float"
+    ) -> Iterator[tuple[slice, NDArray[Any]]]:
+        """Return the channels ``names`` as :meth:`read`, a band of stored rows after the other.
+
+        Args:
+            part: of this file.
+            names: of its channels.
+            kind: type of the values, ``"float"``, or a whole one if that is the type in the file.
+
+        Yields:
+            Rows of the stored picture, and their values, (rows, W, len(names)).
+
+        Raises:
+            ImageFileError: the pixels are truncated or damaged.
+        """
+        indices = [part.channels.index(name) for name in names]
+        first, last = min(indices), max(indices)
+        in_order = indices == list(range(first, last + 1))
+        for rows in self.bands(part):
+            values = self._read_rows(part, rows, (first, last + 1), kind)
+            yield rows, values if in_order else values[..., [i - first for i in indices]]
 
     def bands(self, part: Part) -> Iterator[slice]:
-        """Return the rows of an EXR part in groups that end where chunks end, so as to read them in turn."""
+        """Return the rows of a part in groups that end where chunks end, so as to read them in turn."""
         tile = self.spec(part).tile_height
         step = tile * max(1, _BAND // tile) if tile else _BAND
         for first in range(0, part.height, step):
             yield slice(first, min(first + step, part.height))
 
     def read_stored(self, part: Part, rows: slice) -> NDArray[np.float32]:
-        """Return some rows of all channels of an EXR part, (rows, W, C), as they are stored.
+        """Return some rows of all channels of a part, (rows, W, C), as they are stored.
 
-        Whole numbers come as the float32 of the same bits.
+        Whole numbers of EXR come as the float32 of the same bits, those of other formats as in :meth:`read`.
 
         Args:
             part: of this file.
@@ -151,7 +175,7 @@ class ImageFile:
         """
         values = self._read_rows(part, rows, (0, len(part.channels)), "float")
         for index, name in enumerate(part.formats):
-            if name == "uint":
+            if name == "uint" and self.headers is not None:
                 bits = self._read_rows(part, rows, (index, index + 1), "uint")
                 values[..., index] = bits[..., 0].view(np.float32)
         return values
@@ -159,12 +183,18 @@ class ImageFile:
     def _read_rows(self, part: Part, rows: slice, channels: tuple[int, int], kind: str) -> NDArray[Any]:
         spec = self.spec(part)
         top, bottom = spec.y + rows.start, spec.y + rows.stop
-        if spec.tile_width:
-            values = self._input.read_tiles(
-                part.index, 0, spec.x, spec.x + spec.width, top, bottom, 0, 1, *channels, kind
-            )
-        else:
-            values = self._input.read_scanlines(part.index, 0, top, bottom, 0, *channels, kind)
+        # The decoder may hand out a partial picture beside an error: an error always counts.
+        try:
+            if spec.tile_width:
+                values = self._input.read_tiles(
+                    part.index, 0, spec.x, spec.x + spec.width, top, bottom, 0, 1, *channels, kind
+                )
+            else:
+                values = self._input.read_scanlines(part.index, 0, top, bottom, 0, *channels, kind)
+        except MemoryError as full:
+            raise ImageFileError(
+                f"{self.path}: {part.width}x{part.height} pixels do not fit into memory"
+            ) from full
         problem = _message(self._input.geterror)
         if values is None or problem:
             raise ImageFileError(f"{self.path}: the pixels are truncated or damaged ({_first_line(problem)})")
@@ -236,13 +266,22 @@ def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[
 
     Source: CIPA DC-008, "Exchangeable image file format (Exif)", 2019, tag Orientation.
     """
-    if orientation in (5, 6, 7, 8):  # stored rows are columns of the picture
+    if orientation in _TURNED:
         values = values.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
         values = values[::-1]
     if orientation in (2, 3, 6, 7):
         values = values[:, ::-1]
     return np.ascontiguousarray(values)
+
+
+def as_stored(upright: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:
+    """Return a view of upright pixels (H, W, C) in the order of the file; see :func:`apply_orientation`."""
+    if orientation in (2, 3, 6, 7):
+        upright = upright[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        upright = upright[::-1]
+    return upright.swapaxes(0, 1) if orientation in _TURNED else upright
 
 
 def _why_not_opened(path: Path, reason: str) -> str:

@@ -19,6 +19,7 @@ from numba.extending import register_jitable
 
 from bokehnet.checks import check_number, check_rank
 from bokehnet.errors import ParameterError
+from bokehnet.optics.disc_texture import disc_grain, onion_rings
 from bokehnet.optics.sampling import disc_from_square
 
 __all__ = ["Aperture", "cats_eye_shift", "pupil_points", "transmission"]
@@ -30,6 +31,9 @@ _RANGES = {
     "cats_eye": (0.0, 1.5),
     "rim": (-1.0, 1.0),
     "obstruction": (0.0, 0.95),
+    "onion": (0.0, 1.0),
+    "onion_rings": (1.0, 40.0),
+    "grain": (0.0, 1.0),
 }
 
 _FEWEST_BLADES, _MOST_BLADES = 3, 16
@@ -54,6 +58,11 @@ class Aperture:
         obstruction: Radius of the central hole of a mirror lens, 0 to 0.95.
         picture: Any grey picture (H, W), values from 0 up: the transmission. Its longer side spans the
             pupil's diameter; what lies outside the disc is cut off.
+        onion: Contrast of the rings that a machined aspheric surface draws into discs, 0 to 1; bright
+            behind focus is dark in front of it (:func:`bokehnet.optics.disc_texture.onion_rings`).
+        onion_rings: Their number from the middle to the rim, 1 to 40, whole or not.
+        grain: Contrast of dust and coating inside discs, 0 to 1; it stays with the glass when blades turn.
+        grain_seed: Which grain, from 0 up.
 
     Raises:
         ParameterError: A number is out of range, or nothing is left of the opening.
@@ -68,6 +77,10 @@ class Aperture:
     rim: float = 0.0
     obstruction: float = 0.0
     picture: np.ndarray | None = None
+    onion: float = 0.0
+    onion_rings: float = 12.0
+    grain: float = 0.0
+    grain_seed: int = 0
     _key: tuple[Any, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
@@ -82,8 +95,11 @@ class Aperture:
             value = getattr(self, name)
             if not lowest <= value <= highest:
                 raise ParameterError(f"{name}: expected {lowest:g} to {highest:g}, got {value:g}")
+        if self.grain_seed != int(self.grain_seed) or self.grain_seed < 0:
+            raise ParameterError(f"grain_seed: expected a whole number from 0 up, got {self.grain_seed}")
         key: tuple[Any, ...] = (self.blades, self.curvature, self.rotation, self.squeeze)
         key += (self.cats_eye, self.rim, self.obstruction)
+        key += (self.onion, self.onion and self.onion_rings, self.grain, self.grain and self.grain_seed)
         if self.picture is not None:
             picture = np.array(self.picture, np.float32)
             check_rank("aperture picture", picture, 2, "(H, W)")
@@ -108,11 +124,12 @@ class Aperture:
     @property
     def is_disc(self) -> bool:
         """Whether this is a plain disc, evenly lit, the same all over the picture."""
-        return self.is_round and self.cats_eye == 0 and self.rim == 0
+        evenly_lit = self.rim == 0 and self.onion == 0 and self.grain == 0
+        return self.is_round and evenly_lit and self.cats_eye == 0
 
     @property
     def is_round(self) -> bool:
-        """Whether the opening is the full unit disc; cat's-eye and rim are not looked at."""
+        """Whether the opening is the full unit disc; cat's-eye, rim, onion and grain are not looked at."""
         polygon = self.blades != 0 and self.curvature < 1
         return not polygon and self.squeeze == 1 and self.obstruction == 0 and self.picture is None
 
@@ -155,6 +172,16 @@ def _picture_at(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray
     return np.where(inside, upper * (1 - y) + lower * y, 0.0)
 
 
+def _profile(aperture: Aperture, u: np.ndarray, v: np.ndarray, rho2: np.ndarray, side: int) -> np.ndarray:
+    """Light on an open disc, 1 on average, at (u, v) in the disc's own radii."""
+    light = 1 - side * aperture.rim * (2 * rho2 - 1)
+    if aperture.onion and side:
+        light = light * (1 - side * aperture.onion * onion_rings(np.sqrt(rho2), aperture.onion_rings))
+    if aperture.grain:
+        light = light * (1 + aperture.grain * disc_grain(u, v, aperture.grain_seed))
+    return np.asarray(light)
+
+
 def transmission(aperture: Aperture, u: Any, v: Any, side: int = 0) -> np.ndarray:
     """Light that passes at aperture coordinates (u, v), everything except the cat's-eye.
 
@@ -162,7 +189,7 @@ def transmission(aperture: Aperture, u: Any, v: Any, side: int = 0) -> np.ndarra
         aperture: The opening.
         u: To the right, in pupil radii; any shape that goes with ``v``.
         v: Down.
-        side: +1 in front of focus, -1 behind it, 0 for the mean of both (no rim).
+        side: +1 in front of focus, -1 behind it, 0 for the mean of both (no rim, no onion).
 
     Returns:
         Values from 0 up, float64; 1 where an evenly lit opening is open, 0 outside the unit disc.
@@ -170,7 +197,7 @@ def transmission(aperture: Aperture, u: Any, v: Any, side: int = 0) -> np.ndarra
     u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
     u, v = u * max(1.0, 1 / aperture.squeeze), v * max(1.0, aperture.squeeze)
     rho2 = u * u + v * v
-    light = ((rho2 <= 1) & (rho2 >= aperture.obstruction**2)) * (1 - side * aperture.rim * (2 * rho2 - 1))
+    light = ((rho2 <= 1) & (rho2 >= aperture.obstruction**2)) * _profile(aperture, u, v, rho2, side)
     turn = math.radians(aperture.rotation)
     u, v = u * math.cos(turn) - v * math.sin(turn), u * math.sin(turn) + v * math.cos(turn)
     if aperture.blades:
@@ -232,7 +259,7 @@ def pupil_points(aperture: Aperture, square: np.ndarray, side: int) -> tuple[np.
 
     A round opening takes the points by :func:`disc_from_square`; any other one by inverting the sums of
     its transmission (mean of both sides), first along v, then along u. The weights carry what the density
-    leaves: the rim's profile and the exact edge inside a cell. The cat's-eye is not in here.
+    leaves: profiles and the exact edge inside a cell. The cat's-eye is not in here.
 
     Args:
         aperture: The opening.
@@ -249,7 +276,8 @@ def pupil_points(aperture: Aperture, square: np.ndarray, side: int) -> tuple[np.
     square = np.asarray(square, float)
     if aperture.is_round:
         points = np.asarray(disc_from_square(square))
-        return points, 1 - side * aperture.rim * (2 * (points**2).sum(-1) - 1)
+        u, v = points[:, 0], points[:, 1]
+        return points, _profile(aperture, u, v, (points**2).sum(-1), side)
     density = _density(aperture)
     along_u = np.pad(np.cumsum(density, axis=1), ((0, 0), (1, 0)))
     along_v = np.pad(np.cumsum(along_u[:, -1]), (1, 0))[None]

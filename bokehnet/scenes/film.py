@@ -21,13 +21,13 @@ def save_film(path: Path, film: Accumulation, maps: Maps, digest: str, names: li
     """Write what was traced so far.
 
     ``R``, ``G``, ``B`` are the bokeh, ``all_in_focus.*`` the sharp picture, ``Z`` depth in m, ``disparity``
-    in 1/m, ``normal.X``, ``.Y``, ``.Z`` normals in camera axes (y down), ``id`` the number of the body from
+    in 1/m, ``normal.X``, ``.Y``, ``.Z`` normals in the axes of the scene, ``id`` the number of the body from
     1 on, 0 for none, and ``coverage``. Attributes tell the number of samples and the names of the bodies.
 
     Args:
         path: An EXR file; replaced atomically.
         film: Means so far.
-        maps: Geometry.
+        maps: Geometry, with depths along the normal of the sensor (:meth:`SceneJob.sensor_depth`).
         digest: Tells scenes apart.
         names: Of the bodies.
 

@@ -23,7 +23,7 @@ from bokehnet.errors import (
 )
 from bokehnet.io.image import read_image
 from bokehnet.io.pixels import ImageFile
-from bokehnet.lenses import LensModel, PrescriptionLens, ThinLens, load_lens
+from bokehnet.lenses import LensModel, PrescriptionLens, ThinLens, TiltShift, load_lens
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.lights import Environment, PointLight
 from bokehnet.raytrace.materials import Material
@@ -33,8 +33,10 @@ from bokehnet.raytrace.scene import Background, Vector, plane_texture
 from bokehnet.raytrace.spheres import Sphere
 from bokehnet.raytrace.tracer import Tracer, lens_rays
 from bokehnet.raytrace.world import Body, World
+from bokehnet.scenes.sensor_depth import depth_along_sensor
 from bokehnet.scenes.tables import (
     BackgroundTable,
+    CameraTable,
     LensTable,
     MaterialTable,
     MeshTable,
@@ -64,6 +66,10 @@ class SceneJob:
     shutter: float
     render: RenderTable
     digest: str
+
+    def sensor_depth(self, depth: Tensor) -> Tensor:
+        """Depths (H, W, ...) of pixels along the axis of the lens, mm, along the normal of the sensor."""
+        return depth_along_sensor(self.camera, depth)
 
     def tracer(self, device: torch.device | str = "cpu") -> Tracer:
         """The tracer that the scene file asks for."""
@@ -163,7 +169,7 @@ class _Reader:
             if not table.sensor_width > 0:
                 raise ParameterError(f"sensor_width: expected more than 0 mm, got {table.sensor_width:g}")
             camera = Camera(
-                lens=self._lens(self._table.lens),
+                lens=self._moved(self._lens(self._table.lens), table),
                 width=table.width,
                 height=table.height,
                 pixel_pitch=table.sensor_width / max(table.width, 1),
@@ -172,7 +178,20 @@ class _Reader:
             _check_light(camera)
         return camera
 
-    def _lens(self, table: LensTable) -> LensModel:
+    def _moved(self, lens: ThinLens | PrescriptionLens, table: CameraTable) -> LensModel:
+        """The lens with its sensor tilted and shifted, if it is."""
+        if table.focus_points is not None:
+            with self._named("camera.focus_points"):
+                if any(table.tilt):
+                    raise ParameterError("expected either focus_points or tilt, found both")
+                points = np.array([_mm(point) for point in table.focus_points])
+                return TiltShift.focused_on(lens, points, table.shift)
+        if not (any(table.tilt) or any(table.shift)):
+            return lens
+        with self._named("camera"):
+            return TiltShift(lens=lens, tilt=table.tilt, shift=table.shift)
+
+    def _lens(self, table: LensTable) -> ThinLens | PrescriptionLens:
         with self._named("lens"):
             lens = self._thin(table) if table.name == "thin" else self._glass(table)
         with self._named("lens.focus_distance"):
@@ -193,8 +212,9 @@ class _Reader:
     def _backdrop(self, table: BackgroundTable, camera: Camera) -> Background:
         if not table.depth > 0:
             raise ParameterError(f"depth: expected more than 0 m, got {table.depth:g}")
-        corner = torch.tensor([[camera.width, camera.height]]) * camera.pixel_pitch / 2
-        slope = camera.lens.sample_rays(corner, torch.zeros_like(corner)).slope.abs().flatten()
+        corners = torch.tensor([[1, 1], [-1, 1], [1, -1], [-1, -1]])
+        corners = corners * torch.tensor([camera.width, camera.height]) * camera.pixel_pitch / 2
+        slope = camera.lens.sample_rays(corners, torch.zeros_like(corners)).slope.abs().amax(0)
         texture = self._picture("background.texture", table.texture)[:3] * self._color(table.color)
         return Background(
             texture=texture,

@@ -31,12 +31,28 @@ _ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraTable:
-    """Size in pixels, sensor width in mm, and for how many seconds the shutter is open."""
+    """The sensor, and how long it sees.
+
+    Attributes:
+        width: Pixels.
+        height: Pixels.
+        sensor_width: mm.
+        shutter: For how many seconds it is open.
+        tilt: Of the sensor, about x and about y, degrees: above 0 its lower side, and its left side, moves
+            away from the lens, so that the upper side of the picture, and its right, focuses nearer.
+        shift: Of the sensor's middle, (x, y), mm: to the right and down, which shows more of the left and
+            of the upper side of the scene.
+        focus_points: Three points of the scene, m; the sensor is tilted so that the plane through them is
+            sharp. In place of ``tilt``.
+    """
 
     width: int
     height: int
     sensor_width: float = 36.0
     shutter: float = 0.0
+    tilt: tuple[float, float] = (0.0, 0.0)
+    shift: tuple[float, float] = (0.0, 0.0)
+    focus_points: tuple[Vector, Vector, Vector] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -27,10 +27,10 @@ def one_layer(image, defocus):
 def test_lights_and_the_rest_add_up_to_the_picture():
     image, defocus = night()
     rest, lights = separate_lights(one_layer(image, defocus))
-    assert lights.shape == (1, 6)
+    assert lights.shape == (1, 8)
     np.testing.assert_allclose(lights[0, :3], (36, 48, -12))
     assert lights[0, 3] > 490
-    np.testing.assert_allclose(rest.colors[48, 36, 0] + lights[0, 3:], image[48, 36], rtol=1e-6)
+    np.testing.assert_allclose(rest.colors[48, 36, 0] + lights[0, 3:6], image[48, 36], rtol=1e-6)
     np.testing.assert_array_equal(np.delete(rest.colors[48, :, 0], 36, 0), np.delete(image[48], 36, 0))
 
 
@@ -51,7 +51,7 @@ def test_a_light_gives_what_nearer_layers_leave_of_it():
         coverage=coverage,
     )
     whole = separate_lights(one_layer(image, defocus))[1]
-    np.testing.assert_allclose(separate_lights(layers)[1][:, 3:], 0.75 * whole[:, 3:], rtol=1e-4)
+    np.testing.assert_allclose(separate_lights(layers)[1][:, 3:6], 0.75 * whole[:, 3:6], rtol=1e-4)
 
 
 def test_a_light_is_an_even_disc_clipped_by_what_stands_before_it():
@@ -81,11 +81,32 @@ def test_neighbouring_lights_become_one_of_their_energy():
     assert inside.std() / level < 0.05
 
 
-def test_of_too_many_lights_the_brightest_are_taken():
-    rng = np.random.default_rng(0)
+def many_lights(seed=0):
+    rng = np.random.default_rng(seed)
     image = np.full((80, 80, 3), 0.01, np.float32)
     bright = rng.random((80, 80)) < 0.1
     image[bright] = rng.uniform(20, 90, (bright.sum(), 1))
-    lights = separate_lights(one_layer(image, np.full((80, 80), 9.0, np.float32)))[1]
+    return image, np.full((80, 80), 9.0, np.float32)
+
+
+def test_of_too_many_lights_the_brightest_are_taken():
+    image, defocus = many_lights()
+    rest, lights = separate_lights(one_layer(image, defocus), 400)  # one window for all
     assert 0 < len(lights) <= 80 * 80 / 20 + 1
-    assert lights[:, 3].min() > 20
+    taken = image[..., 0] - rest.colors[:, :, 0, 0]
+    assert image[..., 0][taken > 0].min() >= image[..., 0][(taken == 0) & (image[..., 0] > 1)].max()
+
+
+def test_one_light_more_takes_none_of_the_others_away():
+    """The raised limit moves by the place between two lights, not by a light."""
+    image, defocus = many_lights()
+    more = image.copy()
+    more[image[..., 0] < 1] = 0.0101
+    y, x = np.argwhere(image[..., 0] < 1)[0]
+    more[y, x] = 60
+    before, after = (
+        picture[..., 0] - separate_lights(one_layer(picture, defocus))[0].colors[:, :, 0, 0]
+        for picture in (image, more)
+    )
+    change = np.delete((after - before).ravel(), y * 80 + x)
+    assert abs(change).max() < 1.0

@@ -14,19 +14,30 @@ from bokehnet.classical.meeting import layer_cells, meet
 
 
 @njit
-def meet_eight(cells, size, runs, x, y, u, v, chance):
+def meet_eight(cells, size, runs, x, y, begin_x, begin_y, u, v, chance):
     met = np.empty(3 * LANES, np.float32)
-    lanes = (load_lanes(x, 0), load_lanes(y, 0), load_lanes(u, 0), load_lanes(v, 0), load_lanes(chance, 0))
+    starts = (load_lanes(x, 0), load_lanes(y, 0), load_lanes(begin_x, 0), load_lanes(begin_y, 0))
+    lanes = (*starts, load_lanes(u, 0), load_lanes(v, 0), load_lanes(chance, 0))
     meet(cells, size, runs, len(runs), *lanes, met)
     return met
 
 
-def meet_one(layers: Layers, runs: np.ndarray, x: float, y: float, u: float, v: float, chance: float):
+def meet_one(
+    layers: Layers,
+    runs: np.ndarray,
+    x: float,
+    y: float,
+    begin_x: float,
+    begin_y: float,
+    u: float,
+    v: float,
+    chance: float,
+):
     """Row, column and layer of the first surface, layer -1 where there is none; float64."""
     height, width, count = layers.defocus.shape
     for front, back in runs:
         cuts = {0.0, front - back}
-        for place, slope in ((x + 0.5 - u * front, u), (y + 0.5 - v * front, v)):
+        for place, slope in ((x + begin_x - u * front, u), (y + begin_y - v * front, v)):
             if slope != 0:
                 ends = sorted((place, place + slope * (front - back)))
                 grid = np.arange(math.ceil(ends[0]), math.floor(ends[1]) + 1)
@@ -35,8 +46,8 @@ def meet_one(layers: Layers, runs: np.ndarray, x: float, y: float, u: float, v: 
         stretches = sorted(cuts)
         for start, end in itertools.pairwise(stretches):
             middle = front - (start + end) / 2
-            row = min(max(math.floor(y + 0.5 - v * middle), 0), height - 1)
-            column = min(max(math.floor(x + 0.5 - u * middle), 0), width - 1)
+            row = min(max(math.floor(y + begin_y - v * middle), 0), height - 1)
+            column = min(max(math.floor(x + begin_x - u * middle), 0), width - 1)
             entry, leave = front - start, front - end
             under = -math.inf
             for layer in range(count):
@@ -76,8 +87,9 @@ def test_eight_rays_meet_what_each_meets_alone(count):
         middle = rng.uniform(low, high)
         runs = np.array([[high, low]] if trial % 2 else [[high, middle], [middle - 0.3, low]])
         x, y = rng.integers(0, 26, LANES), rng.integers(0, 21, LANES)
+        begin = rng.uniform(-3, 4, (2, LANES)) if trial % 3 else np.full((2, LANES), 0.5)
         u, v, chance = rng.uniform(-1, 1, LANES), rng.uniform(-1, 1, LANES), rng.random(LANES)
-        arrays = [np.asarray(a, np.float32) for a in (x, y, u, v, chance)]
+        arrays = [np.asarray(a, np.float32) for a in (x, y, *begin, u, v, chance)]
         rows, columns, found = meet_eight(cells, (21, 26, count), runs, *arrays).reshape(3, LANES)
         for lane in range(LANES):
             row, column, layer = meet_one(layers, runs, *(float(a[lane]) for a in arrays))

@@ -46,6 +46,7 @@ VALUES = {
     "--blades": st.sampled_from(["0", "3", "6", "-1", "99", "x"]),
     "--depth-unit": st.sampled_from(["m", "1/m", "ft", "parsec"]),
     "--mixed-depth": st.sampled_from(["on", "off", "auto", ""]),
+    "--max-memory": st.sampled_from(["0", "1", "600M", "4G", "1e9", "4X", ""]),
     "--channel": st.sampled_from(["Z", "R", "far", "", "Q"]),
     "--frames": st.sampled_from(["1", "1-3", "3-1", "1-3x2", "", "-", "1,2", "9999999999"]),
 }  # fmt: skip

@@ -6,7 +6,7 @@ import pytest
 from bokehnet.classical.base import ALIGNED
 from bokehnet.errors import ParameterError
 from bokehnet.inference.pipeline import BokehRenderer
-from bokehnet.inference.strips import BYTES_PER_PIXEL, cut_strips
+from bokehnet.inference.strips import BYTES_PER_PIXEL, Gathered, cut_strips
 from bokehnet.optics.aperture import Aperture
 
 
@@ -75,3 +75,54 @@ def test_a_cats_eye_is_not_cut():
     renderer = BokehRenderer("rays", aperture=Aperture(cats_eye=0.5))
     with pytest.raises(ParameterError, match="max_memory: a cat's-eye needs the whole picture"):
         renderer.render(image, defocus, max_memory=520 * 120 * BYTES_PER_PIXEL["rays"])
+
+
+@pytest.mark.parametrize("engine", ["rays", "scatter", "hybrid"])
+def test_the_result_may_take_the_place_of_what_was_given(engine):
+    """Oracle: the same strips beside their input, bit for bit."""
+    image, defocus = tall_picture()
+    image[:5] = -0.5  # counts as 0
+    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter" if engine == "scatter" else "rays"]
+    renderer = BokehRenderer(engine)
+    before = image.copy(), defocus.copy()
+    beside = renderer.render(image, defocus, max_memory=memory)
+    assert np.array_equal(image, before[0])
+    assert np.array_equal(defocus, before[1])
+    over = renderer.render(image, defocus, max_memory=memory, overwrite=True)
+    assert over.bokeh is image
+    assert over.error_map is defocus
+    assert np.array_equal(over.bokeh, beside.bokeh)
+    assert np.array_equal(over.error_map, beside.error_map)
+
+
+def test_what_cannot_be_written_to_is_left_alone():
+    image, defocus = tall_picture()
+    defocus.flags.writeable = False
+    before = defocus.copy()
+    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter"]
+    result = BokehRenderer("scatter").render(image, defocus, max_memory=memory, overwrite=True)
+    assert result.bokeh is image
+    assert np.array_equal(defocus, before)
+    assert result.error_map.max() > 0
+
+
+def test_memory_that_is_taken_counts():
+    """What is left decides: the same strips, and the least is told in all."""
+    left = 600 * 80 * BYTES_PER_PIXEL["rays"]
+    assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
+        *cut_strips(1000, 80, 10, "rays", left)
+    ]
+    with pytest.raises(ParameterError, match="max_memory: expected at least 1004 MB in all"):
+        [*cut_strips(1000, 80, 10, "rays", 10**9, 10**9)]
+
+
+def test_rows_wait_until_no_later_strip_reads_them():
+    """Three strips of 4 rows that read two rows more on either side."""
+    read = np.arange(12.0)[:, None].repeat(2, 1)
+    gathered = Gathered(read, overwrite=True)
+    for first, read_from in ((0, 2), (4, 6), (8, 12)):
+        gathered.add(first, np.full((4, 2), -1.0 - first), read_from)
+        assert (read[read_from:] == np.arange(12.0)[read_from:, None]).all()
+        assert (read[:read_from] < 0).all()
+    assert gathered.array is read
+    assert read[:, 0].tolist() == [-1.0] * 4 + [-5.0] * 4 + [-9.0] * 4

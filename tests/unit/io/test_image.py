@@ -174,8 +174,8 @@ for limit in (0, 100, 5000):
 def test_what_cannot_be_read_back_never_takes_the_name(tmp_path, monkeypatch):
     import bokehnet.io.encode as module
 
-    write_image(tmp_path / "a.png", np.zeros((4, 4, 3)))
-    old = (tmp_path / "a.png").read_bytes()
+    write_image(tmp_path / "a.tif", np.zeros((4, 4, 3)))
+    old = (tmp_path / "a.tif").read_bytes()
 
     def cut_then_open(path):
         path.write_bytes(path.read_bytes()[:-20])
@@ -184,9 +184,9 @@ def test_what_cannot_be_read_back_never_takes_the_name(tmp_path, monkeypatch):
     original = module.ImageFile
     monkeypatch.setattr(module, "ImageFile", cut_then_open)
     with pytest.raises(ImageFileError, match="read back"):
-        write_image(tmp_path / "a.png", np.ones((4, 4, 3)))
-    assert (tmp_path / "a.png").read_bytes() == old
-    assert os.listdir(tmp_path) == ["a.png"]
+        write_image(tmp_path / "a.tif", np.ones((4, 4, 3)))
+    assert (tmp_path / "a.tif").read_bytes() == old
+    assert os.listdir(tmp_path) == ["a.tif"]
 
 
 def test_write_map_stores_values_without_a_curve(tmp_path):

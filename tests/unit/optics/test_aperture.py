@@ -24,6 +24,8 @@ SHAPES = {
     "wide": Aperture(squeeze=1.7, blades=7),
     "letter": Aperture(picture=LETTER, rim=-0.4),
     "bright rim": Aperture(rim=1.0),
+    "onion": Aperture(onion=1.0, onion_rings=2.5, grain=0.5),
+    "onion blades": Aperture(onion=0.5, blades=6, grain=1.0, grain_seed=3),
 }
 
 
@@ -81,6 +83,53 @@ def test_rim_moves_light_but_keeps_it(rim):
     assert front.sum() * CELL == pytest.approx(math.pi, rel=1e-3)
     assert_allclose(behind + front, 2 * transmission(Aperture(rim=rim), U, V), atol=1e-12)
     assert transmission(Aperture(rim=rim), 0.0, 0.999, -1) == pytest.approx(1 + rim, abs=0.005)
+
+
+@pytest.mark.parametrize("rings", [1.0, 2.3, 12.0, 40.0])
+def test_onion_rings_move_light_but_keep_it(rings):
+    """Bright rings behind focus are dark in front, and on both sides the disc's energy is that of pi."""
+    aperture = Aperture(onion=0.7, onion_rings=rings)
+    behind, front = (transmission(aperture, U, V, side) for side in (-1, 1))
+    assert behind.min() >= 0
+    assert behind.sum() * CELL == pytest.approx(math.pi, rel=2e-3)
+    assert_allclose(behind + front, 2 * transmission(Aperture(), U, V), atol=1e-12)
+
+
+def test_onion_has_as_many_rings_as_are_asked_for():
+    """Between the middle and the rim a cosine of n periods has its minima at (k - 1/2) / n."""
+    rho = np.linspace(0, 1, 2001)
+    light = transmission(Aperture(onion=1.0, onion_rings=5), rho, 0 * rho, -1)
+    minima = rho[1:-1][(light[1:-1] < light[:-2]) & (light[1:-1] < light[2:])]
+    assert_allclose(minima, (np.arange(5) + 0.5) / 5, atol=1e-3)
+
+
+def test_grain_is_the_same_on_both_sides_and_differs_with_the_seed():
+    first, second = (
+        transmission(Aperture(grain=0.6, grain_seed=seed), U, V, 1)[U**2 + V**2 < 1] - 1 for seed in (0, 1)
+    )
+    assert_array_equal(transmission(Aperture(grain=0.6), U, V, -1)[U**2 + V**2 < 1] - 1, first)
+    assert abs(first).max() <= 0.6
+    assert 0.05 < first.std() < 0.3
+    assert abs(first.mean()) < 0.05
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.1
+
+
+def test_grain_has_no_jumps():
+    """Steps shrink with the distance: 1 / 500 of the pupil apart, the lattice of 48 cells moves little."""
+    light = transmission(Aperture(grain=1.0), U[:, 400:600], V[:, 400:600])[100:900]
+    assert abs(np.diff(light, axis=1)).max() < 0.2
+    half = transmission(Aperture(grain=0.5), U[:, 400:600], V[:, 400:600])[100:900]
+    assert_allclose(half - 1, 0.5 * (light - 1), atol=1e-12)
+
+
+def test_without_strength_rings_and_seed_change_nothing():
+    plain, idle = Aperture(rim=0.3), Aperture(rim=0.3, onion_rings=5, grain_seed=9)
+    assert plain == idle
+    assert Aperture(onion_rings=5, grain_seed=9).is_disc
+    assert not Aperture(onion=0.01).is_disc
+    assert not Aperture(grain=0.01).is_disc
+    for side in (1, -1):
+        assert_array_equal(transmission(idle, U, V, side), transmission(plain, U, V, side))
 
 
 def test_obstruction_cuts_its_disc_out():
@@ -183,6 +232,11 @@ def test_strata_of_the_square_stay_strata():
         ("squeeze", 0.0, "squeeze: expected 0.1 to 10, got 0"),
         ("cats_eye", -0.1, "cats_eye: expected 0 to 1.5, got -0.1"),
         ("rim", math.nan, "rim: expected -1 to 1, got nan"),
+        ("onion", 1.1, "onion: expected 0 to 1, got 1.1"),
+        ("onion_rings", 0.5, "onion_rings: expected 1 to 40, got 0.5"),
+        ("grain", -0.1, "grain: expected 0 to 1, got -0.1"),
+        ("grain_seed", -1, "grain_seed: expected a whole number from 0 up, got -1"),
+        ("grain_seed", 1.5, "grain_seed: expected a whole number from 0 up, got 1.5"),
         ("obstruction", 1.0, "obstruction: expected 0 to 0.95, got 1"),
         ("picture", np.full((3, 3), -1.0), "finite values from 0 up"),
         ("picture", np.zeros((3, 3)), "expected light inside the opening"),

@@ -4,7 +4,7 @@ import torch
 
 from bokehnet.errors import ConfigError, LensError
 from bokehnet.io.image import write_image
-from bokehnet.lenses import Rays
+from bokehnet.lenses import Rays, ThinLens, TiltShift
 from bokehnet.raytrace.camera import Camera
 from bokehnet.scenes import read_scene
 from bokehnet.scenes.reader import _check_light
@@ -40,6 +40,9 @@ position = [1.0, -1.0, 0.0]
 intensity = [2.0, 2.0, 2.0]
 """
 
+PLANE = "focus_points = [[-0.1, 0.1, 0.9], [0.2, 0.1, 1.0], [0.0, -0.2, 1.7]]"
+LINE = "focus_points = [[0.0, 0.0, 1.0], [0.0, 0.0, 1.5], [0.0, 0.0, 2.0]]"
+
 
 @pytest.fixture
 def scene(tmp_path):
@@ -67,6 +70,38 @@ def test_a_scene_file_becomes_a_world_in_millimetres(scene):
     assert job.world.environment.texture.flatten().tolist() == pytest.approx([0.2, 0.3, 0.4])
     assert (job.camera.width, job.camera.pixel_pitch, job.render.seed) == (48, 0.75, 5)
     assert job.camera.lens.focus_distance == 1200
+
+
+def test_the_sensor_is_tilted_and_shifted_as_told(scene):
+    moved = "height = 16\ntilt = [-8.0, 3.0]\nshift = [0.5, -2.0]"
+    lens = read_scene(scene(("height = 16", moved))).camera.lens
+    thin = ThinLens(focal_length=50.0, f_number=1.4, focus_distance=1200.0)
+    assert lens == TiltShift(lens=thin, tilt=(-8.0, 3.0), shift=(0.5, -2.0))
+    assert read_scene(scene(("height = 16", "height = 16\ntilt = [0.0, 0.0]"))).camera.lens == thin
+
+
+def test_the_plane_through_three_points_is_sharp(scene):
+    """Authority: rays of one pixel through the whole pupil meet in one point of the plane."""
+    lens = read_scene(scene(("height = 16", f"height = 16\n{PLANE}\nshift = [1.0, 0.0]"))).camera.lens
+    points = 1000 * np.array([[-0.1, 0.1, 0.9], [0.2, 0.1, 1.0], [0.0, -0.2, 1.7]])
+    normal = np.cross(points[1] - points[0], points[2] - points[0])
+    pupil = np.array([[0.9, 0.0], [-0.5, 0.7], [0.0, -0.9], [0.3, 0.2]])
+    for sensor_xy in ((0.0, 0.0), (15.0, -9.0)):
+        rays = lens.sample_rays(np.tile(sensor_xy, (4, 1)), pupil)
+        origin = np.column_stack([rays.origin, np.zeros(4)])
+        direction = np.column_stack([rays.slope, np.ones(4)])
+        met = origin + ((points[0] - origin) @ normal / (direction @ normal))[:, None] * direction
+        assert np.ptp(met, axis=0) == pytest.approx(0, abs=1e-6)
+    assert lens.shift == (1.0, 0.0)
+
+
+def test_a_background_fills_the_frame_of_a_moved_sensor(scene):
+    moved = "height = 16\ntilt = [10.0, 0.0]\nshift = [5.0, 0.0]"
+    job = read_scene(scene(("height = 16", moved), more="[background]\ncolor = [0.5, 0.5, 0.5]\n"))
+    sensor = torch.tensor([[x, y] for x in (-18.0, 18.0) for y in (-12.0, 12.0)])
+    seen = job.camera.lens.sample_rays(sensor, torch.zeros(4, 2)).slope.abs().amax(0)
+    assert job.world.backdrop.half_extent == pytest.approx(seen.tolist())
+    assert float(seen[0]) > 22.9 / 52.2  # the far side of the shifted sensor, not half its width
 
 
 def test_pictures_bring_their_alpha_and_stand_beside_the_scene_file(scene, tmp_path):
@@ -156,6 +191,15 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
             "intensity = [-2.0, 2.0, 2.0]",
             r"lamps\[0\]: intensity: expected at",
         ),
+        (
+            "height = 16",
+            "height = 16\ntilt = [85.0, 0.0]",
+            r"camera: tilt-shift: expected tilts up to 80",
+        ),
+        ("height = 16", "height = 16\nshift = [nan, 0.0]", r"camera: tilt-shift: expected .* finite shifts"),
+        ("height = 16", "height = 16\ntilt = 5.0", r"camera\.tilt: expected"),
+        ("height = 16", f"height = 16\n{LINE}", r"camera\.focus_points: .* three points off one line"),
+        ("height = 16", f"height = 16\n{PLANE}\ntilt = [1.0, 0.0]", r"camera\.focus_points: expected either"),
         ("[[lamps]]", "[render]\nsamples = 0\n[[lamps]]", r"render: samples: expected at least 1, got 0"),
         ("[[lamps]]", "[render]\nbounces = -1\n[[lamps]]", r"render: bounces: expected at least 0"),
     ],

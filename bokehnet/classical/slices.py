@@ -1,0 +1,120 @@
+"""In which slices of the defocus the rays of a tile of the picture can meet a surface at all.
+
+Most of a ray's length is empty. A histogram of the defocus in each tile tells which slices can hold a
+surface for the rays of a tile; a ray is marched through those alone.
+
+Source: Decoret, "N-buffers for efficient depth map query", Computer Graphics Forum 2005, for bounds on a
+footprint. Slices are ours.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.gaps import JUMP
+from bokehnet.classical.parallel import parallel_region
+
+__all__ = ["SLICES", "TILE", "occupied_slices", "slice_runs"]
+
+TILE = 8
+SLICES = 64
+
+
+@njit(cache=True)
+def _slice_of(value, low, scale):  # type: ignore[no-untyped-def]
+    return min(max(int((value - low) * scale), 0), SLICES - 1)
+
+
+@njit(cache=True)
+def _fill_slices(first, second, low, scale):  # type: ignore[no-untyped-def]
+    """Bits of all slices between two values of the defocus."""
+    a, b = _slice_of(min(first, second), low, scale), _slice_of(max(first, second), low, scale)
+    bits = np.uint64(0)
+    for i in range(a, b + 1):
+        bits |= np.uint64(1) << np.uint64(i)
+    return bits
+
+
+@njit(cache=True, parallel=True)
+def _tile_slices(depths, low, scale):  # type: ignore[no-untyped-def]
+    """Which slices of defocus each tile holds in any layer, risers included; (rows, columns) of bits."""
+    height, width, layers = depths.shape
+    bits = np.zeros(((height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
+    for row in prange(bits.shape[0]):
+        for y in range(row * TILE, min(height, (row + 1) * TILE)):
+            for x in range(width):
+                for layer in range(layers):
+                    value = depths[y, x, layer]
+                    found = np.uint64(1) << np.uint64(_slice_of(value, low, scale))
+                    if x + 1 < width and abs(depths[y, x + 1, layer] - value) <= JUMP:
+                        found |= _fill_slices(value, depths[y, x + 1, layer], low, scale)
+                    if y + 1 < height and abs(depths[y + 1, x, layer] - value) <= JUMP:
+                        found |= _fill_slices(value, depths[y + 1, x, layer], low, scale)
+                    bits[row, x // TILE] |= found
+    return bits
+
+
+@njit(cache=True, parallel=True)
+def _reached_slices(own, low, thickness, reach, stretch, missed):  # type: ignore[no-untyped-def]
+    """Bits of all slices of which a surface lies within its blur's reach of each tile."""
+    rows, columns = own.shape
+    near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
+    for square in range(near.shape[0]):
+        gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
+        for i in range(SLICES):
+            farthest = max(abs(low + i * thickness), abs(low + (i + 1) * thickness))
+            if stretch * farthest + missed + 1.0 >= gap:
+                near[square] |= np.uint64(1) << np.uint64(i)
+    found = np.empty_like(own)
+    for row in prange(rows):
+        for column in range(columns):
+            bits = np.uint64(0)
+            for v in range(max(0, row - reach), min(rows, row + reach + 1)):
+                for u in range(max(0, column - reach), min(columns, column + reach + 1)):
+                    bits |= own[v, u] & near[(v - row) * (v - row) + (u - column) * (u - column)]
+            found[row, column] = bits
+    return found
+
+
+def occupied_slices(
+    depths: np.ndarray, stretch: float = 1.0, missed: float = 0.0
+) -> tuple[np.ndarray, float, float]:
+    """For each tile, the slices of defocus in which its rays can meet a surface.
+
+    A surface at defocus s lies on a ray of a pixel only within ``stretch |s| + missed`` pixels of it.
+
+    Args:
+        depths: Defocus of all layers, (H, W, L).
+        stretch: Largest aperture coordinate of a ray.
+        missed: Largest miss of a ray at defocus 0, pixels.
+
+    Returns:
+        Bits (rows, columns) of the tiles, and the lowest value and thickness of the slices.
+    """
+    low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3
+    thickness = (high - low) / SLICES
+    with parallel_region:
+        own = _tile_slices(depths, low, 1.0 / thickness)
+        farthest = stretch * max(abs(low), abs(high)) + missed
+        reach = min(math.ceil(farthest / TILE) + 1, max(own.shape))
+        found: np.ndarray = _reached_slices(own, low, thickness, reach, stretch, missed)
+    return found, low, thickness
+
+
+@njit(cache=True)
+def slice_runs(bits, low, thickness, runs):  # type: ignore[no-untyped-def]
+    """Write the runs of set bits as pairs (front, back) of defocus, front to back; return their number."""
+    count = 0
+    i = SLICES - 1
+    while i >= 0:
+        if bits >> np.uint64(i) & np.uint64(1):
+            j = i
+            while j > 0 and bits >> np.uint64(j - 1) & np.uint64(1):
+                j -= 1
+            runs[count, 0] = low + (i + 1) * thickness
+            runs[count, 1] = low + j * thickness
+            count += 1
+            i = j
+        i -= 1
+    return count

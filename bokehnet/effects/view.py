@@ -1,0 +1,79 @@
+"""Where the pixels of an array lie in the picture that is shown."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.checks import Array, array_namespace, constant_like
+
+__all__ = ["View", "cast_like"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class View:
+    """The size of the shown picture, about whose middle effects are centred, and what an array holds of it.
+
+    Attributes:
+        width: Columns of the shown picture.
+        height: Its rows.
+        left: Column of the array's first pixel in it; below 0 with overscan.
+        top: Row of the array's first pixel in it.
+    """
+
+    width: int
+    height: int
+    left: int = 0
+    top: int = 0
+
+    @classmethod
+    def of(cls, image: Array) -> "View":
+        """All of ``image`` (..., H, W, C) is shown."""
+        return cls(width=image.shape[-2], height=image.shape[-3])
+
+    @property
+    def half_diagonal(self) -> float:
+        """Pixels from the middle to the corner."""
+        return 0.5 * float(np.hypot(self.width, self.height))
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        return self.width / self.height
+
+    def field(self, rows: slice, columns: int, like: Array) -> Array:
+        """Field positions of pixels of the array, (rows, columns, 2), float64, in half-diagonals.
+
+        Args:
+            rows: Which rows of the array; from, to.
+            columns: How many, from its first.
+            like: An array or a tensor: the result is of its kind and on its device.
+        """
+        x = (np.arange(columns) + self.left + 0.5 - 0.5 * self.width) / self.half_diagonal
+        y = (np.arange(rows.start, rows.stop) + self.top + 0.5 - 0.5 * self.height) / self.half_diagonal
+        field = np.stack(np.meshgrid(x, y), -1)
+        xp = array_namespace(like)
+        return field if xp is np else like.new_tensor(field, dtype=xp.float64)
+
+    def border(self, like: Array) -> Array:
+        """Field positions of the outermost shown pixels, (N, 2); ``like`` as for :meth:`field`."""
+        shown = View(width=self.width, height=self.height)
+        rows = [shown.field(slice(y, y + 1), self.width, like)[0] for y in (0, self.height - 1)]
+        column = shown.field(slice(0, self.height), 1, like)[:, 0]
+        mirror = constant_like(np.array([-1.0, 1.0]), column)
+        return array_namespace(like).concatenate([*rows, column, column * mirror])
+
+    def places(self, field: Array) -> Array:
+        """Pixels of the array, x and y from the middle of its first one, for field positions (..., 2)."""
+        x = field[..., 0] * self.half_diagonal + (0.5 * self.width - 0.5 - self.left)
+        y = field[..., 1] * self.half_diagonal + (0.5 * self.height - 0.5 - self.top)
+        return array_namespace(field).stack([x, y], -1)
+
+    def shows_all_of_display(self, height: int, width: int) -> bool:
+        """Whether an array of this size holds every shown pixel."""
+        across = self.left <= 0 and self.left + width >= self.width
+        return across and self.top <= 0 and self.top + height >= self.height
+
+
+def cast_like(values: Array, image: Array) -> Array:
+    """Return ``values`` in the precision of ``image``; both arrays, or both tensors."""
+    return values.astype(image.dtype) if array_namespace(image) is np else values.to(image.dtype)

@@ -1,0 +1,158 @@
+"""Pictures drawn anew as a distorting lens shows them, with fringes, and without a black border."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.checks import Array, array_namespace, check_number
+from bokehnet.effects.bands import in_bands
+from bokehnet.effects.view import View, cast_like
+from bokehnet.errors import ParameterError
+from bokehnet.optics.coefficient import is_absent, value_of
+from bokehnet.optics.distortion import Distortion
+from bokehnet.optics.resampling import inside, sample
+
+__all__ = ["Warp"]
+
+_ROWS = 64  # at a time
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Warp:
+    """Distortion, then a magnification of red and blue about the middle; both in one resampling.
+
+    The place d of the result shows the place ``scale * undistort(d / magnification)`` of the picture. The
+    scale is chosen so that every shown pixel finds light, and as much of the picture is used as can be:
+    1 without any effect, below 1 for a barrel, whose corners would else lie outside, so that the picture is
+    enlarged and cropped, blur and all, as if cut from a slightly larger sensor. Overscan beyond the shown
+    picture is used first.
+
+    Attributes:
+        distortion: None keeps straight lines straight.
+        lateral: Blue is magnified by 1 + lateral / 2, red by 1 - lateral / 2: in the corner they are this
+            part of the half-diagonal apart, above 0 with blue farther out. -0.1 to 0.1. A float, or a tensor
+            without dimensions.
+
+    Raises:
+        ParameterError: ``lateral`` is out of range.
+    """
+
+    distortion: Distortion | None = None
+    lateral: Array = 0.0
+
+    def __post_init__(self) -> None:
+        check_number("lateral", value_of(self.lateral))
+        if not abs(value_of(self.lateral)) <= 0.1:
+            raise ParameterError(f"lateral: expected -0.1 to 0.1, got {value_of(self.lateral):g}")
+
+    @property
+    def is_off(self) -> bool:
+        """Whether pictures stay as they are."""
+        return self.distortion is None and is_absent(self.lateral)
+
+    def apply(self, image: Array, view: View | None = None) -> Array:
+        """Return the distorted picture.
+
+        Args:
+            image: Scene-linear, (..., H, W, C), array or tensor (then differentiable, with respect to
+                coefficients that are tensors too). Channels are red, green, blue, then any that move with
+                green, such as alpha. What lies outside of it is black.
+            view: Where its pixels lie in the shown picture; by default all of it is shown.
+
+        Raises:
+            ParameterError: The distortion folds over within the picture.
+        """
+        return self._draw(image, view or View.of(image), undo=False)
+
+    def undo(self, image: Array, view: View | None = None) -> Array:
+        """Return the picture of which :meth:`apply` made ``image``; what was cropped is black.
+
+        Arguments and errors as those of :meth:`apply`.
+        """
+        return self._draw(image, view or View.of(image), undo=True)
+
+    def check(self) -> None:
+        """Raise ``ParameterError`` unless pictures of all proportions can be drawn, before there is one."""
+        if self.distortion is not None:
+            turn = np.linspace(0, 2 * np.pi, 360)
+            self._check(1.0)
+            self.distortion.undistort(np.stack([np.cos(turn), np.sin(turn)], -1))
+
+    def scale(self, image: Array, view: View) -> Array:
+        """How far from the middle the picture is looked up, against where it is shown; see the class."""
+        height, width = image.shape[-3:-1]
+        shown = View(width=view.width, height=view.height)
+        cover = self._cover(image, shown, shown.height, shown.width)
+        if not view.shows_all_of_display(height, width):
+            return cover
+        xp = array_namespace(cover)
+        overscan = self._cover(image, view, height, width)
+        return xp.minimum(overscan, xp.maximum(cover, 1 + 0 * cover))
+
+    def _cover(self, like: Array, view: View, height: int, width: int) -> Array:
+        """The largest scale at which no shown pixel looks beyond an array of this size."""
+        xp, border = array_namespace(like), view.border(like)
+        first = view.places(np.zeros(2))  # from the middle of the array's first pixel to the axis
+        reach = np.stack([first, (width - 1, height - 1) - first]) / view.half_diagonal
+        found = None
+        for magnification, _ in self._channels(3):
+            d = border / magnification
+            self._check(value_of((d * d).sum(-1).max()) ** 0.5)
+            u = d if self.distortion is None else self.distortion.undistort(d)
+            for axis in (0, 1):
+                for sign, room in ((-1, reach[0, axis]), (1, reach[1, axis])):
+                    outwards = sign * u[:, axis] > 1e-9
+                    if not bool(outwards.any()):
+                        continue
+                    scale = (float(room) / (sign * u[:, axis])[outwards]).min()
+                    found = scale if found is None else xp.minimum(found, scale)
+        return np.float64(1.0) if found is None else found
+
+    def _check(self, radius: float) -> None:
+        """Raise unless places up to ``radius`` half-diagonals have one place of the picture each."""
+        if self.distortion is not None and not radius < self.distortion.reach:
+            raise ParameterError(
+                f"distortion: the picture folds over itself {self.distortion.reach:.3g} half-diagonals from "
+                f"the middle, expected at least {radius:.3g}; take smaller coefficients"
+            )
+
+    def _channels(self, count: int) -> Iterator[tuple[Array, slice]]:
+        """Magnifications and the channels that have them."""
+        if is_absent(self.lateral):
+            yield 1.0, slice(0, count)
+            return
+        yield 1 - self.lateral / 2, slice(0, 1)
+        yield 1.0, slice(1, 2)
+        yield 1 + self.lateral / 2, slice(2, 3)
+        if count > 3:
+            yield 1.0, slice(3, count)
+
+    def _draw(self, image: Array, view: View, undo: bool) -> Array:
+        if self.is_off:
+            return image
+        height, width, channels = image.shape[-3:]
+        xp, scale = array_namespace(image), self.scale(image, view)
+        planes = [(magnification, image[..., chosen]) for magnification, chosen in self._channels(channels)]
+        if xp is np:  # in rows of their own, once and not for each band
+            planes = [(magnification, np.ascontiguousarray(plane)) for magnification, plane in planes]
+
+        def draw(rows: slice) -> Array:
+            field, drawn = view.field(rows, width, image), []
+            for magnification, plane in planes:
+                places = view.places(self._source(field, magnification, scale, undo))
+                drawn.append(
+                    sample(plane, places) * cast_like(inside(places, height, width), image)[..., None]
+                )
+            return xp.concatenate(drawn, -1)
+
+        return in_bands(draw, image, _ROWS)
+
+    def _source(self, field: Array, magnification: Array, scale: Array, undo: bool) -> Array:
+        """Where the light at ``field`` comes from."""
+        if undo:
+            u = field / scale
+            d = u if self.distortion is None else self.distortion.distort(u)
+            return d * magnification
+        d = field / magnification
+        return scale * (d if self.distortion is None else self.distortion.undistort(d))

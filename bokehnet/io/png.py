@@ -1,0 +1,129 @@
+"""PNG files written on all cores: bands of rows are filtered and compressed apart, then joined."""
+
+import os
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["write_png"]
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+# Colour types by number of channels: grey, RGB, RGB with straight alpha.
+_COLOUR_TYPES = {1: 0, 3: 2, 4: 6}
+
+# Bytes of a band, about: what deflate forgets between two of them costs less than a thousandth.
+_BAND = 2**20
+
+# On photographs within half a percent of level 6, in less than half of its time.
+_LEVEL = 3
+
+
+def write_png(
+    path: Path, shape: tuple[int, int, int], dtype: Any, stored: Callable[[slice], NDArray[Any]]
+) -> None:
+    """Write a PNG file; where the disk is full, ``OSError`` tells it, and a part of the file is left.
+
+    Args:
+        path: of the file, overwritten.
+        shape: (H, W, C), C = 1, 3 or 4.
+        dtype: uint8 or uint16.
+        stored: gives some of the rows as they are to be stored, (rows, W, C); called by several threads.
+
+    Source:
+        W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025; for pieces of a deflate
+        stream that are made apart: Adler, "pigz", 2007.
+    """
+    height, width, channels = shape
+    size = np.dtype(dtype).itemsize
+    with path.open("wb") as file:
+        file.write(_SIGNATURE)
+        header = struct.pack(">2I5B", width, height, 8 * size, _COLOUR_TYPES[channels], 0, 0, 0)
+        file.write(_chunk(b"IHDR", header))
+        file.write(_chunk(b"sRGB", b"\0"))
+        checksum = 1
+        start = b"\x78\x5e"  # of a zlib stream with a window of 32 KB
+        for filtered, packed in _bands(shape, size, stored):
+            checksum = zlib.adler32(filtered, checksum)
+            file.write(_chunk(b"IDAT", start + packed))
+            start = b""
+        file.write(_chunk(b"IDAT", b"\x03\x00" + struct.pack(">I", checksum)))  # an empty last block
+        file.write(_chunk(b"IEND", b""))
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def _bands(
+    shape: tuple[int, int, int], size: int, stored: Callable[[slice], NDArray[Any]]
+) -> Iterator[tuple[bytes, bytes]]:
+    """Filtered and compressed bands from top to bottom; few are held at a time."""
+    height, width, channels = shape
+    rows = max(1, _BAND // (width * channels * size))
+
+    def pack(top: int) -> tuple[bytes, bytes]:
+        first = max(0, top - 1)
+        values = stored(slice(first, min(top + rows, height)))
+        lines = np.ascontiguousarray(values, f">u{size}").view(np.uint8).reshape(len(values), -1)
+        if top == 0:
+            lines = np.concatenate([np.zeros_like(lines[:1]), lines])
+        filtered = _filtered(lines, channels * size).tobytes()
+        deflate = zlib.compressobj(_LEVEL, zlib.DEFLATED, -15, 9)
+        return filtered, deflate.compress(filtered) + deflate.flush(zlib.Z_SYNC_FLUSH)
+
+    workers = min(8, os.cpu_count() or 1)
+    waiting: deque[Future[tuple[bytes, bytes]]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for top in range(0, height, rows):
+            waiting.append(pool.submit(pack, top))
+            if len(waiting) > 2 * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _filtered(lines: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
+    """Return rows of bytes as differences to what stands before them, the kind of difference in front.
+
+    Args:
+        lines: (1 + rows, bytes); the first is the row above.
+        step: Bytes of a pixel.
+
+    Returns:
+        (rows, 1 + bytes): of three filters each row has the one whose differences are smallest in sum.
+    """
+    here, above = lines[1:], lines[:-1]
+    left, corner = np.zeros_like(here), np.zeros_like(here)
+    left[:, step:], corner[:, step:] = here[:, :-step], above[:, :-step]
+    best = here - left
+    kinds = np.ones(len(here), np.uint8)
+    least = _cost(best)
+    for kind, guess in ((2, above), (4, _paeth(left, above, corner))):
+        other = here - guess
+        cost = _cost(other)
+        better = cost < least
+        best[better], kinds[better], least[better] = other[better], kind, cost[better]
+    return np.concatenate([kinds[:, None], best], axis=1)
+
+
+def _cost(differences: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Sum of the sizes of differences modulo 256, by row."""
+    signed = differences.view(np.int8)
+    return np.abs(signed.astype(np.int16)).sum(axis=1, dtype=np.int64)
+
+
+def _paeth(left: NDArray[np.uint8], above: NDArray[np.uint8], corner: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Whichever neighbour lies nearest to left + above - corner; ties go to the left one, then that above."""
+    a, b, c = (x.astype(np.int16) for x in (left, above, corner))
+    to_left, to_above = np.abs(b - c), np.abs(a - c)
+    to_corner = np.abs(a + b - 2 * c)
+    is_left = (to_left <= to_above) & (to_left <= to_corner)
+    return np.where(is_left, left, np.where(to_above <= to_corner, above, corner))

@@ -1,0 +1,83 @@
+"""Pictures at places between their pixels."""
+
+import numpy as np
+
+from bokehnet.checks import Array, array_namespace
+
+__all__ = ["inside", "sample"]
+
+
+def sample(image: Array, places: Array) -> Array:
+    """Return a picture at places between its pixels, by cubic convolution; beyond its border it repeats.
+
+    Along rows, then along columns, the cubic is kept between the two values that it joins: alone it would
+    draw dark rings around lamps, and light below 0. The result is continuous in ``places``, and in the middle
+    of a pixel it is that pixel.
+
+    Args:
+        image: (..., H, W, C), array or tensor, then differentiable with respect to both arguments; a batch
+            (B, C, H, W) goes through ``movedim(1, -1)``.
+        places: (..., 2), x right and y down in pixels, 0 is the middle of the first pixel; array or tensor as
+            ``image`` is.
+
+    Returns:
+        (..., C): the leading sides of ``image``, then those of ``places``.
+
+    Source:
+        Keys, "Cubic convolution interpolation for digital image processing", 1981.
+    """
+    xp = array_namespace(image)
+    height, width, channels = image.shape[-3:]
+    flat = image.reshape(*image.shape[:-3], height * width, channels)
+    first_x, weights_x = _taps(places[..., 0], width, image.dtype)
+    first_y, weights_y = _taps(places[..., 1], height, image.dtype)
+    columns = [xp.clip(first_x + i, 0, width - 1) for i in range(4)]
+    rows = []
+    for j in range(4):
+        start = xp.clip(first_y + j, 0, height - 1) * width
+        pixels = [_take(flat, start + column) for column in columns]
+        rows.append(_blend(pixels, weights_x))
+    return _blend(rows, weights_y)
+
+
+def inside(places: Array, height: int, width: int) -> Array:
+    """Whether ``places`` (..., 2) lie on a picture: 1 up to its outermost pixels' middles, 0 a pixel on."""
+    xp = array_namespace(places)
+    x, y = places[..., 0], places[..., 1]
+    across = xp.clip(x + 1, 0, 1) * xp.clip(width - x, 0, 1)
+    return across * xp.clip(y + 1, 0, 1) * xp.clip(height - y, 0, 1)
+
+
+def _taps(place: Array, size: int, dtype: object) -> tuple[Array, tuple[Array, ...]]:
+    """First of four pixels around ``place`` (...,), and the weights of all four (the cubic with a = -1/2)."""
+    xp = array_namespace(place)
+    place = xp.clip(place, -2.0, size + 1.0)  # infinity has no pixel
+    floor = xp.floor(place)
+    t = place - floor
+    whole = floor.astype(xp.int64) if xp is np else floor.long()
+    square, rest = t * t, 1 - t
+    weights = (
+        -0.5 * t * rest * rest,
+        1 + square * (1.5 * t - 2.5),
+        1 + rest * rest * (1.5 * rest - 2.5),
+        -0.5 * square * rest,
+    )
+    if xp is np:
+        return whole - 1, tuple(weight.astype(dtype) for weight in weights)
+    return whole - 1, tuple(weight.to(dtype) for weight in weights)
+
+
+def _take(flat: Array, index: Array) -> Array:
+    """Pixels of a picture (..., N, C) in one row, by their numbers (...,)."""
+    taken = (
+        flat.take(index.reshape(-1), -2) if array_namespace(flat) is np else flat[..., index.reshape(-1), :]
+    )
+    return taken.reshape(*flat.shape[:-2], *index.shape, flat.shape[-1])
+
+
+def _blend(values: list[Array], weights: tuple[Array, ...]) -> Array:
+    """The cubic through four values (..., C) with ``weights`` (...,), kept between the middle two."""
+    xp = array_namespace(values[0])
+    total = sum(value * weight[..., None] for value, weight in zip(values, weights, strict=True))
+    low, high = xp.minimum(values[1], values[2]), xp.maximum(values[1], values[2])
+    return xp.minimum(xp.maximum(total, low), high)

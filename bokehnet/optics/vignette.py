@@ -1,0 +1,96 @@
+"""How pictures darken towards their corners: by geometry, by the rims of a lens, and by taste.
+
+All factors multiply scene-linear light, are above 0, so that dividing undoes them, and 1 at strength 0.
+Field positions are (..., 2), right and down from the middle, the corner of the picture at radius 1. NumPy
+arrays and tensors alike, differentiable with respect to the strengths.
+"""
+
+import math
+from dataclasses import dataclass
+
+from bokehnet.checks import Array, array_namespace
+from bokehnet.errors import ParameterError
+from bokehnet.optics.coefficient import value_of
+from bokehnet.optics.irradiance import irradiance_cos4
+
+__all__ = ["Vignette", "cos4_factor", "rim_factor"]
+
+
+def cos4_factor(field: Array, angle: Array) -> Array:
+    """Light that the cos^4 law leaves, (...,).
+
+    Args:
+        field: Field positions, (..., 2).
+        angle: Between the axis and the ray to the corner, degrees, 0 up to below 90; half the angle of view
+            across the diagonal: 23.4 for a 50 mm lens on full frame, 42 for 24 mm.
+    """
+    radians = angle * (math.pi / 180)
+    xp = array_namespace(radians)
+    tangent = xp.sin(radians) / xp.cos(radians)
+    return irradiance_cos4((field * field).sum(-1) ** 0.5 * tangent, 1.0, 1.0)
+
+
+def rim_factor(field: Array, shift: Array) -> Array:
+    """Share of the pupil that a second rim of its size leaves open, (...,): optical vignetting.
+
+    Two unit discs at distance t share ``2 / pi (acos(t / 2) - t / 2 sqrt(1 - t^2 / 4))`` of their area. It
+    is the light that the same ``cats_eye`` of :class:`bokehnet.optics.aperture.Aperture` cuts from blur
+    discs, and it is missing in sharp places as well.
+
+    Args:
+        field: Field positions, (..., 2).
+        shift: Of the rim in the corner, in radii of the pupil, 0 to 1.5.
+    """
+    xp = array_namespace(field)
+    half = 0.5 * shift * (field * field).sum(-1) ** 0.5
+    half = xp.clip(half, 0, 1 - 1e-9)
+    return 2 / math.pi * (xp.arccos(half) - half * (1 - half * half) ** 0.5)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Vignette:
+    """A vignette of taste: ``2^(-stops m)``, m rising smoothly from 0 within ``radius`` to 1.
+
+    Attributes:
+        stops: Stops by which it darkens where it is full; below 0 it brightens. -10 to 10. A float, or a
+            tensor without dimensions, as the others.
+        radius: Where it begins, in half-diagonals (the corner is 1), 0 to 2.
+        softness: How much farther out it is full, 0.01 to 2.
+        roundness: 1 a circle, 0 the ellipse with the proportions of the picture; both the same in its
+            corners.
+
+    Raises:
+        ParameterError: A number is out of range.
+    """
+
+    stops: Array
+    radius: Array = 0.3
+    softness: Array = 0.7
+    roundness: Array = 1.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("stops", -10, 10),
+            ("radius", 0, 2),
+            ("softness", 0.01, 2),
+            ("roundness", 0, 1),
+        ):
+            value = value_of(getattr(self, name))
+            if not low <= value <= high:
+                raise ParameterError(f"vignette {name}: expected {low} to {high}, got {value:g}")
+
+    def factor(self, field: Array, aspect: float) -> Array:
+        """The factor, (...,).
+
+        Args:
+            field: Field positions, (..., 2).
+            aspect: Width of the picture over its height.
+        """
+        xp = array_namespace(field)
+        x, y = field[..., 0] ** 2, field[..., 1] ** 2
+        circle = x + y
+        ellipse = 0.5 * (1 + aspect**-2) * x + 0.5 * (1 + aspect**2) * y
+        square = ellipse + self.roundness * (circle - ellipse)
+        full = self.radius + self.softness
+        m = xp.clip((square - self.radius**2) / (full**2 - self.radius**2), 0, 1)
+        return 2 ** (-self.stops * (m * m * (3 - 2 * m)))

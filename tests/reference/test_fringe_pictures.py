@@ -1,0 +1,116 @@
+"""Fringes in pictures of the rays, against what the strengths of the wavelengths say of an edge.
+
+The authority is the integral over the spectrum, by the response of each channel: of the mean shift for
+lateral, of the variance of discs (r^2 / 4 across) for axial fringes.
+"""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from bokehnet.classical.rays import rays
+from bokehnet.optics.character import Character
+from bokehnet.optics.field_maps import inversion
+from bokehnet.optics.fringes import Fringes
+from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.spectrum import LONGEST, SHORTEST
+
+HEIGHT, WIDTH = 96, 240
+HALF_DIAGONAL = 0.5 * np.hypot(HEIGHT, WIDTH)
+BRIGHT, DARK = 0.8, 0.1
+ROWS = slice(40, 56)
+SPECTRUM = SHORTEST + (LONGEST - SHORTEST) * (np.arange(600) + 0.5) / 600
+LIGHT = {
+    "continuous": LightDraw(),
+    "rgb": LightDraw(dispersion="rgb"),
+    "equaliser": LightDraw(equaliser=(4, 0.2, 0.2, 4, 0.2, 0.2, 4)),
+}
+
+
+def edge(column):
+    """Bright left of a column, dark from it on."""
+    image = np.full((HEIGHT, WIDTH, 3), BRIGHT, np.float32)
+    image[:, column:] = DARK
+    return image
+
+
+def render(column, defocus, fringes, light=None, seed=0):
+    character = Character(fringes=fringes, light=light or LightDraw())
+    level = np.full((HEIGHT, WIDTH), defocus, np.float32)
+    return rays(edge(column), level, character=character, seed=seed)
+
+
+def moments(picture):
+    """Place of the edge in each channel and the variance of its slope, pixels."""
+    profile = picture[ROWS].mean(0)
+    weight = -np.diff(profile, axis=0) / (BRIGHT - DARK)
+    place = np.arange(1, WIDTH)[:, None]
+    mean = (weight * place).sum(0)
+    return mean, (weight * (place - mean) ** 2).sum(0)
+
+
+def spectral_mean(values, light):
+    """Mean over the light of each channel of values (N,) over ``SPECTRUM``."""
+    return (light.response(SPECTRUM) * values[:, None]).mean(0)
+
+
+@pytest.mark.parametrize("name", LIGHT)
+def test_lateral_fringes_shift_each_channel_as_its_light_says(name):
+    """An edge in focus, off the axis: its place moves by h s1, in the mean over the channel's wavelengths."""
+    fringes, light = Fringes(lateral=30), LIGHT[name]
+    column = 180
+    found, _ = moments(render(column, 0.0, fringes, light))
+    shift = HALF_DIAGONAL * fringes.strengths(SPECTRUM)[:, 1] * (column - WIDTH / 2) / HALF_DIAGONAL
+    # The field position is that of the receiving pixel, beyond the edge by the shift.
+    shift = shift / (1 - fringes.strengths(SPECTRUM)[:, 1])
+    wanted = column + spectral_mean(shift, light)
+    assert np.ptp(wanted) > 5
+    # Three wavelengths meet whole pixels of a sharp picture, and the curve of a mean is not the mean's.
+    assert_allclose(found, wanted, atol=0.35 if name != "rgb" else 0.9)
+
+
+@pytest.mark.parametrize("defocus", [9.0, -9.0])
+@pytest.mark.parametrize("name", ["continuous", "equaliser"])
+def test_axial_fringes_blur_each_channel_as_its_light_says(defocus, name):
+    """Discs of the radius d + s0: red ones are the larger in front of focus, blue ones behind it."""
+    fringes, light = Fringes(axial=3), LIGHT[name]
+    place, found = moments(render(WIDTH // 2, defocus, fringes, light))
+    radius = defocus + HALF_DIAGONAL * fringes.strengths(SPECTRUM)[:, 0]
+    wanted = spectral_mean(radius**2 / 4, light)
+    assert_allclose(found, wanted, rtol=0.08)
+    assert (found[0] > found[2]) == (defocus > 0)
+    assert_allclose(place, WIDTH / 2, atol=0.1)
+
+
+def test_on_the_axis_lateral_fringes_are_none():
+    """An edge through the middle, in and out of focus: all channels are alike but for the noise."""
+    for defocus in (0.0, -6.0):
+        place, _ = moments(render(WIDTH // 2, defocus, Fringes(lateral=10)))
+        assert_allclose(place, WIDTH / 2, atol=0.1)
+
+
+def test_in_focus_axial_fringes_shift_no_color():
+    """All that is left there is a blur around the same point; an even picture keeps its colour."""
+    picture = render(180, 0.0, Fringes(axial=6))
+    place, found = moments(picture)
+    assert_allclose(place, 180, atol=0.1)
+    radius = HALF_DIAGONAL * Fringes(axial=6).strengths(SPECTRUM)[:, 0]
+    wanted = spectral_mean(radius**2 / 4, LightDraw())
+    averaged = 2 / 3  # what the mean of 3x3 pixels adds where surfaces are blurred
+    assert (found > wanted - 0.1).all()
+    assert (found < wanted + averaged + 0.25).all()
+    assert_allclose(picture[ROWS, 60:120], BRIGHT, rtol=1e-5)
+
+
+def test_the_thesis_decay_leaves_no_axial_fringe_in_the_corner():
+    """Authority: equation 4.7 with A = t, the difference of focus by 1 - t: at t = 0.95 a twentieth."""
+    plain, decayed = (
+        moments(render(column, 9.0, Fringes(axial=3, axial_map=inversion)))[1] for column in (120, 214)
+    )
+    assert np.ptp(decayed) < 0.35 * np.ptp(plain)
+
+
+def test_strength_0_is_the_identity():
+    level = np.full((HEIGHT, WIDTH), 5, np.float32)
+    wanted = rays(edge(150), level)
+    assert_array_equal(rays(edge(150), level, character=Character(fringes=Fringes())), wanted)

@@ -1,0 +1,128 @@
+"""The options of ``bokehnet render`` for colour fringes, used rightly and wrongly."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bokehnet.cli.fringe_options import check_fringes, make_fringes, make_light
+from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.io.image import read_image
+from bokehnet.io.maps import read_disparity
+from bokehnet.optics.character import Character
+from bokehnet.optics.field_maps import inversion, square
+from bokehnet.optics.fringes import Fringes, make_curve
+from bokehnet.optics.light_draw import LightDraw
+
+HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
+EXACT = ["--refine-disparity", "off"]  # the picture is noise, nothing to follow
+WORDS = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4, *EXACT]
+RAYS = [*WORDS, "--engine", "rays"]
+
+
+@pytest.mark.parametrize(
+    ("options", "character"),
+    [
+        (["--axial-fringe", 5], Character(fringes=Fringes(axial=5))),
+        (
+            ["--lateral-fringe", -4, "--lateral-map", "square", "--fringe-glass", "achromat"],
+            Character(fringes=Fringes(lateral=-4, lateral_map=square, curve=make_curve("achromat"))),
+        ),
+        (
+            [
+                "--axial-fringe",
+                5,
+                "--axial-map",
+                "inversion",
+                "--dispersion",
+                "rgb",
+                "--equaliser",
+                "1,0.2,3",
+            ],
+            Character(
+                fringes=Fringes(axial=5, axial_map=inversion),
+                light=LightDraw(dispersion="rgb", equaliser=(1, 0.2, 3)),
+            ),
+        ),
+    ],
+)
+def test_options_are_those_of_the_renderer(folder, cli, options, character):
+    """Oracle: BokehRenderer, which has its own tests, called directly."""
+    outcome = cli(*RAYS, *options, "-o", "out.exr")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    image, disparity = read_image("photo.png"), read_disparity("disparity.png")
+    defocus = 9 * (disparity - np.float32(0.4))
+    plain = BokehRenderer("rays").render(image, defocus).bokeh
+    bokeh = BokehRenderer("rays", character=character).render(image, defocus).bokeh
+    assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
+    assert np.abs(bokeh - plain).max() > 0.02
+
+
+def test_strengths_of_0_change_no_bit(folder, cli):
+    pictures = []
+    for options in ([], ["--axial-fringe", 0, "--lateral-fringe", 0, "--dispersion", "continuous"]):
+        assert cli(*RAYS, *options, "-o", "out.exr").code == 0
+        pictures.append((folder / "out.exr").read_bytes())
+    assert pictures[0] == pictures[1]
+
+
+def test_no_strength_makes_no_fringes():
+    assert make_fringes() is None
+    assert make_light() == LightDraw()
+    assert make_light("rgb") == LightDraw(dispersion="rgb")
+    check_fringes(make_fringes(), make_light(), engine="scatter")
+
+
+def test_a_lens_gives_light_something_to_act_on():
+    check_fringes(None, make_light("rgb"), engine="rays", through_glass=True)
+
+
+@pytest.mark.parametrize("text", ["1,0.5,0,2", "1 0.5\n0\n\n 2\n", "1,\n0.5,0,2,\n"])
+def test_gains_are_read_from_files(folder, text):
+    (folder / "gains.txt").write_text(text)
+    assert make_light(equaliser="gains.txt").equaliser == (1, 0.5, 0, 2)
+
+
+def test_gains_are_read_from_a_list():
+    assert make_light(equaliser="1, 0.5,0,2").equaliser == (1, 0.5, 0, 2)
+    assert make_light(equaliser="3").equaliser == (3,)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--axial-fringe", 200], ["--axial-fringe: expected -100 to 100 percent", "got 200"]),
+        (["--lateral-fringe", "nan"], ["--lateral-fringe", "finite", "nan"]),
+        (["--lateral-fringe", "wide"], ["--lateral-fringe", "valid"]),
+        (["--axial-map", "square"], ["--axial-map needs --axial-fringe"]),
+        (["--axial-fringe", 1, "--lateral-map", "cube"], ["--lateral-map needs --lateral-fringe"]),
+        (["--axial-fringe", 1, "--axial-map", "steep"], ["--axial-map: expected names of", "got 'steep'"]),
+        (
+            ["--lateral-fringe", 1, "--lateral-map", "power:x"],
+            ["--lateral-map: expected a number", "power:x"],
+        ),
+        (["--fringe-glass", "F2"], ["--fringe-glass needs --axial-fringe or --lateral-fringe"]),
+        (["--axial-fringe", 1, "--fringe-glass", "jam"], ["--fringe-glass: unknown glass 'jam'", "achromat"]),
+        (["--axial-fringe", 1, "--dispersion", "prism"], ["--dispersion: expected one of continuous, rgb"]),
+        (["--dispersion", "rgb"], ["--dispersion and --equaliser need"]),
+        (["--equaliser", "1,2"], ["--dispersion and --equaliser need"]),
+        (["--axial-fringe", 1, "--equaliser", "1,-2"], ["--equaliser: expected at least 0, got -2"]),
+        (["--axial-fringe", 1, "--equaliser", "0,0,0"], ["--equaliser", "none for red"]),
+        (["--axial-fringe", 1, "--equaliser", "1,x"], ["--equaliser: expected numbers separated", "'1,x'"]),
+        (["--axial-fringe", 1, "--equaliser", "none.txt"], ["--equaliser", "or a file of them", "none.txt"]),
+        (["--axial-fringe", 1, "--equaliser", "photo.png"], ["photo.png: expected numbers separated by"]),
+        (["--axial-fringe", 1, "--equaliser", "."], ["cannot read .", "irectory"]),
+        (
+            ["--axial-fringe", 1, "--engine", "scatter"],
+            ["--axial-fringe", "expected --engine rays or hybrid, got scatter"],
+        ),
+    ],
+)
+def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
+    fails([*RAYS, *options], *words)
+
+
+def test_an_empty_file_of_gains_is_told(folder, fails):
+    (folder / "empty.txt").write_text("")
+    fails(
+        [*RAYS, "--axial-fringe", 1, "--equaliser", "empty.txt"], "--equaliser: expected 1 to 64 gains, got 0"
+    )
