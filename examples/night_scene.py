@@ -25,12 +25,14 @@ _LAMP_COLORS = np.array(
 
 
 def _discs(image: np.ndarray, disparity: np.ndarray, lights: np.ndarray) -> None:
-    """Draw lights, rows (x, y, radius, disparity, red, green, blue), with smooth rims."""
+    """Draw lights that nothing hides, rows (x, y, radius, disparity, red, green, blue), with smooth rims."""
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     for column, row, radius, depth, *color in lights:
         cover = np.clip(radius + 0.5 - np.hypot(x - column, y - row), 0, 1)[..., None]
+        if (disparity[cover[..., 0] > 0] > depth).any():
+            continue
         image[:] = image * (1 - cover) + cover * np.array(color)
-        disparity[cover[..., 0] > 0.5] = depth
+        disparity[cover[..., 0] > 0] = depth
 
 
 def _houses(rng: np.random.Generator, image: np.ndarray, disparity: np.ndarray) -> None:

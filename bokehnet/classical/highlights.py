@@ -39,7 +39,7 @@ _FLOATS = 16_000_000
 
 
 def separate_lights(
-    layers: Layers, reach: int | None = None, most: int | None = None
+    layers: Layers, reach: int | None = None, faintest: float = 0.0
 ) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
@@ -51,8 +51,8 @@ def separate_lights(
     Args:
         layers: As split from a picture, or true ones.
         reach: Half-width in pixels of the window that a light outshines; default: the largest radius.
-        most: Lights that may be found; if there are more, each is left only what it has beyond the first one
-            that is too many. Default: any number.
+        faintest: Energy, over the blur radius in pixels, that is left in the picture of each light as it will
+            be gathered. What rays that find a light by chance add in noise grows with that ratio.
 
     Returns:
         Layers without lights, and the lights as rows (x, y, defocus, red, green, blue, width, height).
@@ -85,8 +85,8 @@ def separate_lights(
         lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color, excess]))
         seen = seen * (1.0 - coverage)
     place, light = np.concatenate(places), np.concatenate(lights).astype(np.float64)
-    if most is not None:
-        light[:, 3:] *= _strongest(light, most)[:, None]
+    if faintest > 0:
+        light[:, 3:] *= _beyond(light, faintest)[:, None]
     colors = layers.colors.copy()
     y, x, layer = place.T
     colors[y, x, layer] -= colors[y, x, layer] * light[:, 6:].astype(np.float32)
@@ -94,14 +94,11 @@ def separate_lights(
     return rest, _gather(light[:, :6])
 
 
-def _strongest(lights: np.ndarray, most: int) -> np.ndarray:
-    """Share of each light that is left when at most so many, gathered as they will be, are; (N,)."""
+def _beyond(lights: np.ndarray, faintest: float) -> np.ndarray:
+    """Share of each light that is more than the faintest of its group's radius, (N,)."""
     group = _groups(lights)
-    energy = np.bincount(group, lights[:, 3:6].max(axis=1))
-    if len(energy) <= most:
-        return np.ones(len(lights))
-    too_many = np.partition(energy, len(energy) - most - 1)[len(energy) - most - 1]
-    share: np.ndarray = np.maximum(1.0 - too_many / np.maximum(energy, 1e-30), 0.0)[group]
+    energy = np.bincount(group, lights[:, 3:6].max(axis=1))[group]
+    share: np.ndarray = np.maximum(1.0 - faintest * np.abs(lights[:, 2]) / np.maximum(energy, 1e-30), 0.0)
     return share
 
 

@@ -28,9 +28,9 @@ __all__ = ["rays", "render_rays"]
 # colours has one wavelength, of which no channel sees all.
 _RAYS, _COLORED_RAYS = 64, 128
 
-# Behind a lens with a character every light has a disc of its own to be computed; the weaker ones are left to
-# the rays.
-_MOST_LIGHTS = 500
+# Behind a lens with a character every light has a disc of its own to be computed; fainter ones are left to
+# the rays, whose noise they raise by 0.001 or less.
+_FAINTEST = 0.02
 
 # Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
 _LARGEST = 4.0
@@ -165,8 +165,8 @@ def _render(
         return ClassicalResult(
             bokeh=smooth, error_map=doubt, hidden=np.array(image), guessed=np.zeros_like(doubt)
         )
-    most = None if lens is None else _MOST_LIGHTS
-    layers, lights = separate_lights(layers or split_layers(image, defocus, reach), reach, most)
+    faintest = 0.0 if lens is None else _FAINTEST
+    layers, lights = separate_lights(layers or split_layers(image, defocus, reach), reach, faintest)
     result, guessed = np.array(smooth), np.zeros_like(doubt)
     slices = occupied_slices(layers.defocus, *footprint)
     cells = layer_cells(layers)

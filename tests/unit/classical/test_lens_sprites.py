@@ -50,19 +50,21 @@ LENSES = {
 }
 
 
-def traced(light, aperture, character, *, blocked=None, samples=1500):
+def traced(light, aperture, character, *, blocked=None):
     """Picture (SIZE, SIZE, 3) of a light from jittered rays, over the share that passes.
 
     ``blocked`` is the defocus of a screen that covers the places of the picture from column 100 on.
     """
     x, y, defocus = light
     rng = np.random.default_rng(0)
+    colored = character.pencil.is_dispersive or character.fringes is not None
+    samples = 400 if colored else 1500  # along each side of the pupil, for each wavelength
     grid = np.stack(np.meshgrid(np.arange(samples), np.arange(samples)), -1).reshape(-1, 2)
     pupil = (grid + rng.random(grid.shape)) * (2 / samples) - 1
     weight = transmission(aperture, pupil[:, 0], pupil[:, 1], 1 if defocus > 0 else -1)
     pupil, weight = pupil[weight > 0], weight[weight > 0]
     wavelengths, colors = character.draw(25)
-    if not character.pencil.is_dispersive and character.fringes is None:
+    if not colored:
         wavelengths, colors = wavelengths[:1], colors[:1]
     result = np.zeros((SIZE, SIZE, 3))
     for wavelength, color in zip(wavelengths, colors / colors.sum(0), strict=True):
