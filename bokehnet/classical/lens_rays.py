@@ -52,8 +52,10 @@ class LensTable(NamedTuple):
         coefficients: Of f and g of the miss in pixels, and of the bend if there is any, by powers of the
             wavelength's variable: (1 or ORDERS, 2 or 4, 20), float32.
         waves: The variable for each ray of the pattern, (rays,) float32.
-        starts: Where each ray starts in its pixel, from its middle, (2, rays) float32: all over it, so that a
-            shift by a part of a pixel shows as one.
+        starts: Where each ray starts in its pixel, from its middle, (2, rays) float32.
+        shaken: Share of the pixel over which they start, by the distance from the picture's middle, (n,):
+            all of it where rays of one colour miss by the same amount, so that a shift by a part of a pixel
+            shows as one, and none where they miss by different ones, or hardly.
         colors: Red, green and blue that each ray carries, (rays, 3) float32; (0, 3) where all go one way.
         fringes: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
         maps: Factors of both at each pixel of the full-size picture, (H, W, 2) float32; or (0, 0, 2).
@@ -70,6 +72,7 @@ class LensTable(NamedTuple):
     coefficients: np.ndarray
     waves: np.ndarray
     starts: np.ndarray
+    shaken: np.ndarray
     colors: np.ndarray
     fringes: np.ndarray
     maps: np.ndarray
@@ -152,11 +155,12 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
         maps = character.fringes.maps(_fields((height, width), 0, column, row, scale))
     if not character.is_dispersive:
         colors = np.zeros((0, 3))
-    largest, strayed = _bounds(character, half_diagonal)
+    largest, strayed, spread = _bounds(character, half_diagonal)
     return LensTable(
         coefficients=np.ascontiguousarray(coefficients, np.float32),
         waves=_variable(wavelengths).astype(np.float32),
         starts=np.stack([halton(rays, base) - 0.5 for base in _START_BASES]).astype(np.float32),
+        shaken=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
         colors=np.ascontiguousarray(colors, np.float32),
         fringes=np.ascontiguousarray(fringes.T, np.float32),
         maps=np.ascontiguousarray(maps, np.float32),
@@ -170,15 +174,18 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
     )
 
 
-def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.ndarray]:
-    """``largest`` and ``strayed`` of :class:`LensTable`."""
+def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``largest`` and ``strayed`` of :class:`LensTable`, and by how much rays of one colour miss differently.
+
+    The last is the mean over wavelengths and directions of the largest distance from the mean miss, pixels.
+    """
     pencil = character.pencil
     radius = (np.arange(_RINGS) + 1) / _RINGS
     angle = np.arange(_SPOKES) * (2 * math.pi / _SPOKES)
     pupil = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     fields = np.linspace(0, 1, _FIELDS)
     around = np.arange(8) * (math.pi / 4) if any(pencil.tilt) or character.fringes is not None else [0.0]
-    largest, strayed = np.zeros(_FIELDS), np.zeros(_FIELDS)
+    largest, strayed, spread = np.zeros(_FIELDS), np.zeros(_FIELDS), []
     for direction in around:
         field = fields[:, None, None, None] * np.array([math.cos(direction), math.sin(direction)])
         for wavelength in np.union1d(pencil.wavelengths, [SHORTEST, LONGEST]):
@@ -191,7 +198,10 @@ def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.
             largest = np.maximum(largest, (passes * np.linalg.norm(miss, axis=-1)).max((1, 2)))
             strayed = np.maximum(strayed, (passes * np.linalg.norm(run - pupil, axis=-1)).max((1, 2)))
             strayed = np.maximum(strayed, 1.0 - passes.mean((1, 2)))
-    return largest, strayed
+            weights = passes[..., None] / np.maximum(passes.sum((1, 2)), 1)[:, None, None, None]
+            apart = miss - (weights * miss).sum((1, 2), keepdims=True)
+            spread.append((passes * np.linalg.norm(apart, axis=-1)).max((1, 2)))
+    return largest, strayed, np.mean(spread, axis=0)
 
 
 @njit(cache=True, forceinline=True)

@@ -15,7 +15,7 @@ from numba import njit, prange
 from bokehnet.classical.lane_logic import floor_lanes
 from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes, store_lanes
 from bokehnet.classical.layers import Layers
-from bokehnet.classical.lens_rays import VISIBLE, LensTable, collapse, send_rays
+from bokehnet.classical.lens_rays import LensTable, collapse, send_rays
 from bokehnet.classical.meeting import meet
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.slices import SLICES, TILE, slice_runs
@@ -117,7 +117,7 @@ def _march(  # type: ignore[no-untyped-def]
                         h_y = np.float32((y + above - lens.row) * lens.scale)
                         collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
                         field = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
-                        wide = splat_lanes(np.float32(min(lens.largest[int(field)] / VISIBLE, 1.0)))
+                        wide = splat_lanes(np.float32(lens.shaken[int(field)]))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     for start in range(0, rays, LANES):
                         u, v = load_lanes(us, chosen * rays + start), load_lanes(vs, chosen * rays + start)
