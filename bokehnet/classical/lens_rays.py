@@ -13,6 +13,7 @@ from numba import njit
 
 from bokehnet.classical.lane_logic import divide_lanes
 from bokehnet.classical.lanes import splat_lanes
+from bokehnet.classical.sprites import Frame
 from bokehnet.errors import ParameterError
 from bokehnet.optics.character import Character
 from bokehnet.optics.pencil import TERMS
@@ -135,7 +136,8 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
             f"focus plane: expected a defocus that changes by up to {_STEEPEST_TILT} pixels per pixel, "
             f"got {math.hypot(*pencil.tilt):.2g}; tilt less or blur less"
         )
-    half_diagonal = 0.5 * math.hypot(width, height)
+    column, row, scale = Frame.of(height, width)
+    half_diagonal = 1 / scale
     wavelengths, colors = character.draw(rays)
     nodes = np.linspace(SHORTEST, LONGEST, _NODES)
     values, bend = pencil.at(nodes)
@@ -148,7 +150,6 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
         coefficients = fitted.reshape(ORDERS, *values.shape[1:])
     else:
         coefficients = values[:1]
-    column, row, scale = 0.5 * (width - 1), 0.5 * (height - 1), 1 / half_diagonal
     fringes, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
     if character.fringes is not None and not character.fringes.is_none:
         fringes = half_diagonal * character.fringes.strengths(wavelengths)
@@ -185,10 +186,12 @@ def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.
     pupil = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     fields = np.linspace(0, 1, _FIELDS)
     around = np.arange(8) * (math.pi / 4) if any(pencil.tilt) or character.fringes is not None else [0.0]
-    largest, strayed, spread = np.zeros(_FIELDS), np.zeros(_FIELDS), []
-    for direction in around:
+    wavelengths = np.union1d(pencil.wavelengths, [SHORTEST, LONGEST])
+    largest, strayed = np.zeros(_FIELDS), np.zeros(_FIELDS)
+    spread = np.zeros((len(around), len(wavelengths), _FIELDS))
+    for at, direction in enumerate(around):
         field = fields[:, None, None, None] * np.array([math.cos(direction), math.sin(direction)])
-        for wavelength in np.union1d(pencil.wavelengths, [SHORTEST, LONGEST]):
+        for color, wavelength in enumerate(wavelengths):
             miss, run, passes = pencil(pupil[None], field, wavelength)
             miss = half_diagonal * miss
             if character.fringes is not None:
@@ -200,8 +203,8 @@ def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.
             strayed = np.maximum(strayed, 1.0 - passes.mean((1, 2)))
             weights = passes[..., None] / np.maximum(passes.sum((1, 2)), 1)[:, None, None, None]
             apart = miss - (weights * miss).sum((1, 2), keepdims=True)
-            spread.append((passes * np.linalg.norm(apart, axis=-1)).max((1, 2)))
-    return largest, strayed, np.mean(spread, axis=0)
+            spread[at, color] = (passes * np.linalg.norm(apart, axis=-1)).max((1, 2))
+    return largest, strayed, np.trapezoid(spread.mean(0), wavelengths, axis=0) / (LONGEST - SHORTEST)
 
 
 @njit(cache=True, forceinline=True)

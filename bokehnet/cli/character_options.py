@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bokehnet.cli.engine_option import RAY_ENGINES
 from bokehnet.cli.fringe_options import check_fringes
 from bokehnet.cli.naming import named_options
 from bokehnet.errors import LensError, ParameterError
@@ -89,9 +90,6 @@ _SLIDERS = {
     "astigmatism": "--astigmatism",
     "field_curvature": "--field-curvature",
 }
-
-# Engines that send rays through a lens.
-_FOLLOWS_RAYS = ("rays", "hybrid")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -229,9 +227,9 @@ def make_character(
     given = [option for name, option in _SLIDERS.items() if getattr(sliders, name)]
     if lens is not None:
         given = ["--lens", *given]
-    if given and engine not in _FOLLOWS_RAYS:
+    if given and engine not in RAY_ENGINES:
         raise ParameterError(
-            f"{', '.join(given)}: expected --engine {' or '.join(_FOLLOWS_RAYS)}, which follow rays through "
+            f"{', '.join(given)}: expected --engine {' or '.join(RAY_ENGINES)}, which follow rays through "
             f"a lens, got {engine}"
         )
     from bokehnet.optics.character import Character

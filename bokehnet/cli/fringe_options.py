@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bokehnet.cli.engine_option import RAY_ENGINES
 from bokehnet.cli.naming import named_options
 from bokehnet.errors import ConfigError, LensError, ParameterError
 
@@ -71,9 +72,6 @@ Equaliser = Annotated[
 
 _FRINGE_OPTIONS = {"axial": "--axial-fringe", "lateral": "--lateral-fringe"}
 _LIGHT_OPTIONS = {"dispersion": "--dispersion", "equaliser": "--equaliser"}
-
-# Engines whose rays can have colours of their own.
-_FOLLOWS_RAYS = ("rays", "hybrid")
 
 # Bytes of a file with gains; nobody has more.
 _LONGEST_FILE = 10_000
@@ -146,8 +144,8 @@ def check_fringes(
         engine: What renders.
         through_glass: Whether there is a lens that may part the colours.
     """
-    engines = " or ".join(_FOLLOWS_RAYS)
-    if fringes is not None and engine not in _FOLLOWS_RAYS:
+    engines = " or ".join(RAY_ENGINES)
+    if fringes is not None and engine not in RAY_ENGINES:
         raise ParameterError(f"--axial-fringe, --lateral-fringe: expected --engine {engines}, got {engine}")
     if light != type(light)() and fringes is None and not through_glass:
         raise ParameterError(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bokehnet.cli.engine_option import RAY_ENGINES
 from bokehnet.cli.memory_option import PROGRAM
 from bokehnet.cli.naming import named_options
 from bokehnet.effects import CameraEffects, View
@@ -29,9 +30,6 @@ _OPTIONS = {
     "max_memory": "--max-memory",
     "focus plane": "--focus-plane, --tilt-x, --tilt-y",
 }
-
-# Engines whose discs may be other than round; those of the others stay discs where the focus leans.
-_FOLLOWS_RAYS = ("rays", "hybrid")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -129,7 +127,7 @@ class Renderer:
 
     def _through(self, pencil: "PencilMap | None") -> BokehRenderer:
         """The renderer, with ``pencil`` added to its lens if its engine follows rays."""
-        if pencil is None or self._look.engine not in _FOLLOWS_RAYS:
+        if pencil is None or self._look.engine not in RAY_ENGINES:
             return self._bokeh
         renderer, character = copy(self._bokeh), self._bokeh.character
         renderer.character = replace(character, pencil=character.pencil + pencil)

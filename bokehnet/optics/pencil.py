@@ -22,14 +22,15 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.optics.glass import D_LINE
 
 __all__ = ["DESIGN_WAVELENGTH", "TERMS", "PencilMap", "term"]
 
 # Exponents of (a.a, a.h, h.h), up to the third degree.
 TERMS = tuple((i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j))
 
-# Nanometres, of maps without dispersion: the yellow-green line d.
-DESIGN_WAVELENGTH = 587.56
+# Nanometres, of maps without dispersion: the yellow line of helium.
+DESIGN_WAVELENGTH = D_LINE
 
 
 def term(i: int, j: int, k: int) -> int:
