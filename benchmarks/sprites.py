@@ -42,7 +42,7 @@ def draw(
     depths = np.full((side, side), -5000, np.float32) if front is None else front.astype(np.float32)
     cells = np.stack([depths, np.ones_like(depths)], -1)[:, :, None]
     result = np.zeros((side, side, 3), np.float32)
-    slices = occupied_slices(depths[:, :, None], 2.0, 0.2 * side)
+    slices = occupied_slices(cells, 2.0, 0.2 * side)
     add_lights(lights, cells, np.ones((side, side), bool), slices, aperture, result, **options)
     return result
 
@@ -177,7 +177,7 @@ def times() -> None:
     print("| radius | " + " | ".join(lenses) + " |\n|---|" + "---|" * len(lenses))
     depths = np.full((side, side, 1), -5000, np.float32)
     cells, mask = np.stack([depths, np.ones_like(depths)], -1), np.ones((side, side), bool)
-    slices, result = occupied_slices(depths), np.zeros((side, side, 3), np.float32)
+    slices, result = occupied_slices(cells), np.zeros((side, side, 3), np.float32)
     for radius in RADII[:-1]:
         lights = np.repeat(point(0, 0, radius), 40, axis=0)
         lights[:, :2] = rng.uniform(100, side - 100, (40, 2))

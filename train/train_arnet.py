@@ -7,10 +7,12 @@ import torch
 from torch import Tensor, nn
 
 from bokehnet.cascade import carry_detail
+from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.checkpoint import load_network
 from train.command import run_command
 from train.data import DataConfig, example_loader
+from train.error_target import ERROR_TARGETS, measured_error
 from train.loop import OptimConfig, train
 from train.losses import arnet_loss
 from train.validation import held_out_examples, score_cascade
@@ -25,6 +27,7 @@ class ARNetRun:
     Attributes:
         data, optim, model: See there.
         held_out: Held-out pictures scored at each validation.
+        error_target: What the error map is to learn, one of ``ERROR_TARGETS``.
         start: Checkpoint of an ARNet of the same shape whose weights a new run starts from; empty for none.
     """
 
@@ -32,7 +35,11 @@ class ARNetRun:
     optim: OptimConfig
     model: ARNetConfig = field(default_factory=ARNetConfig)
     held_out: int = 24
+    error_target: str = "geometric"
     start: str = ""
+
+    def __post_init__(self) -> None:
+        check_choice("error_target", self.error_target, ERROR_TARGETS)
 
 
 def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
@@ -42,7 +49,10 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         bokeh, error_map = network(batch["image"], batch["defocus"], batch["classical"], batch["hints"])
-        return arnet_loss(bokeh, error_map, batch["classical"], batch["truth"], batch["target"])
+        classical, truth, target = batch["classical"], batch["truth"], batch["target"]
+        if config.error_target == "measured":
+            target = measured_error(classical, truth)
+        return arnet_loss(bokeh, error_map, classical, truth, target)
 
     network = ARNet(config.model)
     if config.start:

@@ -18,6 +18,7 @@ from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.layers import Layers
 from bokehnet.classical.lens_sprites import LensSprites
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.slices import Slices
 from bokehnet.classical.sprites import Frame, PlainSprites, place_sprites
 from bokehnet.classical.stamping import stamp_sprites
 from bokehnet.optics.aperture import Aperture
@@ -158,7 +159,7 @@ def add_lights(
     lights: np.ndarray,
     cells: np.ndarray,
     mask: np.ndarray,
-    slices: tuple[np.ndarray, float, float],
+    slices: Slices,
     aperture: Aperture,
     result: np.ndarray,
     *,
@@ -195,4 +196,4 @@ def add_lights(
         sprites = np.zeros((size.sum(), draw.planes), np.float32)
         with parallel_region:
             draw.fill(batch, boxes[batch], starts, sprites)
-            stamp_sprites(lights[batch], boxes[batch], starts, sprites, cells, mask, *slices, result)
+            stamp_sprites(lights[batch], boxes[batch], starts, sprites, cells, mask, slices, result)

@@ -6,7 +6,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import models, register_model
 
-from bokehnet.classical.lanes import LANES, LanesType, intrinsic, larger, smaller
+from bokehnet.classical.lanes import LANES, LanesType, intrinsic, larger, smaller, splat
 
 __all__ = [
     "any_lane",
@@ -17,6 +17,7 @@ __all__ = [
     "larger_lanes",
     "less",
     "load_pairs",
+    "load_triples",
     "magnitude_lanes",
     "smaller_lanes",
     "without",
@@ -145,6 +146,12 @@ floor_lanes = _apply("floor")
 magnitude_lanes = _apply("fabs")
 
 
+def _pixels(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
+    """``row * width + column`` of whole numbers held as floating point, below 2^31, as eight integers."""
+    rows, columns = (builder.fptosi(value, ir.VectorType(_INT, LANES)) for value in (rows, columns))
+    return builder.add(builder.mul(rows, splat(builder, builder.trunc(width, _INT))), columns)
+
+
 @intrinsic
 def load_pairs(_, array, rows, columns, width, stride, offset):  # type: ignore[no-untyped-def]
     """Two neighbouring numbers of a table for each lane, as a tuple of two lanes.
@@ -164,15 +171,11 @@ def load_pairs(_, array, rows, columns, width, stride, offset):  # type: ignore[
         data = context.make_array(signature.args[0])(context, builder, array).data
         element = context.get_value_type(signature.args[0].dtype)
         pair = ir.VectorType(element, 2)
-        whole = ir.VectorType(_INT, LANES)
-        rows, columns = (builder.fptosi(value, whole) for value in (rows, columns))
+        pixels = _pixels(builder, rows, columns, width)
         pairs = []
         for lane in range(LANES):
-            row, column = (
-                builder.sext(builder.extract_element(value, ir.Constant(_INT, lane)), width.type)
-                for value in (rows, columns)
-            )
-            place = builder.add(builder.mul(builder.add(builder.mul(row, width), column), stride), offset)
+            pixel = builder.sext(builder.extract_element(pixels, ir.Constant(_INT, lane)), width.type)
+            place = builder.add(builder.mul(pixel, stride), offset)
             loaded = builder.load(builder.bitcast(builder.gep(data, [place]), pair.as_pointer()))
             loaded.align = context.get_abi_sizeof(element)
             pairs.append(loaded)
@@ -186,9 +189,47 @@ def load_pairs(_, array, rows, columns, width, stride, offset):  # type: ignore[
             ]
         split = []
         for first in (0, 1):
-            order = ir.Constant(whole, [ir.Constant(_INT, first + 2 * lane) for lane in range(LANES)])
+            order = ir.Constant(pixels.type, [ir.Constant(_INT, first + 2 * lane) for lane in range(LANES)])
             split.append(builder.shuffle_vector(pairs[0], pairs[0], order))
         return context.make_tuple(builder, signature.return_type, split)
 
     kind = LanesType(array.dtype)
     return types.UniTuple(kind, 2)(array, rows, columns, types.intp, types.intp, types.intp), generate
+
+
+@intrinsic
+def load_triples(_, array, rows, columns, places, width, count):  # type: ignore[no-untyped-def]
+    """Three neighbouring numbers of a table for each lane, as a tuple of three lanes.
+
+    Args:
+        _: Given by numba.
+        array: Contiguous, (rows, width, count, 3), as one axis.
+        rows: Whole numbers, as floating point; no bounds are checked.
+        columns: Likewise.
+        places: Likewise.
+        width: Columns of the table.
+        count: Places in a column.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        array, rows, columns, places, width, count = arguments
+        data = context.make_array(signature.args[0])(context, builder, array).data
+        element = context.get_value_type(signature.args[0].dtype)
+        pixels = _pixels(builder, rows, columns, width)
+        places = builder.fptosi(places, pixels.type)
+        triples = [ir.Constant(ir.VectorType(element, LANES), ir.Undefined) for _ in range(3)]
+        three = ir.Constant(width.type, 3)
+        for lane in range(LANES):
+            at = ir.Constant(_INT, lane)
+            pixel, place = (
+                builder.sext(builder.extract_element(value, at), width.type) for value in (pixels, places)
+            )
+            first = builder.mul(builder.add(builder.mul(pixel, count), place), three)
+            for i in range(3):
+                number = builder.load(builder.gep(data, [builder.add(first, ir.Constant(width.type, i))]))
+                number.align = context.get_abi_sizeof(element)
+                triples[i] = builder.insert_element(triples[i], number, at)
+        return context.make_tuple(builder, signature.return_type, triples)
+
+    kind = LanesType(array.dtype)
+    return types.UniTuple(kind, 3)(array, rows, columns, places, types.intp, types.intp), generate

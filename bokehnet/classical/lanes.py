@@ -27,6 +27,7 @@ __all__ = [
     "load_twice",
     "repeat_lanes",
     "smaller",
+    "splat",
     "splat_lanes",
     "store_lanes",
     "sum_lanes",
@@ -64,7 +65,8 @@ def _constant(element: Any, numbers: Sequence[float]) -> Any:
     return ir.Constant(_vector(element), [ir.Constant(element, number) for number in numbers])
 
 
-def _splat(builder: Any, scalar: Any) -> Any:
+def splat(builder: Any, scalar: Any) -> Any:
+    """A number eight times, as an instruction of the function being built."""
     empty = ir.Constant(_vector(scalar.type), ir.Undefined)
     first = builder.insert_element(empty, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, _constant(ir.IntType(32), [0] * LANES))
@@ -151,7 +153,7 @@ def splat_lanes(_, scalar):  # type: ignore[no-untyped-def]
     """The same number eight times."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return _splat(builder, arguments[0])
+        return splat(builder, arguments[0])
 
     return LanesType(scalar)(scalar), generate
 
@@ -162,7 +164,7 @@ def count_lanes(_, first):  # type: ignore[no-untyped-def]
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         steps = _constant(arguments[0].type, [float(pixel) for pixel in ORDER])
-        return builder.fadd(_splat(builder, arguments[0]), steps)
+        return builder.fadd(splat(builder, arguments[0]), steps)
 
     return LanesType(first)(first), generate
 

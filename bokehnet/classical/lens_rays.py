@@ -39,8 +39,6 @@ VISIBLE = 0.5
 
 # Monomials in (a.a, a.h) that are left when the field is known.
 _PAIRS = tuple(sorted({(i, j) for i, j, _ in TERMS}))
-_COUNTS = np.array([4 - i - j for i, j in _PAIRS])
-_STARTS = np.array([TERMS.index((i, j, 0)) for i, j in _PAIRS])
 assert _PAIRS == ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (3, 0))
 
 _STEEPEST_TILT = 0.8
@@ -50,14 +48,14 @@ class LensTable(NamedTuple):
     """A character for one picture, as kernels take it.
 
     Attributes:
-        coefficients: Of f and g of the miss in pixels, and of the bend if there is any, by powers of the
-            wavelength's variable: (1 or ORDERS, 2 or 4, 20), float32.
+        coefficients: Of f and g of the miss in pixels, and of the bend if there is any, by powers of h.h and
+            of the wavelength's variable: (4, 1 or ORDERS, 2 or 4, 10), float32.
         waves: The variable for each ray of the pattern, (rays,) float32.
         starts: Where each ray starts in its pixel, from its middle, (2, rays) float32.
         shaken: Share of the pixel over which they start, by the distance from the picture's middle, (n,):
             all of it where rays of one colour miss by the same amount, so that a shift by a part of a pixel
             shows as one, and none where they miss by different ones, or hardly.
-        colors: Red, green and blue that each ray carries, (rays, 3) float32; (0, 3) where all go one way.
+        colors: Red, green and blue that each ray carries, (3, rays) float32; (3, 0) where all go one way.
         fringes: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
         maps: Factors of both at each pixel of the full-size picture, (H, W, 2) float32; or (0, 0, 2).
         rims: (R, 2): shift and radius.
@@ -150,6 +148,9 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
         coefficients = fitted.reshape(ORDERS, *values.shape[1:])
     else:
         coefficients = values[:1]
+    by_field = np.zeros((4, *coefficients.shape[:2], len(_PAIRS)), np.float32)
+    for place, (i, j, k) in enumerate(TERMS):
+        by_field[k, ..., _PAIRS.index((i, j))] = coefficients[..., place]
     fringes, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
     if character.fringes is not None and not character.fringes.is_none:
         fringes = half_diagonal * character.fringes.strengths(wavelengths)
@@ -158,11 +159,11 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
         colors = np.zeros((0, 3))
     largest, strayed, spread = _bounds(character, half_diagonal)
     return LensTable(
-        coefficients=np.ascontiguousarray(coefficients, np.float32),
+        coefficients=by_field,
         waves=_variable(wavelengths).astype(np.float32),
         starts=np.stack([halton(rays, base) - 0.5 for base in _START_BASES]).astype(np.float32),
         shaken=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
-        colors=np.ascontiguousarray(colors, np.float32),
+        colors=np.ascontiguousarray(colors.T, np.float32),
         fringes=np.ascontiguousarray(fringes.T, np.float32),
         maps=np.ascontiguousarray(maps, np.float32),
         rims=np.array(pencil.rims, np.float32).reshape(-1, 2),
@@ -208,22 +209,13 @@ def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.
 
 
 @njit(cache=True, forceinline=True)
-def _inner(c, at, count, square):  # type: ignore[no-untyped-def]
-    """Polynomial in ``square`` of the ``count`` coefficients from ``at`` on."""
-    total = c[at + count - 1]
-    for place in range(at + count - 2, at - 1, -1):
-        total = total * square + c[place]
-    return total
-
-
-@njit(cache=True, forceinline=True)
 def collapse(coefficients, square, collapsed):  # type: ignore[no-untyped-def]
     """Fill ``collapsed`` (orders, 2 or 4, 10) with the coefficients that are left for h.h = ``square``."""
-    for order in range(coefficients.shape[0]):
-        for which in range(coefficients.shape[1]):
-            c = coefficients[order, which]
-            for pair in range(len(_COUNTS)):
-                collapsed[order, which, pair] = _inner(c, _STARTS[pair], _COUNTS[pair], square)
+    fourth, third = coefficients[3].reshape(-1), coefficients[2].reshape(-1)
+    second, first = coefficients[1].reshape(-1), coefficients[0].reshape(-1)
+    flat = collapsed.reshape(-1)
+    for i in range(flat.size):
+        flat[i] = ((fourth[i] * square + third[i]) * square + second[i]) * square + first[i]
 
 
 @njit(cache=True, forceinline=True)

@@ -5,6 +5,9 @@ straight line of pixels. A layer whose defocus the ray crosses inside a pixel is
 neighbouring pixels a layer is one surface, a riser, when its defocus differs by no more than ``JUMP``; else
 there is a gap, through which rays pass behind the nearer surface and meet what lies hidden there.
 
+Where nothing is hidden and no gap is near, a layer is one smooth surface, and the place where a ray meets it
+is found in a few looks: :func:`meet_smooth`.
+
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
 through layered height fields; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
 Eurographics 1987, for the walk along the pixels. Risers and coverage are ours.
@@ -30,12 +33,14 @@ from bokehnet.classical.lane_logic import (
 from bokehnet.classical.lanes import LANES, splat_lanes, store_lanes
 from bokehnet.classical.layers import Layers
 
-__all__ = ["layer_cells", "meet"]
+__all__ = ["layer_cells", "meet", "meet_smooth"]
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _JUMP = np.float32(JUMP)
 _NEVER = np.float32(-1e30)
 _STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
+# The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
+_LOOKS, _CLOSE = 8, np.float32(0.25)
 
 
 def layer_cells(layers: Layers) -> np.ndarray:
@@ -51,7 +56,7 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
 
     Args:
         cells: From :func:`layer_cells`, flat.
-        size: Its height, width and number of layers.
+        size: Its height, width and number of layers, and how many of these are looked at.
         runs: Stretches (front, back) of the defocus in which there can be a surface, front to back.
         count: How many.
         x: Columns of the rays' pixels, lanes of float32.
@@ -62,16 +67,17 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
         u: Where the rays meet the pupil, aperture coordinate along x, lanes.
         v: Along y.
         chance: A surface is met where this is below its coverage, lanes.
-        met: Rows, then columns, then layers of eight surfaces, float32; layer -1 where there is none.
+        met: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
+            where there is none.
     """
-    height, width, layers = size
+    height, width, layers, looked = size
     zero, one, jump = splat_lanes(_ZERO), splat_lanes(_ONE), splat_lanes(_JUMP)
     last_x, last_y = splat_lanes(np.float32(width - 1)), splat_lanes(np.float32(height - 1))
     right, down = less(zero, u), less(zero, v)
     step_x, step_y = choose_lanes(right, one, zero - one), choose_lanes(down, one, zero - one)
     gain_x = divide_lanes(one, larger_lanes(magnitude_lanes(u), splat_lanes(_STEEPEST)))
     gain_y = divide_lanes(one, larger_lanes(magnitude_lanes(v), splat_lanes(_STEEPEST)))
-    met_row, met_column, met_layer = zero, zero, zero - one
+    met_row, met_column, met_layer, met_depth = zero, zero, zero - one, zero
     waiting = less(zero, one)
     for run in range(count):
         front = splat_lanes(np.float32(runs[run, 0]))
@@ -90,7 +96,7 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
             seen_x = smaller_lanes(larger_lanes(column, zero), last_x)
             seen_y = smaller_lanes(larger_lanes(row, zero), last_y)
             under = splat_lanes(_NEVER)
-            for layer in range(layers):
+            for layer in range(looked):
                 depth, cover = load_pairs(cells, seen_y, seen_x, width, 2 * layers, 2 * layer)
                 beneath = less(depth, leave)
                 under = choose_lanes(beneath, larger_lanes(under, depth), under)
@@ -100,6 +106,7 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
                 met_row = choose_lanes(hit, seen_y, met_row)
                 met_column = choose_lanes(hit, seen_x, met_column)
                 met_layer = choose_lanes(hit, splat_lanes(np.float32(layer)), met_layer)
+                met_depth = choose_lanes(hit, depth, met_depth)
                 marching, waiting = without(marching, hit), without(waiting, hit)
             marching = both(marching, less(passed, length))
             if not any_lane(marching):
@@ -115,3 +122,36 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
     store_lanes(met, 0, met_row)
     store_lanes(met, LANES, met_column)
     store_lanes(met, 2 * LANES, met_layer)
+    store_lanes(met, 3 * LANES, met_depth)
+
+
+@njit(cache=True)
+def meet_smooth(cells, size, x, y, begin_x, begin_y, u, v, met):  # type: ignore[no-untyped-def]
+    """Write where eight rays meet the one smooth surface that there is; arguments as for :func:`meet`.
+
+    A ray meets it at the defocus s that the surface has at the ray's place for s. Each look at the surface
+    gives a better s while it rises by less than a pixel of defocus per pixel.
+
+    Returns:
+        Whether all rays came to rest; if not, ``met`` is of no use.
+    """
+    height, width, layers, _ = size
+    zero, close = splat_lanes(_ZERO), splat_lanes(_CLOSE)
+    last_x, last_y = splat_lanes(np.float32(width - 1)), splat_lanes(np.float32(height - 1))
+    stretch = larger_lanes(magnitude_lanes(u), magnitude_lanes(v))
+    start_x, start_y = x + begin_x, y + begin_y
+    depth, _ = load_pairs(cells, y, x, width, 2 * layers, 0)
+    for _ in range(_LOOKS):
+        column, row = floor_lanes(start_x - u * depth), floor_lanes(start_y - v * depth)
+        column = smaller_lanes(larger_lanes(column, zero), last_x)
+        row = smaller_lanes(larger_lanes(row, zero), last_y)
+        found, _ = load_pairs(cells, row, column, width, 2 * layers, 0)
+        moving = less(close, stretch * magnitude_lanes(found - depth))
+        depth = found
+        if not any_lane(moving):
+            store_lanes(met, 0, row)
+            store_lanes(met, LANES, column)
+            store_lanes(met, 2 * LANES, zero)
+            store_lanes(met, 3 * LANES, depth)
+            return True
+    return False

@@ -12,13 +12,22 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from bokehnet.classical.lane_logic import floor_lanes
-from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes, store_lanes
+from bokehnet.classical.lane_logic import (
+    any_lane,
+    choose_lanes,
+    floor_lanes,
+    larger_lanes,
+    less,
+    load_triples,
+    smaller_lanes,
+    without,
+)
+from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes, store_lanes, sum_lanes
 from bokehnet.classical.layers import Layers
 from bokehnet.classical.lens_rays import LensTable, collapse, send_rays
-from bokehnet.classical.meeting import meet
+from bokehnet.classical.meeting import meet, meet_smooth
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.classical.slices import SLICES, TILE, slice_runs
+from bokehnet.classical.slices import SLICES, TILE, Slices, slice_runs
 from bokehnet.optics.aperture import cats_eye_shift
 
 __all__ = ["FILTERED_RADIUS", "SETS", "fair_stride", "march"]
@@ -64,8 +73,6 @@ def _march(  # type: ignore[no-untyped-def]
     cells,
     mask,
     slices,
-    low,
-    thickness,
     points,
     chances,
     weights,
@@ -81,15 +88,17 @@ def _march(  # type: ignore[no-untyped-def]
     Where the lens parts colours there are three weights, else one.
     """
     height, width = mask.shape
-    size = (height, width, colors.shape[2])
     flat = cells.reshape(-1)
     last = first + sums.shape[0]
     variants, rays = points.shape[1] // SETS, points.shape[2]
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
-    reach = max(abs(low), abs(low + SLICES * thickness))
-    colored = False
+    front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
+    flat_colors, numbers = colors.reshape(-1), sums.shape[3]
+    reach = max(abs(slices.low), abs(slices.low + SLICES * slices.thickness))
+    colored, reds, greens, blues = False, us, us, us
     if lens is not None:
-        colored = lens.colors.shape[0] > 0
+        colored = lens.colors.shape[1] > 0
+        reds, greens, blues = lens.colors[0], lens.colors[1], lens.colors[2]
         reach = (1.0 + lens.strayed.max()) * reach + lens.largest.max()
     top = first // TILE
     tile_rows = (last + TILE - 1) // TILE - top
@@ -97,12 +106,16 @@ def _march(  # type: ignore[no-untyped-def]
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
         runs = np.empty((SLICES // 2, 2))
-        met, way = np.empty(3 * LANES, np.float32), np.empty(4 * LANES, np.float32)
-        half = splat_lanes(np.float32(0.5))
+        met, totals = np.empty(4 * LANES, np.float32), np.empty(3 * numbers * LANES, np.float32)
+        zero, half, one = splat_lanes(np.float32(0)), splat_lanes(np.float32(0.5)), splat_lanes(np.float32(1))
+        third, large = splat_lanes(np.float32(1 / 3)), splat_lanes(np.float32(FILTERED_RADIUS**2))
+        right, bottom = splat_lanes(np.float32(width)), splat_lanes(np.float32(height))
         if lens is not None:
-            collapsed = np.empty((lens.coefficients.shape[0], lens.coefficients.shape[1], 10), np.float32)
-        for tile_column in range(slices.shape[1]):
-            count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
+            collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
+        for tile_column in range(slices.bits.shape[1]):
+            looked = slices.layers[tile_row, tile_column]
+            size = (height, width, colors.shape[2], looked)
+            count = slice_runs(slices.bits[tile_row, tile_column], slices.low, slices.thickness, runs)
             for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
                     if not mask[y, x]:
@@ -119,79 +132,101 @@ def _march(  # type: ignore[no-untyped-def]
                         field = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
                         wide = splat_lanes(np.float32(lens.shaken[int(field)]))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
+                    totals[:] = 0.0
                     for start in range(0, rays, LANES):
-                        u, v = load_lanes(us, chosen * rays + start), load_lanes(vs, chosen * rays + start)
+                        k = chosen * rays + start
+                        u, v = load_lanes(us, k), load_lanes(vs, k)
                         chance = first_chance + load_lanes(chances, start)
                         chance = chance - floor_lanes(chance)
                         if lens is None:
                             begin_x, begin_y, a_x, a_y = half, half, u, v
                         else:
-                            wave = load_lanes(lens.waves, chosen * rays + start)
+                            wave = load_lanes(lens.waves, k)
                             e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, wave)
                             if lens.fringes.shape[1] > 0:
-                                axial = load_lanes(lens.fringes[0], chosen * rays + start)
-                                lateral = load_lanes(lens.fringes[1], chosen * rays + start)
+                                axial = load_lanes(lens.fringes[0], k)
+                                lateral = load_lanes(lens.fringes[1], k)
                                 axial = axial * splat_lanes(lens.maps[y + above, x, 0])
                                 lateral = lateral * splat_lanes(lens.maps[y + above, x, 1])
                                 e_x = e_x + u * axial + lateral * splat_lanes(h_x)
                                 e_y = e_y + v * axial + lateral * splat_lanes(h_y)
-                            start_x = load_lanes(lens.starts[0], chosen * rays + start)
-                            start_y = load_lanes(lens.starts[1], chosen * rays + start)
+                            start_x = load_lanes(lens.starts[0], k)
+                            start_y = load_lanes(lens.starts[1], k)
                             begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
-                        meet(
-                            flat, size, runs, count, place_x, place_y, begin_x, begin_y, a_x, a_y, chance, met
+                        ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
+                        if looked > 1 or not meet_smooth(flat, size, *ways, met):
+                            meet(flat, size, runs, count, *ways, chance, met)
+                        layer, depth = load_lanes(met, 2 * LANES), load_lanes(met, 3 * LANES)
+                        w = choose_lanes(
+                            less(zero, depth),
+                            load_lanes(front_weights, k),
+                            load_lanes(back_weights, k),
                         )
-                        store_lanes(way, 0, begin_x)
-                        store_lanes(way, LANES, begin_y)
-                        store_lanes(way, 2 * LANES, a_x)
-                        store_lanes(way, 3 * LANES, a_y)
-                        for lane in range(LANES):
-                            layer = int(met[2 * LANES + lane])
-                            if layer < 0:
+                        w = choose_lanes(less(layer, zero), zero, w)
+                        if cats_eye > 0:
+                            w = _keep_within(u, v, shift_x, shift_y, 1.0, w)
+                        layer = larger_lanes(layer, zero)
+                        blur = depth * depth
+                        if lens is not None:
+                            for rim in range(lens.rims.shape[0]):
+                                shift, radius = lens.rims[rim]
+                                w = _keep_within(u, v, shift * h_x, shift * h_y, radius, w)
+                            away_x, away_y = begin_x - half, begin_y - half
+                            blur = blur + away_x * away_x + away_y * away_y
+                        guessed = choose_lanes(less(zero, layer), w, zero)
+                        if near_border:
+                            to_x, to_y = place_x + begin_x - a_x * depth, place_y + begin_y - a_y * depth
+                            inside = smaller_lanes(
+                                smaller_lanes(to_x, to_y), smaller_lanes(right - to_x, bottom - to_y)
+                            )
+                            guessed = choose_lanes(less(inside, zero), w, guessed)
+                        red, green, blue = load_triples(
+                            flat_colors, load_lanes(met, 0), load_lanes(met, LANES), layer, width, size[2]
+                        )
+                        if colored:
+                            red_w, green_w, blue_w = (
+                                w * load_lanes(reds, k),
+                                w * load_lanes(greens, k),
+                                w * load_lanes(blues, k),
+                            )
+                        else:
+                            red_w, green_w, blue_w = w, w, w
+                        sharp, front = less(blur, large), less(zero, depth)
+                        back = without(without(less(zero, one), sharp), front)
+                        groups = (without(front, sharp), sharp, back)
+                        for group, member in enumerate(groups):
+                            if not any_lane(member):
                                 continue
-                            k = start + lane
-                            u, v = points[0, chosen, k], points[1, chosen, k]
-                            if cats_eye > 0 and (u - shift_x) ** 2 + (v - shift_y) ** 2 > 1.0:
-                                continue
-                            if lens is not None and not _passes(lens.rims, u, v, h_x, h_y):
-                                continue
-                            row, column = int(met[lane]), int(met[LANES + lane])
-                            depth = cells[row, column, layer, 0]
-                            blur = depth * depth
-                            if lens is not None:
-                                blur += (way[lane] - 0.5) ** 2 + (way[LANES + lane] - 0.5) ** 2
-                            group = 1
-                            if blur >= FILTERED_RADIUS * FILTERED_RADIUS:
-                                group = 0 if depth > 0.0 else 2
-                            w = weights[0 if depth > 0 else 1, chosen, k]
-                            guess = layer > 0
-                            if near_border:
-                                to_x = x + way[lane] - way[2 * LANES + lane] * depth
-                                to_y = y + way[LANES + lane] - way[3 * LANES + lane] * depth
-                                guess |= min(to_x, to_y, width - to_x, height - to_y) < 0.0
-                            if not colored:
-                                for c in range(3):
-                                    sums[y - first, x, group, c] += w * colors[row, column, layer, c]
-                                sums[y - first, x, group, 3] += w
-                                if guess:
-                                    sums[y - first, x, group, 4] += w
-                                continue
-                            for c in range(3):
-                                share = w * lens.colors[chosen * rays + k, c]
-                                sums[y - first, x, group, c] += share * colors[row, column, layer, c]
-                                sums[y - first, x, group, 3 + c] += share
-                                if guess:
-                                    sums[y - first, x, group, 6] += share / 3.0
+                            at = group * numbers * LANES
+                            _add(totals, at, member, red_w * red)
+                            _add(totals, at + LANES, member, green_w * green)
+                            _add(totals, at + 2 * LANES, member, blue_w * blue)
+                            _add(totals, at + 3 * LANES, member, red_w)
+                            if colored:
+                                _add(totals, at + 4 * LANES, member, green_w)
+                                _add(totals, at + 5 * LANES, member, blue_w)
+                                _add(totals, at + 6 * LANES, member, third * guessed)
+                            else:
+                                _add(totals, at + 4 * LANES, member, guessed)
+                    for group in range(3):
+                        for c in range(numbers):
+                            at = (group * numbers + c) * LANES
+                            sums[y - first, x, group, c] = sum_lanes(load_lanes(totals, at))
 
 
-@njit(cache=True)
-def _passes(rims, u, v, h_x, h_y):  # type: ignore[no-untyped-def]
-    """Whether all rims (R, 2) let a ray pass."""
-    for i in range(rims.shape[0]):
-        shift, radius = rims[i]
-        if (u - shift * h_x) ** 2 + (v - shift * h_y) ** 2 > radius * radius:
-            return False
-    return True
+@njit(cache=True, forceinline=True)
+def _add(totals, at, member, lanes):  # type: ignore[no-untyped-def]
+    """Add those of eight numbers that belong to a group to the ones that begin at ``at``."""
+    zero = splat_lanes(np.float32(0))
+    store_lanes(totals, at, load_lanes(totals, at) + choose_lanes(member, lanes, zero))
+
+
+@njit(cache=True, forceinline=True)
+def _keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
+    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
+    away_x, away_y = u - splat_lanes(np.float32(shift_x)), v - splat_lanes(np.float32(shift_y))
+    beyond = less(splat_lanes(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
+    return choose_lanes(beyond, splat_lanes(np.float32(0)), w)
 
 
 @njit(cache=True, parallel=True)
@@ -240,7 +275,7 @@ def march(
     layers: Layers,
     cells: np.ndarray,
     mask: np.ndarray,
-    slices: tuple[np.ndarray, float, float],
+    slices: Slices,
     points: np.ndarray,
     weights: np.ndarray,
     result: np.ndarray,
@@ -270,8 +305,8 @@ def march(
     """
     height, width = mask.shape
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
-    arrays = (layers.colors, cells, mask, *slices, points, chances, weights, lens)
-    numbers = 7 if lens is not None and len(lens.colors) else 5
+    arrays = (layers.colors, cells, mask, slices, points, chances, weights, lens)
+    numbers = 7 if lens is not None and lens.colors.shape[1] else 5
     with parallel_region:
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)

@@ -168,8 +168,8 @@ def _render(
     faintest = 0.0 if lens is None else _FAINTEST
     layers, lights = separate_lights(layers or split_layers(image, defocus, reach), reach, faintest)
     result, guessed = np.array(smooth), np.zeros_like(doubt)
-    slices = occupied_slices(layers.defocus, *footprint)
     cells = layer_cells(layers)
+    slices = occupied_slices(cells, *footprint)
     march(
         layers,
         cells,

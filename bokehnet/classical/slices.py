@@ -1,13 +1,15 @@
 """In which slices of the defocus the rays of a tile of the picture can meet a surface at all.
 
 Most of a ray's length is empty. A histogram of the defocus in each tile tells which slices can hold a
-surface for the rays of a tile; a ray is marched through those alone.
+surface for the rays of a tile; a ray is marched through those alone, and through the first layer alone
+where nothing hidden can be met.
 
 Source: Decoret, "N-buffers for efficient depth map query", Computer Graphics Forum 2005, for bounds on a
 footprint. Slices are ours.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -15,10 +17,27 @@ from numba import njit, prange
 from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.parallel import parallel_region
 
-__all__ = ["SLICES", "TILE", "occupied_slices", "slice_runs"]
+__all__ = ["SLICES", "TILE", "Slices", "occupied_slices", "slice_runs"]
 
 TILE = 8
 SLICES = 64
+
+
+class Slices(NamedTuple):
+    """Where rays can meet a surface, by tile of the pixels that they belong to.
+
+    Attributes:
+        bits: Slices of defocus in which they can, (rows, columns) uint64.
+        layers: Through how many layers they must look, (rows, columns): through the first alone where no
+            other can be met and this one has no gap.
+        low: Smallest defocus.
+        thickness: Of a slice.
+    """
+
+    bits: np.ndarray
+    layers: np.ndarray
+    low: float
+    thickness: float
 
 
 @njit(cache=True)
@@ -37,28 +56,39 @@ def _fill_slices(first, second, low, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _tile_slices(depths, low, scale):  # type: ignore[no-untyped-def]
-    """Which slices of defocus each tile holds in any layer, risers included; (rows, columns) of bits."""
-    height, width, layers = depths.shape
-    bits = np.zeros(((height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
-    for row in prange(bits.shape[0]):
+def _tile_slices(cells, low, scale):  # type: ignore[no-untyped-def]
+    """Which slices of defocus each tile holds in any layer, risers included; (2, rows, columns) of bits.
+
+    The second are of the pixels of which more than the first layer can be met, or beside which it is torn.
+    """
+    height, width, layers = cells.shape[:3]
+    bits = np.zeros((2, (height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
+    for row in prange(bits.shape[1]):
         for y in range(row * TILE, min(height, (row + 1) * TILE)):
             for x in range(width):
+                found, layered = np.uint64(0), cells[y, x, 0, 1] < 1
                 for layer in range(layers):
-                    value = depths[y, x, layer]
-                    found = np.uint64(1) << np.uint64(_slice_of(value, low, scale))
-                    if x + 1 < width and abs(depths[y, x + 1, layer] - value) <= JUMP:
-                        found |= _fill_slices(value, depths[y, x + 1, layer], low, scale)
-                    if y + 1 < height and abs(depths[y + 1, x, layer] - value) <= JUMP:
-                        found |= _fill_slices(value, depths[y + 1, x, layer], low, scale)
-                    bits[row, x // TILE] |= found
+                    value = cells[y, x, layer, 0]
+                    layered = layered or value != cells[y, x, 0, 0]
+                    found |= np.uint64(1) << np.uint64(_slice_of(value, low, scale))
+                    for right, below in ((1, 0), (0, 1)):
+                        if x + right == width or y + below == height:
+                            continue
+                        other = cells[y + below, x + right, layer, 0]
+                        if abs(other - value) <= JUMP:
+                            found |= _fill_slices(value, other, low, scale)
+                        else:
+                            layered = True
+                bits[0, row, x // TILE] |= found
+                if layered:
+                    bits[1, row, x // TILE] |= found
     return bits
 
 
 @njit(cache=True, parallel=True)
 def _reached_slices(own, low, thickness, reach, stretch, missed):  # type: ignore[no-untyped-def]
-    """Bits of all slices of which a surface lies within its blur's reach of each tile."""
-    rows, columns = own.shape
+    """Bits (2, rows, columns) of all slices of which a surface lies within its blur's reach of each tile."""
+    _, rows, columns = own.shape
     near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
     for square in range(near.shape[0]):
         gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
@@ -69,37 +99,37 @@ def _reached_slices(own, low, thickness, reach, stretch, missed):  # type: ignor
     found = np.empty_like(own)
     for row in prange(rows):
         for column in range(columns):
-            bits = np.uint64(0)
+            bits, layered = np.uint64(0), np.uint64(0)
             for v in range(max(0, row - reach), min(rows, row + reach + 1)):
                 for u in range(max(0, column - reach), min(columns, column + reach + 1)):
-                    bits |= own[v, u] & near[(v - row) * (v - row) + (u - column) * (u - column)]
-            found[row, column] = bits
+                    within = near[(v - row) * (v - row) + (u - column) * (u - column)]
+                    bits |= own[0, v, u] & within
+                    layered |= own[1, v, u] & within
+            found[0, row, column] = bits
+            found[1, row, column] = layered
     return found
 
 
-def occupied_slices(
-    depths: np.ndarray, stretch: float = 1.0, missed: float = 0.0
-) -> tuple[np.ndarray, float, float]:
+def occupied_slices(cells: np.ndarray, stretch: float = 1.0, missed: float = 0.0) -> Slices:
     """For each tile, the slices of defocus in which its rays can meet a surface.
 
     A surface at defocus s lies on a ray of a pixel only within ``stretch |s| + missed`` pixels of it.
 
     Args:
-        depths: Defocus of all layers, (H, W, L).
+        cells: From :func:`bokehnet.classical.meeting.layer_cells`.
         stretch: Largest aperture coordinate of a ray.
         missed: Largest miss of a ray at defocus 0, pixels.
-
-    Returns:
-        Bits (rows, columns) of the tiles, and the lowest value and thickness of the slices.
     """
+    depths = cells[..., 0]
     low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3
     thickness = (high - low) / SLICES
     with parallel_region:
-        own = _tile_slices(depths, low, 1.0 / thickness)
+        own = _tile_slices(cells, low, 1.0 / thickness)
         farthest = stretch * max(abs(low), abs(high)) + missed
-        reach = min(math.ceil(farthest / TILE) + 1, max(own.shape))
-        found: np.ndarray = _reached_slices(own, low, thickness, reach, stretch, missed)
-    return found, low, thickness
+        reach = min(math.ceil(farthest / TILE) + 1, max(own.shape[1:]))
+        bits, layered = _reached_slices(own, low, thickness, reach, stretch, missed)
+    layers = np.where(layered > 0, cells.shape[2], 1)
+    return Slices(bits=bits, layers=layers, low=low, thickness=thickness)
 
 
 @njit(cache=True)

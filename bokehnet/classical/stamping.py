@@ -28,7 +28,7 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
     """Add 1 to ``seen`` (8,) for each of eight pixels of a row whose ray arrives at the light.
 
     Args:
-        scene: Cells, flat ones, and their size.
+        scene: Flat cells and their size.
         runs: Stretches of the defocus that hold surfaces.
         count: How many.
         light: Its x, y and defocus.
@@ -41,7 +41,7 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
         seen: Counts, in pixels' order.
         work: Results of :func:`bokehnet.classical.meeting.meet`.
     """
-    cells, flat, size = scene
+    flat, size = scene
     per_pixel, half = splat_lanes(np.float32(1.0 / light[2])), splat_lanes(np.float32(0.5))
     row = splat_lanes(np.float32(y))
     start_x = splat_lanes(np.float32(offset_x)) - load_lanes(miss, 0)
@@ -51,8 +51,7 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
     level = splat_lanes(np.float32(chance))
     meet(flat, size, runs, count, columns, row, half + start_x, half + start_y, across, down, level, work)
     for lane in range(LANES):
-        layer = int(work[2 * LANES + lane])
-        if layer >= 0 and cells[int(work[lane]), int(work[LANES + lane]), layer, 0] > light[2] + JUMP:
+        if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + JUMP:
             continue
         seen[ORDER[lane]] += 1.0
 
@@ -107,7 +106,7 @@ def _see_tile(scene, runs, count, light, corner, box, sprite, misses, seen, work
 
 
 @njit(cache=True, parallel=True)
-def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, low, thickness, result):  # type: ignore[no-untyped-def]
+def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, result):  # type: ignore[no-untyped-def]
     """Add sprites to the pixels of ``mask``, tile row by tile row and in the order of the lights.
 
     Args:
@@ -118,20 +117,17 @@ def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, low, thic
             pixels with which rays start, (pixels, 5).
         cells: From :func:`bokehnet.classical.meeting.layer_cells`.
         mask: (H, W) bool.
-        slices: Of :func:`bokehnet.classical.slices.occupied_slices`, as are the next two.
-        low: Smallest defocus.
-        thickness: Of a slice.
+        slices: From :func:`bokehnet.classical.slices.occupied_slices`.
         result: Changed in place, (H, W, 3).
     """
     height, width = mask.shape
     flat = cells.reshape(-1)
-    stride = fair_stride(slices.shape[0])
-    for number in prange(slices.shape[0]):
-        tile_row = np.int64(number) * stride % slices.shape[0]
-        scene = (cells, flat, (height, width, cells.shape[2]))
+    stride = fair_stride(slices.bits.shape[0])
+    for number in prange(slices.bits.shape[0]):
+        tile_row = np.int64(number) * stride % slices.bits.shape[0]
         runs = np.empty((SLICES // 2, 2))
         seen, misses = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
-        work = np.empty(3 * LANES, np.float32)
+        work = np.empty(4 * LANES, np.float32)
         for i in range(lights.shape[0]):
             top, bottom, left, right = boxes[i]
             if top >= (tile_row + 1) * TILE or bottom <= tile_row * TILE or left >= right:
@@ -145,7 +141,8 @@ def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, low, thic
                         lit = lit or (mask[y, x] and sprite[first + x, 0] > 0.0)
                 if not lit:
                     continue
-                count = slice_runs(slices[tile_row, tile_column], low, thickness, runs)
+                scene = (flat, (height, width, cells.shape[2], slices.layers[tile_row, tile_column]))
+                count = slice_runs(slices.bits[tile_row, tile_column], slices.low, slices.thickness, runs)
                 while count > 0 and runs[count - 1, 0] <= lights[i, 2] + JUMP:  # nothing there is in front
                     count -= 1
                 if count > 0:

@@ -47,8 +47,9 @@ def test_every_file_the_map_names_exists():
 def test_ci_runs_the_two_set_up_commands():
     script = (ROOT / ".ci/run").read_text(encoding="utf-8")
     assert ["pip", "install", ".", "&&", "bokehnet", "demo"] in COMMANDS
-    assert ["pip", "install", "-c", "constraints.txt", ".[dev]", "&&", "pytest"] in COMMANDS
+    assert ["pip", "install", "-c", "constraints.txt", ".[dev]", "&&", "pytest", "-n", "2"] in COMMANDS
     assert "install -q -c constraints.txt '.[dev]'" in script
+    assert 'pytest" -n 2' in script
     assert "install -q ." in script
 
 

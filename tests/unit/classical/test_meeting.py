@@ -10,12 +10,12 @@ from numba import njit
 from bokehnet.classical.gaps import JUMP
 from bokehnet.classical.lanes import LANES, load_lanes
 from bokehnet.classical.layers import Layers
-from bokehnet.classical.meeting import layer_cells, meet
+from bokehnet.classical.meeting import layer_cells, meet, meet_smooth
 
 
 @njit
 def meet_eight(cells, size, runs, x, y, begin_x, begin_y, u, v, chance):
-    met = np.empty(3 * LANES, np.float32)
+    met = np.empty(4 * LANES, np.float32)
     starts = (load_lanes(x, 0), load_lanes(y, 0), load_lanes(begin_x, 0), load_lanes(begin_y, 0))
     lanes = (*starts, load_lanes(u, 0), load_lanes(v, 0), load_lanes(chance, 0))
     meet(cells, size, runs, len(runs), *lanes, met)
@@ -90,11 +90,56 @@ def test_eight_rays_meet_what_each_meets_alone(count):
         begin = rng.uniform(-3, 4, (2, LANES)) if trial % 3 else np.full((2, LANES), 0.5)
         u, v, chance = rng.uniform(-1, 1, LANES), rng.uniform(-1, 1, LANES), rng.random(LANES)
         arrays = [np.asarray(a, np.float32) for a in (x, y, *begin, u, v, chance)]
-        rows, columns, found = meet_eight(cells, (21, 26, count), runs, *arrays).reshape(3, LANES)
+        size = (21, 26, count, count)
+        rows, columns, found, depths = meet_eight(cells, size, runs, *arrays).reshape(4, LANES)
         for lane in range(LANES):
             row, column, layer = meet_one(layers, runs, *(float(a[lane]) for a in arrays))
             met_by_layer[layer] += 1
             same = layer == found[lane] and (layer < 0 or (row, column) == (rows[lane], columns[lane]))
             wrong += not same
+            if same and layer >= 0:
+                assert depths[lane] == layers.defocus[row, column, layer].astype(np.float32)
     assert (met_by_layer[:count] > 20).all()
     assert wrong <= 3  # of 1200: rays that float32 sends past the other side of a pixel's corner
+
+
+@njit
+def settle_eight(cells, size, x, y, begin_x, begin_y, u, v):
+    met = np.empty(4 * LANES, np.float32)
+    starts = (load_lanes(x, 0), load_lanes(y, 0), load_lanes(begin_x, 0), load_lanes(begin_y, 0))
+    return meet_smooth(cells, size, *starts, load_lanes(u, 0), load_lanes(v, 0), met), met
+
+
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.05, -0.02), (-0.12, 0.1)])
+def test_rays_come_to_rest_on_a_slope_where_they_cut_it(slope):
+    """Oracle: the ray and the plane, cut by hand; both are read off at pixels, half a pixel away at most."""
+    height, width = 60, 80
+    y, x = np.mgrid[:height, :width]
+    depth = 6 + slope[0] * (x - 40) + slope[1] * (y - 30)
+    layers = Layers(
+        colors=np.zeros((height, width, 1, 3)), defocus=depth[..., None], coverage=np.ones((height, width, 1))
+    )
+    cells, rng = layer_cells(layers).astype(np.float32).reshape(-1), np.random.default_rng(2)
+    far = []
+    for _ in range(50):
+        column, row = rng.integers(32, 48, LANES), rng.integers(22, 38, LANES)
+        begin, ray = rng.uniform(-2, 3, (2, LANES)), rng.uniform(-0.9, 0.9, (2, LANES))
+        arrays = [np.asarray(a, np.float32) for a in (column, row, *begin, *ray)]
+        rests, met = settle_eight(cells, (height, width, 1, 1), *arrays)
+        assert rests
+        rows, columns, found, depths = met.reshape(4, LANES)
+        away = column + begin[0] - 0.5 - 40, row + begin[1] - 0.5 - 30
+        s = (6 + slope[0] * away[0] + slope[1] * away[1]) / (1 + slope[0] * ray[0] + slope[1] * ray[1])
+        assert not found.any()
+        place = column + begin[0] - 0.5 - s * ray[0], row + begin[1] - 0.5 - s * ray[1]
+        far.append(np.hypot(columns - place[0], rows - place[1]))
+        np.testing.assert_array_equal(depths, depth[rows.astype(int), columns.astype(int)].astype(np.float32))
+    assert np.max(far) < math.hypot(0.5, 0.5) + 0.25
+    assert np.mean(far) < 0.4  # 0.383: mean distance of a place from the middle of its pixel
+
+
+def test_rays_that_never_rest_are_told():
+    depth = np.tile(np.arange(60.0) * 1.5, (20, 1))[..., None]  # steeper than any smooth surface
+    cells = layer_cells(Layers(colors=np.zeros((20, 60, 1, 3)), defocus=depth, coverage=np.ones_like(depth)))
+    arrays = [np.full(LANES, a, np.float32) for a in (30, 10, 0.5, 0.5, 0.9, 0.0)]
+    assert not settle_eight(cells.astype(np.float32).reshape(-1), (20, 60, 1, 1), *arrays)[0]
