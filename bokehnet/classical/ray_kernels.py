@@ -13,27 +13,23 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.lane_logic import (
-    any_lane,
     choose_lanes,
     floor_lanes,
     larger_lanes,
     less,
     load_triples,
     smaller_lanes,
-    without,
 )
-from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes, store_lanes, sum_lanes
+from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes
 from bokehnet.classical.layers import Layers
 from bokehnet.classical.lens_rays import LensTable, collapse, send_rays
 from bokehnet.classical.meeting import meet, meet_smooth
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.ray_sums import COLORED, GROUPS, PLAIN, add_light, resolve, sum_light
 from bokehnet.classical.slices import SLICES, TILE, Slices, slice_runs
 from bokehnet.optics.aperture import cats_eye_shift
 
-__all__ = ["FILTERED_RADIUS", "SETS", "fair_stride", "march"]
-
-# Discs of at least this radius change so slowly that their rays may be averaged with the 8 neighbours'.
-FILTERED_RADIUS = 4.0
+__all__ = ["SETS", "fair_stride", "march"]
 
 # Rows worked at a time, so that the sums stay small.
 _STRIP = 256
@@ -83,10 +79,7 @@ def _march(  # type: ignore[no-untyped-def]
     first,
     sums,
 ):
-    """Fill ``sums`` for the rows from ``first`` on: weighted colour, weights, and weight that is guessed.
-
-    Where the lens parts colours there are three weights, else one.
-    """
+    """Fill ``sums`` (see :mod:`bokehnet.classical.ray_sums`) for the rows from ``first`` on."""
     height, width = mask.shape
     flat = cells.reshape(-1)
     last = first + sums.shape[0]
@@ -106,9 +99,9 @@ def _march(  # type: ignore[no-untyped-def]
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
         runs = np.empty((SLICES // 2, 2))
-        met, totals = np.empty(4 * LANES, np.float32), np.empty(3 * numbers * LANES, np.float32)
-        zero, half, one = splat_lanes(np.float32(0)), splat_lanes(np.float32(0.5)), splat_lanes(np.float32(1))
-        third, large = splat_lanes(np.float32(1 / 3)), splat_lanes(np.float32(FILTERED_RADIUS**2))
+        met, totals = np.empty(4 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
+        zero, half = splat_lanes(np.float32(0)), splat_lanes(np.float32(0.5))
+        third = splat_lanes(np.float32(1 / 3))
         right, bottom = splat_lanes(np.float32(width)), splat_lanes(np.float32(height))
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
@@ -173,52 +166,26 @@ def _march(  # type: ignore[no-untyped-def]
                                 w = _keep_within(u, v, shift * h_x, shift * h_y, radius, w)
                             away_x, away_y = begin_x - half, begin_y - half
                             blur = blur + away_x * away_x + away_y * away_y
-                        guessed = choose_lanes(less(zero, layer), w, zero)
+                        shares = (w, w, w)
+                        if colored:
+                            shares = (
+                                w * load_lanes(reds, k),
+                                w * load_lanes(greens, k),
+                                w * load_lanes(blues, k),
+                            )
+                        weight = third * (shares[0] + shares[1] + shares[2]) if colored else w
+                        guessed = choose_lanes(less(zero, layer), weight, zero)
                         if near_border:
                             to_x, to_y = place_x + begin_x - a_x * depth, place_y + begin_y - a_y * depth
                             inside = smaller_lanes(
                                 smaller_lanes(to_x, to_y), smaller_lanes(right - to_x, bottom - to_y)
                             )
-                            guessed = choose_lanes(less(inside, zero), w, guessed)
+                            guessed = choose_lanes(less(inside, zero), weight, guessed)
                         red, green, blue = load_triples(
                             flat_colors, load_lanes(met, 0), load_lanes(met, LANES), layer, width, size[2]
                         )
-                        if colored:
-                            red_w, green_w, blue_w = (
-                                w * load_lanes(reds, k),
-                                w * load_lanes(greens, k),
-                                w * load_lanes(blues, k),
-                            )
-                        else:
-                            red_w, green_w, blue_w = w, w, w
-                        sharp, front = less(blur, large), less(zero, depth)
-                        back = without(without(less(zero, one), sharp), front)
-                        groups = (without(front, sharp), sharp, back)
-                        for group, member in enumerate(groups):
-                            if not any_lane(member):
-                                continue
-                            at = group * numbers * LANES
-                            _add(totals, at, member, red_w * red)
-                            _add(totals, at + LANES, member, green_w * green)
-                            _add(totals, at + 2 * LANES, member, blue_w * blue)
-                            _add(totals, at + 3 * LANES, member, red_w)
-                            if colored:
-                                _add(totals, at + 4 * LANES, member, green_w)
-                                _add(totals, at + 5 * LANES, member, blue_w)
-                                _add(totals, at + 6 * LANES, member, third * guessed)
-                            else:
-                                _add(totals, at + 4 * LANES, member, guessed)
-                    for group in range(3):
-                        for c in range(numbers):
-                            at = (group * numbers + c) * LANES
-                            sums[y - first, x, group, c] = sum_lanes(load_lanes(totals, at))
-
-
-@njit(cache=True, forceinline=True)
-def _add(totals, at, member, lanes):  # type: ignore[no-untyped-def]
-    """Add those of eight numbers that belong to a group to the ones that begin at ``at``."""
-    zero = splat_lanes(np.float32(0))
-    store_lanes(totals, at, load_lanes(totals, at) + choose_lanes(member, lanes, zero))
+                        add_light(totals, numbers, blur, depth, shares, (red, green, blue), guessed)
+                    sum_light(totals, sums[y - first, x])
 
 
 @njit(cache=True, forceinline=True)
@@ -227,48 +194,6 @@ def _keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-
     away_x, away_y = u - splat_lanes(np.float32(shift_x)), v - splat_lanes(np.float32(shift_y))
     beyond = less(splat_lanes(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
     return choose_lanes(beyond, splat_lanes(np.float32(0)), w)
-
-
-@njit(cache=True, parallel=True)
-def _resolve(sums, mask, first, top, bottom, result, guessed):  # type: ignore[no-untyped-def]
-    """Divide the sums of rows ``top`` to ``bottom``; ``sums`` begin at row ``first``.
-
-    Blurred surfaces are averaged over 3x3 pixels, sharp ones and what their edges cover are not.
-    """
-    width, numbers = mask.shape[1], sums.shape[3]
-    own = 1 if numbers == 7 else 0  # whether each colour has a weight of its own
-    for y in prange(top, bottom):
-        around = np.empty((3, numbers))
-        for x in range(width):
-            if not mask[y, x]:
-                continue
-            around[:] = 0.0
-            for v in range(max(first, y - 1), min(first + sums.shape[0], y + 2)):
-                for u in range(max(0, x - 1), min(width, x + 2)):
-                    if mask[v, u]:
-                        for group in range(3):
-                            for c in range(numbers):
-                                around[group, c] += sums[v - first, u, group, c]
-            weight = 0.0
-            for c in range(3):
-                i = 3 + own * c
-                total = around[0, i] + around[1, i] + around[2, i]
-                weight += total / 3.0
-                if total <= 0.0:
-                    continue
-                front = around[0, i] / total
-                sharp, back = sums[y - first, x, 1, i], sums[y - first, x, 2, i]
-                rest = 0.0
-                if sharp > 0.0:
-                    rest += sums[y - first, x, 1, c] / (sharp + back)
-                if back > 0.0:
-                    rest += back / (sharp + back) * around[2, c] / around[2, i]
-                if sharp + back == 0.0 and front < 1.0:
-                    rest = (around[1, c] + around[2, c]) / (around[1, i] + around[2, i])
-                result[y, x, c] = around[0, c] / total + (1.0 - front) * rest
-            if weight > 0.0:
-                last = numbers - 1
-                guessed[y, x] = (around[0, last] + around[1, last] + around[2, last]) / weight
 
 
 def march(
@@ -306,11 +231,11 @@ def march(
     height, width = mask.shape
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (layers.colors, cells, mask, slices, points, chances, weights, lens)
-    numbers = 7 if lens is not None and lens.colors.shape[1] else 5
+    numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
     with parallel_region:
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)
             first, last = max(0, top - 1), min(height, bottom + 1)
-            sums = np.zeros((last - first, width, 3, numbers), np.float32)
+            sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
             _march(*arrays, cats_eye, seed, above, first, sums)
-            _resolve(sums, mask, first, top, bottom, result, guessed)
+            resolve(sums, mask, first, top, bottom, result, guessed)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays import rays, render_rays
 from bokehnet.classical.scatter import render_scatter
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
@@ -122,6 +122,16 @@ def test_colours_part_without_a_jump():
     changes = [np.abs(second - first).mean() for first, second in itertools.pairwise(found)]
     assert changes[0] < 0.001  # the noise of other, and more, rays
     assert changes[2] < 0.001 < 0.005 < changes[1]
+
+
+def test_what_is_guessed_does_not_hang_on_parted_colours():
+    image, defocus = picture(), stepped()
+    one, parted = (
+        render_rays(image, defocus, character=Character(pencil=pencil(**terms))).guessed
+        for terms in ({"coma": 1e-3}, {"coma": 1e-3, "lateral": 1e-3})
+    )
+    assert one.max() > 0.4
+    np.testing.assert_allclose(parted, one, atol=0.05)
 
 
 def test_white_stays_white_behind_a_lens_that_parts_colours():
