@@ -52,7 +52,7 @@ def plane_scene(device: torch.device) -> Scene:
             ((300.0, 100.0, 2500.0), (400.0, 50.0, 0.0), (-50.0, 300.0, 0.0)),
         )
     ]
-    sky = background_from(blocks(), (0.4, 0.3))
+    sky = background_from(blocks(), (0.45, 0.45))  # more than the view, beyond which it is clamped
     background = Background(texture=sky.texture.to(device), half_extent=sky.half_extent)
     return Scene(background=background, planes=tuple(planes))
 

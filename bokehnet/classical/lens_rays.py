@@ -57,7 +57,7 @@ class LensTable(NamedTuple):
             shows as one, and none where they miss by different ones, or hardly.
         colors: Red, green and blue that each ray carries, (3, rays) float32; (3, 0) where all go one way.
         fringes: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
-        maps: Factors of both at each pixel of the full-size picture, (H, W, 2) float32; or (0, 0, 2).
+        maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
         rims: (R, 2): shift and radius.
         tilt: (2,) float32.
         column: Middle of the picture, pixels.
@@ -88,6 +88,11 @@ class LensTable(NamedTuple):
         """Bounds of |A| and of the miss in pixels, anywhere in the picture."""
         return float(1 + self.strayed.max()), float(self.largest.max())
 
+    def reach(self, radius: float) -> int:
+        """Pixels within which a pixel's rays stay, for a largest blur radius."""
+        stretch, missed = self.footprint
+        return math.ceil(stretch * radius + missed)
+
     def strayed_at(self, shape: tuple[int, int], radius: float, above: int) -> np.ndarray:
         """How far rays stray from those of a perfect lens: 1 where it can be half a pixel or more.
 
@@ -116,7 +121,9 @@ def _variable(wavelength: np.ndarray) -> np.ndarray:
     return (2 * wavelength**-2.0 - ends[0] - ends[1]) / (ends[0] - ends[1])
 
 
-def lens_table(character: Character, width: int, height: int, rays: int) -> LensTable:
+def lens_table(
+    character: Character, width: int, height: int, rays: int, *, above: int = 0, rows: int | None = None
+) -> LensTable:
     """Prepare a character for pictures of a size.
 
     Args:
@@ -124,6 +131,8 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
         width: Of the full-size picture, pixels.
         height: The same.
         rays: Rays of the pattern.
+        above: Rows of the picture above those to be rendered.
+        rows: How many are to be rendered; default: all.
 
     Raises:
         ParameterError: The plane of focus leans so much that some rays never meet the scene.
@@ -154,7 +163,8 @@ def lens_table(character: Character, width: int, height: int, rays: int) -> Lens
     fringes, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
     if character.fringes is not None and not character.fringes.is_none:
         fringes = half_diagonal * character.fringes.strengths(wavelengths)
-        maps = character.fringes.maps(_fields((height, width), 0, column, row, scale))
+        shape = (height if rows is None else rows, width)
+        maps = character.fringes.maps(_fields(shape, above, column, row, scale))
     if not character.is_dispersive:
         colors = np.zeros((0, 3))
     largest, strayed, spread = _bounds(character, half_diagonal)

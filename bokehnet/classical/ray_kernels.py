@@ -139,8 +139,8 @@ def _march(  # type: ignore[no-untyped-def]
                             if lens.fringes.shape[1] > 0:
                                 axial = load_lanes(lens.fringes[0], k)
                                 lateral = load_lanes(lens.fringes[1], k)
-                                axial = axial * splat_lanes(lens.maps[y + above, x, 0])
-                                lateral = lateral * splat_lanes(lens.maps[y + above, x, 1])
+                                axial = axial * splat_lanes(lens.maps[y, x, 0])
+                                lateral = lateral * splat_lanes(lens.maps[y, x, 1])
                                 e_x = e_x + u * axial + lateral * splat_lanes(h_x)
                                 e_y = e_y + v * axial + lateral * splat_lanes(h_y)
                             start_x = load_lanes(lens.starts[0], k)

@@ -153,9 +153,8 @@ def _render(
     points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
     lens, reach, footprint = None, radius, (1.0, 0.0)
     if character is not None and not character.is_plain:
-        lens = lens_table(character, size[1], size[0], points[0].size)
-        footprint = lens.footprint
-        reach = math.ceil(footprint[0] * radius + footprint[1])
+        lens = lens_table(character, size[1], size[0], points[0].size, above=above, rows=len(defocus))
+        footprint, reach = lens.footprint, lens.reach(radius)
         seen = np.maximum(doubt, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
     mask = seen > 0

@@ -191,15 +191,19 @@ class BokehRenderer:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
         height, width = defocus.shape
         reach = math.ceil(_reach(defocus))
-        strips: list[Strip | None] = [*cut_strips(height, width, reach, self._classical_name, memory, taken)]
+        crossed = None
+        if self._classical_name == "rays" and not self.character.is_plain:
+            from bokehnet.classical.lanes import LANES
+            from bokehnet.classical.lens_rays import lens_table
+
+            crossed = lens_table(self.character, width, height, LANES, rows=0).reach(reach)
+        strips: list[Strip | None] = [
+            *cut_strips(height, width, reach, self._classical_name, memory, taken, crossed)
+        ]
         if len(strips) <= 1:
             return [None]
         if self.aperture.cats_eye > 0:
             raise ParameterError("max_memory: a cat's-eye needs the whole picture at once; leave it out")
-        if not self.character.is_plain:
-            raise ParameterError(
-                "max_memory: a lens with a character needs the whole picture at once; leave it out"
-            )
         if self._networks is not None and self._networks.iunet is not None:
             raise ParameterError("max_memory: these networks need the whole picture at once; leave it out")
         return strips

@@ -24,7 +24,13 @@ def _aligned(row: int) -> int:
 
 
 def cut_strips(
-    height: int, width: int, reach: int, classical: str, memory: int, taken: int = 0
+    height: int,
+    width: int,
+    reach: int,
+    classical: str,
+    memory: int,
+    taken: int = 0,
+    crossed: int | None = None,
 ) -> Iterator[Strip]:
     """Cut a picture into strips, from top to bottom.
 
@@ -35,11 +41,12 @@ def cut_strips(
         classical: Name of the classical renderer.
         memory: Bytes that rendering a strip may take beyond input and output, and that are taken already.
         taken: Those that are taken already.
+        crossed: Pixels within which rays stay, where a lens sends them beyond ``reach``.
 
     Raises:
         ParameterError: Not even the narrowest strip fits.
     """
-    halo = _HALO[classical] * min(reach, height) + _FEW
+    halo = _HALO[classical] * min(max(reach, crossed or 0), height) + _FEW
     most = max(0, memory - taken) // (BYTES_PER_PIXEL[classical] * width)
     rows = height if most >= height else _aligned(most - 2 * halo - ALIGNED)
     if rows < ALIGNED and rows < height:

@@ -63,6 +63,14 @@ def test_a_static_scene_gives_identical_frames_however_many_render(shot, cli):
     assert outputs(shot) == one
 
 
+def test_a_lens_is_the_same_in_every_process(shot, cli, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    words = [*STILL[:6], *FOCUS, "--lens", "double_gauss", "--coma", 2, "--refine-disparity", "off"]
+    assert cli(*words, "--frames", "1").code == 0
+    assert cli(*words, "--frames", "2-3", "--jobs", 2).code == 0
+    assert len(set(outputs(shot).values())) == 1
+
+
 def test_what_is_there_is_kept_unless_overwritten(shot, cli):
     (shot / "out.0002.png").write_bytes(b"older")
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
