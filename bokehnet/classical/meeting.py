@@ -56,7 +56,7 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
 
     Args:
         cells: From :func:`layer_cells`, flat.
-        size: Its height, width and number of layers, and how many of these are looked at.
+        size: Its height, width and number of layers.
         runs: Stretches (front, back) of the defocus in which there can be a surface, front to back.
         count: How many.
         x: Columns of the rays' pixels, lanes of float32.
@@ -70,7 +70,7 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
         met: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
     """
-    height, width, layers, looked = size
+    height, width, layers = size
     zero, one, jump = splat_lanes(_ZERO), splat_lanes(_ONE), splat_lanes(_JUMP)
     last_x, last_y = splat_lanes(np.float32(width - 1)), splat_lanes(np.float32(height - 1))
     right, down = less(zero, u), less(zero, v)
@@ -96,7 +96,7 @@ def meet(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, met):  
             seen_x = smaller_lanes(larger_lanes(column, zero), last_x)
             seen_y = smaller_lanes(larger_lanes(row, zero), last_y)
             under = splat_lanes(_NEVER)
-            for layer in range(looked):
+            for layer in range(layers):
                 depth, cover = load_pairs(cells, seen_y, seen_x, width, 2 * layers, 2 * layer)
                 beneath = less(depth, leave)
                 under = choose_lanes(beneath, larger_lanes(under, depth), under)
@@ -135,7 +135,7 @@ def meet_smooth(cells, size, x, y, begin_x, begin_y, u, v, met):  # type: ignore
     Returns:
         Whether all rays came to rest; if not, ``met`` is of no use.
     """
-    height, width, layers, _ = size
+    height, width, layers = size
     zero, close = splat_lanes(_ZERO), splat_lanes(_CLOSE)
     last_x, last_y = splat_lanes(np.float32(width - 1)), splat_lanes(np.float32(height - 1))
     stretch = larger_lanes(magnitude_lanes(u), magnitude_lanes(v))

@@ -106,8 +106,8 @@ def _march(  # type: ignore[no-untyped-def]
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         for tile_column in range(slices.bits.shape[1]):
-            looked = slices.layers[tile_row, tile_column]
-            size = (height, width, colors.shape[2], looked)
+            smooth = slices.smooth[tile_row, tile_column]
+            size = (height, width, colors.shape[2])
             count = slice_runs(slices.bits[tile_row, tile_column], slices.low, slices.thickness, runs)
             for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
@@ -147,7 +147,7 @@ def _march(  # type: ignore[no-untyped-def]
                             start_y = load_lanes(lens.starts[1], k)
                             begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
                         ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
-                        if looked > 1 or not meet_smooth(flat, size, *ways, met):
+                        if not smooth or not meet_smooth(flat, size, *ways, met):
                             meet(flat, size, runs, count, *ways, chance, met)
                         layer, depth = load_lanes(met, 2 * LANES), load_lanes(met, 3 * LANES)
                         w = choose_lanes(

@@ -125,6 +125,7 @@ def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, result): 
     stride = fair_stride(slices.bits.shape[0])
     for number in prange(slices.bits.shape[0]):
         tile_row = np.int64(number) * stride % slices.bits.shape[0]
+        scene = (flat, (height, width, cells.shape[2]))
         runs = np.empty((SLICES // 2, 2))
         seen, misses = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
         work = np.empty(4 * LANES, np.float32)
@@ -141,7 +142,6 @@ def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, result): 
                         lit = lit or (mask[y, x] and sprite[first + x, 0] > 0.0)
                 if not lit:
                     continue
-                scene = (flat, (height, width, cells.shape[2], slices.layers[tile_row, tile_column]))
                 count = slice_runs(slices.bits[tile_row, tile_column], slices.low, slices.thickness, runs)
                 while count > 0 and runs[count - 1, 0] <= lights[i, 2] + JUMP:  # nothing there is in front
                     count -= 1

@@ -90,7 +90,7 @@ def test_eight_rays_meet_what_each_meets_alone(count):
         begin = rng.uniform(-3, 4, (2, LANES)) if trial % 3 else np.full((2, LANES), 0.5)
         u, v, chance = rng.uniform(-1, 1, LANES), rng.uniform(-1, 1, LANES), rng.random(LANES)
         arrays = [np.asarray(a, np.float32) for a in (x, y, *begin, u, v, chance)]
-        size = (21, 26, count, count)
+        size = (21, 26, count)
         rows, columns, found, depths = meet_eight(cells, size, runs, *arrays).reshape(4, LANES)
         for lane in range(LANES):
             row, column, layer = meet_one(layers, runs, *(float(a[lane]) for a in arrays))
@@ -125,7 +125,7 @@ def test_rays_come_to_rest_on_a_slope_where_they_cut_it(slope):
         column, row = rng.integers(32, 48, LANES), rng.integers(22, 38, LANES)
         begin, ray = rng.uniform(-2, 3, (2, LANES)), rng.uniform(-0.9, 0.9, (2, LANES))
         arrays = [np.asarray(a, np.float32) for a in (column, row, *begin, *ray)]
-        rests, met = settle_eight(cells, (height, width, 1, 1), *arrays)
+        rests, met = settle_eight(cells, (height, width, 1), *arrays)
         assert rests
         rows, columns, found, depths = met.reshape(4, LANES)
         away = column + begin[0] - 0.5 - 40, row + begin[1] - 0.5 - 30
@@ -142,4 +142,4 @@ def test_rays_that_never_rest_are_told():
     depth = np.tile(np.arange(60.0) * 1.5, (20, 1))[..., None]  # steeper than any smooth surface
     cells = layer_cells(Layers(colors=np.zeros((20, 60, 1, 3)), defocus=depth, coverage=np.ones_like(depth)))
     arrays = [np.full(LANES, a, np.float32) for a in (30, 10, 0.5, 0.5, 0.9, 0.0)]
-    assert not settle_eight(cells.astype(np.float32).reshape(-1), (20, 60, 1, 1), *arrays)[0]
+    assert not settle_eight(cells.astype(np.float32).reshape(-1), (20, 60, 1), *arrays)[0]

@@ -32,9 +32,9 @@ def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, character):
 
     def look_everywhere(*arguments):
         slices = occupied_slices(*arguments)
-        shares.append((slices.layers == 1).mean())
+        shares.append(slices.smooth.mean())
         every = np.full_like(slices.bits, 2**64 - 1)
-        return slices._replace(bits=every, layers=np.full_like(slices.layers, 2))
+        return slices._replace(bits=every, smooth=np.zeros_like(slices.smooth))
 
     monkeypatch.setattr(bokehnet.classical.rays, "occupied_slices", look_everywhere)
     expected = rays(image, defocus, character=character)
@@ -47,11 +47,11 @@ def test_a_tile_looks_behind_the_first_layer_within_reach_of_a_hidden_one():
     depths = np.zeros((64, 256, 2), np.float32)
     depths[:, 100:104, 0] = 40
     layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
-    found = occupied_slices(layer_cells(layers)).layers
-    columns = np.arange(found.shape[1]) * TILE
+    smooth = occupied_slices(layer_cells(layers)).smooth
+    columns = np.arange(smooth.shape[1]) * TILE
     near = (columns + TILE > 60) & (columns < 144)
-    assert (found[:, near] == 2).all()
-    assert (found[:, (columns < 60 - 3 * TILE) | (columns > 144 + 2 * TILE)] == 1).all()
+    assert not smooth[:, near].any()
+    assert smooth[:, (columns < 60 - 3 * TILE) | (columns > 144 + 2 * TILE)].all()
 
 
 def test_half_covered_pixels_and_what_is_behind_them_are_looked_at():
@@ -60,5 +60,14 @@ def test_half_covered_pixels_and_what_is_behind_them_are_looked_at():
     cover[16, 16, 0] = 0.5
     layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=cover)
     slices = occupied_slices(layer_cells(layers))
-    assert slices.layers[2, 2] == 2
+    assert not slices.smooth[2, 2]
     assert slices.thickness == pytest.approx(0.002 / SLICES, rel=1e-3)
+
+
+@pytest.mark.parametrize(("slope", "expected"), [(0.2, True), (0.4, False)])
+def test_steep_surfaces_are_walked_over(slope, expected):
+    """One surface without a gap, as soft maps have it: rays may meet it at several places."""
+    depths = np.tile(np.clip((np.arange(256) - 120) * slope, 0, 6), (32, 1)).astype(np.float32)
+    depths = depths[..., None]
+    layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
+    assert (occupied_slices(layer_cells(layers)).smooth[:, 120 // TILE] == expected).all()
