@@ -14,12 +14,12 @@ __all__ = ["boundary_threshold", "conservative_mask", "geometric_error_map", "me
 _DARK = 0.1
 
 
-@njit(cache=True)
-def _boundary_reach(defocus, threshold):  # type: ignore[no-untyped-def]
-    """Largest radius around each boundary pixel, 0 where the defocus does not jump; 3x3 windows."""
+@njit(cache=True, parallel=True)
+def _boundary_reach(defocus, threshold, softness):  # type: ignore[no-untyped-def]
+    """Largest radius around each boundary pixel and ``softness`` more, 0 elsewhere; 3x3 windows."""
     height, width = defocus.shape
     reach = np.zeros((height, width), np.float32)
-    for y in range(height):
+    for y in prange(height):
         for x in range(width):
             low = high = defocus[y, x]
             for v in range(max(0, y - 1), min(height, y + 2)):
@@ -27,13 +27,13 @@ def _boundary_reach(defocus, threshold):  # type: ignore[no-untyped-def]
                     low = min(low, defocus[v, u])
                     high = max(high, defocus[v, u])
             if high - low > threshold:
-                reach[y, x] = max(abs(low), abs(high), 1.0)
+                reach[y, x] = max(abs(low), abs(high), 1.0) + softness
     return reach
 
 
 @njit(cache=True)
 def _cover_discs(reach):  # type: ignore[no-untyped-def]
-    """How many discs lie over each pixel, by differences along the rows."""
+    """How many more discs lie over each pixel than over the one to its left, (H, W + 1)."""
     height, width = reach.shape
     counts = np.zeros((height, width + 1), np.int32)
     for y in range(height):
@@ -46,10 +46,15 @@ def _cover_discs(reach):  # type: ignore[no-untyped-def]
                 half = int(math.floor(min(math.sqrt(radius * radius - (row - y) ** 2), width)))
                 counts[row, max(0, x - half)] += 1
                 counts[row, min(width, x + half + 1)] -= 1
-    for y in range(height):
-        for x in range(1, width):
-            counts[y, x] += counts[y, x - 1]
-    return counts[:, :width]
+    return counts
+
+
+@njit(cache=True, parallel=True)
+def _sum_rows(differences):  # type: ignore[no-untyped-def]
+    """Turn differences along the rows into values, in place."""
+    for y in prange(differences.shape[0]):
+        for x in range(1, differences.shape[1]):
+            differences[y, x] += differences[y, x - 1]
 
 
 @njit(cache=True, parallel=True)
@@ -99,12 +104,11 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
     check_map("defocus", defocus)
     if threshold is None:
         threshold = boundary_threshold(defocus.shape)
-    reach = _boundary_reach(np.ascontiguousarray(defocus, np.float32), threshold)
-    if softness > 0:
-        reach = np.where(reach > 0, reach + softness, reach).astype(np.float32)
-    counts = _cover_discs(reach)
+    defocus = np.ascontiguousarray(defocus, np.float32)
     with parallel_region:
-        softened: np.ndarray = _soften(counts, softness)
+        counts = _cover_discs(_boundary_reach(defocus, threshold, softness))
+        _sum_rows(counts)
+        softened: np.ndarray = _soften(counts[:, :-1], softness)
     return softened
 
 

@@ -1,7 +1,9 @@
 """Gaps: places where one surface ends before another. What they are, and how soft ones are sharpened."""
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
+
+from bokehnet.classical.parallel import parallel_region
 
 __all__ = ["BACK", "FRONT", "JUMP", "gap_sides", "sharpen_gaps"]
 
@@ -26,12 +28,11 @@ def _span(values, y, x):  # type: ignore[no-untyped-def]
     return low, high
 
 
-@njit(cache=True)
-def gap_sides(defocus):  # type: ignore[no-untyped-def]
-    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from gaps, (H, W) int8."""
+@njit(cache=True, parallel=True)
+def _gap_sides(defocus):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     sides = np.zeros((height, width), np.int8)
-    for y in range(height):
+    for y in prange(height):
         for x in range(width):
             low, high = _span(defocus, y, x)
             if low < defocus[y, x] - JUMP:
@@ -41,8 +42,14 @@ def gap_sides(defocus):  # type: ignore[no-untyped-def]
     return sides
 
 
-@njit(cache=True)
-def sharpen_gaps(defocus):  # type: ignore[no-untyped-def]
+def gap_sides(defocus: np.ndarray) -> np.ndarray:
+    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from gaps, (H, W) int8."""
+    with parallel_region:
+        sides: np.ndarray = _gap_sides(defocus)
+    return sides
+
+
+def sharpen_gaps(defocus: np.ndarray) -> np.ndarray:
     """Turn steep ramps into steps.
 
     A resized, smoothed or estimated disparity map passes from one surface to the next through values
@@ -56,22 +63,25 @@ def sharpen_gaps(defocus):  # type: ignore[no-untyped-def]
     Returns:
         A new map (H, W). Steps of one pixel and slopes below ``JUMP`` a pixel stay as they are.
     """
-    height, width = defocus.shape
+    on_ramps = np.argwhere(gap_sides(defocus) == FRONT | BACK)
+    return _sharpen(defocus, on_ramps) if len(on_ramps) else defocus.copy()
+
+
+@njit(cache=True)
+def _sharpen(defocus, places):  # type: ignore[no-untyped-def]
+    """Let the pixels at ``places``, (N, 2), take the value of the nearer end of their ramp."""
     result = defocus.copy()
-    rows = []
-    for y in range(height):
-        for x in range(width):
-            low, high = _span(defocus, y, x)
-            if high > defocus[y, x] + JUMP and low < defocus[y, x] - JUMP:
-                rows.append((y, x))
     lows, highs = defocus.copy(), defocus.copy()
-    new_lows, new_highs = np.empty(len(rows)), np.empty(len(rows))
+    new_lows, new_highs = np.empty(len(places)), np.empty(len(places))
     for _ in range(_WIDEST_RAMP // 2):
-        for i, (y, x) in enumerate(rows):
+        for i in range(len(places)):
+            y, x = places[i]
             new_lows[i], new_highs[i] = _span(lows, y, x)[0], _span(highs, y, x)[1]
-        for i, (y, x) in enumerate(rows):
+        for i in range(len(places)):
+            y, x = places[i]
             lows[y, x], highs[y, x] = new_lows[i], new_highs[i]
-    for y, x in rows:
+    for i in range(len(places)):
+        y, x = places[i]
         near, far = highs[y, x], lows[y, x]
         result[y, x] = near if near - defocus[y, x] < defocus[y, x] - far else far
     return result

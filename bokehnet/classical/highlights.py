@@ -40,7 +40,7 @@ _FLOATS = 16_000_000
 
 
 def separate_lights(
-    layers: Layers, reach: int | None = None, faintest: float = 0.0
+    layers: Layers, reach: int | None = None, faintest: float = 0.0, *, overwrite: bool = False
 ) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
@@ -54,6 +54,7 @@ def separate_lights(
         reach: Half-width in pixels of the window that a light outshines; default: the largest radius.
         faintest: Energy, over the blur radius in pixels, that is left in the picture of each light as it will
             be gathered. What rays that find a light by chance add in noise grows with that ratio.
+        overwrite: Whether the lights may be taken out of the colours of ``layers`` itself.
 
     Returns:
         Layers without lights, and the lights as rows (x, y, defocus, red, green, blue, width, height).
@@ -88,7 +89,7 @@ def separate_lights(
     place, light = np.concatenate(places), np.concatenate(lights).astype(np.float64)
     if faintest > 0:
         light[:, 3:] *= _beyond(light, faintest)[:, None]
-    colors = layers.colors.copy()
+    colors = layers.colors if overwrite else layers.colors.copy()
     y, x, layer = place.T
     colors[y, x, layer] -= colors[y, x, layer] * light[:, 6:].astype(np.float32)
     rest = Layers(colors=colors, defocus=layers.defocus, coverage=layers.coverage)

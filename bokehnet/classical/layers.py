@@ -1,13 +1,16 @@
 """A picture as a stack of layers, front to back: what rays are marched through."""
 
+import math
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from bokehnet.checks import check_finite, check_rank
 from bokehnet.classical.gaps import BACK, FRONT, JUMP, gap_sides, sharpen_gaps
 from bokehnet.classical.hidden import hidden_layer
+from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
 
 __all__ = ["Layers", "split_layers"]
@@ -54,16 +57,36 @@ class Layers:
         if self.colors.shape[3] != 3:
             raise ShapeError(f"layer colours: expected 3 channels, got {self.colors.shape[3]}")
         for name in ("colors", "defocus", "coverage"):
-            check_finite(f"layer {name}", getattr(self, name))
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
+        with parallel_region:
+            sound = _are_sound(self.colors, self.defocus, self.coverage)
+        if not sound:
+            self._raise_fault()
+
+    def _raise_fault(self) -> NoReturn:
+        for name in ("colors", "defocus", "coverage"):
+            check_finite(f"layer {name}", getattr(self, name))
         if self.coverage.min() < 0 or self.coverage.max() > 1:
             raise ParameterError(
                 f"layer coverage: expected 0 to 1, got {self.coverage.min():g} to {self.coverage.max():g}"
             )
-        if (np.diff(self.defocus, axis=2) > 0).any():
-            raise ParameterError(
-                "layer defocus: expected layers from front to back, found one before the last"
-            )
+        raise ParameterError("layer defocus: expected layers from front to back, found one before the last")
+
+
+@njit(cache=True, parallel=True)
+def _are_sound(colors, defocus, coverage):  # type: ignore[no-untyped-def]
+    """Whether all is finite, coverage within 0 to 1 and no layer in front of the one before."""
+    height, width, layers = defocus.shape
+    faults = 0
+    for y in prange(height):
+        for x in range(width):
+            for layer in range(layers):
+                for c in range(3):
+                    faults += not math.isfinite(colors[y, x, layer, c])
+                faults += not math.isfinite(defocus[y, x, layer])
+                faults += not 0.0 <= coverage[y, x, layer] <= 1.0
+                faults += layer > 0 and defocus[y, x, layer] > defocus[y, x, layer - 1]
+    return faults == 0
 
 
 @njit(cache=True)
@@ -101,13 +124,24 @@ def _purest(image, defocus, y, x, depth, back, color):  # type: ignore[no-untype
                     color[:] = image[v, u]
 
 
-@njit(cache=True)
-def _split_mixed(image, defocus, colors, depths, coverage):  # type: ignore[no-untyped-def]
+@njit(cache=True, parallel=True)
+def _stack(image, defocus, hidden, behind, colors, depths, coverage):  # type: ignore[no-untyped-def]
+    """Write what is seen and what is hidden as two layers, (H, W, 2, ...)."""
+    height, width = defocus.shape
+    for y in prange(height):
+        for x in range(width):
+            for c in range(3):
+                colors[y, x, 0, c], colors[y, x, 1, c] = image[y, x, c], hidden[y, x, c]
+            depths[y, x, 0], depths[y, x, 1] = defocus[y, x], min(defocus[y, x], behind[y, x])
+            coverage[y, x, 0] = coverage[y, x, 1] = 1.0
+
+
+@njit(cache=True, parallel=True)
+def _split_mixed(image, defocus, sides, colors, depths, coverage):  # type: ignore[no-untyped-def]
     """Part the mixed pixels at gaps into nearer and farther surface; layers (H, W, 2, ...) in place."""
     height, width = defocus.shape
-    sides = gap_sides(defocus)
-    front, back = np.empty(3), np.empty(3)
-    for y in range(height):
+    for y in prange(height):
+        front, back = np.empty(3), np.empty(3)
         for x in range(width):
             side = sides[y, x]
             if side != FRONT and side != BACK:
@@ -162,8 +196,10 @@ def split_layers(image: np.ndarray, defocus: np.ndarray, reach: int | None = Non
     """
     image, sharp = np.asarray(image, np.float32), sharpen_gaps(np.ascontiguousarray(defocus, np.float32))
     hidden, behind = hidden_layer(image, sharp, reach)
-    colors = np.stack([image, hidden], axis=2)
-    depths = np.stack([sharp, behind], axis=2)
-    coverage = np.ones_like(depths)
-    _split_mixed(image, sharp, colors, depths, coverage)
-    return Layers(colors=colors, defocus=np.minimum(depths, depths[..., :1]), coverage=coverage)
+    colors = np.empty((*sharp.shape, 2, 3), np.float32)
+    depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
+    sides = gap_sides(sharp)
+    with parallel_region:
+        _stack(image, sharp, hidden, behind, colors, depths, coverage)
+        _split_mixed(image, sharp, sides, colors, depths, coverage)
+    return Layers(colors=colors, defocus=depths, coverage=coverage)

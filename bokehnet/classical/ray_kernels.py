@@ -21,7 +21,6 @@ from bokehnet.classical.lane_logic import (
     smaller_lanes,
 )
 from bokehnet.classical.lanes import LANES, load_lanes, splat_lanes
-from bokehnet.classical.layers import Layers
 from bokehnet.classical.lens_rays import LensTable, collapse, send_rays
 from bokehnet.classical.meeting import meet, meet_smooth
 from bokehnet.classical.parallel import parallel_region
@@ -197,7 +196,7 @@ def _keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-
 
 
 def march(
-    layers: Layers,
+    colors: np.ndarray,
     cells: np.ndarray,
     mask: np.ndarray,
     slices: Slices,
@@ -214,8 +213,8 @@ def march(
     """March the rays of all pixels in ``mask`` and write what they meet into ``result``.
 
     Args:
-        layers: What there is to meet, (H, W, L).
-        cells: The same, from :func:`bokehnet.classical.meeting.layer_cells`.
+        colors: Of the layers that there are to meet, (H, W, L, 3).
+        cells: Where they are, from :func:`bokehnet.classical.meeting.layer_cells`.
         mask: Pixels to render, (H, W) bool.
         slices: From :func:`bokehnet.classical.slices.occupied_slices`.
         points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` a multiple of 8.
@@ -230,7 +229,7 @@ def march(
     """
     height, width = mask.shape
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
-    arrays = (layers.colors, cells, mask, slices, points, chances, weights, lens)
+    arrays = (colors, cells, mask, slices, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
     with parallel_region:
         for top in range(0, height, _STRIP):

@@ -165,12 +165,14 @@ def _render(
             bokeh=smooth, error_map=doubt, hidden=np.array(image), guessed=np.zeros_like(doubt)
         )
     faintest = 0.0 if lens is None else _FAINTEST
-    layers, lights = separate_lights(layers or split_layers(image, defocus, reach), reach, faintest)
+    stack = layers or split_layers(image, defocus, reach)
+    rest, lights = separate_lights(stack, reach, faintest, overwrite=layers is None)
+    colors, cells = rest.colors, layer_cells(rest)
+    del stack, rest
     result, guessed = np.array(smooth), np.zeros_like(doubt)
-    cells = layer_cells(layers)
     slices = occupied_slices(cells, *footprint)
     march(
-        layers,
+        colors,
         cells,
         mask,
         slices,
@@ -196,7 +198,7 @@ def _render(
     )
     with parallel_region:
         _blend(smooth, seen, mask, result)
-    hidden = np.ascontiguousarray(layers.colors[:, :, -1])
+    hidden = np.ascontiguousarray(colors[:, :, -1])
     return ClassicalResult(bokeh=result, error_map=doubt, hidden=hidden, guessed=guessed)
 
 
