@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from bokehnet.checks import check_number
 from bokehnet.errors import BokehnetError, DataFileError, ModelFileError
 from bokehnet.models.checkpoint import load_checkpoint, load_network
 from bokehnet.models.onnx_export import PARITY, export_networks
@@ -36,6 +37,7 @@ def main() -> None:
     )
     for name in ("arnet", "iunet", "repair"):
         parser.add_argument(f"--{name}", type=Path)
+    parser.add_argument("--trusted-radius", type=float, help="largest blur that ARNet may correct, pixels")
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args()
     chosen = [name for name in ("arnet", "iunet", "repair") if getattr(arguments, name)]
@@ -54,6 +56,9 @@ def main() -> None:
                     f"and {bases['iunet']} for IUNet; train IUNet again on examples of {bases['arnet']}"
                 )
             manifest["classical"] = bases["arnet"]
+            if arguments.trusted_radius is not None:
+                check_number("--trusted-radius", arguments.trusted_radius)
+                manifest["trusted_radius"] = arguments.trusted_radius
         differences = export_networks(networks, arguments.out, manifest)
     except BokehnetError as error:
         sys.exit(f"error: {error}")

@@ -4,6 +4,7 @@ The same result as :func:`bokehnet.cascade.render_neural` with :func:`bokehnet.c
 its levels: only what is small is kept, and only pixels that are in doubt are touched at full size.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,8 +148,16 @@ class SmallCopy:
             with parallel_region:
                 _shrink(array, self._factor, top, bottom, self._parts[name])
 
-    def correct(self, arnet: CoarseNetwork) -> Correction:
-        """Run ARNet, once all rows have been added."""
+    def correct(self, arnet: CoarseNetwork, trusted_radius: float = math.inf) -> Correction:
+        """Run ARNet, once all rows have been added.
+
+        Args:
+            arnet: The network.
+            trusted_radius: Largest blur radius, in pixels of the picture, that it learned from. Its say fades
+                out over the upper half of that range, and beyond it is not asked.
+        """
+        radius = np.abs(self._parts["defocus"])
+        trust = np.clip(2 - 2 * radius / trusted_radius, 0, 1)
         self._parts["defocus"] /= self._factor
         batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._parts.items()}
         hints = [batch[name] for name in ("hidden", "guessed", "doubt") if name in batch]
@@ -159,5 +168,5 @@ class SmallCopy:
             np.concatenate(hints, axis=1) if hints else None,
         )
         change = encode(bokeh[0]) - encode(batch["classical"][0])
-        values = np.concatenate([change, learned[0]]).transpose(1, 2, 0)
+        values = np.concatenate([change, learned[0] * trust.transpose(2, 0, 1)]).transpose(1, 2, 0)
         return Correction(values=np.ascontiguousarray(values), halvings=self.halvings)

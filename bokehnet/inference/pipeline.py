@@ -224,7 +224,8 @@ class BokehRenderer:
             height, width = defocus.shape
             small = SmallCopy(height, width, _reach(defocus), self._networks.unit)
             small.add(0, image, defocus, classical)
-            found = small.correct(self._networks.arnet).apply(classical.bokeh, classical.error_map)
+            correction = small.correct(self._networks.arnet, self._networks.trusted_radius)
+            found = correction.apply(classical.bokeh, classical.error_map)
             result = RenderResult(
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
             )
@@ -262,7 +263,7 @@ class BokehRenderer:
                 result.add(first, array, height if later is None else later.first)
         if networks is not None and small is not None:
             report(len(strips), steps)
-            correction = small.correct(networks.arnet)
+            correction = small.correct(networks.arnet, networks.trusted_radius)
             for strip in strips:
                 assert strip is not None
                 inner = slice(strip.first + strip.wanted.start, strip.first + strip.wanted.stop)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,9 @@ class OnnxNetwork:
             options = onnxruntime.SessionOptions()
             options.intra_op_num_threads = threads
             options.log_severity_level = 3
+            # A plan for one size comes as a block of its own with the second picture, on top of the first
+            # one's pieces: twice the memory, and half a second more until it is there.
+            options.enable_mem_pattern = False
         self._session = onnxruntime.InferenceSession(model, options, providers=list(providers))
         self._input_names = input_names
         self._taken = {item.name for item in self._session.get_inputs()}
@@ -68,12 +72,14 @@ class Networks:
             render's detail is carried over instead.
         unit: Largest radius that ``arnet`` was trained for, pixels.
         classical: Name of the classical renderer whose result they correct.
+        trusted_radius: Largest blur radius that they may correct, pixels.
     """
 
     arnet: OnnxNetwork
     iunet: OnnxNetwork | None
     unit: float
     classical: str
+    trusted_radius: float = math.inf
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -102,6 +108,11 @@ def _check_pair(folder: Path, manifest: dict[str, Any]) -> None:
         raise ModelFileError(
             f"{path}: expected classical to be one of {', '.join(CLASSICAL_RENDERERS)}, found {classical}; "
             f"export again"
+        )
+    trusted = manifest.get("trusted_radius", 1)
+    if not isinstance(trusted, int | float) or not trusted > 0:
+        raise ModelFileError(
+            f"{path}: expected trusted_radius to be above 0, found {trusted!r}; export again"
         )
 
 
@@ -162,4 +173,5 @@ def load_networks(
         iunet=iunet,
         unit=float(manifest["unit"]),
         classical=manifest["classical"],
+        trusted_radius=float(manifest.get("trusted_radius", math.inf)),
     )

@@ -1,5 +1,7 @@
 """The correction without levels: the same as the cascade with carried detail."""
 
+import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.cascade import carry_detail, render_neural
+from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays import render_rays
 from bokehnet.inference.correction import SmallCopy
 from bokehnet.inference.pipeline import BokehRenderer
@@ -27,6 +30,7 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
     """Oracle: the body that training uses, at halvings 0, 1 and 2 and odd sizes."""
     image, defocus = picture(height, width, radius)
     renderer = BokehRenderer("hybrid")
+    renderer._networks = replace(renderer._networks, trusted_radius=math.inf)
     result = renderer.render(image, defocus)
     classical = render_rays(image, defocus)
     batches = [
@@ -47,6 +51,21 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
     neural = wanted.steps[-1][0].transpose(1, 2, 0)
     assert_allclose(result.neural[doubted], neural[doubted], atol=2e-4)
     assert_array_equal(result.bokeh[~doubted], classical.bokeh[~doubted])
+
+
+def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
+    """One everywhere up to half the trusted radius, then less and less."""
+    radius = np.tile(np.linspace(0, 60, 64, dtype=np.float32), (64, 1))
+    picture = np.ones((64, 64, 3), np.float32)
+    small = SmallCopy(64, 64, 10.0, 10.0)  # no halving, so that pixels stay what they are
+    small.add(0, picture, radius, ClassicalResult(bokeh=picture, error_map=np.ones_like(radius)))
+    correction = small.correct(lambda image, *_: (image, np.ones_like(image[:, :1])), 40.0)
+    error_map = correction.apply(picture, np.ones_like(radius)).error_map
+    assert_allclose(error_map[radius <= 20], 1)
+    assert_allclose(error_map[radius >= 40], 0)
+    assert_allclose(
+        error_map[(radius > 20) & (radius < 40)], (2 - radius / 20)[(radius > 20) & (radius < 40)], rtol=1e-5
+    )
 
 
 def test_carried_detail_of_a_right_coarse_picture_is_the_classical_render():

@@ -117,6 +117,12 @@ def test_networks_with_different_units_do_not_go_together(tmp_path):
             "expected classical to be one of rays, scatter, found magic",
         ),
         (
+            lambda f: (f / "manifest.json").write_text(
+                '{"format": 1, "unit": 9, "classical": "rays", "trusted_radius": -1}'
+            ),
+            "expected trusted_radius to be above 0, found -1",
+        ),
+        (
             lambda f: (f / "manifest.json").write_text('{"format": 1, "unit": 9, "classical": "rays"}'),
             "an entry for arnet",
         ),
