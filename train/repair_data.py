@@ -37,6 +37,7 @@ class RepairDataConfig:
         bent: Share whose disparity, true and spoilt alike, goes through a power first, as relative
             disparity of unknown scale does.
         crop: Side of the crops, pixels.
+        part: Largest side of what counts as a picture: of larger ones a random piece of that size does.
     """
 
     folder: str
@@ -47,12 +48,16 @@ class RepairDataConfig:
     bent: float = 0.3
     crop: int = 128
     also: tuple[str, ...] = ()
+    part: int = 256
 
 
 def repair_pair(
     image: np.ndarray, disparity: np.ndarray, rng: np.random.Generator, config: RepairDataConfig
 ) -> dict[str, np.ndarray]:
     """Draw one example from a whole picture (H, W, 3) and its disparity (H, W)."""
+    if max(disparity.shape) > config.part:
+        piece = tuple(_random_piece(side, config.part, rng) for side in disparity.shape)
+        image, disparity = image[piece], disparity[piece]
     turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
     image, disparity = np.rot90(image, turns), np.rot90(disparity, turns)
     if mirrored:
@@ -72,6 +77,12 @@ def repair_pair(
         "truth": np.ascontiguousarray(true[window])[None],
         "span": np.full((1, 1, 1), span, np.float32),
     }
+
+
+def _random_piece(side: int, length: int, rng: np.random.Generator) -> slice:
+    """A piece of at most ``length`` of that many pixels."""
+    first = int(rng.integers(max(1, side - length + 1)))
+    return slice(first, first + length)
 
 
 def _busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:

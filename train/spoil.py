@@ -8,13 +8,27 @@ from torch import Tensor
 __all__ = ["spoil_disparity"]
 
 
-def _grow(disparity: Tensor, radius: int) -> Tensor:
-    """Let near surfaces grow by ``radius`` pixels, far ones for a negative radius."""
-    if radius == 0:
-        return disparity
-    size = 2 * abs(radius) + 1
-    padded = F.pad(disparity, (abs(radius),) * 4, mode="replicate")
-    return F.max_pool2d(padded, size, 1) if radius > 0 else -F.max_pool2d(-padded, size, 1)
+def _grow(disparity: Tensor, radius: int, rounded: bool = False) -> Tensor:
+    """Let near surfaces grow by ``radius`` pixels, far ones for a negative radius.
+
+    A square grows with them, or an octagon if ``rounded``: square corners would tell a network how far to go.
+    """
+    if radius < 0:
+        return -_grow(-disparity, -radius, rounded)
+    if not rounded:
+        return _largest(disparity, radius, radius)
+    for i in range(radius):
+        if i % 2:
+            disparity = _largest(disparity, 1, 1)
+        else:
+            disparity = torch.maximum(_largest(disparity, 0, 1), _largest(disparity, 1, 0))
+    return disparity
+
+
+def _largest(disparity: Tensor, down: int, across: int) -> Tensor:
+    """The largest value of the window around each pixel, of those half sides; the border repeated."""
+    padded = F.pad(disparity, (across, across, down, down), mode="replicate")
+    return F.max_pool2d(padded, (2 * down + 1, 2 * across + 1), 1)
 
 
 def _blur(disparity: Tensor, sigma: float) -> Tensor:
@@ -61,8 +75,8 @@ def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarr
     """Return ``disparity`` (H, W) float32, in [0, 1], with edges soft, grown, shrunk or out of place.
 
     One or more of: growing or shrinking everywhere or in patches, smooth displacements, the soft edges of a
-    lower resolution, Gaussian blur, thin things lost, 8 bits. Growth, blur and displacement are measured in
-    pixels of the map.
+    lower resolution, Gaussian blur, thin things or gaps lost, 8 bits. Growth, blur and displacement are
+    measured in pixels of the map.
 
     Source:
         Blur, dilation and erosion are those of Peng et al., "BokehMe: When neural rendering meets classical
@@ -72,13 +86,14 @@ def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarr
     kinds = rng.permutation(["grow", "patches", "shift", "size", "blur"])[
         : rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15])
     ]
-    if rng.random() < 0.15:
-        radius = int(rng.integers(1, 3))
-        spoilt = _grow(_grow(spoilt, -radius), radius)
+    rounded = bool(rng.random() < 0.5)
+    if rng.random() < 0.25:
+        radius = int(rng.choice([-1, 1]) * rng.integers(1, 5))
+        spoilt = _grow(_grow(spoilt, -radius, rounded), radius, rounded)
     if "grow" in kinds:
-        spoilt = _grow(spoilt, int(rng.choice([-1, 1]) * rng.integers(1, 7)))
+        spoilt = _grow(spoilt, int(rng.choice([-1, 1]) * rng.integers(1, 7)), rounded)
     if "patches" in kinds:
-        changes = [_grow(spoilt, sign * int(rng.integers(1, 6))) for sign in (-1, 1)]
+        changes = [_grow(spoilt, sign * int(rng.integers(1, 6)), rounded) for sign in (-1, 1)]
         for changed in changes:
             spoilt = _patchy(spoilt, changed, rng)
     if "shift" in kinds:

@@ -43,8 +43,8 @@ class RepairRun:
 
 def step_sizes(truth: Tensor) -> Tensor:
     """Span of the true disparity in the window around each pixel, (B, 1, H, W), at least ``FLAT``."""
-    values = extremes(truth, _WINDOW)
-    return (values[:, -1:] - values[:, -2:-1]).clamp(min=FLAT)
+    low, high = extremes(truth, _WINDOW)[-1]
+    return (high - low).clamp(min=FLAT)
 
 
 def repair_loss(network: RepairNet, batch: dict[str, Tensor]) -> Tensor:
@@ -77,7 +77,7 @@ def _score(
             step = step_sizes(truth)
             near = step > 5 * FLAT
             pixels += float(near.sum())
-            for key, x in (("before", disparity), ("after", network(image, disparity, span))):
+            for key, x in (("before", disparity), ("after", network(image, disparity, span)[0])):
                 wrong[key] += float(((x - truth).abs() > 0.25 * step)[near].sum())
         scores |= {f"{kind}/{key}": 100 * count / max(pixels, 1) for key, count in wrong.items()}
     return scores

@@ -1,11 +1,13 @@
 """Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.inference.common_shift import busiest_windows, find_common_shift, shift_steps
 from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.inference.sharpen import STEP, share_of_soft_steps, sharpen_steps
 from bokehnet.io.banded import make_in_bands
@@ -18,11 +20,15 @@ REFINE_MODES = ("auto", "on", "off")
 # The network halves its input three times.
 _BLOCK = 8
 
-# Pixels around a tile that its result depends on: windows of 7 and of 18, seven 3x3 convolutions at half
-# size, seven at a quarter, five at an eighth; rounded up to a multiple of the block.
+# Pixels around a tile that its result depends on: windows of 7 and of 23, seven 3x3 convolutions at half
+# size, seven at a quarter, five at an eighth.
 _HALO = 112
 
-_TILE = 1024
+# Largest side of what the network sees at once, halos and all.
+_TILE = 1248
+
+# Rows looked at together where the whole map is looked through.
+_BAND = 1024
 
 # Pictures with longer sides are repaired at half their size first: their maps are off by more pixels.
 _LARGEST_SIDE = 1024
@@ -32,6 +38,9 @@ _SOFT = 0.3
 
 # Share of the pixels at steps that stand out of place from which on "auto" takes the repaired map.
 _IMPERFECT = 0.01
+
+# That share below which "auto" takes the busiest windows' word for the whole map.
+_SURELY_RIGHT = 0.005
 
 
 def _step_sizes(disparity: np.ndarray) -> np.ndarray:
@@ -55,18 +64,23 @@ def share_out_of_place(disparity: np.ndarray, repaired: np.ndarray) -> float:
     Returns:
         Share, of the pixels near steps, that changed by more than a quarter of the step.
     """
-    least = STEP * (float(disparity.max()) - float(disparity.min()))
+    near, moved = _count_moved(disparity, repaired, STEP * float(np.ptp(disparity)))
+    return moved / max(near, 1)
+
+
+def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> tuple[int, int]:
+    """Pixels near steps of at least ``least``, and how many of them changed by over a quarter of theirs."""
     spans = _step_sizes(pad_to_multiple(disparity, _BLOCK))
     near = moved = 0
-    for top in range(0, len(disparity), _TILE):
-        rows = slice(top, top + _TILE)
+    for top in range(0, len(disparity), _BAND):
+        rows = slice(top, top + _BAND)
         was, now = disparity[rows], repaired[rows]
-        blocks = spans[top // _BLOCK : (top + _TILE) // _BLOCK]
+        blocks = spans[top // _BLOCK : (top + _BAND) // _BLOCK]
         steps = np.kron(blocks, np.ones((_BLOCK, _BLOCK), np.float32))[: len(was), : was.shape[1]]
         at_steps = steps > least
         near += int(at_steps.sum())
         moved += int((at_steps & (np.abs(now - was) > 0.25 * steps)).sum())
-    return moved / max(near, 1)
+    return near, moved
 
 
 class DisparityRefiner:
@@ -115,16 +129,55 @@ class DisparityRefiner:
         start = sharpen_steps(disparity) if share_of_soft_steps(disparity) > _SOFT else disparity
         if image.min() < 0:
             image = np.maximum(image, 0)
-        repaired = self._refine(image.transpose(2, 0, 1), start, span)
+        sizes = [image.transpose(2, 0, 1)]
+        if mode == "auto" and start is disparity and self._stands_right(sizes[0], disparity, span):
+            return disparity.copy()
+        while max(sizes[-1].shape) > _LARGEST_SIDE:
+            sizes.append(_half(sizes[-1]))
+        start = shift_steps(start, self._common_shift(sizes, start, span))
+        repaired = self._refine(sizes, start, span)
         if mode == "auto" and share_out_of_place(disparity, repaired) < _IMPERFECT:
             return disparity.copy()
         return repaired
 
-    def _refine(self, image: np.ndarray, disparity: np.ndarray, span: float) -> np.ndarray:
+    def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:
+        """Whether the repair moves next to nothing in those parts of the picture that hold the most steps."""
+        disparity = pad_to_multiple(disparity, _BLOCK)
+        counts = [
+            _count_moved(
+                disparity[window], self._run(image[:, *window], disparity[window], span)[0], STEP * span
+            )
+            for window in busiest_windows(_step_sizes(disparity) > STEP * span)
+        ]
+        near, moved = np.sum(counts, 0) if counts else (0, 0)
+        return bool(moved < _SURELY_RIGHT * max(near, 1))
+
+    def _common_shift(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> int:
+        """Pixels by which near things should grow everywhere, found at the smallest of the sizes."""
+        for _ in sizes[1:]:
+            disparity = downsample2(pad_to_multiple(disparity, 2))
+        disparity = pad_to_multiple(disparity, _BLOCK)
+
+        def votes(window: tuple[slice, slice], moved: np.ndarray) -> np.ndarray:
+            found: np.ndarray = self._run(sizes[-1][:, *window], moved, span)[1][0]
+            return found
+
+        busy = _step_sizes(disparity) > STEP * span
+        return 2 ** (len(sizes) - 1) * find_common_shift(disparity, busy, votes)
+
+    def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
+        """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
+        # The picture may end within the last block of the map.
+        fed = pad_to_multiple(image[None], _BLOCK), disparity[None, None]
+        repaired, votes = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))
+        return repaired[0, 0], votes
+
+    def _refine(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> np.ndarray:
+        """Repair a map with the help of the picture, (3, H, W), at this and at smaller sizes."""
         height, width = disparity.shape
-        if max(height, width) > _LARGEST_SIDE:
+        if len(sizes) > 1:
             small = downsample2(pad_to_multiple(disparity, 2))
-            mended = self._refine(_half(image), small, span)
+            mended = self._refine(sizes[1:], small, span)
             disparity = _with_moved(disparity, mended, mended - small, STEP * span)
         disparity = pad_to_multiple(disparity, _BLOCK)
         result = disparity.copy()
@@ -133,9 +186,7 @@ class DisparityRefiner:
             rows, columns = tile
             top, left = max(0, rows.start - _HALO), max(0, columns.start - _HALO)
             window = (slice(top, rows.stop + _HALO), slice(left, columns.stop + _HALO))
-            # The picture may end within the last block of the map.
-            fed = pad_to_multiple(image[None, :, *window], _BLOCK), disparity[None, None, *window]
-            repaired = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))[0, 0]
+            repaired, _ = self._run(sizes[0][:, *window], disparity[window], span)
             result[tile] = repaired[
                 rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
             ]
@@ -179,14 +230,24 @@ def _with_moved(disparity: np.ndarray, mended: np.ndarray, change: np.ndarray, l
 
 
 def _tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
-    """Tiles around the blocks that are ``busy``, each cut to the smallest rectangle that holds them."""
-    size = _TILE // _BLOCK
-    for top in range(0, busy.shape[0], size):
-        for left in range(0, busy.shape[1], size):
-            part = busy[top : top + size, left : left + size]
+    """Tiles of like size around the blocks that are ``busy``, each cut to the rectangle that holds them."""
+    for down in _parts(busy.shape[0]):
+        for across in _parts(busy.shape[1]):
+            part = busy[down, across]
             rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
             if len(rows):
                 yield (
-                    slice(_BLOCK * (top + int(rows[0])), _BLOCK * (top + int(rows[-1]) + 1)),
-                    slice(_BLOCK * (left + int(columns[0])), _BLOCK * (left + int(columns[-1]) + 1)),
+                    slice(_BLOCK * (down.start + int(rows[0])), _BLOCK * (down.start + int(rows[-1]) + 1)),
+                    slice(
+                        _BLOCK * (across.start + int(columns[0])),
+                        _BLOCK * (across.start + int(columns[-1]) + 1),
+                    ),
                 )
+
+
+def _parts(blocks: int) -> list[slice]:
+    """As few equal parts of a side as fit into a tile with their halos; in blocks."""
+    most, halo = _TILE // _BLOCK, _HALO // _BLOCK
+    count = 1 if blocks <= most else 2 if blocks <= 2 * (most - halo) else -(-blocks // (most - 2 * halo))
+    ends = [blocks * i // count for i in range(count + 1)]
+    return [slice(first, last) for first, last in pairwise(ends)]

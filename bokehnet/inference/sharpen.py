@@ -4,7 +4,7 @@ import numpy as np
 
 from bokehnet.io.banded import cut_bands, make_in_bands
 
-__all__ = ["share_of_soft_steps", "sharpen_steps"]
+__all__ = ["STEP", "extremes", "share_of_soft_steps", "sharpen_steps", "with_halo"]
 
 # A span of the map's values, as a share of the whole map's, that makes a step.
 STEP = 0.05
@@ -16,7 +16,7 @@ _BETWEEN = 0.2
 _RADII = (3, 2)
 
 
-def _extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
+def extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest value of the square window around each pixel, the border repeated."""
     low, high = (_over_windows(values, radius, choose) for choose in (np.minimum, np.maximum))
     return low, high
@@ -37,7 +37,7 @@ def _over_windows(values: np.ndarray, radius: int, choose: np.ufunc) -> np.ndarr
     return found
 
 
-def _with_halo(rows: slice, halo: int) -> tuple[slice, slice]:
+def with_halo(rows: slice, halo: int) -> tuple[slice, slice]:
     """Rows with as many more on either side as there are, and where the rows are in them."""
     top = max(0, rows.start - halo)
     return slice(top, rows.stop + halo), slice(rows.start - top, rows.stop - top)
@@ -51,8 +51,8 @@ def share_of_soft_steps(disparity: np.ndarray) -> float:
     """
     least, soft, all_steps = STEP * np.ptp(disparity), 0, 0
     for rows in cut_bands(disparity.shape):
-        window, inner = _with_halo(rows, 2)
-        low, high = (x[inner] for x in _extremes(disparity[window], 2))
+        window, inner = with_halo(rows, 2)
+        low, high = (x[inner] for x in extremes(disparity[window], 2))
         width, own = high - low, disparity[rows]
         steps = width > least
         between = np.minimum(high - own, own - low) > _BETWEEN * width
@@ -70,10 +70,10 @@ def sharpen_steps(disparity: np.ndarray) -> np.ndarray:
     least = STEP * np.ptp(disparity)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = _with_halo(rows, sum(_RADII))
+        window, inner = with_halo(rows, sum(_RADII))
         sharp = disparity[window]
         for radius in _RADII:
-            low, high = _extremes(sharp, radius)
+            low, high = extremes(sharp, radius)
             nearer = np.where(high - sharp < sharp - low, high, low)
             sharp = np.where(high - low > least, nearer, sharp)
         return sharp[inner]

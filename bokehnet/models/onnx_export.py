@@ -64,7 +64,7 @@ def _export(network: nn.Module, path: Path) -> None:
         sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
     if "span" in sizes:
         sizes["span"] = {}
-    outputs = {"ARNet": ["bokeh", "error_map"], "IUNet": ["bokeh"], "RepairNet": ["repaired"]}
+    outputs = {"ARNet": ["bokeh", "error_map"], "IUNet": ["bokeh"], "RepairNet": ["repaired", "votes"]}
     program = torch.onnx.export(
         network,
         tuple(inputs.values()),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import maximum_filter
 
 from bokehnet.errors import ModelFileError, ParameterError, ShapeError
 from bokehnet.inference import refine
@@ -32,14 +33,25 @@ def scene(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return rng.random((height, width, 3), dtype=np.float32), disparity
 
 
-def test_it_equals_the_torch_network(untrained):
+def test_it_equals_the_torch_network(untrained, monkeypatch):
+    monkeypatch.setattr(refine, "find_common_shift", lambda *_: 0)
     folder, network = untrained
     image, disparity = scene(64, 80)
     span = float(disparity.max() - disparity.min())
     tensors = torch.from_numpy(image).permute(2, 0, 1)[None], torch.from_numpy(disparity)[None, None]
     with torch.no_grad():
-        wanted = network.eval()(*tensors, torch.full((1, 1, 1, 1), span))
+        wanted, _ = network.eval()(*tensors, torch.full((1, 1, 1, 1), span))
     assert_allclose(DisparityRefiner(folder)(image, disparity), wanted[0, 0].numpy(), atol=1e-5)
+
+
+def test_a_common_shift_is_taken_back_before_the_network_looks(untrained, monkeypatch):
+    image, disparity = scene(64, 80)
+    refiner = DisparityRefiner(untrained[0])
+    wanted = {}
+    for shift in (0, -2):
+        monkeypatch.setattr(refine, "find_common_shift", lambda *_, shift=shift: shift)
+        wanted[shift] = refiner(image, maximum_filter(disparity, 1 - 2 * shift, mode="nearest"))
+    assert_allclose(wanted[-2], wanted[0], atol=1e-6)  # opening a disc with a small square leaves it
 
 
 def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
@@ -47,7 +59,7 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     image, disparity = scene(320, 400)
     refiner = DisparityRefiner(untrained[0])
     whole = refiner(image, disparity)
-    monkeypatch.setattr(refine, "_TILE", 64)
+    monkeypatch.setattr(refine, "_TILE", 288)
     near = np.abs(refiner(image, disparity) - whole)
     assert_allclose(near, 0, atol=1e-5)
     assert np.abs(whole - disparity).max() > 0.1
@@ -94,6 +106,25 @@ def test_auto_leaves_maps_whose_steps_stand_right(untrained):
     assert share_out_of_place(disparity, disparity) == 0
     refine_none = np.where(np.arange(80) == 3, disparity + 0.5, disparity)
     assert 0 <= share_out_of_place(disparity, refine_none) < share
+
+
+@pytest.mark.parametrize(("moves", "mode", "pixels"), [(0, "auto", 4), (0, "on", 20), (9, "auto", 20)])
+def test_auto_looks_at_a_few_windows_of_a_map_that_stands_right(untrained, moves, mode, pixels):
+    """A network that moves some columns of every step; counted are its pixels, in windows of 256x256."""
+    image, disparity = scene(1000, 1000)
+    seen = []
+
+    def network(image, disparity, span):
+        seen.append(disparity.size / 256**2)
+        moved = disparity.copy()
+        moved[..., moves:] = disparity[..., : disparity.shape[-1] - moves]
+        return moved, np.zeros((1, 4))
+
+    refiner = DisparityRefiner(untrained[0])
+    refiner._network = network
+    assert np.array_equal(refiner(image, disparity, mode), disparity) == (moves == 0)
+    assert sum(seen) <= pixels
+    assert (max(seen) <= 1) == (mode == "auto" and moves == 0)
 
 
 def test_mistakes_are_named(untrained, tmp_path):

@@ -73,7 +73,7 @@ def test_the_package_stays_small():
 
 
 @pytest.mark.parametrize(
-    ("kind", "least"), [("clean", 0.0), ("blurred", 1.0), ("eroded", 1.0), ("dilated", -0.1)]
+    ("kind", "least"), [("clean", 0.0), ("blurred", 1.0), ("eroded", 4.0), ("dilated", 1.0)]
 )
 def test_the_repair_pays_on_spoilt_maps_and_leaves_true_ones_alone(shared, kind, least):
     """Authority: a path-traced shot; gain of the rays near edges through "auto", dB."""

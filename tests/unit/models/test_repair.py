@@ -26,22 +26,20 @@ def test_extremes_are_those_of_square_windows():
     """Oracle: scipy's filters with the border repeated, window by window."""
     values = torch.rand(1, 1, 30, 40, generator=torch.Generator().manual_seed(1))
     radii = (1, 2, 5)
-    got = extremes(values, radii)[0].numpy()
-    for i, radius in enumerate(radii):
-        side = 2 * radius + 1
-        for channel, oracle in ((2 * i, minimum_filter), (2 * i + 1, maximum_filter)):
-            wanted = oracle(values[0, 0].numpy(), side, mode="nearest")
-            torch.testing.assert_close(torch.from_numpy(got[channel]), torch.from_numpy(wanted))
+    for radius, window in zip(radii, extremes(values, radii), strict=True):
+        for got, oracle in zip(window, (minimum_filter, maximum_filter), strict=True):
+            wanted = oracle(values[0, 0].numpy(), 2 * radius + 1, mode="nearest")
+            torch.testing.assert_close(got[0, 0], torch.from_numpy(wanted))
 
 
 def test_a_fresh_network_leaves_the_map_as_it_is():
     image, disparity, span = inputs()
-    torch.testing.assert_close(RepairNet(RepairNetConfig())(image, disparity, span), disparity)
+    torch.testing.assert_close(RepairNet(RepairNetConfig())(image, disparity, span)[0], disparity)
 
 
 def test_nothing_changes_beyond_the_reach_of_steps():
     image, disparity, span = inputs()
-    repaired = network()(image, disparity, span)
+    repaired, _ = network()(image, disparity, span)
     assert (repaired - disparity).abs()[..., 23:41].max() > 0.01
     torch.testing.assert_close(repaired[..., :22], disparity[..., :22])
     torch.testing.assert_close(repaired[..., 42:], disparity[..., 42:])
@@ -53,9 +51,10 @@ def test_nothing_changes_beyond_the_reach_of_steps():
 def test_scale_and_offset_pass_through(scale, offset):
     image, disparity, span = inputs()
     made = network()
-    other = made(image, scale * disparity + offset, scale * span)
-    wanted = scale * made(image, disparity, span) + offset
-    torch.testing.assert_close(other, wanted, rtol=1e-4, atol=1e-4 * scale)
+    other, other_votes = made(image, scale * disparity + offset, scale * span)
+    plain, votes = made(image, disparity, span)
+    torch.testing.assert_close(other, scale * plain + offset, rtol=1e-4, atol=1e-4 * scale)
+    torch.testing.assert_close(other_votes, votes, rtol=0.02, atol=2)
 
 
 def test_weak_evidence_moves_nothing_and_shrinking_needs_more_than_growing():
@@ -65,18 +64,28 @@ def test_weak_evidence_moves_nothing_and_shrinking_needs_more_than_growing():
     moved = {}
     for push in (-4.5, -2.5, 0.5, 2.5):
         nn.init.constant_(made.unet.head.bias, push)
-        moved[push] = (made(image, disparity, span) - disparity).abs().max().item()
+        moved[push] = (made(image, disparity, span)[0] - disparity).abs().max().item()
     assert moved[0.5] == moved[-2.5] == 0
     assert moved[-4.5] > 0.01
     assert moved[2.5] > 0.01
 
 
-def test_likeness_tells_near_from_far_by_colour():
+def test_votes_count_the_pixels_of_both_sides_that_want_to_move():
+    """A straight step: seven columns of either side see it; a constant push moves one side only."""
+    image, disparity, span = inputs()
+    made = RepairNet(RepairNetConfig(widths=(8, 8, 8))).eval()
+    for push, wanted in ((0.0, [0, 336, 0, 336]), (0.6, [336, 336, 0, 336]), (-0.6, [0, 336, 336, 336])):
+        nn.init.constant_(made.unet.head.bias, push)
+        assert made(image, disparity, span)[1].tolist() == [wanted]
+
+
+@pytest.mark.parametrize("cell", [2, 4])
+def test_likeness_tells_near_from_far_by_colour(cell):
     """Red before blue: beside the edge each colour is told apart, on both sides of a map that is off."""
     colors = torch.zeros(1, 3, 32, 32)
     colors[:, 0, :, :16], colors[:, 2, :, 16:] = 1.0, 1.0
     share = torch.zeros(1, 1, 32, 32)
     share[..., :18] = 1
-    alike = likeness(colors, share, 5)[0, 0, 8:24]
+    alike = likeness(colors, share, cell)[0, 0, 8:24]
     assert alike[:, 10:16].min() > 0.5
-    assert alike[:, 16:22].max() < -0.5
+    assert alike[:, 16:20].max() < -0.5
