@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bokehnet.checks import check_number
+from bokehnet.checks import check_at_least
 from bokehnet.errors import BokehnetError, DataFileError, ModelFileError
 from bokehnet.models.checkpoint import load_checkpoint, load_network
 from bokehnet.models.onnx_export import PARITY, export_networks
@@ -57,7 +57,7 @@ def main() -> None:
                 )
             manifest["classical"] = bases["arnet"]
             if arguments.trusted_radius is not None:
-                check_number("--trusted-radius", arguments.trusted_radius)
+                check_at_least("--trusted-radius", arguments.trusted_radius, 1)
                 manifest["trusted_radius"] = arguments.trusted_radius
         differences = export_networks(networks, arguments.out, manifest)
     except BokehnetError as error:

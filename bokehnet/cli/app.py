@@ -1,6 +1,7 @@
 """The application around the commands, and the one handler that turns our errors into one line."""
 
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -88,6 +89,8 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Entry point of the ``bokehnet`` program."""
+    # Of NumPy: what overflows is told in words where it matters.
+    warnings.simplefilter("ignore", RuntimeWarning)
     sys.exit(run(sys.argv[1:]))
 
 

@@ -8,7 +8,7 @@ import bokehnet
 from bokehnet.cli import app as application
 from bokehnet.cli.progress import progress
 from bokehnet.errors import BokehnetError
-from bokehnet.io.image import write_image
+from bokehnet.io.image import write_image, write_map
 
 
 def one_line(text):
@@ -114,6 +114,31 @@ def test_the_traceback_of_a_bug_is_the_plain_one():
     assert done.returncode == 1
     assert done.stderr.startswith("Traceback (most recent call last):")
     assert done.stderr.endswith("ZeroDivisionError: bug\n")
+
+
+def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
+    """NumPy warns of the overflow besides; the program does not pass that on."""
+    write_image(tmp_path / "photo.png", np.full((8, 8, 3), 0.5, np.float32))
+    write_map(tmp_path / "z.exr", np.tile(np.linspace(1, 5, 8, dtype=np.float32), (8, 1)))
+    files = [
+        tmp_path / "photo.png",
+        "--depth",
+        tmp_path / "z.exr",
+        "--channel",
+        "Y",
+        "-o",
+        tmp_path / "out.png",
+    ]
+    words = ["--focal-length", "50", "--f-number", "1e-38", "--focus-distance", "2", "--sensor-width", "36"]
+    done = subprocess.run(
+        [sys.executable, "-m", "bokehnet.cli.app", "render", *files, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert one_line(done.stderr)
+    assert "expected finite values" in done.stderr
 
 
 def test_progress_is_silent_when_the_work_is_short(capsys):
