@@ -47,14 +47,19 @@ def run_command(
         "--max-minutes", type=float, default=math.inf, help="stop with a checkpoint after this time"
     )
     arguments = parser.parse_args()
+    stopped = None
     try:
         config = load_config(arguments.config, cls, dict(_override(text) for text in arguments.set))
         with joined(torch.device(arguments.device)) as device:
             first = Processes.current().first
-            path = run(config, arguments.out, device, arguments.max_minutes)
+            try:
+                path = run(config, arguments.out, device, arguments.max_minutes)
+            except Stopped as error:
+                # Its traceback would hold all that the run was made of until after the processes have parted.
+                stopped = error.with_traceback(None)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
-    except Stopped as stopped:
+    if stopped is not None:
         if first:
             print(stopped, file=sys.stderr)
         sys.exit(130 if stopped.asked else 0)

@@ -7,6 +7,7 @@ which is the gradient of the whole batch for a loss that is a mean over examples
 a sum over the batch is normalised by the sum over each part instead.
 """
 
+import gc
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -155,6 +156,9 @@ def joined(device: torch.device) -> Iterator[torch.device]:
     try:
         yield device
     finally:
+        # Whatever still holds the group, as a wrapped module in a cycle does, would end its threads only
+        # while the interpreter goes down, and sometimes abort the process.
+        gc.collect()
         dist.destroy_process_group()
 
 
