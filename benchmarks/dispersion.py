@@ -17,8 +17,7 @@ import numpy as np
 import bokehnet
 from benchmarks.measurement import time_in_turns
 from bokehnet.classical.rays import rays
-from bokehnet.cli.demo import ASSETS, BLUR, FOCUS
-from bokehnet.cli.sheet import contact_sheet
+from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses import PrescriptionLens, catalog_names
 from bokehnet.lenses.catalog import find_prescription
@@ -28,6 +27,7 @@ from bokehnet.optics.fringes import Fringes, achromat_curve, glass_curve
 from bokehnet.optics.light_draw import LightDraw
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
+from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
 
 RECIPROCAL = make_field_map("inversion,reciprocal")
 SECTORS = make_field_map("square,angular:2")

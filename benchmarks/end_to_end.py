@@ -25,8 +25,9 @@ from benchmarks.classical import BLUR, FOCUS, photograph
 from benchmarks.measurement import scene, time_in_turns
 from benchmarks.rivals import double_loop
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.inference.pipeline import ENGINES, BokehRenderer
+from bokehnet.inference.engine import ENGINES
 from bokehnet.io.image import write_image, write_map
+from bokehnet.rendering.renderer import BokehRenderer
 
 PUBLISHED = "published wiring"
 
@@ -82,7 +83,7 @@ def photograph_section(shared: Path, rounds: int) -> None:
 def run_command(*arguments: str) -> tuple[float, int]:
     """Seconds and peak memory, bytes, of one ``bokehnet`` command line. Linux only."""
     start = time.perf_counter()
-    command = [sys.executable, "-m", "bokehnet.cli.app", *arguments]
+    command = [sys.executable, "-m", "bokehnet", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)

@@ -16,7 +16,7 @@ import torch
 
 from bokehnet.checks import Array
 from bokehnet.classical.rays import rays
-from bokehnet.cli.sheet import contact_sheet
+from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import write_image
 from bokehnet.lenses import LensModel, PrescriptionLens, Rays, load_lens
 from bokehnet.lenses.pencil_fit import fit_pencil

@@ -8,9 +8,9 @@ import argparse
 
 import numpy as np
 
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.io.color import linear_to_srgb
 from bokehnet.io.mixed import repair_mixed, share_of_mixed
+from bokehnet.rendering.renderer import BokehRenderer
 
 HEIGHT, WIDTH, FINE = 180, 240, 4
 BLUR = 14.0

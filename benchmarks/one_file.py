@@ -12,9 +12,9 @@ import numpy as np
 import onnxruntime
 
 from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.onnx_file.renderer import export_renderer
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.rendering.renderer import BokehRenderer
 
 
 class OneFile:

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.cli.sheet import contact_sheet
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.pyramid import downsample2
+from bokehnet.rendering.renderer import BokehRenderer
 
 BLURS = (30.0, 60.0, 120.0)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.cli.psf_sheet import write_psf_sheet
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.pencil_fit import fit_pencil, pencil_misfit
 from bokehnet.lenses.point_spread import correlation
 from bokehnet.lenses.psf_pairs import PsfPair, psf_pairs
+from bokehnet.rendering.psf_sheet import write_psf_sheet
 
 __all__ = ["main"]
 

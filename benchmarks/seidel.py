@@ -13,9 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.cli.demo import ASSETS, BLUR
-from bokehnet.cli.demo import FOCUS as DEMO_FOCUS
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses.base import Rays
@@ -27,6 +24,9 @@ from bokehnet.optics.pencil import PencilMap
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
+from bokehnet.rendering.demo import ASSETS, BLUR
+from bokehnet.rendering.demo import FOCUS as DEMO_FOCUS
+from bokehnet.rendering.renderer import BokehRenderer
 
 # Times the f-number of the open lens, and shares of the way to the corner.
 STOPS = (1, 1.4, 2, 2.8, 4, 8)

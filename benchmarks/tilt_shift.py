@@ -16,15 +16,16 @@ import torch
 import bokehnet
 from bokehnet.classical.rays import rays
 from bokehnet.classical.scatter import scatter
-from bokehnet.cli.focus import Focus
-from bokehnet.cli.scene_map import SceneMap
-from bokehnet.io.image import read_image, write_image
-from bokehnet.io.maps import read_disparity
-from bokehnet.io.window import Window
+from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens, TiltShift
 from bokehnet.optics.character import Character
 from bokehnet.raytrace import Body, Camera, Material, Quad, Tracer, World, plane_texture
 from bokehnet.raytrace.textures import fractal_noise
+from bokehnet.rendering.demo import demo_scene
+from bokehnet.rendering.depth_source import MetricDepth
+from bokehnet.rendering.focus import FocusedLens, focus_lens
+from bokehnet.rendering.scene import make_scene
+from bokehnet.rendering.settings import CameraSettings, DepthSettings, FocusSettings, RenderSettings
 from bokehnet.scenes.sensor_depth import depth_along_sensor
 
 __all__ = ["TILTS", "best_focus", "focus_of", "sensor_axes", "tilted_camera", "trace_wall", "zero_line"]
@@ -130,24 +131,19 @@ def zero_line(defocus: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-def focusing(camera: Camera, tilt: tuple[float, float]) -> Focus:
-    """What the options of ``bokehnet render`` say for this camera."""
+def focused_lens(
+    camera: Camera, tilt: tuple[float, float], depth: np.ndarray
+) -> tuple[FocusedLens, np.ndarray]:
+    """What ``bokehnet render`` makes of this camera and a depth map, mm; and the disparity, 1/mm."""
     assert isinstance(camera.lens, TiltShift)
     assert isinstance(camera.lens.lens, ThinLens)
-    return Focus(
-        focus_distance=focus_of(camera) / 1000,
-        focal_length=_FOCAL_LENGTH,
-        f_number=camera.lens.lens.f_number,
-        sensor_width=_SENSOR_WIDTH,
-        tilt=tilt,
+    source = MetricDepth(map=depth.astype(np.float32), unit="mm")
+    scene = make_scene(np.zeros((*depth.shape, 3), np.float32), source)
+    focus = FocusSettings(distance=focus_of(camera) / 1000, tilt_x=tilt[0], tilt_y=tilt[1])
+    numbers = CameraSettings(
+        focal_length=_FOCAL_LENGTH, f_number=camera.lens.lens.f_number, sensor_width=_SENSOR_WIDTH
     )
-
-
-def scene_map(depth: np.ndarray) -> SceneMap:
-    """What ``--depth`` reads."""
-    height, width = depth.shape
-    window = Window.whole(width, height)
-    return SceneMap(disparity=1 / depth, metric=True, source="--depth", window=window)
+    return focus_lens(scene.depth, scene.window, focus, numbers), scene.depth.values
 
 
 def _psnr(picture: np.ndarray, truth: np.ndarray, border: int) -> float:
@@ -159,8 +155,8 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
     camera = tilted_camera(tilt, width, height)
     truth, sharp, depth = trace_wall(camera, samples)
     again, *_ = trace_wall(camera, samples, seed=1)
-    options, scene = focusing(camera, tilt), scene_map(depth)
-    defocus, pencil = options.defocus(scene), options.pencil(scene)
+    lens, disparity = focused_lens(camera, tilt, depth)
+    defocus, pencil = lens.defocus(disparity), lens.aberration_map()
     assert pencil is not None
     turned = abs(tilt[1]) > abs(tilt[0])
     bokeh, image, blur = (np.swapaxes(x, 0, 1) if turned else x for x in (truth, sharp, defocus))
@@ -180,20 +176,16 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
 
 def draw_sheet(path: Path) -> None:
     """Write the demo's scene with an upright plane of focus, with its table in focus, and as a miniature."""
-    folder = Path(bokehnet.__file__).parent / "assets"
-    image, disparity = read_image(folder / "demo.png"), read_disparity(folder / "demo_disparity.png")
-    window = Window.whole(*disparity.shape[::-1])
-    scene = SceneMap(disparity=disparity, metric=False, source="--disparity", window=window)
+    scene, blur = demo_scene(), CameraSettings(blur=26)
     ways = (
-        Focus(blur=26, focus_at=(300, 300)),
-        Focus(blur=26, focus_plane=((80, 440), (660, 440), (360, 350))),
-        Focus(blur=26, focus_at=(300, 300), tilt=(60.0, 0.0)),
+        FocusSettings(at=(300, 300)),
+        FocusSettings(plane=((80, 440), (660, 440), (360, 350))),
+        FocusSettings(at=(300, 300), tilt_x=60.0),
     )
-    pictures = []
-    for way in ways:
-        pencil = way.pencil(scene)
-        character = None if pencil is None else Character(pencil=pencil)
-        pictures.append(rays(image, way.defocus(scene), character=character))
+    renderer, exact = bokehnet.BokehRenderer(), DepthSettings(repair="off")
+    pictures = [
+        renderer.render(scene, RenderSettings(camera=blur, focus=way, depth=exact)).bokeh for way in ways
+    ]
     sheet = np.concatenate(pictures, axis=1)
     height, width, _ = sheet.shape
     write_image(path, sheet.reshape(height // 2, 2, width // 2, 2, 3).mean((1, 3)))

@@ -1,34 +1,120 @@
 """Bokeh from a picture and its depth: classical, neural and hybrid renderers.
 
-The public names load on first use: importing the package imports neither torch nor onnxruntime.
+The public names load on first use: importing the package imports neither torch nor onnxruntime. Open first:
+:mod:`bokehnet.rendering`.
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # what type checkers see of the lazy names
+    from bokehnet.classical.hidden import hidden_layer as hidden_layer
+    from bokehnet.classical.layers import Layers as Layers
+    from bokehnet.classical.layers import split_layers as split_layers
+    from bokehnet.classical.rays import rays as rays
+    from bokehnet.classical.scatter import scatter as scatter
+    from bokehnet.errors import BokehnetError as BokehnetError
+    from bokehnet.inference.refine import DisparityRefiner as DisparityRefiner
+    from bokehnet.io.image import read_image as read_image
+    from bokehnet.io.image import write_image as write_image
+    from bokehnet.lenses.base import defocus_map as defocus_map
+    from bokehnet.lenses.catalog import catalog_names as catalog_names
+    from bokehnet.lenses.catalog import load_lens as load_lens
+    from bokehnet.lenses.thin import ThinLens as ThinLens
+    from bokehnet.optics.aperture import Aperture as Aperture
+    from bokehnet.optics.coc import defocus_from_disparity as defocus_from_disparity
+    from bokehnet.optics.coc import disparity_from_depth as disparity_from_depth
+    from bokehnet.optics.tone import Highlights as Highlights
+    from bokehnet.rendering.demo import demo_scene as demo_scene
+    from bokehnet.rendering.demo import demo_sheet as demo_sheet
+    from bokehnet.rendering.depth_source import ConstantDisparity as ConstantDisparity
+    from bokehnet.rendering.depth_source import DefocusMap as DefocusMap
+    from bokehnet.rendering.depth_source import DepthSource as DepthSource
+    from bokehnet.rendering.depth_source import EmbeddedDepth as EmbeddedDepth
+    from bokehnet.rendering.depth_source import MetricDepth as MetricDepth
+    from bokehnet.rendering.depth_source import NetworkDepth as NetworkDepth
+    from bokehnet.rendering.depth_source import RelativeDisparity as RelativeDisparity
+    from bokehnet.rendering.preset import Preset as Preset
+    from bokehnet.rendering.preset import load_preset as load_preset
+    from bokehnet.rendering.preset import presets as presets
+    from bokehnet.rendering.renderer import BokehRenderer as BokehRenderer
+    from bokehnet.rendering.renderer import FocusedScene as FocusedScene
+    from bokehnet.rendering.result import RenderReport as RenderReport
+    from bokehnet.rendering.result import RenderResult as RenderResult
+    from bokehnet.rendering.scene import Scene as Scene
+    from bokehnet.rendering.scene import make_scene as make_scene
+    from bokehnet.rendering.scene import read_scene as read_scene
+    from bokehnet.rendering.sequence import SequenceSettings as SequenceSettings
+    from bokehnet.rendering.sequence import make_pull as make_pull
+    from bokehnet.rendering.sequence import settings_at_frame as settings_at_frame
+    from bokehnet.rendering.settings import ApertureSettings as ApertureSettings
+    from bokehnet.rendering.settings import CameraSettings as CameraSettings
+    from bokehnet.rendering.settings import ColorSettings as ColorSettings
+    from bokehnet.rendering.settings import DepthSettings as DepthSettings
+    from bokehnet.rendering.settings import EffectSettings as EffectSettings
+    from bokehnet.rendering.settings import EngineSettings as EngineSettings
+    from bokehnet.rendering.settings import FocusSettings as FocusSettings
+    from bokehnet.rendering.settings import HighlightSettings as HighlightSettings
+    from bokehnet.rendering.settings import InputSettings as InputSettings
+    from bokehnet.rendering.settings import LensSettings as LensSettings
+    from bokehnet.rendering.settings import OutputSettings as OutputSettings
+    from bokehnet.rendering.settings import RenderSettings as RenderSettings
+    from bokehnet.rendering.settings_file import load_settings as load_settings
+    from bokehnet.rendering.settings_file import save_settings as save_settings
 
 __version__ = "0.1.0"
 
-_HOME = {
-    "Aperture": "bokehnet.optics.aperture",
-    "BokehRenderer": "bokehnet.inference.pipeline",
-    "BokehnetError": "bokehnet.errors",
-    "DisparityRefiner": "bokehnet.inference.refine",
-    "Highlights": "bokehnet.optics.tone",
-    "Layers": "bokehnet.classical.layers",
-    "RenderResult": "bokehnet.inference.pipeline",
-    "ThinLens": "bokehnet.lenses.thin",
-    "defocus_from_disparity": "bokehnet.optics.coc",
-    "defocus_map": "bokehnet.lenses.base",
-    "disparity_from_depth": "bokehnet.optics.coc",
-    "hidden_layer": "bokehnet.classical.hidden",
-    "rays": "bokehnet.classical.rays",
-    "read_image": "bokehnet.io.image",
-    "scatter": "bokehnet.classical.scatter",
-    "split_layers": "bokehnet.classical.layers",
-    "write_image": "bokehnet.io.image",
+_HOMES = {
+    "bokehnet.classical.hidden": ("hidden_layer",),
+    "bokehnet.classical.layers": ("Layers", "split_layers"),
+    "bokehnet.classical.rays": ("rays",),
+    "bokehnet.classical.scatter": ("scatter",),
+    "bokehnet.errors": ("BokehnetError",),
+    "bokehnet.inference.refine": ("DisparityRefiner",),
+    "bokehnet.io.image": ("read_image", "write_image"),
+    "bokehnet.lenses.base": ("defocus_map",),
+    "bokehnet.lenses.catalog": ("catalog_names", "load_lens"),
+    "bokehnet.lenses.thin": ("ThinLens",),
+    "bokehnet.optics.aperture": ("Aperture",),
+    "bokehnet.optics.coc": ("defocus_from_disparity", "disparity_from_depth"),
+    "bokehnet.optics.tone": ("Highlights",),
+    "bokehnet.rendering.demo": ("demo_scene", "demo_sheet"),
+    "bokehnet.rendering.depth_source": (
+        "ConstantDisparity",
+        "DefocusMap",
+        "DepthSource",
+        "EmbeddedDepth",
+        "MetricDepth",
+        "NetworkDepth",
+        "RelativeDisparity",
+    ),
+    "bokehnet.rendering.preset": ("Preset", "load_preset", "presets"),
+    "bokehnet.rendering.renderer": ("BokehRenderer", "FocusedScene"),
+    "bokehnet.rendering.result": ("RenderReport", "RenderResult"),
+    "bokehnet.rendering.scene": ("Scene", "make_scene", "read_scene"),
+    "bokehnet.rendering.sequence": ("SequenceSettings", "make_pull", "settings_at_frame"),
+    "bokehnet.rendering.settings": (
+        "ApertureSettings",
+        "CameraSettings",
+        "ColorSettings",
+        "DepthSettings",
+        "EffectSettings",
+        "EngineSettings",
+        "FocusSettings",
+        "HighlightSettings",
+        "InputSettings",
+        "LensSettings",
+        "OutputSettings",
+        "RenderSettings",
+    ),
+    "bokehnet.rendering.settings_file": ("load_settings", "save_settings"),
 }
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
 
-__all__ = [*_HOME, "__version__"]
+__all__ = [  # one list, above
+    *_HOME,
+    "__version__",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -13,10 +13,10 @@ import numpy as np
 
 import bokehnet
 from bokehnet.cli.app import run
-from bokehnet.cli.demo import ASSETS, BLUR, FOCUS
-from bokehnet.cli.sheet import contact_sheet
 from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.maps import read_disparity
+from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
 from train.corruption import corrupt
 
 HERE = Path(__file__).parent

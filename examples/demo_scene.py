@@ -18,7 +18,6 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from bokehnet.cli.demo import BLUR, FOCUS
 from bokehnet.cli.progress import progress
 from bokehnet.errors import ImageFileError
 from bokehnet.io.image import read_image, write_image
@@ -35,6 +34,7 @@ from bokehnet.raytrace import (
 )
 from bokehnet.raytrace.shapes import Canvas
 from bokehnet.raytrace.textures import fractal_noise
+from bokehnet.rendering.demo import BLUR, FOCUS
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.photographs import photograph_files

@@ -60,7 +60,7 @@ def cli_process() -> Callable[..., Outcome]:
     """Run the command line in a process of its own, from the repository root."""
 
     def call(*arguments: object, timeout: float = 300) -> Outcome:
-        words = [sys.executable, "-m", "bokehnet.cli.app", *map(str, arguments)]
+        words = [sys.executable, "-m", "bokehnet", *map(str, arguments)]
         done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
         return Outcome(done.returncode, done.stdout, done.stderr)
 

@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from bokehnet.checks import check_choice, check_number, require_extra
 from bokehnet.errors import BokehnetError, ParameterError
-from bokehnet.inference.pipeline import ENGINES
+from bokehnet.inference.engine import ENGINES
 from train.corruption import CORRUPTIONS, EDGE_SHIFT, corrupt
 from train.evaluation_sets import SETS, Picture, list_pictures
 from train.methods import Method, load_repair, parse_method

@@ -9,9 +9,11 @@ import numba
 import numpy as np
 
 from bokehnet.checks import check_choice
-from bokehnet.inference.pipeline import ENGINES, BokehRenderer, RenderResult
+from bokehnet.inference.engine import ENGINES
 from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.optics.aperture import Aperture
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.result import RenderResult
 from train.classical_repair import guided, joint_bilateral
 
 __all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]

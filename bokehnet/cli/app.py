@@ -13,7 +13,8 @@ from bokehnet.cli.depth import depth
 from bokehnet.cli.export import export
 from bokehnet.cli.info import info
 from bokehnet.cli.lens import lens
-from bokehnet.cli.presets_command import presets
+from bokehnet.cli.options import QuickGroup, SectionedCommand, told
+from bokehnet.cli.presets import presets
 from bokehnet.cli.render import render
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
@@ -29,11 +30,12 @@ _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 app = typer.Typer(
     name="bokehnet",
     help="Hybrid classical and neural bokeh rendering from a picture and its depth.",
-    add_completion=False,
+    cls=QuickGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command()(render)
+app.command(cls=SectionedCommand)(render)
 app.command()(demo)
 app.command()(depth)
 app.command()(export)
@@ -75,7 +77,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
-        return _fail(str(error))
+        return _fail(told(error))
     except _UsageError as error:
         return _fail(f"{error.format_message().rstrip('.')}; see bokehnet --help")  # type: ignore[attr-defined]
     except MemoryError as error:
@@ -98,7 +100,3 @@ def _fail(message: str) -> int:
     line = " ".join(message.split())
     typer.echo(f"bokehnet: error: {line}", err=True)
     return 1
-
-
-if __name__ == "__main__":
-    main()

@@ -2,14 +2,11 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
 from bokehnet.errors import ParameterError
-
-if TYPE_CHECKING:
-    from bokehnet.scenes import SceneJob
 
 __all__ = ["trace"]
 
@@ -51,7 +48,7 @@ def trace(
         _peel_layers(job, output, device, layers)
 
 
-def _trace_film(job: "SceneJob", output: Path, device: str, fresh: bool) -> None:
+def _trace_film(job: Any, output: Path, device: str, fresh: bool) -> None:
     from bokehnet.cli.progress import progress
     from bokehnet.scenes import load_film, save_film
 
@@ -76,7 +73,7 @@ def _trace_film(job: "SceneJob", output: Path, device: str, fresh: bool) -> None
             typer.echo(f"wrote {output}: {film.samples} of {wanted} samples")
 
 
-def _peel_layers(job: "SceneJob", output: Path, device: str, layers: int) -> None:
+def _peel_layers(job: Any, output: Path, device: str, layers: int) -> None:
     from bokehnet.cli.progress import progress
     from bokehnet.raytrace.peeling import peel
     from bokehnet.scenes.layers import save_layers
@@ -103,4 +100,4 @@ def _check_device(device: str) -> None:
     try:
         torch.zeros(1, device=device)
     except (AssertionError, RuntimeError) as error:
-        raise ParameterError(f"--device: torch cannot use {device!r} here") from error
+        raise ParameterError("--device", expected="one that torch can use here", got=device) from error

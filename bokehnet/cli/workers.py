@@ -1,4 +1,4 @@
-"""Frames rendered by several processes, each of which may fail without the others."""
+"""Many frames, by one process or by several, each of which may fail without the others."""
 
 import contextlib
 import multiprocessing
@@ -8,17 +8,24 @@ import sys
 import traceback
 from collections import deque
 from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import TYPE_CHECKING
 
+import numba
+import OpenImageIO as oiio  # noqa: N813
+import typer
+from tqdm import tqdm
+
+from bokehnet.cli.frame import FrameJob, make_renderer, render_frame
+from bokehnet.cli.options import told
+from bokehnet.cli.progress import compile_notice, progress
 from bokehnet.errors import BokehnetError
+from bokehnet.rendering.frame_names import format_frames
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.settings import RenderSettings
 
-if TYPE_CHECKING:
-    from bokehnet.cli.look import Look, Renderer
-    from bokehnet.cli.render_job import RenderJob
-
-__all__ = ["available_cores", "render_in_processes", "try_frame"]
+__all__ = ["available_cores", "render_frames", "render_in_processes", "try_frame"]
 
 
 def available_cores() -> int:
@@ -28,14 +35,58 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def try_frame(job: "RenderJob", renderer: "Renderer") -> str | None:
-    """Render one frame; return None, or why it failed: one line, the traceback of a bug."""
-    from bokehnet.cli.render_job import render_frame
+def render_frames(jobs: Mapping[int, FrameJob], *, processes: int = 1, overwrite: bool = False) -> None:
+    """Render the frames that are not there yet; files are written in one step, so what is there is complete.
 
+    A frame that fails is told on stderr and does not stop the others.
+
+    Args:
+        jobs: By frame.
+        processes: How many render at a time, with their share of the cores each.
+        overwrite: Render again what is there.
+
+    Raises:
+        BokehnetError: Some frames failed, and which; or the renderer cannot be made.
+    """
+    wanted = {frame: job for frame, job in jobs.items() if overwrite or not job.output.exists()}
+    if there := len(jobs) - len(wanted):
+        typer.echo(f"{there} of {len(jobs)} frames are there already; --overwrite renders them again")
+    failed: list[int] = []
+    settings = next(iter(jobs.values())).settings  # in what makes a renderer, frames are alike
+    renderer = make_renderer(settings)  # here first, so that wrong weights are told once
+    if processes > 1 and len(wanted) > 1:
+        del renderer
+        outcomes = render_in_processes(wanted, settings, min(processes, len(wanted)))
+    else:
+        outcomes = _render_here(wanted, renderer)
+    with progress("rendering frames") as report, closing(outcomes):
+        report(0, len(wanted))
+        for done, (frame, failure) in enumerate(outcomes, start=1):
+            if failure is not None:
+                failed.append(frame)
+                tqdm.write(f"bokehnet: frame {frame}: {failure}", file=sys.stderr)
+            report(done, len(wanted))
+    if failed:
+        typer.echo(err=True)  # the bar that the lines above have cut through ends here
+        raise BokehnetError(
+            f"{len(failed)} of {len(wanted)} frames failed: {format_frames(failed)}; "
+            "the same command tries them again"
+        )
+
+
+def _render_here(
+    jobs: Mapping[int, FrameJob], renderer: BokehRenderer
+) -> Generator[tuple[int, str | None], None, None]:
+    for frame, job in jobs.items():
+        yield frame, try_frame(job, renderer)
+
+
+def try_frame(job: FrameJob, renderer: BokehRenderer) -> str | None:
+    """Render one frame; return None, or why it failed: one line, the traceback of a bug."""
     try:
         render_frame(job, renderer)
     except BokehnetError as error:
-        return " ".join(str(error).split())
+        return " ".join(told(error).split())
     except MemoryError as error:
         return f"out of memory, try fewer --jobs ({error})"
     except Exception:
@@ -44,7 +95,7 @@ def try_frame(job: "RenderJob", renderer: "Renderer") -> str | None:
 
 
 def render_in_processes(
-    jobs: Mapping[int, "RenderJob"], look: "Look", processes: int
+    jobs: Mapping[int, FrameJob], settings: RenderSettings, processes: int
 ) -> Generator[tuple[int, str | None], None, None]:
     """Render ``jobs`` by frame, and yield each frame when it is done, with None or why it failed.
 
@@ -53,7 +104,7 @@ def render_in_processes(
 
     Args:
         jobs: By frame; started in their order.
-        look: What they have in common.
+        settings: What makes a renderer for all of them.
         processes: How many at a time.
     """
     waiting = deque(jobs.items())
@@ -63,7 +114,7 @@ def render_in_processes(
     try:
         while waiting or busy:
             while waiting and len(busy) < processes:
-                worker = idle.pop() if idle else _Worker(look, threads, tell_compiling=not busy)
+                worker = idle.pop() if idle else _Worker(settings, threads, tell_compiling=not busy)
                 frame, job = waiting.popleft()
                 busy[worker.pipe] = worker, frame
                 with contextlib.suppress(BrokenPipeError):  # it died; the pipe tells so below
@@ -85,11 +136,11 @@ def render_in_processes(
 class _Worker:
     """A process that renders the jobs sent to ``pipe`` and answers each with None or why it failed."""
 
-    def __init__(self, look: "Look", threads: int, tell_compiling: bool) -> None:
+    def __init__(self, settings: RenderSettings, threads: int, tell_compiling: bool) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self._process: SpawnProcess = context.Process(
-            target=_serve, args=(theirs, look, threads, tell_compiling), daemon=True
+            target=_serve, args=(theirs, settings, threads, tell_compiling), daemon=True
         )
         with _interrupts_held():
             self._process.start()
@@ -111,15 +162,12 @@ class _Worker:
         return f"the process that rendered it died ({reason})"
 
 
-def _serve(pipe: Connection, look: "Look", threads: int, tell_compiling: bool) -> None:
+def _serve(pipe: Connection, settings: RenderSettings, threads: int, tell_compiling: bool) -> None:
     """Render until the pipe closes; the main function of a worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers clean up behind themselves
-    from bokehnet.cli.compiling import compile_notice
-    from bokehnet.cli.look import Renderer
-
     _limit_threads(threads)
-    renderer = Renderer(look, threads)
+    renderer = make_renderer(settings, threads)
     with compile_notice() if tell_compiling else contextlib.nullcontext():
         while True:
             try:
@@ -132,9 +180,6 @@ def _serve(pipe: Connection, look: "Look", threads: int, tell_compiling: bool) -
 
 
 def _limit_threads(threads: int) -> None:
-    import numba
-    import OpenImageIO as oiio  # noqa: N813
-
     numba.set_num_threads(min(threads, numba.get_num_threads()))
     oiio.attribute("threads", threads)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,15 @@ from bokehnet.io.banded import in_bands
 from bokehnet.io.pixels import ImageFile, Part
 from bokehnet.io.window import Window
 
-__all__ = ["DEPTH_UNITS", "depth_channels", "read_depth", "read_disparity", "read_map", "resize_map"]
+__all__ = [
+    "DEPTH_UNITS",
+    "depth_channels",
+    "depth_to_mm",
+    "read_depth",
+    "read_disparity",
+    "read_map",
+    "resize_map",
+]
 
 _BARE_NAMES = ("z", "depth.z", "depth", "disparity", "y")
 _LAYER_NAMES = ("depth.z", "depth", "disparity", "z", "y")  # under a layer, a bare z says less than depth.z
@@ -115,14 +124,31 @@ def read_depth(
             f"{path}: expected depth in {unit} as floating point, found {part.pixel_type}; "
             "use an EXR file, or give the map as disparity"
         )
+    return depth_to_mm(values, unit, str(path))
+
+
+def depth_to_mm(values: NDArray[Any], unit: str = "m", name: str = "depth map") -> NDArray[np.float32]:
+    """Return depth in a unit of length, or metric disparity, as mm; infinite depth (sky) stays.
+
+    Args:
+        values: (H, W).
+        unit: One of ``DEPTH_UNITS``.
+        name: Of the map, for messages.
+
+    Raises:
+        ImageFileError: A value is NaN or not above 0 (``1/m``: infinite or below 0).
+        ParameterError: Unknown unit.
+    """
+    check_choice("unit", unit, DEPTH_UNITS)
+    values = np.asarray(values, np.float32)
     way_out = "set sky to infinity and holes to the depth around them"
     with np.errstate(over="ignore", divide="ignore"):  # beyond 3.4e38 mm becomes infinite, which is sky too
         if unit == _PER_METRE:
             way_out = "set sky to 0 and holes to the disparity around them"
             good = (values >= 0) & np.isfinite(values)
-            _check_all(path, values, good, "metric disparity", "is not 0 or a finite number above", way_out)
+            _check_all(name, values, good, "metric disparity", "is not 0 or a finite number above", way_out)
             return np.divide(_MM["m"], np.abs(values), dtype=np.float32)  # abs: sky may be -0
-        _check_all(path, values, values > 0, "depth", "is not above 0", way_out)
+        _check_all(name, values, values > 0, "depth", "is not above 0", way_out)
         return values * np.float32(_MM[unit])
 
 

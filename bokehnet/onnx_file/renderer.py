@@ -10,7 +10,7 @@ import onnxruntime
 from bokehnet import __version__
 from bokehnet.errors import ModelFileError
 from bokehnet.fusion import fuse
-from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.inference.engine import Engine
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph
@@ -109,7 +109,7 @@ def _compare(model: bytes, weights: Path | None = None) -> list[float]:
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    hybrid, plain = BokehRenderer("fast", weights=weights), BokehRenderer("scatter")
+    hybrid, plain = Engine("fast", weights=weights), Engine("scatter")
     found = []
     for height, width, blur, gamma in _TRIALS:
         image, disparity = _trial_picture(height, width)

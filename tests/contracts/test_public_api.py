@@ -67,7 +67,7 @@ def test_public_names_are_pinned_and_exist():
         "bokehnet.classical.scatter",
         "bokehnet.config",
         "bokehnet.errors",
-        "bokehnet.inference.pipeline",
+        "bokehnet.inference.engine",
         "bokehnet.inference.session",
         "bokehnet.io.image",
         "bokehnet.io.maps",

@@ -1,7 +1,6 @@
 """The leaning plane of focus of ``bokehnet render`` against the ray tracer's tilted sensor."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ from benchmarks.tilt_shift import (
     TILTS,
     best_focus,
     focus_of,
-    focusing,
-    scene_map,
+    focused_lens,
     sensor_axes,
     tilted_camera,
     trace_wall,
@@ -140,15 +138,19 @@ def test_discs_are_the_cones_of_traced_rays(tilt):
     assert strongest > 0.05
 
 
+def defocus_behind(camera, tilt, depth):
+    lens, disparity = focused_lens(camera, tilt, depth)
+    return lens.defocus(disparity)
+
+
 @pytest.mark.parametrize("tilt", [TILTS[1], TILTS[2], TILTS[4]])
 def test_the_line_of_best_focus_is_within_two_pixels(tilt):
     """Traced wall of noise, measured by its sharpness, against where the defocus of the options is 0."""
     camera = tilted_camera(tilt, WIDTH, HEIGHT)
     bokeh, sharp, depth = trace_wall(camera, 48)
-    options, scene = focusing(camera, tilt), scene_map(depth)
-    defocus = options.defocus(scene)
+    defocus = defocus_behind(camera, tilt, depth)
     without, reversed_tilt = (0.0, 0.0), (-tilt[0], -tilt[1])
-    others = [replace(options, tilt=wrong).defocus(scene) for wrong in (without, reversed_tilt)]
+    others = [defocus_behind(camera, wrong, depth) for wrong in (without, reversed_tilt)]
     if abs(tilt[1]) > abs(tilt[0]):
         bokeh, sharp, defocus, *others = (np.swapaxes(x, 0, 1) for x in (bokeh, sharp, defocus, *others))
     columns, rows = best_focus(bokeh, sharp, 5)

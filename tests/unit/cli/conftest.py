@@ -13,7 +13,7 @@ WIDTH, HEIGHT = 64, 40
 def no_bar(monkeypatch):
     """Commands that succeed say nothing, also where numba compiles first or the machine is busy."""
     monkeypatch.setattr("bokehnet.cli.progress._DELAY", 300.0)
-    monkeypatch.setattr("bokehnet.cli.compiling.compile_notice", contextlib.nullcontext)
+    monkeypatch.setattr("bokehnet.cli.progress.compile_notice", contextlib.nullcontext)
 
 
 @pytest.fixture

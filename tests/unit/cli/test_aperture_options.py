@@ -11,7 +11,7 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
-EXACT = ["--refine-disparity", "off"]  # the picture is noise, nothing to follow
+EXACT = ["--repair-disparity", "off"]  # the picture is noise, nothing to follow
 WORDS = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4, *EXACT]
 SCATTER = [*WORDS, "--engine", "scatter"]
 

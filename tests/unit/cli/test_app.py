@@ -131,7 +131,7 @@ def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
     ]
     words = ["--focal-length", "50", "--f-number", "1e-38", "--focus-distance", "2", "--sensor-width", "36"]
     done = subprocess.run(
-        [sys.executable, "-m", "bokehnet.cli.app", "render", *files, *words],
+        [sys.executable, "-m", "bokehnet", "render", *files, *words],
         capture_output=True,
         text=True,
         check=False,

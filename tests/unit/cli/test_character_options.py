@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-
 from bokehnet.cli.character_options import ChosenLens, choose_lens, make_character
 from bokehnet.cli.fringe_options import make_light
-from bokehnet.inference.pipeline import BokehRenderer
+from numpy.testing import assert_allclose
+
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses.catalog import load_lens
@@ -19,9 +18,10 @@ from bokehnet.optics.character import Character
 from bokehnet.optics.fringes import Fringes
 from bokehnet.optics.light_draw import LightDraw
 from bokehnet.optics.sliders import AberrationSliders
+from bokehnet.rendering.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
-EXACT = ["--refine-disparity", "off", "--engine", "rays"]  # the picture is noise, nothing to follow
+EXACT = ["--repair-disparity", "off", "--engine", "rays"]  # the picture is noise, nothing to follow
 PHOTO = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4, *EXACT]
 CAMERA = ["--focal-length", 50, "--f-number", 2.2, "--sensor-width", 12, "--focus-distance", 2]
 SCENE = ["render", "camera.exr", "--depth", "camera.exr", "--mixed-depth", "off", *EXACT, *CAMERA]

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cli.demo import ASSETS, BLUR, FOCUS
-from bokehnet.cli.sheet import contact_sheet
 from bokehnet.errors import ShapeError
+from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import read_image
 from bokehnet.io.info import image_info
 from bokehnet.io.maps import read_disparity
+from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
 
 WIDTH, HEIGHT = 720, 480
 CAT = np.s_[230:380, 230:360]  # rows and columns of the demo's middle distance
@@ -53,7 +53,7 @@ def test_the_default_is_the_rays_into_the_working_folder(
     tmp_path, cli, monkeypatch, random_weights, arguments, engine
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bokehnet.inference.pipeline.WEIGHTS", random_weights.parent)
+    monkeypatch.setattr("bokehnet.inference.engine.WEIGHTS", random_weights.parent)
     outcome = cli("demo", *arguments)
     assert outcome.code == 0
     assert f"engine {engine}" in outcome.out
@@ -71,7 +71,7 @@ def test_the_default_is_the_rays_into_the_working_folder(
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, cli, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bokehnet.inference.pipeline.WEIGHTS", tmp_path / "none")
+    monkeypatch.setattr("bokehnet.inference.engine.WEIGHTS", tmp_path / "none")
     outcome = cli("demo", *arguments)
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("bokehnet: error: ")

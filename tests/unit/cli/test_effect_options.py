@@ -3,18 +3,18 @@
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from bokehnet.cli.effect_options import make_effects
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cli.effect_options import make_effects
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, View, Vignette
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity, read_map
+from bokehnet.rendering.renderer import BokehRenderer
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 WORDS = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4]
-WORDS += ["--refine-disparity", "off", "--engine", "scatter"]
+WORDS += ["--repair-disparity", "off", "--engine", "scatter"]
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from bokehnet.cli.focus import Focus
+from bokehnet.cli.scene_map import SceneMap
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.rays import rays
 from bokehnet.classical.scatter import scatter
-from bokehnet.cli.focus import Focus
-from bokehnet.cli.scene_map import SceneMap
 from bokehnet.io.image import read_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.io.window import Window
@@ -20,7 +20,7 @@ from bokehnet.optics.focus_plane import FocusPlane, plane_pencil
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 FAST = ("--engine", "scatter")
-EXACT = ("--refine-disparity", "off", "--mixed-depth", "off")  # the picture is noise, nothing to follow
+EXACT = ("--repair-disparity", "off", "--mixed-depth", "off")  # the picture is noise, nothing to follow
 MAP = ("render", "photo.png", "--disparity", "disparity.png", *EXACT)
 RELATIVE = (*MAP, "--blur", 6)
 CAMERA = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)

@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
+from bokehnet.cli.fringe_options import check_fringes, make_fringes, make_light
 from numpy.testing import assert_allclose
 
-from bokehnet.cli.fringe_options import check_fringes, make_fringes, make_light
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.character import Character
 from bokehnet.optics.field_maps import inversion, square
 from bokehnet.optics.fringes import Fringes, make_curve
 from bokehnet.optics.light_draw import LightDraw
+from bokehnet.rendering.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
-EXACT = ["--refine-disparity", "off"]  # the picture is noise, nothing to follow
+EXACT = ["--repair-disparity", "off"]  # the picture is noise, nothing to follow
 WORDS = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4, *EXACT]
 RAYS = [*WORDS, "--engine", "rays"]
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.tone import Highlights
+from bokehnet.rendering.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
-EXACT = ["--refine-disparity", "off"]  # the picture is noise, nothing to follow
+EXACT = ["--repair-disparity", "off"]  # the picture is noise, nothing to follow
 WORDS = ["render", "photo.png", "--disparity", "disparity.png", "--blur", 9, "--focus", 0.4, *EXACT]
 SCATTER = [*WORDS, "--engine", "scatter"]
 

@@ -43,7 +43,7 @@ def large(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["photo.png", "photo.exr"])
 def test_the_program_stays_within_its_bound(large, name):
     options = ("--disparity", "map.png", "--blur", "20", "--focus", "0.3", "--engine", "scatter")
-    refine = ("--refine-disparity", "off")
+    refine = ("--repair-disparity", "off")
     assert peak_of("render", name, *options, *refine, "-o", "whole.exr") > 900 * 2**20
     assert peak_of("render", name, *options, *refine, "-o", "out.png", "--max-memory", "900M") < 900 * 2**20
     assert peak_of("render", name, *options, *refine, "-o", "out.exr", "--max-memory", "900M") < 900 * 2**20

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bokehnet.cli.preset_option import look_options
 
 import bokehnet
 from bokehnet.cli.app import app, run
-from bokehnet.cli.preset_option import look_options
-from bokehnet.cli.presets import preset_names, preset_path, read_preset
 from bokehnet.cli.render import render
 from bokehnet.io.image import read_image, write_image
+from bokehnet.rendering.preset import preset_path, read_preset
+from bokehnet.rendering.preset import presets as preset_names
 
 
 @pytest.fixture
@@ -24,7 +25,7 @@ def scene(tmp_path):
 
 def rendered(scene: Path, *options: str) -> np.ndarray:
     words = ["render", str(scene / "in.png"), "--disparity", str(scene / "map.png"), "--blur", "9"]
-    words += ["--focus", "0.5", "--refine-disparity", "off", "-o", str(scene / "out.exr"), *options]
+    words += ["--focus", "0.5", "--repair-disparity", "off", "-o", str(scene / "out.exr"), *options]
     assert run(words) == 0
     return read_image(scene / "out.exr")
 

@@ -2,22 +2,22 @@
 
 import numpy as np
 import pytest
+from bokehnet.cli.memory_option import parse_bytes
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
 from bokehnet.classical.scatter import scatter
 from bokehnet.cli import look
-from bokehnet.cli.memory_option import parse_bytes
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
+from bokehnet.rendering.renderer import BokehRenderer
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 CAMERA = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)
 SCATTER = ("--engine", "scatter")
-EXACT = ("--refine-disparity", "off")  # the picture is noise, nothing to follow
+EXACT = ("--repair-disparity", "off")  # the picture is noise, nothing to follow
 RELATIVE = ("render", "photo.png", "--disparity", "disparity.png", *EXACT)
 METRIC = ("render", "photo.png", "--depth", "camera.exr", *CAMERA, *EXACT)
 
@@ -197,7 +197,7 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
     refined = DisparityRefiner()(read_image("photo.png"), given)
     assert np.abs(refined - given).max() > 0.1
     for mode, values in (("off", given), ("on", refined), ("auto", refined)):
-        _, defocus = rendered(*words, "--refine-disparity", mode)
+        _, defocus = rendered(*words, "--repair-disparity", mode)
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-5)
 
 

@@ -10,7 +10,7 @@ from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity, read_map
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
-FAST = ("--engine", "scatter", "--refine-disparity", "off")
+FAST = ("--engine", "scatter", "--repair-disparity", "off")
 DEPTH = ("render", "camera.exr", "--depth", "camera.exr", *FAST, "-o", "out.exr", "--save-maps", "maps")
 LENS = ("--focal-length", 50, "--f-number", 2, "--sensor-width", 36)
 

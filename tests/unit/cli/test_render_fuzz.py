@@ -71,7 +71,7 @@ def command_lines(draw):
             words.append(draw(VALUES[option]))
     if "-o" not in words or draw(st.integers(0, 9)) == 0:
         words += ["-o", draw(st.sampled_from(["out.png", "out.#.png", "no/out.png", "out.xyz"]))]
-    return [*words, "--engine", "scatter", "--refine-disparity", "off"]
+    return [*words, "--engine", "scatter", "--repair-disparity", "off"]
 
 
 @settings(

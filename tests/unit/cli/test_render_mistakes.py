@@ -50,7 +50,7 @@ ALL = [*MAP, *SIZES]
         ([*PHOTO, "--depth", "camera.exr", *LENS, "--channel", "W"], ["no channel 'W'", "Z"]),
         ([*PHOTO, "--depth", "disparity.png", *LENS], ["floating point", "disparity"]),
         ([*ALL, "--engine", "magic"], ["hybrid, rays, scatter", "magic"]),
-        ([*ALL, "--refine-disparity", "maybe"], ["--refine-disparity", "auto, off, on", "maybe"]),
+        ([*ALL, "--repair-disparity", "maybe"], ["--repair-disparity", "auto, off, on", "maybe"]),
         ([*ALL, "--save-maps", "photo.png/maps"], ["--save-maps", "photo.png"]),
     ],
 )

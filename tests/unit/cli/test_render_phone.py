@@ -7,15 +7,15 @@ import struct
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from bokehnet.cli.phone_scene import full_frame_camera
 from numpy.testing import assert_allclose
 
-from bokehnet.cli.phone_scene import full_frame_camera
 from bokehnet.io.camera import Camera
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_map
 
 WIDTH, HEIGHT = 64, 48
-FAST = ("--engine", "scatter", "--refine-disparity", "off", "--save-maps", "maps")
+FAST = ("--engine", "scatter", "--repair-disparity", "off", "--save-maps", "maps")
 NEAR, FAR = 0.8, 4.0  # metres
 BACK, FRONT = 204, 51  # stored values of background and subject, 255 is FAR
 DIAGONAL = math.hypot(36, 24)

@@ -9,15 +9,15 @@ import time
 
 import numpy as np
 import pytest
+from bokehnet.cli.look import Look
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cli.look import Look
 from bokehnet.cli.workers import render_in_processes
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map
 
 FRAMES = range(1, 5)
-FAST = ("--engine", "scatter", "--refine-disparity", "off", "--mixed-depth", "off")
+FAST = ("--engine", "scatter", "--repair-disparity", "off", "--mixed-depth", "off")
 SHOT = ("render", "shot.####.png", "--disparity", "z.%04d.png", "-o", "out.####.png", *FAST)
 STILL = ("render", "photo.png", "--disparity", "disparity.png", "-o", "out.####.png", *FAST)
 FOCUS = ("--blur", 6, "--focus", 0.4)
@@ -65,7 +65,7 @@ def test_a_static_scene_gives_identical_frames_however_many_render(shot, cli):
 
 def test_a_lens_is_the_same_in_every_process(shot, cli, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    words = [*STILL[:6], *FOCUS, "--lens", "double_gauss", "--coma", 2, "--refine-disparity", "off"]
+    words = [*STILL[:6], *FOCUS, "--lens", "double_gauss", "--coma", 2, "--repair-disparity", "off"]
     assert cli(*words, "--frames", "1").code == 0
     assert cli(*words, "--frames", "2-3", "--jobs", 2).code == 0
     assert len(set(outputs(shot).values())) == 1
@@ -209,7 +209,7 @@ def start(*words):
     program = [
         sys.executable,
         "-m",
-        "bokehnet.cli.app",
+        "bokehnet",
         *map(str, (*STILL, *FOCUS, "--frames", "1-600", *words)),
     ]
     return subprocess.Popen(

@@ -12,8 +12,8 @@ from bokehnet.cascade import carry_detail, render_neural
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays import render_rays
 from bokehnet.inference.correction import SmallCopy
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.pyramid import downsample2
+from bokehnet.rendering.renderer import BokehRenderer
 
 
 def picture(height: int, width: int, radius: float) -> tuple[np.ndarray, np.ndarray]:

@@ -12,13 +12,13 @@ from bokehnet.classical.scatter import scatter
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.fusion import fuse
 from bokehnet.inference import tiling
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.session import load_networks
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import Highlights, gamma_curve
+from bokehnet.rendering.renderer import BokehRenderer
 
 
 @pytest.fixture(scope="module")

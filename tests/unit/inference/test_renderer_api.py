@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from bokehnet.errors import ParameterError
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.rendering.renderer import BokehRenderer
 
 
 def picture() -> tuple[np.ndarray, np.ndarray]:

@@ -6,10 +6,10 @@ import pytest
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.rays import rays
 from bokehnet.config import load_config
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import make_sample
 from tests.conftest import ROOT

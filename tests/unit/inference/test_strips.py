@@ -7,12 +7,12 @@ import pytest
 
 from bokehnet.classical.base import ALIGNED
 from bokehnet.errors import ParameterError
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.strips import BYTES_PER_PIXEL, Gathered, cut_strips
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.character import Character
 from bokehnet.optics.fringes import Fringes
 from bokehnet.optics.sliders import AberrationSliders
+from bokehnet.rendering.renderer import BokehRenderer
 
 
 def tall_picture(height: int = 900, width: int = 120) -> tuple[np.ndarray, np.ndarray]:

@@ -120,7 +120,7 @@ def test_wrong_arguments_are_refused():
 
 def test_depth_mixed_with_far_things_renders_closer_to_the_truth_when_repaired():
     """Oracle: the same scene rendered from its true disparity at four times the resolution."""
-    from bokehnet.inference.pipeline import BokehRenderer
+    from bokehnet.rendering.renderer import BokehRenderer
 
     y, x = np.mgrid[:320, :400] / 4
     near = ((x - 35) ** 2 + (y - 40) ** 2 < 22**2) | (np.abs(x - 78 + 0.2 * y) < 3)

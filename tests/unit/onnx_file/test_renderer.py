@@ -9,10 +9,10 @@ import onnx
 import pytest
 
 from bokehnet.errors import ModelFileError
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.onnx_file import renderer
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.rendering.renderer import BokehRenderer
 from tests.unit.onnx_file.running import decibels, picture, start, steps
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import ParameterError
-from bokehnet.inference.pipeline import BokehRenderer
+from bokehnet.rendering.renderer import BokehRenderer
 from train import methods
 from train.corruption import corrupt
 from train.evaluate import evaluate, main

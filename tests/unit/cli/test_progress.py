@@ -1,6 +1,5 @@
 import numba
-
-from bokehnet.cli.compiling import compile_notice
+from bokehnet.cli.progress import compile_notice
 
 
 def make_kernel():
@@ -35,7 +34,7 @@ def test_the_first_render_tells_that_it_compiles_and_the_second_is_silent(folder
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "cache"))
     photo, disparity, output = (folder / name for name in ("photo.png", "disparity.png", "out.png"))
     words = ("render", photo, "--disparity", disparity, "--blur", 2, "--focus", 0, "-o", output)
-    words += ("--engine", "scatter", "--refine-disparity", "off")
+    words += ("--engine", "scatter", "--repair-disparity", "off")
     first = cli_process(*words)
     assert first.code == 0
     assert first.err.startswith("bokehnet: compiling for this machine, once")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.cli.sheet import contact_sheet
+from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import write_image
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.psf_pairs import FIELDS, PsfPair, psf_pairs

@@ -4,7 +4,8 @@ from typing import Annotated
 
 import typer
 
-from bokehnet.cli.presets import preset_names, preset_path
+from bokehnet.rendering.preset import load_preset, preset_file
+from bokehnet.rendering.preset import presets as preset_names
 
 __all__ = ["presets"]
 
@@ -15,12 +16,10 @@ def presets(
     ] = None,
 ) -> None:
     """List the looks for bokehnet render --preset, or show one of them."""
-    import tomllib
-
     if name is not None:
-        typer.echo(preset_path(name).read_text(encoding="utf-8").rstrip())
+        typer.echo(preset_file(name).read_text(encoding="utf-8").rstrip())
         return
-    width = max(map(len, preset_names()))
-    for preset in preset_names():
-        table = tomllib.loads(preset_path(preset).read_text(encoding="utf-8"))
-        typer.echo(f"{preset:{width}}  {table['description']}")
+    names = preset_names()
+    width = max(map(len, names))
+    for preset in names:
+        typer.echo(f"{preset:{width}}  {load_preset(preset).description}")

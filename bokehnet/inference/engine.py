@@ -1,4 +1,4 @@
-"""The renderer that people use: picture and defocus in, bokeh out, without torch."""
+"""The engines: picture and defocus in, bokeh out, without torch."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.cascade import render_neural
-from bokehnet.checks import check_at_least, check_choice, check_number
+from bokehnet.checks import check_choice
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
     ClassicalResult,
@@ -26,10 +26,9 @@ from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.io.banded import in_bands
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.character import Character
-from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
-__all__ = ["ENGINES", "BokehRenderer", "RenderResult"]
+__all__ = ["ENGINES", "Engine", "EngineResult", "Progress"]
 
 # Engines with networks: the best, on the rays, and a faster one on the scatter.
 HYBRIDS = ("hybrid", "fast")
@@ -41,7 +40,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class RenderResult:
+class EngineResult:
     """A rendered picture and what it was made of; all scene-linear float32.
 
     Attributes:
@@ -72,15 +71,19 @@ def _ignore(done: int, total: int) -> None:
     """Progress that nobody follows."""
 
 
-class BokehRenderer:
-    """Renders bokeh on the CPU. One renderer may be used by several threads at once.
+@dataclass(frozen=True, slots=True)
+class _Lens:
+    """What one picture is rendered through."""
+
+    aperture: Aperture
+    character: Character
+
+
+class Engine:
+    """Renders on the CPU. One engine may be used by several threads at once.
 
     Args:
-        engine: One of ``ENGINES``.
-        aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
-            shapes they correct what the classical half made of them.
-        character: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
-            default a perfect lens.
+        name: One of ``ENGINES``.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
@@ -94,61 +97,45 @@ class BokehRenderer:
 
     def __init__(
         self,
-        engine: str = "rays",
+        name: str = "rays",
         *,
-        aperture: Aperture | None = None,
-        character: Character | None = None,
         weights: Path | None = None,
         threads: int = 0,
         providers: Sequence[str] = ("CPUExecutionProvider",),
         session_options: Any = None,
     ) -> None:
-        check_choice("engine", engine, ENGINES)
-        self.engine = engine
-        self.aperture = aperture or Aperture()
-        self.character = character or Character()
-        neural = engine in HYBRIDS
+        check_choice("engine", name, ENGINES)
+        self.name = name
+        neural = name in HYBRIDS
         self._networks = (
-            load_networks(weights or WEIGHTS / engine, threads, providers, session_options)
-            if neural
-            else None
+            load_networks(weights or WEIGHTS / name, threads, providers, session_options) if neural else None
         )
-        self._classical_name = self._networks.classical if self._networks else engine
+        self._classical_name = self._networks.classical if self._networks else name
         self._classical = make_classical(self._classical_name)
-
-    def warm_up(self) -> None:
-        """Load or compile the kernels and run the networks once, before the first picture."""
-        image = np.zeros((64, 64, 3), np.float32)
-        image[::8] = 1
-        defocus = np.full((64, 64), -12, np.float32)
-        defocus[:, 32:] = 12
-        self.render(image, defocus)
 
     def render(
         self,
         image: np.ndarray,
-        defocus: np.ndarray | None = None,
+        defocus: np.ndarray,
         progress: Progress | None = None,
         *,
-        disparity: np.ndarray | None = None,
-        blur: float | None = None,
-        focus: float | None = None,
+        aperture: Aperture | None = None,
+        character: Character | None = None,
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
         memory_taken: int = 0,
         overwrite: bool = False,
-    ) -> RenderResult:
-        """Render one picture, from its defocus, or from disparity, blur and focus.
+    ) -> EngineResult:
+        """Render one picture from its defocus.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3). Values below 0 count as 0.
-            defocus: Signed blur radius in pixels, (H, W), positive in front of focus; see
-                :func:`bokehnet.optics.coc.defocus_from_disparity` and :func:`bokehnet.lenses.defocus_map`.
-            progress: Called with (steps done, steps in all).
-            disparity: In place of ``defocus``: relative disparity, (H, W), near is large.
-            blur: With ``disparity``: blur radius in pixels per unit of it.
-            focus: With ``disparity``: its value that stays sharp.
+            defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
+            progress: Called with (steps done, steps in all); what it raises ends the rendering.
+            aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with
+                other shapes they correct what the classical half made of them.
+            character: What the lens does beyond focusing; default a perfect lens.
             gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
                 :func:`bokehnet.optics.tone.gamma_curve`.
             highlights: How clipped lights get their brightness back before blurring. The result keeps
@@ -162,62 +149,63 @@ class BokehRenderer:
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
-            ParameterError: Neither or both of defocus and disparity; NaN or infinity in them or in the
-                image; gamma out of range, or not 1 with a hybrid; ``max_memory`` too small, or with a
-                cat's-eye or with networks that cannot work in strips.
+            ParameterError: NaN or infinity in defocus or image; gamma out of range, or not 1 with a hybrid;
+                ``max_memory`` too small, or with a cat's-eye or with networks that cannot work in strips.
         """
-        if defocus is None:
-            defocus = _from_disparity(disparity, blur, focus)
-        elif not (disparity is None and blur is None and focus is None):
-            raise ParameterError("defocus: expected either defocus, or disparity, blur and focus, got both")
+        lens = _Lens(aperture or Aperture(), character or Character())
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
         if self._networks is not None and gamma != 1:
             raise ParameterError(
-                f"gamma: expected 1, all that the networks of {self.engine} know, got {gamma:g}; "
+                f"gamma: expected 1, all that the networks of {self.name} know, got {gamma:g}; "
                 f"use --engine {self._classical_name}"
             )
         if highlights is not None:
             image = in_bands(highlights.expand, image, out=over)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
-        strips = [None] if max_memory is None else self._cut(defocus, max_memory, memory_taken)
+        strips = [None] if max_memory is None else self._cut(defocus, lens, max_memory, memory_taken)
         if len(strips) > 1:
-            return self._render_strips(image, defocus, curve, strips, progress or _ignore, overwrite)
-        return self._render_whole(image, defocus, curve, progress or _ignore)
+            return self._render_strips(image, defocus, lens, curve, strips, progress or _ignore, overwrite)
+        return self._render_whole(image, defocus, lens, curve, progress or _ignore)
 
-    def _cut(self, defocus: np.ndarray, memory: int, taken: int) -> list[Strip | None]:
+    def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
         height, width = defocus.shape
         reach = math.ceil(_reach(defocus))
         crossed = None
-        if self._classical_name == "rays" and not self.character.is_plain:
+        if self._classical_name == "rays" and not lens.character.is_plain:
             from bokehnet.classical.lanes import LANES
             from bokehnet.classical.lens_rays import lens_table
 
-            crossed = lens_table(self.character, width, height, LANES, rows=0).reach(reach)
+            crossed = lens_table(lens.character, width, height, LANES, rows=0).reach(reach)
         strips: list[Strip | None] = [
             *cut_strips(height, width, reach, self._classical_name, memory, taken, crossed)
         ]
         if len(strips) <= 1:
             return [None]
-        if self.aperture.cats_eye > 0:
+        if lens.aperture.cats_eye > 0:
             raise ParameterError("max_memory: a cat's-eye needs the whole picture at once; leave it out")
         if self._networks is not None and self._networks.iunet is not None:
             raise ParameterError("max_memory: these networks need the whole picture at once; leave it out")
         return strips
 
     def _render_whole(
-        self, image: np.ndarray, defocus: np.ndarray, curve: GammaCurve | None, report: Progress
-    ) -> RenderResult:
+        self,
+        image: np.ndarray,
+        defocus: np.ndarray,
+        lens: _Lens,
+        curve: GammaCurve | None,
+        report: Progress,
+    ) -> EngineResult:
         steps = 1 if self._networks is None else 2
         report(0, steps)
-        classical = self._render_classical(image, defocus, curve)
+        classical = self._render_classical(image, defocus, lens, curve)
         report(1, steps)
         if self._networks is None:
             bokeh, doubt = classical.bokeh, classical.error_map
-            return RenderResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=doubt)
+            return EngineResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=doubt)
         if self._networks.iunet is not None:
             result = self._render_cascade(image, defocus, classical)
         else:
@@ -226,7 +214,7 @@ class BokehRenderer:
             small.add(0, image, defocus, classical)
             correction = small.correct(self._networks.arnet, self._networks.trusted_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
-            result = RenderResult(
+            result = EngineResult(
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
             )
         report(2, steps)
@@ -236,11 +224,12 @@ class BokehRenderer:
         self,
         image: np.ndarray,
         defocus: np.ndarray,
+        lens: _Lens,
         curve: GammaCurve | None,
         strips: Sequence[Strip | None],
         report: Progress,
         overwrite: bool,
-    ) -> RenderResult:
+    ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
         results = [Gathered(array, overwrite) for array in (image, defocus)]
@@ -252,7 +241,7 @@ class BokehRenderer:
             assert strip is not None
             report(done, steps)
             rows = slice(strip.first, strip.last)
-            part = self._render_classical(image[rows], defocus[rows], curve, strip)
+            part = self._render_classical(image[rows], defocus[rows], lens, curve, strip)
             first, wanted = strip.first + strip.wanted.start, strip.wanted
             kept = part.rows(wanted)
             inner = slice(first, first + len(kept.bokeh))
@@ -271,23 +260,24 @@ class BokehRenderer:
                 bokeh[inner], error_map[inner] = found.bokeh, found.error_map
         report(steps, steps)
         classical = bokeh if networks is None else None
-        return RenderResult(bokeh=bokeh, classical=classical, neural=None, error_map=error_map)
+        return EngineResult(bokeh=bokeh, classical=classical, neural=None, error_map=error_map)
 
     def _render_classical(
         self,
         image: np.ndarray,
         defocus: np.ndarray,
+        lens: _Lens,
         curve: GammaCurve | None,
         strip: Strip | None = None,
     ) -> ClassicalResult:
         if curve is None:
-            return self._classical(image, defocus, self.aperture, strip, self.character)
-        result = self._classical(curve.encode(image), defocus, self.aperture, strip, self.character)
+            return self._classical(image, defocus, lens.aperture, strip, lens.character)
+        result = self._classical(curve.encode(image), defocus, lens.aperture, strip, lens.character)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
     def _render_cascade(
         self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
-    ) -> RenderResult:
+    ) -> EngineResult:
         """The way of networks with an IUNet: level by level, at full size as well."""
         assert self._networks is not None
         assert self._networks.iunet is not None
@@ -303,19 +293,4 @@ class BokehRenderer:
         neural = np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0))
         error_map = result.error_map[0, 0]
         bokeh = fuse(classical.bokeh, neural, error_map[..., None])
-        return RenderResult(bokeh=bokeh, classical=classical.bokeh, neural=neural, error_map=error_map)
-
-
-def _from_disparity(disparity: np.ndarray | None, blur: float | None, focus: float | None) -> np.ndarray:
-    """Defocus of a disparity map at a public door."""
-    missing = [
-        name for name, value in (("disparity", disparity), ("blur", blur), ("focus", focus)) if value is None
-    ]
-    if disparity is None or blur is None or focus is None:
-        raise ParameterError(
-            f"defocus: expected either defocus, or disparity, blur and focus; {', '.join(missing)} missing"
-        )
-    check_at_least("blur", blur, 0)
-    check_number("focus", focus)
-    defocus: np.ndarray = defocus_from_disparity(np.asarray(disparity), blur, focus)
-    return defocus
+        return EngineResult(bokeh=bokeh, classical=classical.bokeh, neural=neural, error_map=error_map)

@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from bokehnet.rendering.sequence import Pull, read_pull
 from numpy.testing import assert_allclose
 
-from bokehnet.cli.pull import Pull, read_pull
 from bokehnet.errors import ConfigError, ParameterError
 
 

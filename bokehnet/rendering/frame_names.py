@@ -27,14 +27,14 @@ def parse_frames(text: str) -> tuple[int, ...]:
         match = _PART.fullmatch(part.strip())
         if match is None:
             raise ParameterError(
-                f"--frames: expected frames such as 1001-1100, 1001-1100x2 or 1,5,10-20, got {text!r}"
+                "frames", expected="frames such as 1001-1100, 1001-1100x2 or 1,5,10-20", got=text
             )
         first, last, step = int(match[1]), int(match[2] or match[1]), int(match[3] or 1)
         if last < first or step < 1:
-            raise ParameterError(f"--frames: expected FIRST-LAST or FIRST-LASTxSTEP that rises, got {part!r}")
+            raise ParameterError("frames", expected="FIRST-LAST or FIRST-LASTxSTEP that rises", got=part)
         steps = range(first, last + 1, step)
         if len(frames) + len(steps) > _MOST_FRAMES:
-            raise ParameterError(f"--frames: expected at most {_MOST_FRAMES} frames, got {text!r}")
+            raise ParameterError("frames", expected=f"at most {_MOST_FRAMES} frames", got=text)
         frames.update(steps)
     return tuple(sorted(frames))
 

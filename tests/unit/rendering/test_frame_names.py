@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
+from bokehnet.rendering.frame_names import format_frames, frame_path, is_pattern, parse_frames
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bokehnet.cli.frames import format_frames, frame_path, is_pattern, parse_frames
 from bokehnet.errors import ParameterError
 
 

@@ -1,0 +1,5 @@
+"""``python -m bokehnet``: the command line."""
+
+from bokehnet.cli.app import main
+
+main()

@@ -1,0 +1,122 @@
+"""Frames: the files of each, what may be asked for, and the rendering of one."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bokehnet.cli.progress import progress
+from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.image import check_writable
+from bokehnet.rendering.focus import check_focus
+from bokehnet.rendering.frame_names import frame_path, is_pattern
+from bokehnet.rendering.look import check_look
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.scene import read_scene
+from bokehnet.rendering.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
+from bokehnet.rendering.settings import RenderSettings
+
+__all__ = ["FrameJob", "frame_jobs", "make_renderer", "render_frame", "render_one"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FrameJob:
+    """One frame to render.
+
+    Attributes:
+        image: The all-in-focus picture.
+        output: Where the result goes.
+        settings: All else.
+        number: Of the frame in its sequence.
+    """
+
+    image: Path
+    output: Path
+    settings: RenderSettings
+    number: int = 0
+
+    def check(self) -> None:
+        """Raise unless the settings fit together and the result can be written; no picture is read."""
+        check_focus(self.settings)
+        check_writable(self.output)
+        folder = self.settings.output.save_maps
+        if folder is None:
+            return
+        nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not nearest.is_dir():
+            raise ImageFileError(f"`output.save_maps`: expected a folder, found the file {nearest}")
+        if not os.access(nearest, os.W_OK | os.X_OK):
+            raise ImageFileError(f"`output.save_maps`: the folder {nearest} is not writable")
+
+
+def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]:
+    """Return what is to be rendered for each frame.
+
+    Args:
+        job: For all frames; its paths may have a place for the number.
+        sequence: Which frames, and what changes over them.
+
+    Raises:
+        ParameterError: All results would go to one file, or over what they are made of.
+        BokehnetError: As :meth:`FrameJob.check`, of any frame.
+    """
+    frames = sequence.frames or ()
+    if len(frames) > 1 and not is_pattern(job.output):
+        raise ParameterError(
+            "--output",
+            expected="a name with a place for the frame, such as out.####.png",
+            shown=str(job.output),
+        )
+    given = job.settings
+    relative = given.camera.blur is not None or sequence.blur_from is not None
+    metric = given.input.depth is not None or (given.input.disparity is None and not relative)
+    pull = make_pull(frames, sequence, metric=metric)
+    maps = given.output.save_maps
+    jobs = {}
+    for frame in frames:
+        settings = settings_at_frame(given, frame, pull)
+        if maps is not None:
+            settings = replace(settings, output=replace(settings.output, save_maps=maps / f"{frame:04d}"))
+        jobs[frame] = FrameJob(
+            image=frame_path(job.image, frame),
+            output=frame_path(job.output, frame),
+            settings=settings,
+            number=frame,
+        )
+    read = {path for one in jobs.values() for path in (one.image, *input_files(one.settings).values())}
+    for one in jobs.values():
+        if one.output in read:
+            raise ParameterError(
+                "--output",
+                expected="another name than those that are read",
+                shown=f"{one.output}, read for a frame",
+            )
+        one.check()
+    return jobs
+
+
+def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
+    """Return a renderer whose engine, networks and look are there: what is wrong with them is told now."""
+    check_look(settings)
+    return BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
+
+
+def render_frame(
+    job: FrameJob, renderer: BokehRenderer, report: Callable[[int, int], None] | None = None
+) -> None:
+    """Read, render and write one frame; the output appears complete or not at all.
+
+    Raises:
+        BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
+    """
+    focused = renderer.prepare(read_scene(job.image, job.settings, number=job.number), job.settings)
+    result = renderer.render(focused, job.settings, report, overwrite=True)
+    if job.settings.output.save_maps is not None:
+        result.save_maps(job.settings.output.save_maps, job.settings)
+    result.save(job.output)
+
+
+def render_one(job: FrameJob) -> None:
+    """Render a frame with a bar."""
+    with progress("rendering") as report:
+        render_frame(job, make_renderer(job.settings), report)

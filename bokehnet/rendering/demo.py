@@ -1,0 +1,54 @@
+"""The scene that comes with the package, traced by ``examples/demo_scene.py``, and its contact sheet."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.contact_sheet import contact_sheet
+from bokehnet.rendering.depth_source import RelativeDisparity
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.scene import Scene, read_scene
+from bokehnet.rendering.settings import CameraSettings, DepthSettings, FocusSettings, RenderSettings
+
+__all__ = ["ASSETS", "BLUR", "FOCUS", "demo_scene", "demo_sheet"]
+
+# Holds demo.png and demo_disparity.png.
+ASSETS = Path(__file__).parent.parent / "assets"
+
+BLUR = 38.0  # pixels of radius per unit of disparity
+FOCUS = {"near": 0.94, "middle": 0.46, "far": 0.0}  # leaves, cat, town
+
+
+def demo_scene() -> Scene:
+    """Return the scene; its disparity is exact."""
+    return read_scene(ASSETS / "demo.png", source=RelativeDisparity(map=ASSETS / "demo_disparity.png"))
+
+
+def demo_sheet(
+    renderer: BokehRenderer | None = None, progress: Callable[[int, int], None] | None = None
+) -> npt.NDArray[np.float32]:
+    """Return one contact sheet of the scene, its disparity and three focus distances, scene-linear.
+
+    Args:
+        renderer: By default one of the engine "rays".
+        progress: Called with (pictures done, pictures in all).
+    """
+    renderer, scene = renderer or BokehRenderer(), demo_scene()
+    shown = srgb_to_linear(scene.depth.values)  # so that a viewer sees the stored values
+    inputs = [("input", scene.image), ("disparity, near is bright", np.repeat(shown[..., None], 3, axis=-1))]
+    results = []
+    for index, (name, focus) in enumerate(FOCUS.items()):
+        if progress is not None:
+            progress(index, len(FOCUS))
+        settings = RenderSettings(
+            camera=CameraSettings(blur=BLUR),
+            focus=FocusSettings(value=focus),
+            depth=DepthSettings(repair="off"),
+        )
+        results.append((f"focus {name} ({focus:.2f})", renderer.render(scene, settings).bokeh))
+    if progress is not None:
+        progress(len(FOCUS), len(FOCUS))
+    return contact_sheet([inputs, results])

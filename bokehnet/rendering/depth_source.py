@@ -1,0 +1,339 @@
+"""Where the depth of a picture comes from: one class for each kind, from arrays or from files alike.
+
+A source says what it needs when it is made, and gives a :class:`DepthMap` when it is asked for that of a
+picture. To add a source: a class with ``depth_map`` here, a field of ``InputSettings`` that picks it, and a
+line in :func:`depth_source`.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.checks import check_map
+from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.inference.depth_convention import find_convention
+from bokehnet.inference.monocular import DepthEstimator
+from bokehnet.io.camera import Camera, camera_from_exr
+from bokehnet.io.maps import depth_to_mm, read_depth, read_disparity, read_map
+from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
+from bokehnet.io.pixels import ImageFile
+from bokehnet.io.window import Window
+from bokehnet.optics.coc import disparity_from_depth
+from bokehnet.rendering.camera import full_frame_camera, joined
+from bokehnet.rendering.settings import RenderSettings
+
+__all__ = [
+    "ConstantDisparity",
+    "DefocusMap",
+    "DepthMap",
+    "DepthSource",
+    "EmbeddedDepth",
+    "MetricDepth",
+    "NetworkDepth",
+    "Photo",
+    "RelativeDisparity",
+    "depth_source",
+]
+
+Kind = Literal["relative", "metric", "defocus"]
+
+# Distance of the nearest point, mm, where a phone tells no distances; the farthest is at infinity.
+_NEAREST = 1000.0
+
+# Side of the middle of the photo, over that of the photo, that is sharp when nobody says what shall be.
+_MIDDLE = 1 / 5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Photo:
+    """What a source may look at.
+
+    Attributes:
+        image: Scene-linear, (H, W, 3).
+        window: Where its pixels lie in the shown picture.
+        camera: What its file says of the camera; None where it says nothing.
+        path: Its file; None for an array.
+    """
+
+    image: npt.NDArray[np.float32]
+    window: Window
+    camera: Camera | None = None
+    path: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DepthMap:
+    """What is known of the depth of a picture.
+
+    Attributes:
+        values: Disparity, near is large: 1/mm if metric, else relative, 0 to 1; for the kind "defocus" the
+            signed blur radius in pixels. (h, w), of the picture's size or of another one.
+        kind: What the values are.
+        origin: The setting that told where it comes from, for messages.
+        fits_any_size: Whether a map of another size than the picture's is brought to it without being asked.
+        filtered: What its renderer filtered, where it did: depth or disparity. None where that is not so.
+        camera: What is known of the camera to blur as, where distances are known.
+        focus: Value of the map that stays sharp when nothing else is said; None where that must be said.
+        all_in_focus: Picture to render in place of the given one, (H, W, 3): a phone's before it was blurred.
+    """
+
+    values: npt.NDArray[np.float32]
+    kind: Kind
+    origin: str
+    fits_any_size: bool = False
+    filtered: Literal["depth", "disparity"] | None = None
+    camera: Camera | None = None
+    focus: float | None = None
+    all_in_focus: npt.NDArray[np.float32] | None = None
+
+
+class DepthSource(Protocol):
+    """Whatever can tell the depth of a picture."""
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """Return the map of a picture; ``BokehnetError`` where there is none."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RelativeDisparity:
+    """Relative disparity, near is large: what monocular networks and stereo give.
+
+    Attributes:
+        map: File or array (h, w).
+        channel: Of a file: which one; None takes what looks like depth.
+        invert: Whether far is large: ``1 - value``, once it runs from 0 to 1.
+        value_range: Values that become 0 and 1; None takes the lowest and the highest.
+        as_stored: Whether values are 0 to 1 already and stay, as the maps of a sequence, which must be
+            treated alike; with a ``value_range`` that decides.
+
+    Example:
+        >>> import numpy as np
+        >>> from bokehnet.rendering import scene
+        >>> disparity = np.tile(np.linspace(0, 255, 6, dtype=np.float32), (4, 1))
+        >>> made = scene.make_scene(np.ones((4, 6, 3), np.float32), RelativeDisparity(map=disparity))
+        >>> float(made.depth.values.max())
+        1.0
+    """
+
+    map: Path | str | npt.NDArray[np.floating]
+    channel: str | None = None
+    invert: bool = False
+    value_range: tuple[float, float] | None = None
+    as_stored: bool = False
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        stored = self.as_stored or self.value_range is not None
+        if isinstance(self.map, np.ndarray):
+            check_map("disparity", self.map)
+            values = np.asarray(self.map, np.float32) if stored else _stretched(self.map)
+        else:
+            values = read_disparity(self.map, self.channel, normalise=not stored, window=photo.window)
+        if self.value_range is not None:
+            low, high = self.value_range
+            values = ((values.astype("float64") - low) / (high - low)).astype("float32")
+        elif self.as_stored and not (values.min() >= 0 and values.max() <= 1):
+            raise ImageFileError(
+                f"{self.map}: expected disparity in 0..1, as it is stored, in a sequence, found "
+                f"{values.min():g} to {values.max():g}; say with `depth.value_range` which values are 0 and 1"
+            )
+        return DepthMap(
+            values=1 - values if self.invert else values, kind="relative", origin="input.disparity"
+        )
+
+
+def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    """A map over its own range, 0 to 1; a constant one keeps its value, clipped."""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return np.clip(values, 0, 1).astype(np.float32)
+    return ((values.astype(np.float64) - low) / (high - low)).astype(np.float32)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MetricDepth:
+    """Depth in a unit of length along the optical axis, as renderers write it; sky is infinite.
+
+    Attributes:
+        map: File or array (h, w).
+        channel: Of a file: which one; None takes what looks like depth.
+        unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, where sky is 0.
+    """
+
+    map: Path | str | npt.NDArray[np.floating]
+    channel: str | None = None
+    unit: str = "m"
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        if isinstance(self.map, np.ndarray):
+            depth, camera = depth_to_mm(self.map, self.unit), photo.camera
+        else:
+            depth = read_depth(self.map, self.channel, unit=self.unit, window=photo.window)
+            camera = joined(photo.camera, _camera_of(Path(self.map)))
+        return DepthMap(
+            values=disparity_from_depth(depth),  # sky at infinite depth is 0 from here on
+            kind="metric",
+            origin="input.depth",
+            filtered="disparity" if self.unit == "1/m" else "depth",
+            camera=camera,
+        )
+
+
+def _camera_of(path: Path) -> Camera | None:
+    """What the first part of an EXR file says of the camera."""
+    with ImageFile(path) as file:
+        return None if file.headers is None else camera_from_exr(file.attributes(file.parts[0]))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class EmbeddedDepth:
+    """The map that a phone has put into its photo, blurred as by a full-frame camera.
+
+    A phone's own lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the
+    camera that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
+
+    Attributes:
+        map: What :func:`bokehnet.io.phone_depth.read_phone_depth` gives; None reads the picture's own file.
+        relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the phone tells.
+    """
+
+    map: PhoneDepth | None = None
+    relative: bool | None = None
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        found = self.map
+        if found is None and photo.path is not None:
+            found = read_phone_depth(photo.path)
+        if found is None:
+            holder = "the picture" if photo.path is None else photo.path
+            raise ParameterError(
+                "input.disparity",
+                expected="one of `input.disparity` and `input.depth`",
+                shown=f"neither, and {holder} holds no depth map",
+            )
+        window = photo.window
+        if found.all_in_focus is not None:
+            height, width = found.all_in_focus.shape[:2]
+            window = Window.whole(width, height)
+        relative = not found.metric if self.relative is None else self.relative
+        values, focus = _rescaled(found, relative)
+        return DepthMap(
+            values=values,
+            kind="relative" if relative else "metric",
+            origin="the photo's own depth",
+            fits_any_size=True,
+            camera=full_frame_camera(photo.camera, window.width, window.height),
+            focus=_middle(values) if focus is None else focus,
+            all_in_focus=found.all_in_focus,
+        )
+
+
+def _rescaled(found: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:
+    """Map and focus of a phone, in 1/mm or relative."""
+    values, focus = found.disparity, found.focus_disparity
+    low, high = float(values.min()), float(values.max())
+    if found.metric and relative:
+        span = high - low or 1.0
+        return (values - low) / span, None if focus is None else min(max((focus - low) / span, 0.0), 1.0)
+    if not found.metric and not relative:
+        return values / _NEAREST, None if focus is None else focus / _NEAREST
+    return values, focus
+
+
+def _middle(disparity: npt.NDArray[np.float32]) -> float:
+    """Median of the middle of a map."""
+    height, width = disparity.shape
+    top, left = (int(size * (1 - _MIDDLE) / 2) for size in (height, width))
+    return float(np.median(disparity[top : height - top, left : width - left]))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NetworkDepth:
+    """Depth guessed by a monocular network in ONNX.
+
+    Attributes:
+        model: Its file.
+        convention: What it sees and returns: a name, or a TOML file.
+        threads: Threads inside the network; 0 takes all cores.
+    """
+
+    model: Path | str
+    convention: str | Path = "depth-anything-v2"
+    threads: int = 0
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        estimator = DepthEstimator(self.model, find_convention(self.convention), self.threads)
+        kind: Kind = "metric" if estimator.metric else "relative"
+        values = estimator(photo.image)
+        return DepthMap(values=values, kind=kind, origin="input.depth_model", camera=photo.camera)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ConstantDisparity:
+    """A flat scene: one relative disparity everywhere.
+
+    Attributes:
+        value: 0, far, to 1, near.
+    """
+
+    value: float
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        if not 0 <= self.value <= 1:
+            raise ParameterError(
+                "input.constant_disparity", expected="a relative disparity in 0..1", got=self.value
+            )
+        values = np.full(photo.image.shape[:2], self.value, np.float32)
+        return DepthMap(values=values, kind="relative", origin="input.constant_disparity")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DefocusMap:
+    """Blur radii that are known already, pixels, above 0 in front of focus; nothing is left to focus.
+
+    Attributes:
+        map: File or array (H, W), of the picture's size.
+        channel: Of a file: which one; None takes what looks like depth.
+    """
+
+    map: Path | str | npt.NDArray[np.floating]
+    channel: str | None = None
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        if isinstance(self.map, np.ndarray):
+            values = np.asarray(self.map, np.float32)
+        else:
+            values = read_map(self.map, self.channel, window=photo.window)
+        check_map("defocus", values)
+        return DepthMap(values=values, kind="defocus", origin="input.defocus")
+
+
+def depth_source(settings: RenderSettings) -> DepthSource:
+    """Return the source that the settings name; without any, what a phone's photo holds."""
+    given, reading = settings.input, settings.depth
+    if given.disparity is not None:
+        return RelativeDisparity(
+            map=given.disparity,
+            channel=given.channel,
+            invert=reading.invert,
+            value_range=reading.value_range,
+            as_stored=reading.as_stored,
+        )
+    if given.depth is not None:
+        return MetricDepth(map=given.depth, channel=given.channel, unit=reading.unit or "m")
+    if given.defocus is not None:
+        return DefocusMap(map=given.defocus, channel=given.channel)
+    if given.depth_model is not None:
+        return NetworkDepth(model=given.depth_model, convention=given.depth_convention or "depth-anything-v2")
+    if given.constant_disparity is not None:
+        return ConstantDisparity(value=given.constant_disparity)
+    return EmbeddedDepth(relative=settings.camera.blur is not None)

@@ -1,0 +1,305 @@
+"""From the settings of a look to what the rooms below take: aperture, lens, highlights, effects."""
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
+from bokehnet.errors import ConfigError, LensError, ParameterError
+from bokehnet.io.color import luminance
+from bokehnet.io.image import read_image
+from bokehnet.io.window import Window
+from bokehnet.lenses.catalog import load_lens
+from bokehnet.lenses.pencil_cache import cached_pencil
+from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.lenses.seidel_lens import seidel_pencil
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.character import Character
+from bokehnet.optics.field_maps import make_field_map
+from bokehnet.optics.fringes import Fringes, make_curve
+from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.sliders import AberrationSliders
+from bokehnet.optics.tone import Highlights
+from bokehnet.rendering.focus import FocusedLens
+from bokehnet.rendering.settings import (
+    ApertureSettings,
+    ColorSettings,
+    EffectSettings,
+    HighlightSettings,
+    LensSettings,
+    RenderSettings,
+    all_settings,
+)
+
+__all__ = [
+    "about",
+    "check_look",
+    "make_aperture",
+    "make_effects",
+    "make_highlights",
+    "make_lens_response",
+    "picture_aberrations",
+    "prescription_lens",
+]
+
+# Characters of a file with gains; nobody has more.
+_LONGEST_FILE = 10_000
+
+
+@contextmanager
+def about(group: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Let a ``ParameterError`` of a room below name the field of the settings.
+
+    Args:
+        group: Of the settings.
+        names: Parameter to field, where they differ.
+    """
+    try:
+        yield
+    except ParameterError as error:
+        field = (names or {}).get(error.parameter, error.parameter)
+        path = field if "." in field else f"{group}.{field}"
+        if path not in all_settings():
+            raise
+        raise error.renamed(path) from error
+
+
+def check_look(settings: RenderSettings) -> None:
+    """Raise unless all of a look can be made: names are known, files are there, a lens opens so far.
+
+    Raises:
+        BokehnetError: As the functions below.
+    """
+    prescription_lens(settings.lens)
+    make_aperture(settings.aperture)
+    make_lens_response(settings.lens, settings.color)
+    make_effects(settings.effects)
+
+
+def make_aperture(settings: ApertureSettings) -> Aperture:
+    """Return the lens opening.
+
+    Raises:
+        ParameterError: Nothing is left of the opening.
+        ImageFileError: Its picture cannot be read.
+    """
+    picture = None if settings.image is None else luminance(read_image(settings.image))
+    with about("aperture", {"picture": "image", "aperture picture": "image"}):
+        return Aperture(
+            blades=settings.blades,
+            curvature=settings.curvature or 0.0,
+            rotation=settings.rotation or 0.0,
+            squeeze=settings.squeeze,
+            cats_eye=settings.cats_eye,
+            rim=settings.spherical_profile,
+            obstruction=settings.obstruction,
+            picture=picture,
+            onion=settings.onion,
+            onion_rings=12.0 if settings.onion_rings is None else settings.onion_rings,
+            grain=settings.grain,
+            grain_seed=settings.grain_seed or 0,
+        )
+
+
+def make_highlights(settings: HighlightSettings) -> Highlights | None:
+    """Return the expansion of clipped lights; None where none is asked for."""
+    if settings.threshold is None:
+        return None
+    gain = {} if settings.gain is None else {"gain": settings.gain}
+    return Highlights(threshold=settings.threshold, **gain)
+
+
+def make_effects(settings: EffectSettings) -> CameraEffects | None:
+    """Return what the camera does to the blurred picture; None where that is nothing.
+
+    Raises:
+        ParameterError: The distortion folds over itself.
+    """
+    wanted = settings
+    if not (
+        wanted.distortion
+        or wanted.brown
+        or wanted.cos4
+        or wanted.optical_vignetting
+        or wanted.vignette
+        or wanted.grain
+    ):
+        return None
+    division = DivisionModel(strength=wanted.distortion) if wanted.distortion else None
+    effects = CameraEffects(
+        distortion=division or _brown_conrady(wanted.brown),
+        cos4=wanted.cos4,
+        optical_vignetting=wanted.optical_vignetting,
+        vignette=_vignette(wanted) if wanted.vignette else None,
+        grain=_grain(wanted) if wanted.grain else None,
+    )
+    return None if effects == CameraEffects() else effects
+
+
+def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
+    """The model of k1, k2, k3, p1, p2; None where all are 0."""
+    if numbers is None or not any(numbers):
+        return None
+    k1, k2, k3, p1, p2 = [*numbers, *[0.0] * (5 - len(numbers))]
+    with about("effects", {"distortion": "brown"}):
+        model = BrownConrady(radial=(k1, k2, k3), decentring=(p1, p2))
+        Warp(distortion=model).check()
+    return model
+
+
+def _vignette(settings: EffectSettings) -> Vignette:
+    assert settings.vignette is not None
+    shape = {
+        "radius": settings.vignette_radius,
+        "softness": settings.vignette_softness,
+        "roundness": settings.vignette_roundness,
+    }
+    with about("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in shape}}):
+        return Vignette(
+            stops=settings.vignette, **{name: value for name, value in shape.items() if value is not None}
+        )
+
+
+def _grain(settings: EffectSettings) -> Grain:
+    assert settings.grain is not None
+    with about("effects", {"iso": "grain", "size": "grain_size", "seed": "grain_seed"}):
+        return Grain(
+            iso=settings.grain,
+            size=1.0 if settings.grain_size is None else settings.grain_size,
+            monochrome=settings.grain_mono,
+            seed=settings.grain_seed or 0,
+        )
+
+
+def make_lens_response(lens: LensSettings, color: ColorSettings) -> Character:
+    """Return what the lens of all pictures does; glass adds to it what :func:`picture_aberrations` gives.
+
+    Raises:
+        ParameterError: A name is unknown, or a file of gains is missing.
+        ConfigError: A file holds no gains.
+    """
+    with about("lens"):
+        sliders = AberrationSliders(
+            spherical=lens.spherical,
+            coma=lens.coma,
+            astigmatism=lens.astigmatism,
+            field_curvature=lens.field_curvature,
+        )
+    return Character(pencil=sliders.pencil(), fringes=_fringes(color), light=_light(color))
+
+
+def _fringes(color: ColorSettings) -> Fringes | None:
+    """Chromatic aberration by sliders; None where both strengths are 0."""
+    if color.axial == color.lateral == 0:
+        return None
+    with about("color", {"field map": "axial_map", "field_map": "axial_map", "name": "axial_map"}):
+        axial = make_field_map(color.axial_map or "constant")
+    with about("color", {"field map": "lateral_map", "field_map": "lateral_map", "name": "lateral_map"}):
+        lateral = make_field_map(color.lateral_map or "linear")
+    try:
+        curve = make_curve(color.glass or "N-BK7")
+    except LensError as error:
+        known = str(error).partition("; others")[0]
+        raise ParameterError("color.glass", remedy=f"{known}; or achromat, linear") from error
+    with about("color"):
+        return Fringes(
+            axial=color.axial, lateral=color.lateral, axial_map=axial, lateral_map=lateral, curve=curve
+        )
+
+
+def _light(color: ColorSettings) -> LightDraw:
+    """Which wavelengths stand for the light."""
+    gains = color.equaliser
+    if isinstance(gains, Path):
+        gains = _read_gains(gains)
+    with about("color"):
+        return LightDraw(dispersion=color.dispersion or "continuous", equaliser=gains or (1.0,))
+
+
+def _read_gains(path: Path) -> tuple[float, ...]:
+    if not path.exists():
+        raise ParameterError(
+            "color.equaliser", expected="numbers separated by commas, or a file of them", got=str(path)
+        )
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            words = file.read(_LONGEST_FILE).replace(",", " ").split()
+        return tuple(float(word) for word in words)
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:  # no number, or no text
+        raise ConfigError(
+            f"{path}: expected numbers separated by commas, spaces or line ends: {error}"
+        ) from error
+
+
+def prescription_lens(
+    settings: LensSettings,
+    *,
+    focal_length: float | None = None,
+    f_number: float | None = None,
+    distance: float = math.inf,
+) -> PrescriptionLens | None:
+    """Return the lens at work that the settings name; None where they name none.
+
+    Args:
+        settings: Of the lens.
+        focal_length: mm; None is as designed.
+        f_number: Of the camera, which the lens's own in the settings replaces; None is fully open.
+        distance: Of the focus, mm.
+
+    Raises:
+        LensError: There is no such lens, or it cannot do this.
+        ConfigError: Its file is missing or wrong.
+    """
+    if settings.name is None:
+        return None
+    try:
+        return load_lens(
+            settings.name,
+            focal_length=focal_length,
+            f_number=f_number if settings.f_number is None else settings.f_number,
+            focus_distance=distance,
+        )
+    except LensError as error:
+        hint = "; `lens.f_number` sets it for the lens alone" if "f-number" in str(error) else ""
+        raise LensError(f"`lens.name`: {error}{hint if settings.f_number is None else ''}") from error
+
+
+def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Window) -> PencilMap | None:
+    """Return what the glass of a lens, and a plane of focus that leans, do to the rays of one picture.
+
+    With metric depth the lens is scaled to the camera's focal length, focused where the camera is, and its
+    sensor is the camera's. With relative disparity it is the lens as designed, focused at infinity.
+
+    Args:
+        settings: Of the lens.
+        focused: The camera and its focus.
+        window: Where the pixels lie in the shown picture.
+
+    Raises:
+        LensError: The lens cannot do what the camera does.
+        ConfigError: Its file is missing or wrong.
+    """
+    leaning = focused.aberration_map()
+    camera = focused.camera
+    if camera is None:
+        lens, half_diagonal = prescription_lens(settings), None
+    else:
+        distance = 1 / focused.near if focused.near > 0 else math.inf
+        half_diagonal = (
+            0.5 * camera.sensor_width * math.hypot(1, window.display_height / window.display_width)
+        )
+        lens = prescription_lens(
+            settings, focal_length=camera.focal_length, f_number=camera.f_number, distance=distance
+        )
+    if lens is None:
+        return leaning
+    make = seidel_pencil if settings.aberrations == "seidel" else cached_pencil
+    try:
+        found = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
+    except LensError as error:
+        raise LensError(f"`lens.name`: {error}") from error
+    return found if leaning is None else found + leaning

@@ -1,0 +1,89 @@
+"""Looks: partial settings in TOML files, those that come with the package and anybody's own."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import ConfigError
+from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.settings_file import read_toml, settings_from_table
+
+__all__ = ["Preset", "load_preset", "preset_file", "presets"]
+
+_FOLDER = Path(__file__).parent / "presets"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Preset:
+    """A look: some of the settings, none of the scene.
+
+    Attributes:
+        name: Its name, or the path of its file.
+        description: What it looks like, one line.
+        values: Group to field to value.
+    """
+
+    name: str
+    description: str
+    values: dict[str, dict[str, Any]]
+
+    def over(self, settings: RenderSettings | None = None) -> RenderSettings:
+        """Return settings with this look; what the look does not name stays.
+
+        Args:
+            settings: By default the plain ones.
+
+        Raises:
+            ParameterError: A value is out of range, or does not fit to the settings.
+
+        Example:
+            >>> from bokehnet.rendering.preset import load_preset
+            >>> load_preset("petzval-swirl").over().aperture.cats_eye
+            1.1
+        """
+        return (settings or RenderSettings()).updated(self.values)
+
+
+def presets() -> list[str]:
+    """Names of the presets that come with the package, in alphabetical order.
+
+    Example:
+        >>> from bokehnet.rendering.preset import presets
+        >>> presets()[:2]
+        ['anamorphic', 'double-gauss']
+    """
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def preset_file(name: str | Path) -> Path:
+    """File of a preset, by its name or as the path of a TOML file.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    if str(name) in presets():
+        return _FOLDER / f"{name}.toml"
+    if Path(name).suffix != ".toml":
+        raise ConfigError(
+            f"unknown preset {str(name)!r}: expected a .toml file or one of {', '.join(presets())}"
+        )
+    return Path(name)
+
+
+def load_preset(name: str | Path) -> Preset:
+    """Read a preset by its name, or from a TOML file.
+
+    The file has a ``description``, and settings: in tables by group, as of ``[aperture]``, or by the names
+    of the command line's options, such as ``cats-eye = 0.5``.
+
+    Raises:
+        ConfigError: The file is missing or not TOML, a setting is unknown or is none of a look, or a value
+            is not a number, a text, a truth value or a list.
+    """
+    path = preset_file(name)
+    table = read_toml(path, "preset")
+    description = table.pop("description", "")
+    if not isinstance(description, str):
+        raise ConfigError(f"{path}: description: expected a text, got {description!r}")
+    values = settings_from_table(table, str(path), of_a_look=True)
+    return Preset(name=str(name), description=description, values=values)

@@ -1,0 +1,459 @@
+"""The renderer that people use: a scene and settings in, the picture out; without torch."""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol, TypeVar, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.checks import check_at_least, check_number
+from bokehnet.effects import CameraEffects, View
+from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.inference.engine import Engine, Progress
+from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.io.frame import Frame
+from bokehnet.io.window import Window
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.character import Character
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.tone import Highlights
+from bokehnet.rendering.focus import FocusedLens, check_nothing_to_focus, focus_lens
+from bokehnet.rendering.look import (
+    about,
+    make_aperture,
+    make_effects,
+    make_highlights,
+    make_lens_response,
+    picture_aberrations,
+)
+from bokehnet.rendering.result import RenderReport, RenderResult
+from bokehnet.rendering.scene import Scene, fitted_map
+from bokehnet.rendering.settings import (
+    RAY_ENGINES,
+    ApertureSettings,
+    ColorSettings,
+    EngineName,
+    LensSettings,
+    RenderSettings,
+    check_engine,
+)
+
+__all__ = ["BokehRenderer", "CancelSignal", "FocusedScene"]
+
+Array = npt.NDArray[np.float32]
+Made = TypeVar("Made")
+
+# Bytes that the program takes before it holds a picture: libraries, kernels, buffers of the decoders.
+PROGRAM = 560 * 2**20
+
+
+class CancelSignal(Protocol):
+    """Says whether to stop, such as a ``threading.Event``."""
+
+    def is_set(self) -> bool:
+        """Whether nobody wants the result any more."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FocusedScene:
+    """A scene whose focus is found: all that blur depends on.
+
+    Attributes:
+        image: As in :class:`~bokehnet.rendering.scene.Scene`.
+        defocus: Signed blur radius of each pixel, (H, W), pixels, positive in front of focus.
+        alpha: As in the scene.
+        window: As in the scene.
+        number: As in the scene.
+        frame: As in the scene.
+        lens: The lens and its focus; None where defocus was given.
+        repaired: Whether edges of the map were moved; None where nobody looked.
+        repair_reason: Why.
+    """
+
+    image: Array
+    defocus: Array
+    alpha: Array | None
+    window: Window
+    number: int
+    frame: Frame | None
+    lens: FocusedLens | None
+    repaired: bool | None = None
+    repair_reason: str = ""
+
+
+class BokehRenderer:
+    """Renders bokeh on the CPU. One renderer may be used by several threads at once, and can be pickled.
+
+    What settings leave at their default is as the renderer was made.
+
+    Args:
+        engine: What renders: "rays" (the default), "scatter", "hybrid" or "fast".
+        aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
+            shapes they correct what the classical half made of them.
+        character: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
+            default a perfect lens.
+        weights: Folder with the networks and their manifest; the package's own by default.
+        threads: Threads inside a network; 0 takes all cores.
+        providers: Execution providers of ONNX Runtime, the preferred one first.
+        session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
+            left to it. A renderer that has them cannot be pickled.
+
+    Raises:
+        ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
+        ModelFileError: The engine needs networks, and they are missing or damaged.
+
+    Example:
+        >>> import numpy as np
+        >>> from bokehnet.rendering.depth_source import RelativeDisparity
+        >>> from bokehnet.rendering.scene import make_scene
+        >>> from bokehnet.rendering.settings import CameraSettings, FocusSettings, RenderSettings
+        >>> disparity = np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1))
+        >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=disparity))
+        >>> settings = RenderSettings(camera=CameraSettings(blur=8), focus=FocusSettings(value=0.5))
+        >>> result = BokehRenderer("scatter").render(scene, settings)
+        >>> result.bokeh.shape, round(result.report.largest_blur, 3)
+        ((24, 32, 3), 4.0)
+    """
+
+    def __init__(
+        self,
+        engine: EngineName | None = None,
+        *,
+        aperture: Aperture | None = None,
+        character: Character | None = None,
+        weights: Path | str | None = None,
+        threads: int = 0,
+        providers: Sequence[str] = ("CPUExecutionProvider",),
+        session_options: Any = None,
+    ) -> None:
+        self.engine: str = "rays" if engine is None else engine
+        self.aperture = aperture or Aperture()
+        self.character = character or Character()
+        self._weights = None if weights is None else Path(weights)
+        self._threads, self._providers, self._options = threads, tuple(providers), session_options
+        self._lock = threading.RLock()
+        self._kept: dict[Any, Any] = {}
+        self._engine(self.engine, self._weights)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_lock", "_kept")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._lock = threading.RLock()
+        self._kept = {}
+
+    def warm_up(self) -> None:
+        """Load or compile the kernels and run the networks once, before the first picture."""
+        image = np.zeros((64, 64, 3), np.float32)
+        image[::8] = 1
+        defocus = np.full((64, 64), -12, np.float32)
+        defocus[:, 32:] = 12
+        self.render(image, defocus)
+
+    @overload
+    def render(
+        self,
+        scene: Scene | FocusedScene,
+        settings: RenderSettings | None = None,
+        progress: Progress | None = None,
+        /,
+        *,
+        cancel: CancelSignal | None = None,
+        overwrite: bool = False,
+    ) -> RenderResult: ...
+
+    @overload
+    def render(
+        self,
+        image: npt.NDArray[np.floating],
+        defocus: npt.NDArray[np.floating] | None = None,
+        progress: Progress | None = None,
+        *,
+        disparity: npt.NDArray[np.floating] | None = None,
+        blur: float | None = None,
+        focus: float | None = None,
+        gamma: float = 1.0,
+        highlights: Highlights | None = None,
+        max_memory: int | None = None,
+        memory_taken: int = 0,
+        cancel: CancelSignal | None = None,
+        overwrite: bool = False,
+    ) -> RenderResult: ...
+
+    def render(  # type: ignore[misc]  # mypy does not see that positions agree
+        self,
+        image: Any,
+        defocus: Any = None,
+        progress: Progress | None = None,
+        *,
+        cancel: CancelSignal | None = None,
+        overwrite: bool = False,
+        **options: Any,
+    ) -> RenderResult:
+        """Render a scene by settings; or an array, from its defocus, or from disparity, blur and focus.
+
+        Args:
+            image: A scene (from :func:`make_scene`, :func:`read_scene` or :meth:`prepare`); or the
+                all-in-focus picture, scene-linear, (H, W, 3), where values below 0 count as 0.
+            defocus: With a scene its settings; else the signed blur radius in pixels, (H, W), positive in
+                front of focus.
+            progress: Called with (steps done, steps in all).
+            cancel: Is asked between steps; once it is set, rendering ends.
+            overwrite: Whether the result may take the place of image and defocus, which are of no use
+                afterwards; in strips this saves their memory.
+            options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
+                in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
+                ``gamma``, ``highlights``, ``max_memory`` and ``memory_taken`` of
+                :meth:`bokehnet.inference.engine.Engine.render`.
+
+        Raises:
+            ShapeError: Arrays are not of the shapes above, or map and picture differ in size.
+            ParameterError: What is given does not fit together, or is out of range; NaN or infinity.
+            LensError: The lens cannot focus there.
+            RenderCancelled: ``cancel`` was set.
+        """
+        watch = _watched(progress, cancel)
+        if isinstance(image, Scene | FocusedScene):
+            settings = RenderSettings() if defocus is None else defocus
+            if isinstance(image, Scene):
+                image = self.prepare(image, settings, cancel=cancel)
+            return self._expose(image, settings, watch, overwrite)
+        return self._render_arrays(image, defocus, watch, overwrite, **options)
+
+    def prepare(
+        self, scene: Scene, settings: RenderSettings | None = None, *, cancel: CancelSignal | None = None
+    ) -> FocusedScene:
+        """Repair the map of a scene and find its focus: all but the blur itself.
+
+        Raises:
+            BokehnetError: As :meth:`render`.
+
+        Example:
+            >>> import numpy as np
+            >>> from bokehnet.rendering.depth_source import RelativeDisparity
+            >>> from bokehnet.rendering.scene import make_scene
+            >>> from bokehnet.rendering.settings import CameraSettings, FocusSettings
+            >>> disparity = np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1))
+            >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=disparity))
+            >>> settings = RenderSettings(camera=CameraSettings(blur=8), focus=FocusSettings(at=(31, 0)))
+            >>> float(BokehRenderer("scatter").prepare(scene, settings).defocus.min())
+            -8.0
+        """
+        settings = settings or RenderSettings()
+        check_engine(settings, settings.engine.name or self.engine)
+        _watched(None, cancel)(0, 1)
+        values = fitted_map(scene, settings.depth)
+        lens = repaired = None
+        if scene.depth.kind == "defocus":
+            check_nothing_to_focus(settings)
+        elif settings.depth.repair != "off":
+            repairer = self._keep("repair", lambda: DisparityRefiner(threads=self._threads))
+            values = repairer(scene.image, values, settings.depth.repair)
+        if scene.depth.kind != "defocus":
+            lens = focus_lens(
+                replace(scene.depth, values=values), scene.window, settings.focus, settings.camera
+            )
+            values = lens.defocus(values)
+        return FocusedScene(
+            image=scene.image,
+            defocus=values,
+            alpha=scene.alpha,
+            window=scene.window,
+            number=scene.number,
+            frame=scene.frame,
+            lens=lens,
+            repaired=repaired,
+        )
+
+    def _expose(
+        self, scene: FocusedScene, settings: RenderSettings, report: Progress, overwrite: bool
+    ) -> RenderResult:
+        """Blur, and let the camera take the picture."""
+        look = settings.engine
+        engine = self._engine(look.name or self.engine, look.weights or self._weights)
+        aperture, character, effects = self._look(settings)
+        aberrations = None
+        if scene.lens is not None:
+            aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
+        if aberrations is not None and engine.name in RAY_ENGINES:
+            character = replace(character, pencil=character.pencil + aberrations)
+        overwrite = overwrite and look.max_memory is not None
+        defocus, image = scene.defocus, scene.image
+        largest = max(float(defocus.max()), -float(defocus.min()), 0.0)
+        keep = not overwrite or settings.output.save_maps is not None
+        if keep and overwrite:  # the error map is not to take its place
+            defocus = defocus.view()
+            defocus.flags.writeable = False
+        lens: dict[str, Any] = {"aperture": aperture, "character": character}
+        alpha = scene.alpha
+        with about("engine", {"gamma": "highlights.gamma", "engine": "name"}):
+            if alpha is not None:
+                alpha = _spread_coverage(engine, alpha, defocus, lens, look.max_memory, image.nbytes)
+            taken = PROGRAM + image.nbytes + defocus.nbytes
+            taken += defocus.nbytes if keep and overwrite else 0
+            taken += 0 if overwrite else image.nbytes + defocus.nbytes
+            taken += 0 if scene.alpha is None else 2 * defocus.nbytes
+            rendered = engine.render(
+                image,
+                defocus,
+                report,
+                **lens,
+                gamma=settings.highlights.gamma,
+                highlights=make_highlights(settings.highlights),
+                max_memory=look.max_memory,
+                memory_taken=taken,
+                overwrite=overwrite,
+            )
+        bokeh, alpha = _taken(rendered.bokeh, alpha, effects, scene)
+        found = scene.lens
+        return RenderResult(
+            bokeh=bokeh,
+            alpha=alpha,
+            classical=rendered.classical,
+            neural=rendered.neural,
+            error_map=rendered.error_map,
+            defocus=defocus if keep else None,
+            frame=scene.frame,
+            report=RenderReport(
+                engine=engine.name,
+                largest_blur=largest,
+                repaired=scene.repaired,
+                repair_reason=scene.repair_reason,
+                focus_disparity=None if found is None else found.near,
+                focus_distance=None if found is None else found.distance,
+            ),
+        )
+
+    def _render_arrays(
+        self,
+        image: npt.NDArray[np.floating],
+        defocus: npt.NDArray[np.floating] | None,
+        report: Progress,
+        overwrite: bool,
+        disparity: npt.NDArray[np.floating] | None = None,
+        blur: float | None = None,
+        focus: float | None = None,
+        **options: Any,
+    ) -> RenderResult:
+        if defocus is None:
+            defocus = _from_disparity(disparity, blur, focus)
+        elif not (disparity is None and blur is None and focus is None):
+            raise ParameterError(
+                "defocus", expected="either `defocus`, or `disparity`, `blur` and `focus`", shown="both"
+            )
+        engine = self._engine(self.engine, self._weights)
+        rendered = engine.render(
+            image,
+            defocus,
+            report,
+            aperture=self.aperture,
+            character=self.character,
+            overwrite=overwrite,
+            **options,
+        )
+        return RenderResult(
+            bokeh=rendered.bokeh,
+            classical=rendered.classical,
+            neural=rendered.neural,
+            error_map=rendered.error_map,
+            defocus=None if overwrite else np.asarray(defocus, np.float32),
+            report=RenderReport(
+                engine=engine.name,
+                largest_blur=0.0 if overwrite else max(float(defocus.max()), -float(defocus.min())),
+                focus_disparity=focus,
+            ),
+        )
+
+    def _look(self, settings: RenderSettings) -> tuple[Aperture, Character, CameraEffects | None]:
+        """Aperture, lens and effects of the settings, made once."""
+
+        def make() -> tuple[Aperture, Character, CameraEffects | None]:
+            aperture, lens, color = settings.aperture, settings.lens, settings.color
+            plain = lens == LensSettings() and color == ColorSettings()
+            return (
+                self.aperture if aperture == ApertureSettings() else make_aperture(aperture),
+                self.character if plain else make_lens_response(lens, color),
+                make_effects(settings.effects),
+            )
+
+        return self._keep((settings.aperture, settings.lens, settings.color, settings.effects), make)
+
+    def _engine(self, name: str, weights: Path | None) -> Engine:
+        def make() -> Engine:
+            return Engine(
+                name,
+                weights=weights,
+                threads=self._threads,
+                providers=self._providers,
+                session_options=self._options,
+            )
+
+        return self._keep((name, weights), make)
+
+    def _keep(self, key: Any, make: Callable[[], Made]) -> Made:
+        """What ``make`` gave for a key, made once for all threads."""
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = make()
+            made: Made = self._kept[key]
+            return made
+
+
+def _watched(progress: Progress | None, cancel: CancelSignal | None) -> Progress:
+    """A progress callback that ends the work once it is cancelled."""
+
+    def report(done: int, total: int) -> None:
+        if cancel is not None and cancel.is_set():
+            raise RenderCancelled("rendering was cancelled")
+        if progress is not None:
+            progress(done, total)
+
+    return report
+
+
+def _spread_coverage(
+    engine: Engine, alpha: Array, defocus: Array, lens: dict[str, Any], max_memory: int | None, taken: int
+) -> Array:
+    """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
+    grey = np.repeat(alpha[..., None], 3, axis=-1)
+    held = PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + taken
+    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_taken=held).bokeh
+    coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
+    return coverage
+
+
+def _taken(
+    bokeh: Array, alpha: Array | None, effects: CameraEffects | None, scene: FocusedScene
+) -> tuple[Array, Array | None]:
+    """Light (H, W, 3), premultiplied where there is alpha, and coverage (H, W) as the camera takes them."""
+    if effects is None:
+        return bokeh, alpha
+    window = scene.window
+    view = View(width=window.display_width, height=window.display_height, left=window.x, top=window.y)
+    picture = bokeh if alpha is None else np.dstack([bokeh, alpha])
+    with about("effects", {"distortion": "brown"}):  # the division model never folds
+        taken = effects.apply(picture, view=view, frame=scene.number)
+    return taken[..., :3], None if alpha is None else taken[..., 3]
+
+
+def _from_disparity(
+    disparity: npt.NDArray[np.floating] | None, blur: float | None, focus: float | None
+) -> Array:
+    """Defocus of a disparity map."""
+    given = {"disparity": disparity, "blur": blur, "focus": focus}
+    missing = [name for name, value in given.items() if value is None]
+    if disparity is None or blur is None or focus is None:
+        raise ParameterError(
+            "defocus",
+            expected="either `defocus`, or `disparity`, `blur` and `focus`",
+            shown=f"no {', '.join(missing)}: {', '.join(missing)} missing",
+        )
+    check_at_least("blur", blur, 0)
+    check_number("focus", focus)
+    defocus: Array = defocus_from_disparity(np.asarray(disparity), blur, focus)
+    return defocus

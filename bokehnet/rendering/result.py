@@ -1,0 +1,107 @@
+"""What a rendering gives: the picture, the maps behind it, and what was decided on the way."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.frame import Frame, write_frame
+from bokehnet.io.image import write_image, write_map
+from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.settings_file import save_settings
+
+__all__ = ["RenderReport", "RenderResult"]
+
+Array = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RenderReport:
+    """What was decided.
+
+    Attributes:
+        engine: What rendered.
+        largest_blur: Largest blur radius, pixels.
+        repaired: Whether edges of the map were moved; None where nobody looked.
+        repair_reason: Why, in a few words.
+        focus_disparity: What stays sharp, in the unit of the map, the near end of a range; None where defocus
+            was given.
+        focus_distance: The same in metres; None where distances are not known.
+    """
+
+    engine: str
+    largest_blur: float
+    repaired: bool | None = None
+    repair_reason: str = ""
+    focus_disparity: float | None = None
+    focus_distance: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RenderResult:
+    """A rendered picture and what it was made of; all scene-linear float32.
+
+    Attributes:
+        bokeh: The result, (H, W, 3), after the effects of the camera.
+        alpha: Its coverage, (H, W); None where all is covered.
+        classical: The classical half, (H, W, 3), before the effects; None where a hybrid was rendered in
+            strips.
+        neural: The neural half, (H, W, 3); None for a classical engine, and in strips.
+        error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
+            discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
+        defocus: Signed blur radius of each pixel, (H, W), pixels; None where its memory was used again.
+        report: What was decided.
+        frame: What the picture's file holds besides; None for arrays.
+    """
+
+    bokeh: Array
+    classical: Array | None
+    neural: Array | None
+    error_map: Array
+    report: RenderReport
+    alpha: Array | None = None
+    defocus: Array | None = None
+    frame: Frame | None = field(default=None, repr=False)
+
+    def save(self, path: Path | str) -> None:
+        """Write the picture, atomically; the extension picks the format.
+
+        In the place of the picture in an EXR file, all else in the file stays; see
+        :func:`bokehnet.io.frame.write_frame`.
+
+        Raises:
+            ImageFileError: Unknown extension, or the file cannot be written.
+        """
+        if self.frame is None:
+            write_image(path, self.bokeh, alpha=self.alpha)
+        else:
+            write_frame(path, self.frame, self.bokeh, self.alpha)
+
+    def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
+        """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.
+
+        Args:
+            folder: Made if it is not there.
+            settings: Written beside the maps, as ``settings.toml``.
+
+        Raises:
+            ImageFileError: A file cannot be written.
+        """
+        folder = Path(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ImageFileError(f"cannot make the folder {folder}: {error.strerror}") from error
+        if self.defocus is not None:
+            largest = max(self.report.largest_blur, 1e-6)
+            write_map(folder / "defocus.exr", self.defocus)
+            write_map(folder / "defocus.png", 0.5 + 0.5 * self.defocus / largest)
+        write_map(folder / "error_map.png", self.error_map)
+        if self.classical is not None:
+            write_image(folder / "classical.png", self.classical)
+        if self.neural is not None:
+            write_image(folder / "neural.png", self.neural)
+        if settings is not None:
+            save_settings(folder / "settings.toml", settings)

@@ -1,0 +1,168 @@
+"""What is rendered: a picture, the map of its depth, and what its file says besides."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.io.camera import Camera
+from bokehnet.io.frame import Frame, read_frame
+from bokehnet.io.maps import resize_map
+from bokehnet.io.mixed import repair_mixed, share_of_mixed
+from bokehnet.io.resample import resample
+from bokehnet.io.window import Window
+from bokehnet.rendering.depth_source import DepthMap, DepthSource, Photo, depth_source
+from bokehnet.rendering.focus import check_focus
+from bokehnet.rendering.settings import DepthSettings, RenderSettings
+
+__all__ = ["Scene", "fitted_map", "make_scene", "read_scene"]
+
+# Share of mixed pixels beside depth edges from which on the map was filtered as its picture was.
+_MIXED = 0.05
+
+Array = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scene:
+    """A picture and its depth; :func:`make_scene` and :func:`read_scene` make one.
+
+    Attributes:
+        image: All-in-focus, scene-linear light over black, (H, W, 3).
+        depth: The map of its depth, as its source gave it.
+        alpha: Coverage, (H, W); None where all is covered.
+        window: Where the pixels lie in the shown picture, whose width that of the sensor spans.
+        number: Of the frame in its sequence.
+        frame: What the picture's file holds besides, for writing back; None for arrays.
+    """
+
+    image: Array
+    depth: DepthMap
+    alpha: Array | None = None
+    window: Window
+    number: int = 0
+    frame: Frame | None = None
+
+
+def make_scene(
+    image: npt.NDArray[np.floating],
+    source: DepthSource,
+    *,
+    alpha: npt.NDArray[np.floating] | None = None,
+    camera: Camera | None = None,
+    window: Window | None = None,
+    number: int = 0,
+) -> Scene:
+    """Make a scene of arrays.
+
+    Args:
+        image: All-in-focus, scene-linear light over black, (H, W, 3).
+        source: What tells its depth.
+        alpha: Coverage, (H, W).
+        camera: What is known of the camera.
+        window: Where the pixels lie in the shown picture; by default all of it is there.
+        number: Of the frame in its sequence.
+
+    Raises:
+        ShapeError, ParameterError: The arrays are not as described.
+        BokehnetError: The source has no map.
+
+    Example:
+        >>> import numpy as np
+        >>> from bokehnet.rendering.depth_source import MetricDepth
+        >>> metres = np.full((4, 6), 2.0, np.float32)
+        >>> scene = make_scene(np.ones((4, 6, 3), np.float32), MetricDepth(map=metres))
+        >>> float(scene.depth.values[0, 0])  # 1/mm
+        0.0005000000237487257
+    """
+    check_image("image", image)
+    image = np.asarray(image, np.float32)
+    if alpha is not None:
+        check_map("alpha", alpha)
+        check_same_size("image", image, "alpha", alpha)
+        alpha = np.asarray(alpha, np.float32)
+    height, width = image.shape[:2]
+    window = window or Window.whole(width, height)
+    depth = source.depth_map(Photo(image=image, window=window, camera=camera))
+    scene = Scene(image=image, depth=depth, alpha=alpha, window=window, number=number)
+    return _unblurred(scene)
+
+
+def read_scene(
+    path: Path | str,
+    settings: RenderSettings | None = None,
+    *,
+    source: DepthSource | None = None,
+    number: int = 0,
+) -> Scene:
+    """Read a picture and what tells its depth.
+
+    Args:
+        path: The picture.
+        settings: Say where its depth comes from, and how it is read.
+        source: Tells the depth in place of the settings.
+        number: Of the frame in its sequence.
+
+    Raises:
+        ParameterError: The settings do not fit to what tells the depth; nothing is read then.
+        BokehnetError: A file cannot be read.
+    """
+    settings = settings or RenderSettings()
+    if source is None:
+        check_focus(settings)
+        source = depth_source(settings)
+    frame = read_frame(path)
+    photo = Photo(image=frame.image, window=frame.window, camera=frame.camera, path=Path(path))
+    depth = source.depth_map(photo)
+    scene = Scene(
+        image=frame.image, depth=depth, alpha=frame.alpha, window=frame.window, number=number, frame=frame
+    )
+    return _unblurred(scene)
+
+
+def _unblurred(scene: Scene) -> Scene:
+    """The same scene with the picture that a phone kept from before it blurred it, if it did."""
+    image = scene.depth.all_in_focus
+    if image is None:
+        return scene
+    window = Window.whole(image.shape[1], image.shape[0])
+    frame = scene.frame and replace(scene.frame, image=image, alpha=None, window=window)
+    depth = replace(scene.depth, all_in_focus=None)
+    return replace(scene, image=image, depth=depth, alpha=None, window=window, frame=frame)
+
+
+def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]:
+    """Return the map of a scene in the size of its picture, without pixels between two surfaces.
+
+    Args:
+        scene: The scene.
+        settings: How it is resized, and what is mended.
+
+    Raises:
+        ShapeError: The map has another size and may not be brought to the picture's.
+    """
+    depth, (height, width) = scene.depth, scene.image.shape[:2]
+    values = _unmixed(depth, settings)
+    if values.shape != (height, width) and depth.fits_any_size and settings.repair != "off":
+        values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
+    elif values.shape != (height, width) and (settings.resize or depth.fits_any_size):
+        values = resize_map(values, height, width)
+    what = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
+    check_same_size("the picture", scene.image, f"its {what}", values, "`depth.resize` brings them together")
+    return values
+
+
+def _unmixed(depth: DepthMap, settings: DepthSettings) -> npt.NDArray[np.float32]:
+    """Return the map with its mixed pixels repaired, as the settings say.
+
+    Without being asked only depth is touched, which renderers filter; the soft edges of estimated disparity
+    are wider than pixels, and left to the repair that looks at the picture.
+    """
+    if settings.mixed == "off" or (settings.mixed == "auto" and depth.filtered is None):
+        return depth.values
+    filtered = depth.filtered or "disparity"
+    if settings.mixed == "auto" and share_of_mixed(depth.values, filtered=filtered) < _MIXED:
+        return depth.values
+    return repair_mixed(depth.values, filtered=filtered)

@@ -1,0 +1,275 @@
+"""Settings of the scene: where its depth comes from, what stays sharp, how strong the blur is."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from bokehnet.errors import ParameterError
+from bokehnet.rendering.setting import Group, check_needed, parse_numbers, setting
+
+__all__ = [
+    "CameraSettings",
+    "DepthSettings",
+    "EngineName",
+    "EngineSettings",
+    "FocusSettings",
+    "InputSettings",
+    "OutputSettings",
+]
+
+EngineName = Literal["rays", "scatter", "hybrid", "fast"]
+Mode = Literal["auto", "on", "off"]
+Pixel = tuple[int, int]
+
+_SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
+_BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+
+_SOURCES = ("disparity", "depth", "defocus", "depth_model", "constant_disparity")
+
+
+def _pixel(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in text.split(","))
+
+
+def _size(text: str) -> int:
+    """Bytes of ``500M`` or ``1.5G``, powers of 1024."""
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    return int(float(match[1]) * _BYTES[match[2].upper()])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class InputSettings(Group):
+    """Files beside the picture that tell its depth; without any, what a phone's photo holds."""
+
+    GROUP: ClassVar[str] = "input"
+    TITLE: ClassVar[str] = "Depth of the picture"
+
+    disparity: Path | None = setting(None, "Disparity map, near is bright; normalised to 0..1.")
+    depth: Path | None = setting(
+        None, "EXR with metric depth. Without any of these: the map that a phone's photo holds."
+    )
+    defocus: Path | None = setting(
+        None,
+        "Defocus map, EXR: signed blur radius of each pixel, above 0 in front of focus.",
+        flag="defocus-map",
+    )
+    depth_model: Path | None = setting(
+        None, "Network that guesses the depth of the picture.", metavar="FILE.onnx"
+    )
+    depth_convention: str | None = setting(
+        None,
+        "With --depth-model: what the network sees and returns; default depth-anything-v2.",
+        metavar="NAME|FILE.toml",
+    )
+    constant_disparity: float | None = setting(
+        None, "One disparity for the whole picture, 0..1: all is equally blurred.", low=0, high=1
+    )
+    channel: str | None = setting(None, "Channel of the map in its EXR; default: Z.")
+
+    def check(self) -> None:
+        """See :class:`Group`."""
+        given = [name for name in _SOURCES if getattr(self, name) is not None]
+        if len(given) > 1:
+            names = " and ".join(f"`input.{name}`" for name in given)
+            raise ParameterError(
+                f"input.{given[1]}", expected=f"one of {names}", shown="both", remedy="leave one out"
+            )
+        check_needed(self, "depth_convention", "depth_model")
+        if self.channel is not None and not (self.disparity or self.depth or self.defocus):
+            raise ParameterError(
+                "input.channel",
+                expected="`input.disparity` or `input.depth` for it to act on",
+                got=self.channel,
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DepthSettings(Group):
+    """How the map of the scene is read, and what is mended in it."""
+
+    GROUP: ClassVar[str] = "depth"
+    TITLE: ClassVar[str] = "Reading and repairing the map"
+
+    unit: Literal["m", "cm", "mm", "in", "ft", "1/m"] | None = setting(
+        None, "With --depth: m (default), cm, mm, in, ft or 1/m.", flag="depth-unit", metavar="UNIT"
+    )
+    invert: bool = setting(False, "With --disparity: far is bright, as in 0..1 depth.")
+    value_range: tuple[float, float] | None = setting(
+        None,
+        "With --disparity: values that count as 0 and 1; default: the lowest and the highest, "
+        "of a sequence 0 and 1.",
+        flag="disparity-range",
+        metavar="A,B",
+        parse=parse_numbers,
+        expected="two different numbers such as 0.5,2",
+        accepts=lambda ends: ends[0] != ends[1],
+    )
+    as_stored: bool = setting(
+        False,
+        "Disparity is taken as it is stored, 0 to 1: one map of a sequence is treated as the others.",
+        flag=None,
+    )
+    resize: bool = setting(False, "Bring a map of another size to the picture's.", flag="resize-disparity")
+    mixed: Mode = setting(
+        "auto",
+        "Mend values between two surfaces at edges; auto: in --depth, where there are many.",
+        flag="mixed-depth",
+    )
+    repair: Mode = setting(
+        "auto",
+        "Move the map's edges to the picture's; auto: where they are out of place.",
+        flag="repair-disparity",
+        aliases=("refine-disparity",),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FocusSettings(Group):
+    """What stays sharp."""
+
+    GROUP: ClassVar[str] = "focus"
+    TITLE: ClassVar[str] = "Focus, or what stays sharp"
+
+    value: float | None = setting(
+        None,
+        "With --disparity: the relative disparity that stays sharp, 0..1.",
+        flag="focus",
+        low=0,
+        high=1,
+        expected="a relative disparity in 0..1",
+    )
+    distance: float | None = setting(
+        None,
+        "With --depth: what stays sharp, metres.",
+        flag="focus-distance",
+        unit="m",
+        expected="metres above 0",
+        above=0,
+        infinite=True,
+    )
+    at: Pixel | None = setting(
+        None,
+        "Focus on this pixel, from the upper left.",
+        flag="focus-at",
+        metavar="X,Y",
+        parse=_pixel,
+        expected="two whole numbers X,Y of a pixel",
+    )
+    range: tuple[float, float] | None = setting(
+        None,
+        "All between stays sharp, blur grows from both ends; metres with --depth, else 0..1.",
+        flag="focus-range",
+        metavar="NEAR,FAR",
+        parse=parse_numbers,
+        low=0,
+        infinite=True,
+        expected="two numbers from 0 up, such as 0.5,2",
+    )
+    plane: tuple[Pixel, Pixel, Pixel] | None = setting(
+        None,
+        "Lean the plane of focus through what these three pixels show.",
+        flag="focus-plane",
+        metavar="X1,Y1 X2,Y2 X3,Y3",
+        parse=_pixel,
+        parts=3,
+        expected="two whole numbers X,Y of each of three pixels",
+        of_a_look=False,
+    )
+    tilt_x: float = setting(
+        0.0,
+        "Lean the plane of focus: above 0 the upper side focuses nearer, below 0 the lower side, as a "
+        "lens tilted down. With --depth the lens's tilt; with --disparity 45 leads from far to near.",
+        metavar="DEG",
+        unit="degrees",
+        low=-80,
+        high=80,
+        of_a_look=True,
+    )
+    tilt_y: float = setting(
+        0.0,
+        "Likewise: above 0 the right focuses nearer, below 0 the left.",
+        metavar="DEG",
+        unit="degrees",
+        low=-80,
+        high=80,
+        of_a_look=True,
+    )
+
+    def check(self) -> None:
+        """See :class:`Group`."""
+        ways = [
+            name for name in ("value", "distance", "at", "range", "plane") if getattr(self, name) is not None
+        ]
+        if len(ways) > 1:
+            names = " and ".join(f"`focus.{name}`" for name in ways)
+            raise ParameterError(
+                f"focus.{ways[1]}", expected=f"one of {names}", shown="both", remedy="leave one out"
+            )
+        if self.plane is not None and (self.tilt_x or self.tilt_y):
+            raise ParameterError(
+                "focus.plane",
+                expected="three pixels, or `focus.tilt_x` and `focus.tilt_y`",
+                shown="both",
+                remedy="leave one out",
+            )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CameraSettings(Group):
+    """How strongly the rest is blurred."""
+
+    GROUP: ClassVar[str] = "camera"
+    TITLE: ClassVar[str] = "Camera, or how strong the blur is"
+
+    blur: float | None = setting(
+        None, "With --disparity: blur radius in pixels per unit of disparity.", unit="pixels", low=0
+    )
+    focal_length: float | None = setting(
+        None,
+        "With --depth, mm. These three: default, what the picture's file says.",
+        unit="mm",
+        above=0,
+    )
+    f_number: float | None = setting(None, "With --depth or a phone's photo.", above=0)
+    sensor_width: float | None = setting(None, "With --depth, mm.", unit="mm", above=0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EngineSettings(Group):
+    """What renders."""
+
+    GROUP: ClassVar[str] = "engine"
+    TITLE: ClassVar[str] = "Engine"
+
+    name: EngineName | None = setting(
+        None,
+        "rays (default, sees occlusion), scatter (faster), hybrid or fast (either, with networks).",
+        flag="engine",
+        metavar="NAME",
+        of_a_look=True,
+    )
+    weights: Path | None = setting(None, "Folder with other networks.")
+    max_memory: int | None = setting(
+        None,
+        "Memory for all, pictures included, such as 4G; what does not fit is rendered in strips.",
+        metavar="SIZE",
+        unit="bytes",
+        parse=_size,
+        low=0,
+        expected="a size such as 500M or 2G",
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class OutputSettings(Group):
+    """What is written besides the picture."""
+
+    GROUP: ClassVar[str] = "output"
+    TITLE: ClassVar[str] = "Output"
+
+    save_maps: Path | None = setting(
+        None, "Folder for the settings, and for defocus, error map, classical and neural as pictures."
+    )

@@ -1,0 +1,286 @@
+"""Groups of settings, and what is known of each field: unit, range, help, how it is told as text."""
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+from bokehnet.errors import ParameterError
+
+__all__ = [
+    "Group",
+    "Setting",
+    "check_needed",
+    "field_settings",
+    "from_plain",
+    "parse_numbers",
+    "setting",
+    "to_plain",
+]
+
+_KEY = "setting"
+
+# How types are called in messages.
+_WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a path"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Setting:
+    """One field of a group of settings.
+
+    Attributes:
+        group: Name of the group in ``RenderSettings``.
+        name: Of the field.
+        type: Of its values, without ``None``.
+        default: Value that it has when nothing is said.
+        help: What it does, in a line.
+        unit: Of its numbers, such as "mm"; empty where they have none.
+        low: Smallest value.
+        high: Largest value.
+        above: Bound that values must exceed, in place of ``low``.
+        below: Bound that values must stay under, in place of ``high``.
+        infinite: Whether infinity is a value.
+        expected: What is expected, where a range does not say it.
+        accepts: Whether a value of the right type within the range is accepted; None accepts all.
+        flag: Name in flat tables, and of the option on a command line without its dashes; None has none.
+        aliases: Earlier flags, which still work.
+        metavar: What stands for the value in a help text.
+        parse: From a text to the value, where the type does not tell how; it raises ``ValueError``.
+        parts: How many words on a command line make one value.
+        of_a_look: Whether a preset may set it; the rest says what is rendered, from what and where to.
+    """
+
+    group: str
+    name: str
+    type: Any
+    default: Any
+    help: str
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    above: float | None = None
+    below: float | None = None
+    infinite: bool = False
+    expected: str = ""
+    accepts: Callable[[Any], bool] | None = None
+    flag: str | None = None
+    aliases: tuple[str, ...] = ()
+    metavar: str | None = None
+    parse: Callable[[str], Any] | None = None
+    parts: int = 1
+    of_a_look: bool = False
+
+    @property
+    def path(self) -> str:
+        """Group and name, joined by a dot."""
+        return f"{self.group}.{self.name}"
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words that it accepts; empty where it is no choice of words."""
+        return typing.get_args(self.type) if typing.get_origin(self.type) is typing.Literal else ()
+
+    @property
+    def expectation(self) -> str:
+        """What a message says was expected."""
+        if self.expected:
+            return self.expected
+        if self.choices:
+            return f"one of {', '.join(sorted(self.choices))}"
+        word = _WORDS.get(self.type, "a value")
+        unit = f" {self.unit}" if self.unit else ""
+        low, high = self.low, self.high
+        if low is not None and high is not None:
+            return f"{low:g} to {high:g}{unit}"
+        if low is not None and self.below is not None:
+            return f"at least {low:g} and below {self.below:g}{unit}"
+        if low is not None:
+            return f"{word} of at least {low:g}{unit}"
+        if self.above is not None:
+            return f"{word} above {self.above:g}{unit}"
+        if self.type is float:
+            return f"a finite number{' of' + unit if unit else ''}"
+        return word
+
+    def checked(self, value: Any) -> Any:
+        """Return ``value`` in the field's own type, or raise ``ParameterError`` naming the field."""
+        if value is None and self.default is None:
+            return None
+        fitted = _fit(value, self.type)
+        if fitted is _UNFIT or not self._within(fitted) or (self.accepts and not self.accepts(fitted)):
+            raise ParameterError(self.path, expected=self.expectation, got=value)
+        return fitted
+
+    def parsed(self, text: str | Sequence[str]) -> Any:
+        """Return the value that a text tells, or raise ``ParameterError`` naming the field."""
+        try:
+            if self.parse is not None:
+                return self.checked(
+                    self.parse(text) if isinstance(text, str) else tuple(map(self.parse, text))
+                )
+            if self.type in (int, float, Path):
+                return self.checked(self.type(text))
+        except ParameterError as error:
+            raise error.renamed(self.path) from error
+        except (ValueError, OverflowError) as error:
+            raise ParameterError(self.path, expected=self.expectation, got=text) from error
+        if self.type is bool and text in ("true", "false"):
+            return text == "true"
+        return self.checked(text)
+
+    def _within(self, value: Any) -> bool:
+        numbers = value if isinstance(value, tuple) else (value,)
+        for number in numbers:
+            if not isinstance(number, int | float) or isinstance(number, bool):
+                continue
+            if math.isnan(number) or (math.isinf(number) and not self.infinite):
+                return False
+            if (self.low is not None and number < self.low) or (self.high is not None and number > self.high):
+                return False
+            if self.above is not None and not number > self.above:
+                return False
+            if self.below is not None and not number < self.below:
+                return False
+        return True
+
+
+def setting(default: Any, help: str, **known: Any) -> Any:
+    """Declare a field of a group: its default, its help, and what else :class:`Setting` knows."""
+    return dataclasses.field(default=default, metadata={_KEY: {"help": help, **known}})
+
+
+def field_settings(group: Any) -> Mapping[str, Setting]:
+    """What is known of each field of a group, an object or its class, by its name."""
+    return _read_fields(group if isinstance(group, type) else type(group))
+
+
+@cache
+def _read_fields(group: Any) -> Mapping[str, Setting]:
+    hints = typing.get_type_hints(group)
+    found = {}
+    for item in dataclasses.fields(group):
+        known = dict(item.metadata[_KEY])
+        flag = known.pop("flag", item.name.replace("_", "-"))
+        found[item.name] = Setting(
+            group=group.GROUP,
+            name=item.name,
+            type=_without_none(hints[item.name]),
+            default=item.default,
+            flag=flag,
+            of_a_look=known.pop("of_a_look", group.OF_A_LOOK),
+            **known,
+        )
+    return found
+
+
+def _check_fields(group: Any) -> None:
+    """Raise ``ParameterError`` unless each field has a value of its type and within its range."""
+    for name, known in field_settings(group).items():
+        object.__setattr__(group, name, known.checked(getattr(group, name)))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Group:
+    """Settings that belong together; each field is checked when the group is made."""
+
+    GROUP: ClassVar[str]
+    TITLE: ClassVar[str]
+    OF_A_LOOK: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+        self.check()
+
+    def check(self) -> None:
+        """Raise ``ParameterError`` unless the fields fit together."""
+
+
+def check_needed(group: "Group", name: str, needed: str, also: str | None = None, why: str = "") -> None:
+    """Raise unless the field ``needed``, or ``also``, is there for the field ``name`` to act on."""
+    value = getattr(group, name)
+    if value is None or value is False or getattr(group, needed) or (also and getattr(group, also)):
+        return
+    wanted = f"`{group.GROUP}.{needed}`" + (f" or `{group.GROUP}.{also}`" if also else "")
+    raise ParameterError(
+        f"{group.GROUP}.{name}",
+        expected=f"{wanted} for it to act on{f'; {why}' if why else ''}",
+        got=value,
+        remedy="give that, or leave this out",
+    )
+
+
+def from_plain(known: Setting, value: Any) -> Any:
+    """Return the value of a field from a number, a text, a truth value or a list, as files hold them."""
+    if isinstance(value, str) and (known.parse is not None or known.type is Path):
+        return known.parsed(value)
+    return known.checked(value)
+
+
+def to_plain(value: Any) -> Any:
+    """Return a value as files hold it: tuples are lists, paths texts."""
+    if isinstance(value, tuple):
+        return [to_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def parse_numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text such as ``0.5,2``."""
+    return tuple(float(part) for part in text.split(","))
+
+
+class _Unfit:
+    """Stands for a value of another type."""
+
+
+_UNFIT = _Unfit()
+
+
+def _fit(value: Any, wanted: Any) -> Any:
+    """``value`` as the type ``wanted``: whole numbers become floats, lists tuples; else ``_UNFIT``."""
+    origin, arguments = typing.get_origin(wanted), typing.get_args(wanted)
+    if origin in (typing.Union, types.UnionType):
+        fitted = [_fit(value, kind) for kind in arguments if kind is not type(None)]
+        return next((one for one in fitted if one is not _UNFIT), _UNFIT)
+    if origin is typing.Literal:
+        return value if isinstance(value, str) and value in arguments else _UNFIT
+    if origin is tuple:
+        if not isinstance(value, tuple | list):
+            return _UNFIT
+        repeated = len(arguments) == 2 and arguments[1] is Ellipsis
+        kinds = [arguments[0]] * len(value) if repeated else list(arguments)
+        if len(kinds) != len(value) or not kinds:
+            return _UNFIT
+        parts = tuple(_fit(item, kind) for item, kind in zip(value, kinds, strict=True))
+        return _UNFIT if _UNFIT in parts else parts
+    if isinstance(value, bool):
+        return value if wanted is bool else _UNFIT
+    if wanted is Path:
+        return Path(value) if isinstance(value, str | Path) else _UNFIT
+    if wanted is str:
+        return value if isinstance(value, str) else _UNFIT
+    return _fit_number(value, wanted)
+
+
+def _fit_number(value: Any, wanted: Any) -> Any:
+    """A number of Python's or NumPy's own as ``int`` or ``float``."""
+    if wanted is int and hasattr(value, "__index__"):
+        return value.__index__()
+    if wanted is float and not isinstance(value, str | bytes) and hasattr(value, "__float__"):
+        try:
+            return float(value)
+        except (TypeError, ValueError, OverflowError):
+            return _UNFIT
+    return _UNFIT
+
+
+def _without_none(hint: Any) -> Any:
+    """``X`` of ``X | None``."""
+    arguments = [kind for kind in typing.get_args(hint) if kind is not type(None)]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType) and len(arguments) == 1:
+        return arguments[0]
+    return hint
