@@ -69,7 +69,7 @@ _OPTIONS = {
     "cats_eye": "--cats-eye",
     "rim": "--rim",
     "obstruction": "--obstruction",
-    "aperture picture": "--aperture-image",
+    "picture": "--aperture-image",
     "onion": "--onion",
     "onion_rings": "--onion-rings",
     "grain": "--disc-grain",

@@ -108,7 +108,7 @@ def make_effects(
         return None
     from bokehnet.effects import CameraEffects, DivisionModel  # after parsing, so --help stays fast
 
-    with named_options({"distortion": "--distortion"}):
+    with named_options({"strength": "--distortion"}):
         division = DivisionModel(strength=distortion) if distortion else None
     polynomial = None if brown is None else _parse_brown(brown)
     with named_options({"cos4": "--cos4", "optical_vignetting": "--optical-vignetting"}):
@@ -135,7 +135,7 @@ def _parse_brown(text: str) -> "BrownConrady | None":
             f"--distortion-brown: expected K1[,K2[,K3[,P1,P2]]] such as -0.1,0.02, got {text!r}"
         )
     k1, k2, k3, p1, p2 = [*numbers, *[0.0] * (5 - len(numbers))]
-    with named_options({"distortion": "--distortion-brown"}):
+    with named_options(dict.fromkeys(("distortion", "radial", "decentring"), "--distortion-brown")):
         model = BrownConrady(radial=(k1, k2, k3), decentring=(p1, p2))
         Warp(distortion=model).check()
     return model if any(numbers) else None
@@ -144,7 +144,7 @@ def _parse_brown(text: str) -> "BrownConrady | None":
 def _make_vignette(stops: float, shape: dict[str, float | None]) -> "Vignette":
     from bokehnet.effects import Vignette
 
-    options = {f"vignette {name}": f"--vignette-{name}" for name in shape} | {"vignette stops": "--vignette"}
+    options = {name: f"--vignette-{name}" for name in shape} | {"stops": "--vignette"}
     with named_options(options):
         return Vignette(stops=stops, **{name: value for name, value in shape.items() if value is not None})
 
@@ -152,6 +152,6 @@ def _make_vignette(stops: float, shape: dict[str, float | None]) -> "Vignette":
 def _make_grain(iso: float, size: float | None, mono: bool, seed: int | None) -> "Grain":
     from bokehnet.effects import Grain
 
-    options = {"grain iso": "--grain", "grain size": "--grain-size", "grain seed": "--grain-seed"}
+    options = {"iso": "--grain", "size": "--grain-size", "seed": "--grain-seed"}
     with named_options(options):
         return Grain(iso=iso, size=1.0 if size is None else size, monochrome=mono, seed=seed or 0)

@@ -101,9 +101,9 @@ def make_fringes(
     from bokehnet.optics.field_maps import make_field_map  # after parsing, so --help stays fast
     from bokehnet.optics.fringes import Fringes, make_curve
 
-    with named_options({"field map": "--axial-map"}):
+    with named_options({"field_map": "--axial-map"}):
         first = make_field_map(axial_map or "constant")
-    with named_options({"field map": "--lateral-map"}):
+    with named_options({"field_map": "--lateral-map"}):
         second = make_field_map(lateral_map or "linear")
     try:
         curve = make_curve(glass or "N-BK7")

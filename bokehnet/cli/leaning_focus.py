@@ -12,7 +12,12 @@ if TYPE_CHECKING:
 
 __all__ = ["check_lean", "leaning_focus", "value_at"]
 
-_OPTIONS = {"tilt_x": "--tilt-x", "tilt_y": "--tilt-y", "focus plane": "--focus-plane"}
+_OPTIONS = {
+    "tilt_x": "--tilt-x",
+    "tilt_y": "--tilt-y",
+    "focus plane": "--focus-plane",
+    "pixels": "--focus-plane",
+}
 
 
 def check_lean(focus: "Focus") -> None:

@@ -28,7 +28,7 @@ _OPTIONS = {
     "gamma": "--gamma",
     "engine": "--engine",
     "max_memory": "--max-memory",
-    "focus plane": "--focus-plane, --tilt-x, --tilt-y",
+    "tilt": "--focus-plane, --tilt-x, --tilt-y",
 }
 
 

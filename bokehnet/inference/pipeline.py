@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.cascade import render_neural
-from bokehnet.checks import check_at_least, check_choice, check_number
+from bokehnet.checks import check_at_least, check_choice, check_kind, check_number
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
     ClassicalResult,
@@ -104,6 +104,8 @@ class BokehRenderer:
         session_options: Any = None,
     ) -> None:
         check_choice("engine", engine, ENGINES)
+        check_kind("aperture", aperture, Aperture, optional=True)
+        check_kind("character", character, Character, optional=True)
         self.engine = engine
         self.aperture = aperture or Aperture()
         self.character = character or Character()
@@ -169,19 +171,25 @@ class BokehRenderer:
         if defocus is None:
             defocus = _from_disparity(disparity, blur, focus)
         elif not (disparity is None and blur is None and focus is None):
-            raise ParameterError("defocus: expected either defocus, or disparity, blur and focus, got both")
+            expected = "either this, or `disparity`, `blur` and `focus`"
+            raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
         if self._networks is not None and gamma != 1:
             raise ParameterError(
-                f"gamma: expected 1, all that the networks of {self.engine} know, got {gamma:g}; "
-                f"use --engine {self._classical_name}"
+                "gamma",
+                f"1, all that the networks of {self.engine} know",
+                gamma,
+                f"use the engine `{self._classical_name}`",
             )
+        check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
             image = in_bands(highlights.expand, image, out=over)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
+        if max_memory is not None:
+            check_number("max_memory", max_memory)
         strips = [None] if max_memory is None else self._cut(defocus, max_memory, memory_taken)
         if len(strips) > 1:
             return self._render_strips(image, defocus, curve, strips, progress or _ignore, overwrite)
@@ -203,9 +211,11 @@ class BokehRenderer:
         if len(strips) <= 1:
             return [None]
         if self.aperture.cats_eye > 0:
-            raise ParameterError("max_memory: a cat's-eye needs the whole picture at once; leave it out")
+            expected = "None, as a cat's-eye needs the whole picture at once"
+            raise ParameterError("max_memory", expected, memory, "leave it out, or set `cats_eye` to 0")
         if self._networks is not None and self._networks.iunet is not None:
-            raise ParameterError("max_memory: these networks need the whole picture at once; leave it out")
+            expected = "None, as these networks need the whole picture at once"
+            raise ParameterError("max_memory", expected, memory, "leave it out")
         return strips
 
     def _render_whole(
@@ -312,9 +322,11 @@ def _from_disparity(disparity: np.ndarray | None, blur: float | None, focus: flo
         name for name, value in (("disparity", disparity), ("blur", blur), ("focus", focus)) if value is None
     ]
     if disparity is None or blur is None or focus is None:
-        raise ParameterError(
-            f"defocus: expected either defocus, or disparity, blur and focus; {', '.join(missing)} missing"
-        )
+        if len(missing) == 3:
+            raise ParameterError("defocus", "either this, or `disparity`, `blur` and `focus`", None)
+        needed = " and ".join(f"`{name}`" for name in missing)
+        expected = "a value beside `disparity`, `blur` and `focus`, which go together"
+        raise ParameterError(missing[0], expected, None, f"give {needed}, or `defocus` alone")
     check_at_least("blur", blur, 0)
     check_number("focus", focus)
     defocus: np.ndarray = defocus_from_disparity(np.asarray(disparity), blur, focus)
