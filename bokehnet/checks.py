@@ -7,6 +7,7 @@ import importlib
 import math
 import sys
 from collections.abc import Collection
+from numbers import Real
 from types import ModuleType
 from typing import Any
 
@@ -17,15 +18,23 @@ from bokehnet.errors import MissingExtraError, ParameterError, ShapeError
 __all__ = [
     "Array",
     "array_namespace",
+    "array_of_numbers",
+    "check_above",
     "check_at_least",
     "check_choice",
     "check_finite",
+    "check_flag",
     "check_image",
+    "check_kind",
     "check_map",
     "check_number",
+    "check_numbers",
+    "check_range",
     "check_rank",
     "check_same_size",
+    "check_whole",
     "constant_like",
+    "number_of",
     "require_extra",
 ]
 
@@ -50,6 +59,8 @@ def constant_like(values: np.ndarray, like: Array) -> Array:
 
 def check_rank(name: str, array: Array, rank: int, layout: str) -> None:
     """Raise ``ShapeError`` unless ``array`` has ``rank`` dimensions and none of them is empty."""
+    if not hasattr(array, "shape"):
+        raise ParameterError(name, f"an array of shape {layout}", array)
     shape = tuple(array.shape)
     if len(shape) != rank or 0 in shape:
         raise ShapeError(f"{name}: expected shape {layout} with no empty side, got {shape}")
@@ -71,10 +82,13 @@ def check_map(name: str, values: Array) -> None:
 
 def check_finite(name: str, array: Array) -> None:
     """Raise ``ParameterError`` when ``array`` holds NaN or infinity."""
-    finite = array_namespace(array).isfinite(array)
+    try:
+        finite = array_namespace(array).isfinite(array)
+    except TypeError as error:  # texts, objects
+        raise ParameterError(name, "an array of numbers", array) from error
     if not bool(finite.all()):
         count = int((~finite).sum())
-        raise ParameterError(f"{name}: expected finite values, found {count} that are NaN or infinite")
+        raise ParameterError(name, "finite values", shown=f"{count} that are NaN or infinite")
 
 
 def check_same_size(first: str, a: Array, second: str, b: Array, hint: str = "") -> None:
@@ -85,23 +99,89 @@ def check_same_size(first: str, a: Array, second: str, b: Array, hint: str = "")
         raise ShapeError(f"{message}; {hint}" if hint else message)
 
 
-def check_number(name: str, value: float) -> None:
+def number_of(value: object) -> float:
+    """Return a number, or an array or tensor without dimensions, as a float; NaN for all else, bools too."""
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()  # type: ignore[attr-defined]
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf  # type: ignore[operator]
+
+
+def array_of_numbers(name: str, values: object, dtype: type[np.generic]) -> np.ndarray:
+    """Return ``values`` as a new array of ``dtype``; ``ParameterError`` where they are no numbers."""
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:  # rows of different lengths
+        raise ParameterError(name, "an array of numbers", values) from error
+    if array.dtype.kind not in "iufb" or isinstance(values, bool):
+        raise ParameterError(name, "an array of numbers", values)
+    return np.array(array, dtype)
+
+
+def check_number(name: str, value: object) -> None:
     """Raise ``ParameterError`` unless ``value`` is a finite number."""
-    if not math.isfinite(value):
-        raise ParameterError(f"{name}: expected a finite number, got {value}")
+    if not math.isfinite(number_of(value)):
+        raise ParameterError(name, "a finite number", value)
 
 
-def check_at_least(name: str, value: float, lowest: float) -> None:
+def check_numbers(name: str, values: object, count: int) -> None:
+    """Raise ``ParameterError`` unless ``values`` are a tuple or a list of ``count`` finite numbers."""
+    if not isinstance(values, tuple | list) or len(values) != count:
+        raise ParameterError(name, f"{count} numbers", values)
+    for value in values:
+        check_number(name, value)
+
+
+def check_at_least(name: str, value: object, lowest: float) -> None:
     """Raise ``ParameterError`` unless ``value`` is a finite number and not below ``lowest``."""
     check_number(name, value)
-    if value < lowest:
-        raise ParameterError(f"{name}: expected at least {lowest:g}, got {value:g}")
+    if number_of(value) < lowest:
+        raise ParameterError(name, f"at least {lowest:g}", value)
 
 
-def check_choice(name: str, value: str, choices: Collection[str]) -> None:
+def check_above(name: str, value: object, lowest: float, unit: str = "") -> None:
+    """Raise ``ParameterError`` unless ``value`` is a finite number above ``lowest``."""
+    number = number_of(value)
+    if not lowest < number < math.inf:
+        expected = f"more than {lowest:g} {unit}".rstrip()
+        raise ParameterError(name, expected + " and finite" * math.isinf(number), value)
+
+
+def check_range(name: str, value: object, low: float, high: float, unit: str = "") -> None:
+    """Raise ``ParameterError`` unless ``value`` is a number from ``low`` to ``high``."""
+    if not low <= number_of(value) <= high:
+        raise ParameterError(name, f"{low:g} to {high:g} {unit}".rstrip(), value)
+
+
+def check_whole(name: str, value: object, lowest: int | None = None) -> None:
+    """Raise ``ParameterError`` unless ``value`` is a whole number and not below ``lowest``."""
+    number = number_of(value)
+    if not (number.is_integer() and (lowest is None or number >= lowest)):
+        expected = "a whole number" if lowest is None else f"a whole number from {lowest} up"
+        raise ParameterError(name, expected, value)
+
+
+def check_flag(name: str, value: object) -> None:
+    """Raise ``ParameterError`` unless ``value`` is true or false."""
+    if not isinstance(value, bool | np.bool_):
+        raise ParameterError(name, "True or False", value)
+
+
+def check_kind(name: str, value: object, *kinds: type, optional: bool = False) -> None:
+    """Raise ``ParameterError`` unless ``value`` is of one of the classes, or None if ``optional``."""
+    if not (isinstance(value, kinds) or (optional and value is None)):
+        names = [kind.__name__ for kind in kinds] + ["None"] * optional
+        raise ParameterError(name, " or ".join(names), value)
+
+
+def check_choice(name: str, value: object, choices: Collection[str]) -> None:
     """Raise ``ParameterError`` unless ``value`` is one of ``choices``."""
-    if value not in choices:
-        raise ParameterError(f"{name}: expected one of {', '.join(sorted(choices))}, got {value!r}")
+    if not isinstance(value, str) or value not in choices:
+        raise ParameterError(name, f"one of {', '.join(sorted(choices))}", value)
 
 
 def require_extra(module: str, extra: str) -> None:

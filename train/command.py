@@ -22,7 +22,7 @@ def _override(text: str) -> tuple[str, Any]:
     """``key=value`` with a TOML value."""
     key, equals, value = text.partition("=")
     if not equals:
-        raise ParameterError(f"--set: expected key=value, got {text!r}")
+        raise ParameterError("--set", "key=value", text)
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:

@@ -38,7 +38,7 @@ def corrupt(disparity: np.ndarray, name: str, edge_shift: int = EDGE_SHIFT) -> n
     Raises:
         ParameterError: Unknown name.
     """
-    check_choice("corruption", name, CORRUPTIONS)
+    check_choice("name", name, CORRUPTIONS)
     side = 2 * edge_shift + 1
     if name == "blurred":
         changed = gaussian_filter(disparity, _SIGMA, mode="nearest")

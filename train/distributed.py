@@ -75,9 +75,8 @@ class Processes:
         Pages are locked for a CUDA device, and signals to stop are left to the training process.
         """
         if loader.batch_sampler is None:
-            raise ParameterError(
-                "expected a DataLoader with a batch_size or a batch_sampler, found one without"
-            )
+            expected = "a DataLoader with a batch_size or a batch_sampler"
+            raise ParameterError("loader", expected, loader, shown="one without")
         return DataLoader(
             loader.dataset,
             batch_sampler=_Shares(loader.batch_sampler, self),
@@ -166,8 +165,11 @@ def _own_gpu(device: torch.device, number: int) -> torch.device:
     found = torch.cuda.device_count()
     if device.index is not None or number >= found:
         raise ParameterError(
-            f"--device {device}: under torchrun expected cuda and at most a process for each of the {found} "
-            f"GPUs here, found process {number}; use --device cuda and --nproc-per-node {found}"
+            "--device",
+            f"cuda, and under torchrun at most a process for each of the {found} GPUs here",
+            str(device),
+            f"use --device cuda and --nproc-per-node {found}",
+            shown=f"{device} in process {number}",
         )
     torch.cuda.set_device(number)
     return torch.device("cuda", number)

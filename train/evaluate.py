@@ -124,9 +124,9 @@ def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     for name in ("limit", "jobs"):
         value = getattr(options, name)
         if value is not None and value < 1:
-            raise ParameterError(f"--{name}: expected at least 1, got {value}")
+            raise ParameterError(f"--{name}", "at least 1", value)
     if options.edge_shift < 0:
-        raise ParameterError(f"--edge-shift: expected at least 0, got {options.edge_shift}")
+        raise ParameterError("--edge-shift", "at least 0", options.edge_shift)
     for kind in options.disparity or ():
         check_choice("--disparity", kind, CORRUPTIONS)
     if options.baseline is not None:
@@ -134,7 +134,7 @@ def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     for floor in options.noise_floor or ():
         check_number("--noise-floor", floor)
     if options.json is not None and not options.json.parent.is_dir():
-        raise ParameterError(f"--json: there is no folder {options.json.parent}")
+        raise ParameterError("--json", "a file in a folder that exists", str(options.json))
     for module in ("flip_evaluator", "pytorch_msssim"):
         require_extra(module, "train")
 

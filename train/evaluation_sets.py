@@ -67,7 +67,7 @@ def list_pictures(kind: str, folder: Path, limit: int | None = None) -> list[Pic
         ParameterError: Unknown kind.
         DataFileError: No such set in ``folder``.
     """
-    check_choice("kind of set", kind, SETS)
+    check_choice("kind", kind, SETS)
     pictures = SETS[kind](folder)
     if not pictures:
         raise DataFileError(f"{folder}: no pictures of a {kind} set found there")

@@ -52,8 +52,10 @@ class FiniteGuard:
         self.in_a_row += 1
         if self.in_a_row >= self.patience:
             raise ParameterError(
-                f"step {step}: expected a finite gradient, found none in {self.in_a_row} steps in a row; use "
-                "a smaller optim.learning_rate or optim.bfloat16 = false in another --out, and check the data"
+                "optim.learning_rate",
+                "a finite gradient",
+                shown=f"none in {self.in_a_row} steps in a row up to step {step}",
+                remedy="use a smaller one or `optim.bfloat16` = false in another --out, and check the data",
             )
         return False
 

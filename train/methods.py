@@ -58,10 +58,10 @@ def parse_method(text: str) -> Method:
     whole, plus, ending = text.rpartition("+")
     head, repair = (whole, ending) if plus else (text, "")
     engine, _, weights = head.partition(":")
-    check_choice(f"method {text!r}", engine, ENGINES)
+    check_choice("--method", engine, ENGINES)
     kind, _, path = repair.partition(":")
     if plus:
-        check_choice(f"repair of {text!r}", kind, REPAIRS)
+        check_choice("--method", kind, REPAIRS)
     return Method(
         name=text,
         engine=engine,

@@ -109,10 +109,10 @@ CLASSICAL_RENDERERS = {
 }
 
 
-def make_classical(name: str) -> ClassicalRenderer:
-    """Return the classical renderer called ``name``; ``ParameterError`` names the choices."""
-    check_choice("classical renderer", name, CLASSICAL_RENDERERS)
-    module, function = CLASSICAL_RENDERERS[name].split(":")
+def make_classical(classical: str) -> ClassicalRenderer:
+    """Return the classical renderer of that name; ``ParameterError`` names the choices."""
+    check_choice("classical", classical, CLASSICAL_RENDERERS)
+    module, function = CLASSICAL_RENDERERS[classical].split(":")
     renderer: Callable = getattr(import_module(module), function)
     return renderer
 

@@ -65,12 +65,12 @@ class Layers:
 
     def _raise_fault(self) -> NoReturn:
         for name in ("colors", "defocus", "coverage"):
-            check_finite(f"layer {name}", getattr(self, name))
+            check_finite(name, getattr(self, name))
         if self.coverage.min() < 0 or self.coverage.max() > 1:
-            raise ParameterError(
-                f"layer coverage: expected 0 to 1, got {self.coverage.min():g} to {self.coverage.max():g}"
-            )
-        raise ParameterError("layer defocus: expected layers from front to back, found one before the last")
+            found = f"{self.coverage.min():g} to {self.coverage.max():g}"
+            raise ParameterError("coverage", "0 to 1", self.coverage, shown=found)
+        expected = "layers from front to back"
+        raise ParameterError("defocus", expected, self.defocus, shown="one in front of the one before it")
 
 
 @njit(cache=True, parallel=True)

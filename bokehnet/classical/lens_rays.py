@@ -140,8 +140,11 @@ def lens_table(
     pencil = character.pencil
     if math.hypot(*pencil.tilt) > _STEEPEST_TILT:
         raise ParameterError(
-            f"focus plane: expected a defocus that changes by up to {_STEEPEST_TILT} pixels per pixel, "
-            f"got {math.hypot(*pencil.tilt):.2g}; tilt less or blur less"
+            "tilt",
+            f"a defocus that changes by up to {_STEEPEST_TILT} pixels per pixel",
+            pencil.tilt,
+            "tilt less or blur less",
+            shown=f"{math.hypot(*pencil.tilt):.2g}",
         )
     column, row, scale = Frame.of(height, width)
     half_diagonal = 1 / scale

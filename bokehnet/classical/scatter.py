@@ -92,7 +92,10 @@ def render_scatter(
     """
     if character is not None and not replace(character, pencil=character.pencil.upright()).is_plain:
         raise ParameterError(
-            "engine: the scatter knows no aberrations, rims or fringes of a lens; use --engine rays or hybrid"
+            "engine",
+            "one that knows aberrations, rims and fringes of a lens",
+            "scatter",
+            "use the engine `rays` or `hybrid`",
         )
     bokeh = scatter(image, defocus, aperture)
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])

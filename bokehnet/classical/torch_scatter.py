@@ -153,8 +153,11 @@ def spread(values: Tensor, defocus: Tensor, aperture: Aperture | None = None) ->
     """
     if values.dtype not in (torch.float32, torch.float64) or defocus.dtype != values.dtype:
         raise ParameterError(
-            "values and defocus: expected float32 or float64 for both, "
-            f"got {values.dtype} and {defocus.dtype}; convert them with .float()"
+            "values",
+            "float32 or float64, and the same for `defocus`",
+            str(values.dtype),
+            "convert them with .float()",
+            shown=f"{values.dtype} and {defocus.dtype}",
         )
     shape = None if aperture is None or aperture.is_disc else aperture
     height, width = defocus.shape

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_finite, check_rank
+from bokehnet.checks import Array, array_namespace, check_finite, check_kind, check_range, check_rank
 from bokehnet.effects.bands import in_bands
 from bokehnet.effects.view import View, cast_like
 from bokehnet.effects.warp import Warp
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.optics.coefficient import is_absent, value_of
+from bokehnet.optics.coefficient import is_absent
 from bokehnet.optics.distortion import Distortion
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor
@@ -52,9 +52,9 @@ class CameraEffects:
 
     def __post_init__(self) -> None:
         for name, highest in (("cos4", 80.0), ("optical_vignetting", 1.5)):
-            value = value_of(getattr(self, name))
-            if not 0 <= value <= highest:
-                raise ParameterError(f"{name}: expected 0 to {highest:g}, got {value:g}")
+            check_range(name, getattr(self, name), 0, highest)
+        check_kind("vignette", self.vignette, Vignette, optional=True)
+        check_kind("grain", self.grain, Grain, optional=True)
         _ = self._warp
 
     def apply(self, image: Array, *, view: View | None = None, frame: int = 0) -> Array:
@@ -92,7 +92,10 @@ class CameraEffects:
         """
         if self.grain is not None:
             raise ParameterError(
-                "grain: cannot be undone; leave it out, by dataclasses.replace(..., grain=None)"
+                "grain",
+                "None, as grain cannot be undone",
+                self.grain,
+                "leave it out, by dataclasses.replace(..., grain=None)",
             )
         view = _check(image, view)
         if self._shades:
@@ -143,6 +146,6 @@ def _check(image: Array, view: View | None) -> View:
     check_rank("image", image.reshape(-1, *image.shape[-2:]), 3, "(..., H, W, C)")
     whole = image.dtype.kind in "iub" if array_namespace(image) is np else not image.is_floating_point()
     if whole:
-        raise ParameterError(f"image: expected scene-linear floats, got {image.dtype}")
+        raise ParameterError("image", "scene-linear floats", image, shown=str(image.dtype))
     check_finite("image", image)
     return view or View.of(image)

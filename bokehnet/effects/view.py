@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, constant_like
+from bokehnet.checks import Array, array_namespace, check_whole, constant_like
 
 __all__ = ["View", "cast_like"]
 
@@ -18,12 +18,21 @@ class View:
         height: Its rows.
         left: Column of the array's first pixel in it; below 0 with overscan.
         top: Row of the array's first pixel in it.
+
+    Raises:
+        ParameterError: A number is not whole, or the picture is empty.
     """
 
     width: int
     height: int
     left: int = 0
     top: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            check_whole(name, getattr(self, name), 1)
+        for name in ("left", "top"):
+            check_whole(name, getattr(self, name))
 
     @classmethod
     def of(cls, image: Array) -> "View":

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_number
+from bokehnet.checks import Array, array_namespace, check_kind, check_range
 from bokehnet.effects.bands import in_bands
 from bokehnet.effects.view import View, cast_like
 from bokehnet.errors import ParameterError
 from bokehnet.optics.coefficient import is_absent, value_of
-from bokehnet.optics.distortion import Distortion
+from bokehnet.optics.distortion import BrownConrady, Distortion, DivisionModel
 from bokehnet.optics.resampling import inside, sample
 
 __all__ = ["Warp"]
@@ -42,9 +42,8 @@ class Warp:
     lateral: Array = 0.0
 
     def __post_init__(self) -> None:
-        check_number("lateral", value_of(self.lateral))
-        if not abs(value_of(self.lateral)) <= 0.1:
-            raise ParameterError(f"lateral: expected -0.1 to 0.1, got {value_of(self.lateral):g}")
+        check_kind("distortion", self.distortion, DivisionModel, BrownConrady, optional=True)
+        check_range("lateral", self.lateral, -0.1, 0.1)
 
     @property
     def is_off(self) -> bool:
@@ -77,7 +76,7 @@ class Warp:
         if self.distortion is not None:
             turn = np.linspace(0, 2 * np.pi, 360)
             self._check(1.0)
-            self.distortion.undistort(np.stack([np.cos(turn), np.sin(turn)], -1))
+            self._undistort(np.stack([np.cos(turn), np.sin(turn)], -1))
 
     def scale(self, image: Array, view: View) -> Array:
         """How far from the middle the picture is looked up, against where it is shown; see the class."""
@@ -99,7 +98,7 @@ class Warp:
         for magnification, _ in self._channels(3):
             d = border / magnification
             self._check(value_of((d * d).sum(-1).max()) ** 0.5)
-            u = d if self.distortion is None else self.distortion.undistort(d)
+            u = self._undistort(d)
             for axis in (0, 1):
                 for sign, room in ((-1, reach[0, axis]), (1, reach[1, axis])):
                     outwards = sign * u[:, axis] > 1e-9
@@ -113,8 +112,11 @@ class Warp:
         """Raise unless places up to ``radius`` half-diagonals have one place of the picture each."""
         if self.distortion is not None and not radius < self.distortion.reach:
             raise ParameterError(
-                f"distortion: the picture folds over itself {self.distortion.reach:.3g} half-diagonals from "
-                f"the middle, expected at least {radius:.3g}; take smaller coefficients"
+                "distortion",
+                f"a picture that folds over itself at least {radius:.3g} half-diagonals from the middle",
+                self.distortion,
+                "take smaller coefficients",
+                shown=f"one at {self.distortion.reach:.3g}",
             )
 
     def _channels(self, count: int) -> Iterator[tuple[Array, slice]]:
@@ -155,4 +157,10 @@ class Warp:
             d = u if self.distortion is None else self.distortion.distort(u)
             return d * magnification
         d = field / magnification
-        return scale * (d if self.distortion is None else self.distortion.undistort(d))
+        return scale * self._undistort(d)
+
+    def _undistort(self, d: Array) -> Array:
+        try:
+            return d if self.distortion is None else self.distortion.undistort(d)
+        except ParameterError as error:  # names a coefficient of the model
+            raise error.renamed("distortion") from error

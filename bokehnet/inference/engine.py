@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.cascade import render_neural
-from bokehnet.checks import check_choice
+from bokehnet.checks import check_choice, check_kind, check_number
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
     ClassicalResult,
@@ -152,6 +152,8 @@ class Engine:
             ParameterError: NaN or infinity in defocus or image; gamma out of range, or not 1 with a hybrid;
                 ``max_memory`` too small, or with a cat's-eye or with networks that cannot work in strips.
         """
+        check_kind("aperture", aperture, Aperture, optional=True)
+        check_kind("character", character, Character, optional=True)
         lens = _Lens(aperture or Aperture(), character or Character())
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         over = image if overwrite and image.flags.writeable else None
@@ -159,12 +161,17 @@ class Engine:
             image = np.maximum(image, 0, out=over)
         if self._networks is not None and gamma != 1:
             raise ParameterError(
-                f"gamma: expected 1, all that the networks of {self.name} know, got {gamma:g}; "
-                f"use --engine {self._classical_name}"
+                "gamma",
+                f"1, all that the networks of {self.name} know",
+                gamma,
+                f"use the engine `{self._classical_name}`",
             )
+        check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
             image = in_bands(highlights.expand, image, out=over)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
+        if max_memory is not None:
+            check_number("max_memory", max_memory)
         strips = [None] if max_memory is None else self._cut(defocus, lens, max_memory, memory_taken)
         if len(strips) > 1:
             return self._render_strips(image, defocus, lens, curve, strips, progress or _ignore, overwrite)
@@ -186,9 +193,11 @@ class Engine:
         if len(strips) <= 1:
             return [None]
         if lens.aperture.cats_eye > 0:
-            raise ParameterError("max_memory: a cat's-eye needs the whole picture at once; leave it out")
+            expected = "None, as a cat's-eye needs the whole picture at once"
+            raise ParameterError("max_memory", expected, memory, "leave it out, or set `cats_eye` to 0")
         if self._networks is not None and self._networks.iunet is not None:
-            raise ParameterError("max_memory: these networks need the whole picture at once; leave it out")
+            expected = "None, as these networks need the whole picture at once"
+            raise ParameterError("max_memory", expected, memory, "leave it out")
         return strips
 
     def _render_whole(

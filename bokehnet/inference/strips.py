@@ -53,8 +53,11 @@ def cut_strips(
         least = (2 * halo + 2 * ALIGNED) * width * BYTES_PER_PIXEL[classical]
         which = "in all" if taken else "beyond the pictures themselves"
         raise ParameterError(
-            f"max_memory: expected at least {math.ceil((taken + least) / 1e6)} MB {which}, for a "
-            f"width of {width} and blur of {reach} pixels, got {memory / 1e6:.0f} MB"
+            "max_memory",
+            f"at least {math.ceil((taken + least) / 1e6)} MB {which}, for a "
+            f"width of {width} and blur of {reach} pixels",
+            memory,
+            shown=f"{memory / 1e6:.0f} MB",
         )
     for top in range(0, height, rows):
         bottom = min(height, top + rows)

@@ -143,7 +143,8 @@ def _write_back(path: Path, origin: _Origin, bokeh: NDArray[Any], alpha: NDArray
     replaced = {name: np.asarray(bokeh[..., i], np.float32) for i, name in enumerate(picture.colours)}
     if alpha is not None:
         if picture.alpha is None:
-            raise ParameterError(f"alpha: the picture in {origin.path} has no alpha channel; leave alpha out")
+            expected = f"None, as the picture in {origin.path} has no alpha channel"
+            raise ParameterError("alpha", expected, alpha, "leave `alpha` out")
         replaced[picture.alpha] = np.asarray(alpha, np.float32)
     with ImageFile(origin.path) as source:
         state = origin.path.stat()

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.checks import check_image, check_map, check_range, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import check_target
 from bokehnet.io.color import linear_to_srgb
@@ -90,11 +90,10 @@ def write_image(
     path = Path(path)
     check_writable(path)
     check_image("image", image)
-    if not 1 <= quality <= 100:
-        raise ParameterError(f"quality: expected 1 to 100, got {quality}")
+    check_range("quality", quality, 1, 100)
     extension = path.suffix.lower()
     if bits not in (8, 16) or (bits == 16 and extension not in (".png", ".tif", ".tiff")):
-        raise ParameterError(f"bits: expected 8, or 16 for .png and .tif, got {bits} for {extension}")
+        raise ParameterError("bits", "8, or 16 for .png and .tif", bits, shown=f"{bits} for {extension}")
     if alpha is not None:
         check_map("alpha", alpha)
         check_same_size("the picture", image, "alpha", alpha)

@@ -67,9 +67,7 @@ def check_pixel_count(path: Path | str, width: int, height: int) -> None:
     try:
         most = int(float(text)) if text else _MOST_PIXELS
     except (ValueError, OverflowError) as problem:
-        raise ParameterError(
-            f"{PIXEL_LIMIT_VARIABLE}: expected a number of pixels, got {text!r}"
-        ) from problem
+        raise ParameterError(PIXEL_LIMIT_VARIABLE, "a number of pixels", text) from problem
     if width * height > most:
         raise ImageFileError(
             f"{path}: {width}x{height} pixels are more than the limit of {most}; "

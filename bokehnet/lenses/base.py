@@ -1,11 +1,13 @@
 """What every lens can do."""
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from bokehnet.checks import Array, check_rank
+from bokehnet.checks import Array, check_rank, number_of
+from bokehnet.errors import LensError, ParameterError
 
-__all__ = ["LensModel", "Rays", "defocus_map"]
+__all__ = ["LensModel", "Rays", "check_lens_number", "defocus_map"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -78,3 +80,15 @@ def defocus_map(disparity: Array, lens: LensModel, pixel_pitch: float) -> Array:
     """
     check_rank("disparity", disparity, 2, "(H, W)")
     return lens.coc_radius(disparity) / pixel_pitch
+
+
+def check_lens_number(
+    name: str, value: object, lowest: float, unit: str = "", *, most: float | None = None
+) -> None:
+    """Raise ``LensError`` unless ``value`` is a finite number above ``lowest``, or is ``most``."""
+    number = number_of(value)
+    if not (lowest < number < math.inf or number == most):
+        expected = "any number" if math.isinf(lowest) else f"more than {lowest:g}"
+        finite = " and finite" if math.isinf(number) and number != most else ""
+        problem = ParameterError(name, f"{expected} {unit}".rstrip() + finite, value)
+        raise LensError(str(problem), parameter=name)

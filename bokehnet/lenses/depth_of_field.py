@@ -2,7 +2,7 @@
 
 import math
 
-from bokehnet.errors import ParameterError
+from bokehnet.checks import check_above
 from bokehnet.lenses.base import LensModel
 
 __all__ = ["depth_of_field"]
@@ -27,8 +27,7 @@ def depth_of_field(lens: LensModel, largest_radius: float) -> tuple[float, float
     Source:
         Ray, "Applied photographic optics", 2002, 22; the same limits for thin lenses.
     """
-    if not 0 < largest_radius < math.inf:
-        raise ParameterError(f"largest_radius: expected more than 0 mm, got {largest_radius:g}")
+    check_above("largest_radius", largest_radius, 0, "mm")
     at_infinity = float(lens.coc_radius(0.0))
     per_disparity = float(lens.coc_radius(1.0)) - at_infinity
     near = per_disparity / (largest_radius - at_infinity)

@@ -3,13 +3,12 @@
 Both are pictures of one point of the scene, around the place where the lens stopped far down shows it.
 """
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 
-from bokehnet.checks import check_at_least
-from bokehnet.errors import LensError, ParameterError, ShapeError
+from bokehnet.checks import check_above, check_at_least, check_number
+from bokehnet.errors import LensError, ShapeError
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.stop_rays import chief_rays
@@ -67,8 +66,7 @@ def traced_psf(
     point = origin + depth * slope
     low, high = _open_part(lens, point, depth)
     _check(size, rays, wavelengths, colors)
-    if not 0 < pitch < math.inf:
-        raise ParameterError(f"pitch: expected more than 0 mm, got {pitch:g}")
+    check_above("pitch", pitch, 0, "mm")
     collected = _Cells(size, colors)
     for number, wavelength in enumerate(wavelengths):
         start = 1 + number * rays
@@ -100,8 +98,8 @@ def pencil_psf(
     pencils of neighbouring pixels converge there is more of it.
     """
     _check(size, rays, wavelengths, colors)
-    if not (0 < pitch < math.inf and math.isfinite(defocus)):
-        raise ParameterError(f"expected a pitch above 0 and a finite defocus, got {pitch:g} and {defocus:g}")
+    check_above("pitch", pitch, 0, "half-diagonals")
+    check_number("defocus", defocus)
     place = np.asarray(field, float)
     collected = _Cells(size, colors)
     for number, wavelength in enumerate(wavelengths):

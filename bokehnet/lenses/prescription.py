@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from bokehnet.checks import Array, array_namespace
+from bokehnet.checks import Array, array_namespace, number_of
 from bokehnet.errors import LensError
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.effective_pupil import EffectivePupil, find_effective_pupil
@@ -50,16 +50,21 @@ class PrescriptionLens:
         name = self.prescription.name
         if not self.open_paraxial.cardinal.focal_length > 0:
             raise LensError(f"{name}: need a focal length above 0, got {self.focal_length:g} mm")
-        if self.f_number is not None and not self.fastest <= _NOMINAL * self.f_number < math.inf:
-            raise LensError(f"{name}: f-number: expected {self.fastest:.3g} or more, got {self.f_number:g}")
+        f_number = number_of(self.f_number)
+        if self.f_number is not None and not self.fastest <= _NOMINAL * f_number < math.inf:
+            raise LensError(
+                f"{name}: f-number: expected {self.fastest:.3g} or more, got {self.f_number}",
+                parameter="f_number",
+            )
         try:
             _ = self.thick
         except LensError as error:
-            raise LensError(f"{name}: {error}") from error
+            raise LensError(f"{name}: {error}", error.parameter) from error
         if self.focus_distance <= self.front_vertex:
             raise LensError(
                 f"{name}: cannot focus at {self.focus_distance:g} mm from its entrance pupil: "
-                f"the front of the lens is {self.front_vertex:.4g} mm away"
+                f"the front of the lens is {self.front_vertex:.4g} mm away",
+                parameter="focus_distance",
             )
 
     @cached_property

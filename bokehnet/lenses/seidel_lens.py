@@ -126,10 +126,10 @@ def reduce_lens(
     corner = lens.prescription.image_radius if half_diagonal is None else half_diagonal
     check_at_least("half_diagonal", corner, 0)
     if corner == 0:
-        raise ParameterError("half_diagonal: expected more than 0 mm, got 0")
+        raise ParameterError("half_diagonal", "more than 0 mm", corner)
     colours = np.asarray(wavelengths, float)
     if colours.ndim != 1 or colours.size == 0:
-        raise ParameterError(f"wavelengths: expected a list of one or more, got {wavelengths}")
+        raise ParameterError("wavelengths", "a list of one or more", wavelengths)
     surfaces = lens.surfaces_at(colours)
     gauss = paraxial_lens(surfaces)
     cardinal, entrance = gauss.cardinal, gauss.entrance

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from bokehnet.checks import Array
 from bokehnet.errors import LensError
-from bokehnet.lenses.base import Rays
+from bokehnet.lenses.base import Rays, check_lens_number
 from bokehnet.optics.coc import coc_radius
 from bokehnet.optics.paraxial import focused_rays, image_points
 
@@ -38,15 +38,17 @@ class ThickLens:
     principal_gap: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.focal_length < math.inf:
-            raise LensError(f"need a focal length above 0, got {self.focal_length:g} mm")
-        if not 0 < self.f_number < math.inf:
-            raise LensError(f"need a positive f-number, got {self.f_number:g}")
+        check_lens_number("focal_length", self.focal_length, 0, "mm")
+        check_lens_number("f_number", self.f_number, 0)
+        for name in ("principal_depth", "principal_gap"):
+            check_lens_number(name, getattr(self, name), -math.inf, "mm")
+        check_lens_number("focus_distance", self.focus_distance, 0, "mm", most=math.inf)
         nearest = max(self.principal_depth + self.focal_length, 0.0)
         if not self.focus_distance > nearest:
             raise LensError(
                 f"cannot focus at {self.focus_distance:g} mm: need more than {nearest:g} mm, "
-                f"the front focal point counted from the entrance pupil"
+                f"the front focal point counted from the entrance pupil",
+                parameter="focus_distance",
             )
 
     @property

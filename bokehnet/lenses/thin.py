@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 
 from bokehnet.checks import Array
-from bokehnet.errors import LensError
-from bokehnet.lenses.base import Rays
+from bokehnet.lenses.base import Rays, check_lens_number
 from bokehnet.optics.coc import coc_radius
 from bokehnet.optics.paraxial import focused_rays, image_points
 
@@ -30,13 +29,10 @@ class ThinLens:
     focus_distance: float = math.inf
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.focal_length) and self.focus_distance > self.focal_length > 0):
-            raise LensError(
-                f"need focus distance > focal length > 0, "
-                f"got {self.focus_distance:g} mm and {self.focal_length:g} mm"
-            )
-        if not (math.isfinite(self.f_number) and self.f_number > 0):
-            raise LensError(f"need a positive f-number, got {self.f_number:g}")
+        check_lens_number("focal_length", self.focal_length, 0, "mm")
+        check_lens_number("f_number", self.f_number, 0)
+        unit = "mm, the `focal_length`"
+        check_lens_number("focus_distance", self.focus_distance, self.focal_length, unit, most=math.inf)
 
     @property
     def pupil_radius(self) -> float:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace
+from bokehnet.checks import Array, array_namespace, number_of
 from bokehnet.errors import LensError
 from bokehnet.lenses.base import LensModel, Rays
 
@@ -49,11 +49,17 @@ class TiltShift:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = (*self.shift, *self.tilt, self.offset)
-        if not (all(map(math.isfinite, numbers)) and max(map(abs, self.tilt)) <= _STEEPEST):
+        for name in ("shift", "tilt"):
+            pair = getattr(self, name)
+            if not isinstance(pair, tuple | list) or len(pair) != 2:
+                raise LensError(f"tilt-shift: {name}: expected two numbers, got {pair!r}", parameter=name)
+        numbers = [number_of(value) for value in (*self.shift, *self.tilt, self.offset)]
+        if not (all(map(math.isfinite, numbers)) and max(map(abs, numbers[2:4])) <= _STEEPEST):
+            steep = not all(abs(angle) <= _STEEPEST for angle in numbers[2:4])
             raise LensError(
                 f"tilt-shift: expected tilts up to {_STEEPEST:g} degrees and finite shifts, "
-                f"got tilt {self.tilt}, shift {self.shift}, offset {self.offset:g}"
+                f"got tilt {self.tilt}, shift {self.shift}, offset {self.offset}",
+                parameter="tilt" if steep else "offset" if all(map(math.isfinite, numbers[:2])) else "shift",
             )
 
     @classmethod

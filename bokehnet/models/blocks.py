@@ -149,6 +149,6 @@ def make_backbone(
     if not unet:
         return Backbone(in_channels, out_channels, width, num_blocks)
     if len(unet) != 3:
-        raise ParameterError(f"unet: expected three widths, got {unet}")
+        raise ParameterError("unet", "three widths", unet)
     fine, middle, coarse = unet
     return UNet(in_channels, out_channels, (fine, middle, coarse))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba.extending import register_jitable
 
-from bokehnet.checks import check_number, check_rank
+from bokehnet.checks import array_of_numbers, check_number, check_range, check_rank, check_whole, number_of
 from bokehnet.errors import ParameterError
 from bokehnet.optics.disc_texture import disc_grain, onion_rings
 from bokehnet.optics.sampling import disc_from_square
@@ -84,35 +84,34 @@ class Aperture:
     _key: tuple[Any, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
-        if self.blades != 0 and not _FEWEST_BLADES <= self.blades <= _MOST_BLADES:
-            raise ParameterError(
-                f"blades: expected 0 (disc) or {_FEWEST_BLADES} to {_MOST_BLADES}, got {self.blades}"
-            )
-        if self.blades != int(self.blades):
-            raise ParameterError(f"blades: expected a whole number, got {self.blades}")
+        blades = number_of(self.blades)
+        if blades != 0 and not _FEWEST_BLADES <= blades <= _MOST_BLADES:
+            expected = f"0 (disc) or {_FEWEST_BLADES} to {_MOST_BLADES}"
+            raise ParameterError("blades", expected, self.blades)
+        check_whole("blades", self.blades)
         check_number("rotation", self.rotation)
         for name, (lowest, highest) in _RANGES.items():
-            value = getattr(self, name)
-            if not lowest <= value <= highest:
-                raise ParameterError(f"{name}: expected {lowest:g} to {highest:g}, got {value:g}")
-        if self.grain_seed != int(self.grain_seed) or self.grain_seed < 0:
-            raise ParameterError(f"grain_seed: expected a whole number from 0 up, got {self.grain_seed}")
+            check_range(name, getattr(self, name), lowest, highest)
+        check_whole("grain_seed", self.grain_seed, 0)
         key: tuple[Any, ...] = (self.blades, self.curvature, self.rotation, self.squeeze)
         key += (self.cats_eye, self.rim, self.obstruction)
         key += (self.onion, self.onion and self.onion_rings, self.grain, self.grain and self.grain_seed)
         if self.picture is not None:
-            picture = np.array(self.picture, np.float32)
-            check_rank("aperture picture", picture, 2, "(H, W)")
+            picture = array_of_numbers("picture", self.picture, np.float32)
+            check_rank("picture", picture, 2, "(H, W)")
             if not (np.isfinite(picture).all() and picture.min() >= 0):
-                raise ParameterError("aperture picture: expected finite values from 0 up")
+                least = f"{picture.min():g} to {picture.max():g}"
+                raise ParameterError("picture", "finite values from 0 up", shown=least)
             picture.setflags(write=False)
             object.__setattr__(self, "picture", picture)
             key += (picture.shape, picture.tobytes())
         object.__setattr__(self, "_key", key)
         if self.picture is not None and not _density(self).any():
             raise ParameterError(
-                "aperture picture: expected light inside the opening, found none; "
-                "its longer side spans the pupil's diameter, and blades and obstruction cut it"
+                "picture",
+                "light inside the opening",
+                shown="none",
+                remedy="its longer side spans the pupil's diameter, and `blades` and `obstruction` cut it",
             )
 
     def __eq__(self, other: object) -> bool:

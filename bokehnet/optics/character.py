@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bokehnet.checks import check_kind
 from bokehnet.optics.fringes import Fringes
 from bokehnet.optics.light_draw import LightDraw
 from bokehnet.optics.pencil import PencilMap
@@ -19,11 +20,19 @@ class Character:
         pencil: Where its rays go.
         fringes: Chromatic aberration beyond that of the pencil.
         light: Which wavelengths stand for the light, and what each carries of red, green and blue.
+
+    Raises:
+        ParameterError: One of them is something else.
     """
 
     pencil: PencilMap = field(default_factory=PencilMap.perfect)
     fringes: Fringes | None = None
     light: LightDraw = field(default_factory=LightDraw)
+
+    def __post_init__(self) -> None:
+        check_kind("pencil", self.pencil, PencilMap)
+        check_kind("fringes", self.fringes, Fringes, optional=True)
+        check_kind("light", self.light, LightDraw)
 
     @property
     def is_plain(self) -> bool:

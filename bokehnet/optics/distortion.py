@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_number
+from bokehnet.checks import Array, array_namespace, check_numbers, check_range
 from bokehnet.errors import ParameterError
 from bokehnet.optics.coefficient import value_of, without_gradient
 
@@ -44,8 +44,7 @@ class DivisionModel:
     strength: Array
 
     def __post_init__(self) -> None:
-        if not abs(value_of(self.strength)) <= 0.9:
-            raise ParameterError(f"distortion: expected -0.9 to 0.9, got {value_of(self.strength):g}")
+        check_range("strength", self.strength, -0.9, 0.9)
 
     @property
     def reach(self) -> float:
@@ -97,8 +96,8 @@ class BrownConrady:
     decentring: tuple[Array, Array] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for coefficient in (*self.radial, *self.decentring):
-            check_number("distortion", value_of(coefficient))
+        check_numbers("radial", self.radial, 3)
+        check_numbers("decentring", self.decentring, 2)
 
     @property
     def reach(self) -> float:
@@ -140,7 +139,10 @@ class BrownConrady:
             turned = float(_determinant(jacobian).min())
         if not (missed < 1e-6 and turned > 0):
             raise ParameterError(
-                "distortion: the picture folds over itself with these coefficients; take smaller ones"
+                "decentring",
+                "coefficients with which, and with `radial`, no picture folds over itself",
+                tuple(map(value_of, self.decentring)),
+                "take smaller ones",
             )
         # At the solution one more step is 0, but has the derivatives of the inverse function.
         return xp.where(inside, u + _solve(jacobian, goal - self._polynomial(u)), math.inf)

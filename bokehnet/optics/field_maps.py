@@ -11,7 +11,7 @@ Visual Computer 2016, for composed maps and the functions themselves; guards are
 from collections.abc import Callable
 from functools import partial
 
-from bokehnet.checks import Array, array_namespace, check_number
+from bokehnet.checks import Array, array_namespace, check_kind, check_number
 from bokehnet.errors import ParameterError
 
 __all__ = [
@@ -122,18 +122,19 @@ FIELD_MAPS: dict[str, FieldMap] = {
 _NUMBERED = {"angular": angular, "power": power}
 
 
-def make_field_map(text: str) -> FieldMap:
+def make_field_map(field_map: str) -> FieldMap:
     """Return the map that a text names.
 
     Args:
-        text: Names of ``FIELD_MAPS``, or ``power:N`` and ``angular:N`` with a number above 0, separated by
-            commas; the first is applied first: ``inversion,reciprocal`` is ``1 / (1 - t)``.
+        field_map: Names of ``FIELD_MAPS``, or ``power:N`` and ``angular:N`` with a number above 0, separated
+            by commas; the first is applied first: ``inversion,reciprocal`` is ``1 / (1 - t)``.
 
     Raises:
-        ParameterError: A name or a number is not known; the message begins with ``field map``.
+        ParameterError: A name or a number is not known.
     """
     result: FieldMap | None = None
-    for part in text.split(","):
+    check_kind("field_map", field_map, str)
+    for part in field_map.split(","):
         atom = _make_atom(part.strip())
         result = atom if result is None else compose(atom, result)
     assert result is not None
@@ -146,20 +147,16 @@ def _make_atom(text: str) -> FieldMap:
         return FIELD_MAPS[name]
     if colon and name in _NUMBERED:
         return _NUMBERED[name](_read_number(text, number))
-    raise ParameterError(
-        f"field map: expected names of {', '.join(FIELD_MAPS)}, power:N or angular:N, separated by commas, "
-        f"got {text!r}"
-    )
+    expected = f"names of {', '.join(FIELD_MAPS)}, power:N or angular:N, separated by commas"
+    raise ParameterError("field_map", expected, text)
 
 
 def _read_number(text: str, number: str) -> float:
     try:
         value = float(number)
     except ValueError:
-        raise ParameterError(f"field map: expected a number after the colon, got {text!r}") from None
-    check_number("field map", value)
+        raise ParameterError("field_map", "a number after the colon", text) from None
+    check_number("field_map", value)
     if not 0 < value <= _HIGHEST_NUMBER:
-        raise ParameterError(
-            f"field map: expected a number above 0 and up to {_HIGHEST_NUMBER:g}, got {text!r}"
-        )
+        raise ParameterError("field_map", f"a number above 0 and up to {_HIGHEST_NUMBER:g}", text)
     return value

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_number, check_rank
+from bokehnet.checks import Array, array_namespace, check_number, check_numbers, check_rank
 from bokehnet.errors import LensError, ParameterError
 from bokehnet.optics.pencil import DESIGN_WAVELENGTH, TERMS, PencilMap
 
@@ -45,10 +45,17 @@ class FocusPlane:
     Attributes:
         level: At the pixel (0, 0), in the unit of the disparity map.
         slope: Change per pixel to the right and down.
+
+    Raises:
+        ParameterError: A number is not finite.
     """
 
     level: float
     slope: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_number("level", self.level)
+        check_numbers("slope", self.slope, 2)
 
     @classmethod
     def around(cls, pixel: tuple[float, float], disparity: float, slope: tuple[float, float]) -> "FocusPlane":
@@ -69,7 +76,7 @@ class FocusPlane:
         if not sides.max() > 0 or abs(np.linalg.det(edges)) < sides.max():
             places = ", ".join(f"{x:g},{y:g}" for x, y in pixels)
             raise ParameterError(
-                f"focus plane: expected three pixels off one line, by a pixel or more, got {places}"
+                "pixels", "three pixels off one line, by a pixel or more", pixels.tolist(), shown=places
             )
         slope = np.linalg.solve(edges, disparities[1:] - disparities[0])
         return cls.around(tuple(pixels[0]), float(disparities[0]), (float(slope[0]), float(slope[1])))
@@ -126,7 +133,7 @@ def check_tilt(tilt: tuple[float, float]) -> None:
     for name, angle in zip(("tilt_x", "tilt_y"), tilt, strict=True):
         check_number(name, angle)
         if abs(angle) > STEEPEST:
-            raise ParameterError(f"{name}: expected up to {STEEPEST:g} degrees, got {angle:g}")
+            raise ParameterError(name, f"up to {STEEPEST:g} degrees", angle)
 
 
 def relative_plane(

@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_number
+from bokehnet.checks import Array, array_namespace, check_number, check_range
 from bokehnet.errors import ParameterError
 from bokehnet.optics.field_maps import FieldMap, constant, linear
 from bokehnet.optics.glass import C_LINE, F_LINE, Glass, make_glass
@@ -120,7 +120,7 @@ class Fringes:
         curve: How the strength of the lens goes with the wavelength. Default: that of N-BK7.
 
     Raises:
-        ParameterError: A strength is not finite or beyond 100 percent.
+        ParameterError: A strength is not finite or beyond 100 percent, or a map or the curve is no function.
     """
 
     axial: float = 0.0
@@ -133,11 +133,10 @@ class Fringes:
         for name in ("axial", "lateral"):
             value = getattr(self, name)
             check_number(name, value)
-            if abs(value) > _LARGEST:
-                raise ParameterError(
-                    f"{name}: expected {-_LARGEST:g} to {_LARGEST:g} percent of the half-diagonal, "
-                    f"got {value:g}"
-                )
+            check_range(name, value, -_LARGEST, _LARGEST, "percent of the half-diagonal")
+        for name in ("axial_map", "lateral_map", "curve"):
+            if not callable(getattr(self, name)):
+                raise ParameterError(name, "a function", getattr(self, name))
 
     @property
     def is_none(self) -> bool:

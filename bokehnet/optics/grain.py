@@ -12,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from bokehnet.checks import Array, array_namespace, check_at_least, check_number, constant_like
+from bokehnet.checks import (
+    Array,
+    array_namespace,
+    check_at_least,
+    check_flag,
+    check_number,
+    check_range,
+    check_whole,
+    constant_like,
+)
 from bokehnet.errors import ParameterError
 
 __all__ = ["Grain", "noise_kernel", "white_noise"]
@@ -47,13 +56,14 @@ class Grain:
     def __post_init__(self) -> None:
         for name in ("iso", "full_well"):
             value = getattr(self, name)
-            check_number(f"grain {name}", value)
+            check_number(name, value)
             if value <= 0:
-                raise ParameterError(f"grain {name}: expected above 0, got {value:g}")
-        if not 0 <= self.size <= 50:
-            raise ParameterError(f"grain size: expected 0 to 50 pixels, got {self.size:g}")
-        check_at_least("grain seed", self.seed, 0)
-        check_at_least("grain read_noise", self.read_noise, 0.1)
+                raise ParameterError(name, "above 0", value)
+        check_range("size", self.size, 0, 50, "pixels")
+        check_flag("monochrome", self.monochrome)
+        check_at_least("seed", self.seed, 0)
+        check_whole("seed", self.seed)
+        check_at_least("read_noise", self.read_noise, 0.1)
 
     @property
     def white(self) -> float:

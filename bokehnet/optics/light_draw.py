@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import check_at_least, check_choice
+from bokehnet.checks import check_at_least, check_choice, check_kind
 from bokehnet.errors import ParameterError
 from bokehnet.optics.sampling import halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST, wavelength_color
@@ -59,8 +59,10 @@ class LightDraw:
 
     def __post_init__(self) -> None:
         check_choice("dispersion", self.dispersion, DISPERSIONS)
+        check_kind("equaliser", self.equaliser, tuple, list)
         if not 1 <= len(self.equaliser) <= _MOST_BANDS:
-            raise ParameterError(f"equaliser: expected 1 to {_MOST_BANDS} gains, got {len(self.equaliser)}")
+            expected = f"1 to {_MOST_BANDS} gains"
+            raise ParameterError("equaliser", expected, self.equaliser, shown=str(len(self.equaliser)))
         for gain in self.equaliser:
             check_at_least("equaliser", gain, 0)
         middles = _cells()
@@ -69,8 +71,10 @@ class LightDraw:
         for channel, left in zip(_CHANNELS, light, strict=True):
             if not left >= _LEAST_LIGHT:
                 raise ParameterError(
-                    f"equaliser: expected gains that leave light to all of red, green and blue, "
-                    f"got none for {channel}"
+                    "equaliser",
+                    "gains that leave light to all of red, green and blue",
+                    self.equaliser,
+                    shown=f"none for {channel}",
                 )
 
     def _gain(self, wavelengths: np.ndarray) -> np.ndarray:

@@ -20,7 +20,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace
+from bokehnet.checks import (
+    Array,
+    array_namespace,
+    array_of_numbers,
+    check_finite,
+    check_kind,
+    check_numbers,
+    check_rank,
+)
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.glass import D_LINE
 
@@ -70,20 +78,23 @@ class PencilMap:
 
     def __post_init__(self) -> None:
         for name in ("wavelengths", "miss", "bend"):
-            array = np.ascontiguousarray(getattr(self, name), np.float64)
+            array = np.ascontiguousarray(array_of_numbers(name, getattr(self, name), np.float64))
+            check_finite(name, array)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        check_rank("wavelengths", self.wavelengths, 1, "(L,)")
         expected = (len(self.wavelengths), 2, len(TERMS))
         for name in ("miss", "bend"):
             if getattr(self, name).shape != expected:
                 raise ShapeError(f"pencil map: {name}: expected {expected}, got {getattr(self, name).shape}")
-        numbers = np.concatenate([self.wavelengths, self.miss.ravel(), self.bend.ravel(), self.tilt])
-        if not (np.isfinite(numbers).all() and np.isfinite(np.array(self.rims)).all()):
-            raise ParameterError("pencil map: expected finite numbers")
+        check_kind("rims", self.rims, tuple, list)
+        for rim in self.rims:
+            check_numbers("rims", rim, 2)
+        check_numbers("tilt", self.tilt, 2)
         if (np.diff(self.wavelengths) <= 0).any():
-            raise ParameterError(f"pencil map: expected rising wavelengths, got {self.wavelengths}")
+            raise ParameterError("wavelengths", "rising wavelengths", self.wavelengths.tolist())
         if any(radius <= 0 for _, radius in self.rims):
-            raise ParameterError(f"pencil map: expected rims with a radius above 0, got {self.rims}")
+            raise ParameterError("rims", "rims with a radius above 0", self.rims)
 
     @classmethod
     def perfect(cls) -> "PencilMap":

@@ -4,8 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from bokehnet.checks import check_number
-from bokehnet.errors import ParameterError
+from bokehnet.checks import check_number, check_range
 from bokehnet.optics.pencil import DESIGN_WAVELENGTH, PencilMap
 from bokehnet.optics.seidel import SeidelCoefficients
 
@@ -54,11 +53,7 @@ class AberrationSliders:
         for field in fields(self):
             value = getattr(self, field.name)
             check_number(field.name, value)
-            if abs(value) > _LARGEST:
-                raise ParameterError(
-                    f"{field.name}: expected {-_LARGEST:g} to {_LARGEST:g} percent of the half-diagonal, "
-                    f"got {value:g}"
-                )
+            check_range(field.name, value, -_LARGEST, _LARGEST, "percent of the half-diagonal")
 
     @property
     def coefficients(self) -> SeidelCoefficients:

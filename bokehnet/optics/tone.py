@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_at_least, check_number
+from bokehnet.checks import Array, array_namespace, check_at_least, check_number, number_of
 from bokehnet.errors import ParameterError
 
 __all__ = ["GammaCurve", "Highlights", "gamma_curve"]
@@ -51,8 +51,8 @@ class Highlights:
     gain: float = 8.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.threshold < 1:
-            raise ParameterError(f"threshold: expected at least 0 and below 1, got {self.threshold:g}")
+        if not 0 <= number_of(self.threshold) < 1:
+            raise ParameterError("threshold", "at least 0 and below 1", self.threshold)
         check_at_least("gain", self.gain, 1)
 
     def expand(self, image: Array) -> Array:
@@ -166,9 +166,8 @@ def gamma_curve(image: np.ndarray, gamma: float) -> GammaCurve:
     """
     check_number("gamma", gamma)
     if not LOWEST_GAMMA <= gamma <= HIGHEST_GAMMA:
-        raise ParameterError(
-            f"gamma: expected {LOWEST_GAMMA:g} to {HIGHEST_GAMMA:g}, 1 being a real lens, got {gamma:g}"
-        )
+        expected = f"{LOWEST_GAMMA:g} to {HIGHEST_GAMMA:g}, 1 being a real lens"
+        raise ParameterError("gamma", expected, gamma)
     brightness = image.max(axis=-1)
     largest = float(brightness.max())
     if largest <= 0:

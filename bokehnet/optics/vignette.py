@@ -8,9 +8,7 @@ arrays and tensors alike, differentiable with respect to the strengths.
 import math
 from dataclasses import dataclass
 
-from bokehnet.checks import Array, array_namespace
-from bokehnet.errors import ParameterError
-from bokehnet.optics.coefficient import value_of
+from bokehnet.checks import Array, array_namespace, check_range
 from bokehnet.optics.irradiance import irradiance_cos4
 
 __all__ = ["Vignette", "cos4_factor", "rim_factor"]
@@ -75,9 +73,7 @@ class Vignette:
             ("softness", 0.01, 2),
             ("roundness", 0, 1),
         ):
-            value = value_of(getattr(self, name))
-            if not low <= value <= high:
-                raise ParameterError(f"vignette {name}: expected {low} to {high}, got {value:g}")
+            check_range(name, getattr(self, name), low, high)
 
     def factor(self, field: Array, aspect: float) -> Array:
         """The factor, (...,).

@@ -36,7 +36,7 @@ class Camera:
         check_at_least("height", self.height, 1)
         check_at_least("pixel_pitch", self.pixel_pitch, 0)
         if self.pixel_pitch == 0:
-            raise ParameterError("pixel_pitch: expected more than 0 mm, got 0")
+            raise ParameterError("pixel_pitch", "more than 0 mm", self.pixel_pitch)
 
     def sensor_xy(self, device: torch.device, dtype: torch.dtype) -> Tensor:
         """Sensor positions of the pixel centres, mm, (height, width, 2).

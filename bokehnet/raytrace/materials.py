@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from bokehnet.checks import check_at_least
+from bokehnet.checks import check_at_least, check_range
 from bokehnet.errors import ParameterError, ShapeError
 
 __all__ = ["Color", "Material", "look_up"]
@@ -49,11 +49,10 @@ class Material:
         for name in ("color", "specular", "emission"):
             for value in getattr(self, name):
                 check_at_least(name, value, 0)
-        if not 0.001 <= self.roughness <= 1:
-            raise ParameterError(f"roughness: expected 0.001 to 1, got {self.roughness:g}")
+        check_range("roughness", self.roughness, 0.001, 1)
         most = max(even + gloss for even, gloss in zip(self.color, self.specular, strict=True))
         if most > 1 + 1e-6:
-            raise ParameterError(f"color, specular: expected a sum of at most 1, got {most:g}")
+            raise ParameterError("color", "with `specular` a sum of at most 1", self.color, shown=f"{most:g}")
         if self.texture.ndim != 3 or self.texture.shape[0] != 4 or 0 in self.texture.shape:
             raise ShapeError(f"texture: expected shape (4, Ht, Wt), got {tuple(self.texture.shape)}")
 

@@ -43,11 +43,13 @@ class Mesh:
     ) -> None:
         require_extra("embreex", "trace")
         if not len(faces):
-            raise ParameterError("mesh: expected at least one triangle, got none")
+            raise ParameterError("faces", "at least one triangle", faces, shown="none")
         if not np.isfinite(vertices).all():
-            raise ParameterError("mesh: expected finite corners, found NaN or infinity")
+            raise ParameterError("vertices", "finite corners", vertices, shown="NaN or infinity")
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise ParameterError(f"mesh: expected corners 0 to {len(vertices) - 1}, got {faces.max()}")
+            wrong = faces.min() if faces.min() < 0 else faces.max()
+            expected = f"corners 0 to {len(vertices) - 1}, as there are `vertices`"
+            raise ParameterError("faces", expected, int(wrong))
         self._corners = torch.from_numpy(np.ascontiguousarray(vertices[faces], np.float32))  # (F, 3, 3)
         zeros = np.zeros((len(vertices), 2), np.float32)
         self._uv = torch.from_numpy(np.ascontiguousarray((zeros if uv is None else uv)[faces], np.float32))

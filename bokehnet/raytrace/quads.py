@@ -31,8 +31,10 @@ class Quad:
     def __post_init__(self) -> None:
         if not self.area > 0:
             raise ParameterError(
-                f"u_axis, v_axis: expected two different directions with a length above 0, "
-                f"got {self.u_axis} and {self.v_axis} mm"
+                "u_axis",
+                "two different directions, with `v_axis`, of a length above 0",
+                self.u_axis,
+                shown=f"{self.u_axis} and {self.v_axis} mm",
             )
 
     @property

@@ -41,9 +41,13 @@ class Plane:
             raise ShapeError(f"plane texture: expected shape (4, Ht, Wt), got {tuple(self.texture.shape)}")
         if not self.corners[:, 2].min() > 0:
             nearest = self.corners[:, 2].min()
-            raise ParameterError(f"plane: expected all corners at z > 0, the nearest is at {nearest:g} mm")
+            expected = "all corners, which `u_axis` and `v_axis` span, at z > 0"
+            raise ParameterError(
+                "centre", expected, self.centre, "move it away", shown=f"the nearest at {nearest:g} mm"
+            )
         if not np.linalg.norm(np.cross(self.u_axis, self.v_axis)) > 0:
-            raise ParameterError(f"plane: expected two different axes, got {self.u_axis} and {self.v_axis}")
+            expected = "two different axes, with `v_axis`"
+            raise ParameterError("u_axis", expected, self.u_axis, shown=f"{self.u_axis} and {self.v_axis}")
 
     @property
     def corners(self) -> np.ndarray:
@@ -75,8 +79,8 @@ class Background:
             shape = tuple(self.texture.shape)
             raise ShapeError(f"background texture: expected shape (3, Ht, Wt), got {shape}")
         if not min(self.half_extent) > 0:
-            raise ParameterError(f"background half_extent: expected more than 0, got {self.half_extent}")
-        check_at_least("background disparity", self.disparity, 0)
+            raise ParameterError("half_extent", "more than 0", self.half_extent)
+        check_at_least("disparity", self.disparity, 0)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

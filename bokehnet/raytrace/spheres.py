@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from bokehnet.errors import ParameterError
+from bokehnet.checks import check_above
 from bokehnet.raytrace.frames import from_frame
 from bokehnet.raytrace.scene import Vector
 from bokehnet.raytrace.space import Hits, SpaceRays, Surface, dot
@@ -26,8 +26,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.radius) and self.radius > 0):
-            raise ParameterError(f"radius: expected more than 0 mm, got {self.radius:g}")
+        check_above("radius", self.radius, 0, "mm")
 
     @property
     def closed(self) -> bool:

@@ -343,9 +343,8 @@ class BokehRenderer:
         if defocus is None:
             defocus = _from_disparity(disparity, blur, focus)
         elif not (disparity is None and blur is None and focus is None):
-            raise ParameterError(
-                "defocus", expected="either `defocus`, or `disparity`, `blur` and `focus`", shown="both"
-            )
+            expected = "either this, or `disparity`, `blur` and `focus`"
+            raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")
         engine = self._engine(self.engine, self._weights)
         rendered = engine.render(
             image,
@@ -448,11 +447,11 @@ def _from_disparity(
     given = {"disparity": disparity, "blur": blur, "focus": focus}
     missing = [name for name, value in given.items() if value is None]
     if disparity is None or blur is None or focus is None:
-        raise ParameterError(
-            "defocus",
-            expected="either `defocus`, or `disparity`, `blur` and `focus`",
-            shown=f"no {', '.join(missing)}: {', '.join(missing)} missing",
-        )
+        if len(missing) == 3:
+            raise ParameterError("defocus", "either this, or `disparity`, `blur` and `focus`", None)
+        needed = " and ".join(f"`{name}`" for name in missing)
+        expected = "a value beside `disparity`, `blur` and `focus`, which go together"
+        raise ParameterError(missing[0], expected, None, f"give {needed}, or `defocus` alone")
     check_at_least("blur", blur, 0)
     check_number("focus", focus)
     defocus: Array = defocus_from_disparity(np.asarray(disparity), blur, focus)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bokehnet.checks import check_at_least
+from bokehnet.checks import check_above, check_at_least
 from bokehnet.config import dump_json, load_config
 from bokehnet.errors import (
     ConfigError,
@@ -166,8 +166,7 @@ class _Reader:
     def _camera(self) -> Camera:
         table = self._table.camera
         with self._named("camera"):
-            if not table.sensor_width > 0:
-                raise ParameterError(f"sensor_width: expected more than 0 mm, got {table.sensor_width:g}")
+            check_above("sensor_width", table.sensor_width, 0, "mm")
             camera = Camera(
                 lens=self._moved(self._lens(self._table.lens), table),
                 width=table.width,
@@ -181,9 +180,10 @@ class _Reader:
     def _moved(self, lens: ThinLens | PrescriptionLens, table: CameraTable) -> LensModel:
         """The lens with its sensor tilted and shifted, if it is."""
         if table.focus_points is not None:
+            if any(table.tilt):
+                expected = "either these or `tilt`"
+                raise ParameterError("focus_points", expected, shown="both", remedy="leave one of them out")
             with self._named("camera.focus_points"):
-                if any(table.tilt):
-                    raise ParameterError("expected either focus_points or tilt, found both")
                 points = np.array([_mm(point) for point in table.focus_points])
                 return TiltShift.focused_on(lens, points, table.shift)
         if not (any(table.tilt) or any(table.shift)):
@@ -199,7 +199,9 @@ class _Reader:
 
     def _thin(self, table: LensTable) -> ThinLens | PrescriptionLens:
         if table.focal_length is None or table.f_number is None:
-            raise ParameterError("a thin lens needs focal_length and f_number")
+            missing = "focal_length" if table.focal_length is None else "f_number"
+            expected = "`focal_length` and `f_number` for a thin lens"
+            raise ParameterError(missing, expected, None, shown="none", remedy="give both, or `name` a lens")
         return ThinLens(focal_length=table.focal_length, f_number=table.f_number)
 
     def _glass(self, table: LensTable) -> PrescriptionLens:
@@ -211,7 +213,7 @@ class _Reader:
 
     def _backdrop(self, table: BackgroundTable, camera: Camera) -> Background:
         if not table.depth > 0:
-            raise ParameterError(f"depth: expected more than 0 m, got {table.depth:g}")
+            raise ParameterError("depth", "more than 0 m", table.depth)
         corners = torch.tensor([[1, 1], [-1, 1], [1, -1], [-1, -1]])
         corners = corners * torch.tensor([camera.width, camera.height]) * camera.pixel_pitch / 2
         slope = camera.lens.sample_rays(corners, torch.zeros_like(corners)).slope.abs().amax(0)
@@ -268,7 +270,7 @@ class _Reader:
     def _color(self, color: Vector) -> Tensor:
         for value in color:
             if not value >= 0:
-                raise ParameterError(f"color: expected at least 0, got {value:g}")
+                raise ParameterError("color", "at least 0", value)
         return torch.tensor(color, device=self._device).reshape(3, 1, 1)
 
 

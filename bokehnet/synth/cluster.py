@@ -45,13 +45,13 @@ def render_on_cluster(
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         found = " ".join(str(error).split())
-        raise ParameterError(
-            f"ray: expected the address of a running cluster, got {address!r}: {found}"
-        ) from error
+        expected = "the address of a running cluster"
+        raise ParameterError("cluster", expected, address, shown=f"{address!r}: {found}") from error
     try:
         cores = int(ray.cluster_resources().get("CPU", 0))
         if not cores:
-            raise ParameterError(f"ray: expected workers with cores at {address!r}, found none; start them")
+            expected = f"workers with cores at {address!r}"
+            raise ParameterError("cluster", expected, address, "start them", shown="none")
         yield _in_order(ray, make, indices, _AHEAD * cores)
     finally:
         ray.shutdown()

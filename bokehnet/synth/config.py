@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from bokehnet.checks import check_at_least
+from bokehnet.checks import check_at_least, check_range
 from bokehnet.errors import ParameterError
 from bokehnet.synth.glass import covered_slope
 
@@ -40,9 +40,9 @@ class SceneConfig:
 
     def __post_init__(self) -> None:
         if not 0 <= self.planes[0] <= self.planes[1]:
-            raise ParameterError(f"planes: expected two rising counts, got {self.planes}")
+            raise ParameterError("planes", "two rising counts", self.planes)
         if not 0 <= self.tilt_limit < 85:
-            raise ParameterError(f"tilt_limit: expected 0 to 85 degrees, got {self.tilt_limit:g}")
+            raise ParameterError("tilt_limit", "0 up to below 85 degrees", self.tilt_limit)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -67,9 +67,9 @@ class ClutterConfig:
         for weight in self.places:
             check_at_least("places", weight, 0)
         if not sum(self.places):
-            raise ParameterError("places: expected at least one weight above 0, got none")
+            raise ParameterError("places", "at least one weight above 0", self.places, shown="none")
         if not 0 <= self.things[0] <= self.things[1]:
-            raise ParameterError(f"things: expected two rising counts, got {self.things}")
+            raise ParameterError("things", "two rising counts", self.things)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -131,23 +131,26 @@ class SynthConfig:
             check_at_least(name, getattr(self, name), 8)
         check_at_least("seed", self.seed, 0)
         if not 0 < self.defocus[0] <= self.defocus[1]:
-            raise ParameterError(f"defocus: expected two rising radii above 0, got {self.defocus}")
+            raise ParameterError("defocus", "two rising radii above 0", self.defocus)
         self._check_catalog()
 
     def _check_catalog(self) -> None:
         """Raise ``ParameterError`` unless the lenses of the catalog can take these pictures."""
-        if not 0 <= self.catalog_share <= 1:
-            raise ParameterError(f"catalog_share: expected 0 to 1, got {self.catalog_share:g}")
+        check_range("catalog_share", self.catalog_share, 0, 1)
         if self.catalog_share and not self.catalog:
-            raise ParameterError("catalog_share: is above 0, but catalog names no lens")
+            expected = "0, as `catalog` names no lens"
+            raise ParameterError("catalog_share", expected, self.catalog_share, "name some in `catalog`")
         if self.catalog and self.kind != "clutter":
-            raise ParameterError(f"catalog: expected kind = 'clutter', got {self.kind!r}")
+            raise ParameterError("kind", "'clutter', which alone is seen through a `catalog`", self.kind)
         corner = math.hypot(self.width, self.height) / 2 * self.pixel_pitch / self.sensor_distance
         for name in self.catalog:
             if covered_slope(name) < corner:
                 raise ParameterError(
-                    f"catalog: {name} shows slopes up to {covered_slope(name):.3f}, the picture's "
-                    f"corners are at {corner:.3f}; take another lens or a larger sensor_distance"
+                    "catalog",
+                    f"lenses that show slopes up to {corner:.3f}, where the picture's corners are",
+                    name,
+                    "take another lens or a larger `sensor_distance`",
+                    shown=f"{name}, which shows slopes up to {covered_slope(name):.3f}",
                 )
 
     @property

@@ -62,7 +62,8 @@ def photograph_files(names: tuple[str, ...] = (), folder: str | None = None) -> 
     known = {name.split(".")[0]: Path(spec.origin).parent / "data" / name for name in SHIPPED}
     for name in names:
         if name not in known:
-            raise ParameterError(f"photographs: no photograph {name!r}; known: {', '.join(sorted(known))}")
+            expected = f"some of {', '.join(sorted(known))}"
+            raise ParameterError("photographs", expected, name)
     return tuple(known[name] for name in names or known)
 
 

@@ -105,9 +105,9 @@ def test_what_is_not_finite_is_rejected_at_the_door(place, bad):
     image, defocus = np.ones((4, 5, 3)), np.ones((4, 5))
     broken = defocus.copy()
     broken.flat[place] = bad
-    with pytest.raises(ParameterError, match="defocus: expected finite values, found 1"):
+    with pytest.raises(ParameterError, match="defocus: expected finite values, got 1"):
         scatter(image, broken)
     broken = image.copy()
     broken.flat[place] = bad
-    with pytest.raises(ParameterError, match="image: expected finite values, found 1"):
+    with pytest.raises(ParameterError, match="image: expected finite values, got 1"):
         scatter(broken, defocus)

@@ -76,3 +76,103 @@ def test_check_choice_lists_the_choices_in_order():
     checks.check_choice("engine", "a", ["b", "a"])
     with pytest.raises(ParameterError, match="engine: expected one of a, b, got 'c'"):
         checks.check_choice("engine", "c", ["b", "a"])
+
+
+NO_NUMBERS = ["3", None, True, np.True_, 1j, [1.0], np.zeros(2), b"1", object()]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+@pytest.mark.parametrize(
+    "check",
+    [
+        checks.check_number,
+        lambda name, value: checks.check_at_least(name, value, -1),
+        lambda name, value: checks.check_above(name, value, -1),
+        lambda name, value: checks.check_range(name, value, -1, 9),
+        checks.check_whole,
+        lambda name, value: checks.check_numbers(name, (0.5, value), 2),
+        lambda name, value: checks.check_numbers(name, value, 2),
+    ],
+    ids=range(7),
+)
+def test_what_is_no_number_is_refused(check, value):
+    with pytest.raises(ParameterError, match=r"^blur: expected .* got ") as caught:
+        check("blur", value)
+    assert caught.value.parameter == "blur"
+
+
+def test_number_of_takes_numbers_of_all_kinds_and_nothing_else():
+    for number in (2, 2.0, np.float32(2), np.int8(2), np.array(2)):
+        assert checks.number_of(number) == 2.0
+    assert np.isnan([checks.number_of(value) for value in NO_NUMBERS]).all()
+    assert checks.number_of(10**400) == np.inf
+    assert checks.number_of(-(10**400)) == -np.inf
+
+
+def test_number_of_takes_tensors_that_learn():
+    torch = pytest.importorskip("torch")
+    assert checks.number_of(torch.tensor(0.5, requires_grad=True)) == 0.5
+
+
+def test_check_range_includes_both_ends():
+    checks.check_range("size", 0, 0, 50)
+    checks.check_range("size", 50, 0, 50)
+    for value, text in ((50.5, r"50\.5"), (-1, "-1"), (np.nan, "nan"), (np.inf, "inf"), ("x", "'x'")):
+        with pytest.raises(ParameterError, match=f"^size: expected 0 to 50 pixels, got {text}$"):
+            checks.check_range("size", value, 0, 50, "pixels")
+
+
+def test_check_above_excludes_its_bound_and_infinity():
+    checks.check_above("pitch", 1e-9, 0, "mm")
+    with pytest.raises(ParameterError, match=r"^pitch: expected more than 0 mm, got 0$"):
+        checks.check_above("pitch", 0, 0, "mm")
+    with pytest.raises(ParameterError, match=r"^pitch: expected more than 0 mm and finite, got inf$"):
+        checks.check_above("pitch", np.inf, 0, "mm")
+
+
+def test_check_whole_goes_by_the_value():
+    checks.check_whole("seed", 3.0, 0)
+    checks.check_whole("left", -3)
+    with pytest.raises(ParameterError, match=r"^seed: expected a whole number from 0 up, got -1$"):
+        checks.check_whole("seed", -1, 0)
+    with pytest.raises(ParameterError, match=r"^seed: expected a whole number, got 0\.5$"):
+        checks.check_whole("seed", 0.5)
+
+
+def test_check_flag_takes_no_numbers():
+    checks.check_flag("mono", np.True_)
+    with pytest.raises(ParameterError, match=r"^mono: expected True or False, got 1$"):
+        checks.check_flag("mono", 1)
+
+
+def test_check_kind_tells_the_classes():
+    checks.check_kind("name", None, str, optional=True)
+    with pytest.raises(ParameterError, match=r"^name: expected str or bytes or None, got 3$"):
+        checks.check_kind("name", 3, str, bytes, optional=True)
+
+
+@pytest.mark.parametrize("values", ["x", None, [[1.0], [1.0, 2.0]], 10**400, [object()], 1j, True])
+def test_array_of_numbers_refuses_all_else(values):
+    with pytest.raises(ParameterError, match=r"^picture: expected an array of numbers, got "):
+        checks.array_of_numbers("picture", values, np.float32)
+
+
+def test_array_of_numbers_is_a_copy():
+    mask = np.ones((2, 3), bool)
+    array = checks.array_of_numbers("picture", mask, np.float32)
+    assert array.dtype == np.float32
+    assert array.shape == (2, 3)
+
+
+@pytest.mark.parametrize("value", [None, "x", [[0.5]]])
+def test_what_is_no_array_is_told(value):
+    with pytest.raises(ParameterError, match=r"^depth: expected an array of shape \(H, W\), got "):
+        checks.check_map("depth", value)
+    with pytest.raises(ParameterError, match=r"^depth: expected an array of numbers, got an array of shape"):
+        checks.check_map("depth", np.array([["x"]]))
+
+
+def test_check_choice_refuses_what_is_no_text():
+    for value in (None, ["a"], 3):
+        with pytest.raises(ParameterError, match=r"^engine: expected one of a, b, got "):
+            checks.check_choice("engine", value, {"a": 1, "b": 2})

@@ -144,7 +144,7 @@ def test_white_stays_white_behind_a_lens_that_parts_colours():
 
 def test_the_scatter_says_that_it_knows_no_aberrations():
     image, defocus = picture(), stepped()
-    with pytest.raises(ParameterError, match=r"engine: .* use --engine rays"):
+    with pytest.raises(ParameterError, match=r"engine: .* use the engine `rays`"):
         render_scatter(image, defocus, character=CHARACTERS["coma"])
     leaning = render_scatter(image, defocus, character=CHARACTERS["tilt"])
     np.testing.assert_array_equal(leaning.bokeh, render_scatter(image, defocus).bokeh)

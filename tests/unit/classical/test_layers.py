@@ -48,7 +48,7 @@ def test_bad_layers_are_refused():
         Layers(colors=colors, defocus=ones, coverage=2 * ones)
     with pytest.raises(ParameterError, match="front to back"):
         Layers(colors=colors, defocus=np.cumsum(ones, 2), coverage=ones)
-    with pytest.raises(ParameterError, match="layer defocus"):
+    with pytest.raises(ParameterError, match=r"^defocus"):
         Layers(colors=colors, defocus=np.inf * ones, coverage=ones)
     with pytest.raises(ShapeError, match="layer defocus"):
         Layers(colors=colors, defocus=ones[..., :1], coverage=ones)

@@ -117,5 +117,5 @@ def test_a_strip_strays_as_its_rows_of_the_picture():
 def test_a_plane_that_leans_too_far_is_refused():
     zeros = np.zeros((1, 2, 20))
     pencil = PencilMap(wavelengths=[550.0], miss=zeros, bend=zeros, tilt=(0.7, 0.7))
-    with pytest.raises(ParameterError, match=r"focus plane: .* up to 0.8 .* got 0.99"):
+    with pytest.raises(ParameterError, match=r"tilt: .* up to 0.8 .* got 0.99"):
         lens_table(Character(pencil=pencil), WIDTH, HEIGHT, 64)

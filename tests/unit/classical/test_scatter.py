@@ -105,7 +105,7 @@ def test_bad_input_is_rejected_at_the_door():
         scatter(image, defocus.T)
     with pytest.raises(ShapeError, match="3 channels"):
         scatter(np.zeros((4, 5, 1)), defocus)
-    with pytest.raises(ParameterError, match="found 1 that are NaN"):
+    with pytest.raises(ParameterError, match="got 1 that are NaN"):
         scatter(image, np.where(np.arange(20).reshape(4, 5) == 7, np.nan, 0.0))
-    with pytest.raises(ParameterError, match="classical renderer: expected one of"):
+    with pytest.raises(ParameterError, match="classical: expected one of"):
         make_classical("magic")

@@ -203,7 +203,7 @@ def test_gradients_of_light_and_coefficients():
 
 def test_a_picture_that_folds_is_told():
     warp = Warp(distortion=BrownConrady(radial=(-0.4, 0.0, 0.0)))
-    with pytest.raises(ParameterError, match=r"distortion: the picture folds over itself 0\.609 half-diag"):
+    with pytest.raises(ParameterError, match=r"distortion: .* folds over itself .* got one at 0\.609; take"):
         warp.apply(np.ones((40, 60, 3)))
     with pytest.raises(ParameterError, match="folds over itself"):
         warp.check()

@@ -216,7 +216,7 @@ def test_the_hybrid_takes_the_shape_of_the_aperture_from_its_classical_half(pair
 
 def test_a_gamma_the_hybrid_was_not_trained_on_names_the_way_out(pair):
     renderer = BokehRenderer("hybrid", weights=pair[0])
-    with pytest.raises(ParameterError, match=r"gamma: expected 1, .* got 2; use --engine scatter"):
+    with pytest.raises(ParameterError, match=r"gamma: expected 1, .* got 2; use the engine `scatter`"):
         renderer.render(*picture(20, 30, 4), gamma=2)
 
 

@@ -29,8 +29,11 @@ def test_disparity_blur_and_focus_are_a_defocus():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({}, "disparity, blur, focus missing"),
-        ({"disparity": np.zeros((96, 120))}, "blur, focus missing"),
+        ({}, "defocus: expected either this, or `disparity`, `blur` and `focus`"),
+        (
+            {"disparity": np.zeros((96, 120))},
+            "blur: expected a value beside .* give `blur` and `focus`, or `defocus` alone",
+        ),
         ({"defocus": np.zeros((96, 120)), "blur": 3.0}, "got both"),
         ({"disparity": np.zeros((96, 120)), "blur": -1.0, "focus": 0.5}, "blur: expected at least 0"),
         ({"disparity": np.zeros((96, 120)), "blur": 1.0, "focus": np.nan}, "focus: expected a finite number"),

@@ -93,7 +93,9 @@ def test_too_little_memory_tells_how_much_it_takes():
 def test_a_cats_eye_is_not_cut():
     image, defocus = tall_picture()
     renderer = BokehRenderer("rays", aperture=Aperture(cats_eye=0.5))
-    with pytest.raises(ParameterError, match="max_memory: a cat's-eye needs the whole picture"):
+    with pytest.raises(
+        ParameterError, match="max_memory: expected None, as a cat's-eye needs the whole picture"
+    ):
         renderer.render(image, defocus, max_memory=520 * 120 * BYTES_PER_PIXEL["rays"])
 
 

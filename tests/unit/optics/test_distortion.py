@@ -115,12 +115,12 @@ def test_decentring_that_folds_is_told():
 
 @pytest.mark.parametrize("strength", [-0.91, 2.0, math.nan])
 def test_a_strength_out_of_range_is_told(strength):
-    with pytest.raises(ParameterError, match=r"distortion: expected -0\.9 to 0\.9"):
+    with pytest.raises(ParameterError, match=r"strength: expected -0\.9 to 0\.9"):
         DivisionModel(strength=strength)
 
 
 def test_a_coefficient_that_is_no_number_is_told():
-    with pytest.raises(ParameterError, match="distortion: expected a finite number"):
+    with pytest.raises(ParameterError, match="radial: expected a finite number"):
         BrownConrady(radial=(0.1, math.inf, 0.0))
 
 

@@ -71,7 +71,7 @@ def test_all_names_can_be_read():
     ],
 )
 def test_mistakes_are_told_in_one_line(text, words):
-    with pytest.raises(ParameterError, match=r"^field map: ") as told:
+    with pytest.raises(ParameterError, match=r"^field_map: ") as told:
         make_field_map(text)
     assert words in str(told.value)
     assert "\n" not in str(told.value)

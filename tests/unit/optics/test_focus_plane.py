@@ -67,7 +67,7 @@ def test_a_plane_goes_through_its_three_pixels_and_is_where_a_plane_of_the_scene
     [[(1, 1), (1, 1), (5, 9)], [(0, 0), (100, 50), (200, 100)], [(0, 0), (9, 0), (5, 0)], 3 * [(2, 3)]],
 )
 def test_three_pixels_on_one_line_are_refused(pixels):
-    with pytest.raises(ParameterError, match=r"focus plane: expected three pixels off one line, .*got "):
+    with pytest.raises(ParameterError, match=r"pixels: expected three pixels off one line, .*got "):
         FocusPlane.through(pixels, [0.1, 0.2, 0.3])
 
 

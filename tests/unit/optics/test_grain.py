@@ -143,13 +143,13 @@ def test_gradients_of_the_picture():
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [
-        ({"iso": 0}, "grain iso: expected above 0"),
-        ({"iso": math.nan}, "grain iso"),
-        ({"size": 51}, "grain size: expected 0 to 50"),
-        ({"size": math.nan}, "grain size"),
-        ({"seed": -1}, "grain seed: expected at least 0"),
-        ({"full_well": 0}, "grain full_well"),
-        ({"read_noise": 0}, "grain read_noise: expected at least 0.1"),
+        ({"iso": 0}, "iso: expected above 0"),
+        ({"iso": math.nan}, "iso"),
+        ({"size": 51}, "size: expected 0 to 50"),
+        ({"size": math.nan}, "size"),
+        ({"seed": -1}, "seed: expected at least 0"),
+        ({"full_well": 0}, "full_well"),
+        ({"read_noise": 0}, "read_noise: expected at least 0.1"),
     ],
 )
 def test_a_number_out_of_range_is_told(numbers, message):

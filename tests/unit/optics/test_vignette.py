@@ -93,5 +93,5 @@ def test_gradients_of_the_strengths():
 )
 def test_a_number_out_of_range_is_told(numbers):
     name = next(iter(numbers))
-    with pytest.raises(ParameterError, match=f"vignette {name}: expected"):
+    with pytest.raises(ParameterError, match=f"^{name}: expected"):
         Vignette(**{"stops": 1.0, **numbers})

@@ -159,7 +159,7 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
     [
         ("radius = 0.1", "radius = 0.1\nred = 1", r"unknown key 'spheres\[0\]\.red'; valid keys: centre,"),
         ("radius = 0.1", "radius = 0.0", r"spheres\[0\]: radius: expected more than 0 mm"),
-        ("u_axis = [1.0, 0.0, 0.0]", "u_axis = [0.0, 0.0, 0.0]", r"quads\[0\]: u_axis, v_axis: expected two"),
+        ("u_axis = [1.0, 0.0, 0.0]", "u_axis = [0.0, 0.0, 0.0]", r"quads\[0\]: u_axis: expected two"),
         (
             "centre = [0.0, 0.1, 2.0]",
             "centre = [0.0, 2.0]",
@@ -169,7 +169,7 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
         (
             "color = [0.5, 0.5, 0.5]",
             "color = [0.5, 1.5, 0.5]",
-            r"quads\[0\]\.material: color, specular: .*1.5",
+            r"quads\[0\]\.material: color: .*`specular`.*1.5",
         ),
         ("color = [0.5, 0.5, 0.5]", "color = [0.0, 0.0, 0.0]", r"quads\[0\]\.material: expected a color"),
         ("roughness = 0.2", "roughness = 0.0", r"spheres\[0\]\.material: roughness: expected 0.001 to 1"),
@@ -178,11 +178,11 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
         (
             "focus_distance = 1.2",
             "focus_distance = 0.04",
-            r"lens\.focus_distance: need focus distance > focal",
+            r"lens\.focus_distance: focus_distance: expected more than 50 mm, .* got 40",
         ),
-        ("f_number = 1.4", "f_number = -1.4", r"lens: need a positive f-number, got -1.4"),
+        ("f_number = 1.4", "f_number = -1.4", r"lens: f_number: expected more than 0, got -1.4"),
         ("focal_length = 50.0", 'name = "dubble_gauss"', r"lens: unknown lens 'dubble_gauss'"),
-        ("focal_length = 50.0", "", r"lens: a thin lens needs focal_length and f_number"),
+        ("focal_length = 50.0", "", r"lens: focal_length: .* for a thin lens, got none; give both"),
         ("width = 24", "width = 0", r"camera: width: expected at least 1, got 0"),
         ("height = 16", "height = 16\nsensor_width = 0.0", r"camera: sensor_width: expected more than 0 mm"),
         ("height = 16", "height = 16\nshutter = -1.0", r"camera: shutter: expected at least 0"),
@@ -199,7 +199,7 @@ def test_the_digest_changes_with_all_that_the_picture_depends_on_but_its_samples
         ("height = 16", "height = 16\nshift = [nan, 0.0]", r"camera: tilt-shift: expected .* finite shifts"),
         ("height = 16", "height = 16\ntilt = 5.0", r"camera\.tilt: expected"),
         ("height = 16", f"height = 16\n{LINE}", r"camera\.focus_points: .* three points off one line"),
-        ("height = 16", f"height = 16\n{PLANE}\ntilt = [1.0, 0.0]", r"camera\.focus_points: expected either"),
+        ("height = 16", f"height = 16\n{PLANE}\ntilt = [1.0, 0.0]", r"camera: focus_points: expected either"),
         ("[[lamps]]", "[render]\nsamples = 0\n[[lamps]]", r"render: samples: expected at least 1, got 0"),
         ("[[lamps]]", "[render]\nbounces = -1\n[[lamps]]", r"render: bounces: expected at least 0"),
     ],

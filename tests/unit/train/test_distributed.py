@@ -81,7 +81,7 @@ def test_a_numbered_gpu_is_refused_behind_torchrun(monkeypatch):
     with numbered, joined(torch.device("cuda:0")):
         pass
     monkeypatch.setenv("LOCAL_RANK", "2")
-    too_many = pytest.raises(ParameterError, match="found process 2")
+    too_many = pytest.raises(ParameterError, match="got cuda in process 2")
     with too_many, joined(torch.device("cuda")):
         pass
 

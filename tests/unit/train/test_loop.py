@@ -70,7 +70,7 @@ def test_steps_without_finite_gradient_are_told_and_counted(tmp_path, capsys):
 
 def test_a_run_that_diverged_stops_with_its_last_checkpoint(tmp_path):
     config = config_of(100, bad_from=3, bad_to=100, checkpoint_every=2)
-    with pytest.raises(ParameterError, match=r"expected a finite gradient, found none in 25 steps in a row"):
+    with pytest.raises(ParameterError, match=r"expected a finite gradient, got none in 25 steps in a row"):
         start(config, tmp_path)
     assert load_checkpoint(tmp_path / "last.pt")["step"] == 26
 
