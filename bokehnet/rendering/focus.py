@@ -28,6 +28,7 @@ from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.optics.pencil import PencilMap
 from bokehnet.rendering.camera import LensNumbers, complete_camera
 from bokehnet.rendering.depth_source import DepthMap
+from bokehnet.rendering.naming import about
 from bokehnet.rendering.settings import CameraSettings, FocusSettings, RenderSettings
 
 __all__ = ["FocusedLens", "check_focus", "disparity_at_pixel", "disparity_of_distance", "focus_lens"]
@@ -240,7 +241,8 @@ def check_kind(
     if metric and focus.range is not None and not min(focus.range) > 0:
         raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
     if focus.plane is not None:
-        FocusPlane.through(focus.plane, (0, 0, 0))
+        with about("focus", {"pixels": "plane"}):
+            FocusPlane.through(focus.plane, (0, 0, 0))
 
 
 def _no_focus(metric: bool, why: str = "") -> ParameterError:

@@ -1,8 +1,6 @@
 """From the settings of a look to what the rooms below take: aperture, lens, highlights, effects."""
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
@@ -23,6 +21,7 @@ from bokehnet.optics.pencil import PencilMap
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
 from bokehnet.rendering.focus import FocusedLens
+from bokehnet.rendering.naming import about
 from bokehnet.rendering.settings import (
     ApertureSettings,
     ColorSettings,
@@ -30,11 +29,9 @@ from bokehnet.rendering.settings import (
     HighlightSettings,
     LensSettings,
     RenderSettings,
-    all_settings,
 )
 
 __all__ = [
-    "about",
     "check_look",
     "make_aperture",
     "make_effects",
@@ -46,24 +43,6 @@ __all__ = [
 
 # Characters of a file with gains; nobody has more.
 _LONGEST_FILE = 10_000
-
-
-@contextmanager
-def about(group: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Let a ``ParameterError`` of a room below name the field of the settings.
-
-    Args:
-        group: Of the settings.
-        names: Parameter to field, where they differ.
-    """
-    try:
-        yield
-    except ParameterError as error:
-        field = (names or {}).get(error.parameter, error.parameter)
-        path = field if "." in field else f"{group}.{field}"
-        if path not in all_settings():
-            raise
-        raise error.renamed(path) from error
 
 
 def check_look(settings: RenderSettings) -> None:
@@ -86,7 +65,7 @@ def make_aperture(settings: ApertureSettings) -> Aperture:
         ImageFileError: Its picture cannot be read.
     """
     picture = None if settings.image is None else luminance(read_image(settings.image))
-    with about("aperture", {"picture": "image", "aperture picture": "image"}):
+    with about("aperture", {"picture": "image", "rim": "spherical_profile"}):
         return Aperture(
             blades=settings.blades,
             curvature=settings.curvature or 0.0,
@@ -143,7 +122,7 @@ def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
     if numbers is None or not any(numbers):
         return None
     k1, k2, k3, p1, p2 = [*numbers, *[0.0] * (5 - len(numbers))]
-    with about("effects", {"distortion": "brown"}):
+    with about("effects", dict.fromkeys(("distortion", "radial", "decentring"), "brown")):
         model = BrownConrady(radial=(k1, k2, k3), decentring=(p1, p2))
         Warp(distortion=model).check()
     return model
@@ -194,9 +173,9 @@ def _fringes(color: ColorSettings) -> Fringes | None:
     """Chromatic aberration by sliders; None where both strengths are 0."""
     if color.axial == color.lateral == 0:
         return None
-    with about("color", {"field map": "axial_map", "field_map": "axial_map", "name": "axial_map"}):
+    with about("color", {"field_map": "axial_map"}):
         axial = make_field_map(color.axial_map or "constant")
-    with about("color", {"field map": "lateral_map", "field_map": "lateral_map", "name": "lateral_map"}):
+    with about("color", {"field_map": "lateral_map"}):
         lateral = make_field_map(color.lateral_map or "linear")
     try:
         curve = make_curve(color.glass or "N-BK7")

@@ -22,13 +22,13 @@ from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.tone import Highlights
 from bokehnet.rendering.focus import FocusedLens, check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import (
-    about,
     make_aperture,
     make_effects,
     make_highlights,
     make_lens_response,
     picture_aberrations,
 )
+from bokehnet.rendering.naming import about
 from bokehnet.rendering.result import RenderReport, RenderResult
 from bokehnet.rendering.scene import Scene, fitted_map
 from bokehnet.rendering.settings import (
