@@ -117,10 +117,12 @@ __all__ = [  # one list, above
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")
+if not TYPE_CHECKING:  # a type checker that sees it accepts any name
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME:
+            return getattr(import_module(_HOME[name]), name)
+        raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

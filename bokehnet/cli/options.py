@@ -100,7 +100,7 @@ def _flags() -> dict[str, str]:
     """Option of each field, by its path, and by its name alone where no other has it."""
     known = [*all_settings().values(), *field_settings(SequenceSettings).values()]
     names = [item.name for item in known]
-    by_name = {item.name: f"--{item.flag}" for item in known if names.count(item.name) == 1}
+    by_name = {item.name: f"--{item.flag}" for item in known if item.flag and names.count(item.name) == 1}
     return by_name | {item.path: f"--{item.flag}" for item in known if item.flag}
 
 

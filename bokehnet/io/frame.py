@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ def write_frame(
     alpha: NDArray[Any] | None = None,
     *,
     quality: int = 95,
-    bits: int = 8,
+    bits: Literal[8, 16] = 8,
 ) -> None:
     """Write ``bokeh`` in the place of the picture of ``frame``, atomically.
 

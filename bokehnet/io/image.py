@@ -1,7 +1,7 @@
 """Pictures: files to scene-linear arrays and back."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ def write_image(
     *,
     alpha: NDArray[Any] | None = None,
     quality: int = 95,
-    bits: int = 8,
+    bits: Literal[8, 16] = 8,
 ) -> None:
     """Write a scene-linear picture atomically; the extension picks the format.
 

@@ -113,16 +113,21 @@ class Setting:
             return None
         fitted = _fit(value, self.type)
         if fitted is _UNFIT or not self._within(fitted) or (self.accepts and not self.accepts(fitted)):
-            raise ParameterError(self.path, expected=self.expectation, got=value)
+            expected = self.expectation
+            if isinstance(fitted, float) and not math.isfinite(fitted):
+                expected = expected.replace("a number", "a finite number")
+            raise ParameterError(self.path, expected=expected, got=value)
         return fitted
 
     def parsed(self, text: str | Sequence[str]) -> Any:
         """Return the value that a text tells, or raise ``ParameterError`` naming the field."""
         try:
             if self.parse is not None:
-                return self.checked(
-                    self.parse(text) if isinstance(text, str) else tuple(map(self.parse, text))
-                )
+                value = self.parse(text) if isinstance(text, str) else tuple(map(self.parse, text))
+                try:
+                    return self.checked(value)
+                except ParameterError as error:  # the text is what was given
+                    raise ParameterError(self.path, error.expected, text) from error
             if self.type in (int, float, Path):
                 return self.checked(self.type(text))
         except ParameterError as error:
