@@ -194,7 +194,7 @@ def _light(color: ColorSettings) -> LightDraw:
     if isinstance(gains, Path):
         gains = _read_gains(gains)
     with about("color"):
-        return LightDraw(dispersion=color.dispersion or "continuous", equaliser=gains or (1.0,))
+        return LightDraw(dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains)
 
 
 def _read_gains(path: Path) -> tuple[float, ...]:

@@ -291,7 +291,8 @@ class BokehRenderer:
             defocus.flags.writeable = False
         lens: dict[str, Any] = {"aperture": aperture, "character": character}
         alpha = scene.alpha
-        with about("engine", {"gamma": "highlights.gamma", "engine": "name"}):
+        names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
+        with about("engine", names):
             if alpha is not None:
                 alpha = _spread_coverage(engine, alpha, defocus, lens, look.max_memory, image.nbytes)
             taken = PROGRAM + image.nbytes + defocus.nbytes
@@ -413,6 +414,14 @@ def _watched(progress: Progress | None, cancel: CancelSignal | None) -> Progress
             progress(done, total)
 
     return report
+
+
+def _leaning(settings: RenderSettings) -> dict[str, str]:
+    """What leans the plane of focus, for messages about its tilt."""
+    focus = settings.focus
+    if focus.plane is not None:
+        return {"tilt": "focus.plane"}
+    return {"tilt": "focus.tilt_x" if focus.tilt_x else "focus.tilt_y"} if focus.tilt_x or focus.tilt_y else {}
 
 
 def _spread_coverage(
