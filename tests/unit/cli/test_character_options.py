@@ -136,10 +136,16 @@ def test_frames_of_a_pull_take_the_lens_as_it_is_focused_then(folder, cli):
         (["--lens", "nikkor"], ["--lens: unknown lens 'nikkor'", ".toml", "double_gauss"]),
         (["--lens", "missing.toml"], ["missing.toml"]),
         (["--lens", "petzval", "--lens-f-number", 1.2], ["--lens: Petzval: f-number", "2.14 or more"]),
-        (["--lens", "petzval", "--lens-f-number", "nan"], ["--lens-f-number: expected a finite number above 0, got nan"]),
+        (
+            ["--lens", "petzval", "--lens-f-number", "nan"],
+            ["--lens-f-number: expected a finite number above 0, got nan"],
+        ),
         (["--lens", "petzval", "--aberrations", "zemax"], ["--aberrations: expected one of seidel, traced"]),
         (["--aberrations", "seidel"], ["--aberrations: expected --lens for it to act on", "leave this out"]),
-        (["--lens-distortion", "--lens-f-number", 4], ["--lens-distortion: expected --lens for it to act on"]),
+        (
+            ["--lens-distortion", "--lens-f-number", 4],
+            ["--lens-distortion: expected --lens for it to act on"],
+        ),
         (["--lens", "petzval", "--engine", "scatter"], ["--lens: expected --engine rays or hybrid"]),
         (["--coma", 3, "--engine", "scatter"], ["--coma: expected --engine rays or hybrid", "scatter"]),
         (["--spherical", 101], ["--spherical: expected -100 to 100 percent", "101"]),

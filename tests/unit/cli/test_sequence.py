@@ -151,9 +151,12 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
     [
         ((*STILL, *FOCUS, "--frames", "four"), "--frames: expected frames such as 1001-1100"),
         ((*STILL, *FOCUS, "--frames", "1-4", "-o", "out.png"), "such as out.####.png, got out.png"),
-        ((*SHOT, *FOCUS, "--frames", "1-4", "-o", "shot.####.png"), "shot.0001.png is read for a frame"),
+        ((*SHOT, *FOCUS, "--frames", "1-4", "-o", "shot.####.png"), "got shot.0001.png, read for a frame"),
         ((*STILL, *FOCUS, "--frames", "1-4", "--focus-from", "0.3"), "both --focus-from and --focus-to"),
-        ((*STILL, *FOCUS, "--frames", "1-4", "--blur-from", 1, "--blur-to", 2), "--blur and a pull of it"),
+        (
+            (*STILL, *FOCUS, "--frames", "1-4", "--blur-from", 1, "--blur-to", 2),
+            "--blur: expected either a value or a pull of it, got both",
+        ),
         ((*STILL, "--frames", "1-4", "--blur", 6), "expected one of --focus, --focus-at"),
         (
             (*STILL, "--blur", 6, "--frames", "1-4", "--focus-from", 0.3, "--focus-to", 2),
@@ -161,17 +164,23 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--f-number-from", 2, "--f-number-to", 4),
-            "--f-number cannot go with --disparity",
+            "--f-number: expected nothing: it cannot go with --disparity, got 2",
         ),
         ((*STILL, *FOCUS, "--frames", "1-4", "--pull", "missing.csv"), "cannot read missing.csv"),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--pull", "a.csv", "--blur-from", 1, "--blur-to", 2),
             "expected one of --pull and",
         ),
-        ((*STILL, *FOCUS, "--jobs", 2), "need --frames"),
-        ((*STILL, *FOCUS, "--overwrite"), "need --frames"),
-        ((*STILL, "--blur", 6, "--focus-from", 0, "--focus-to", 1), "need --frames"),
-        ((*SHOT, *FOCUS), "shot.####.png names a sequence: say which frames"),
+        ((*STILL, *FOCUS, "--jobs", 2), "--frames: expected frames, which --jobs, --overwrite, --pull"),
+        ((*STILL, *FOCUS, "--overwrite"), "--frames: expected frames, which --jobs, --overwrite, --pull"),
+        (
+            (*STILL, "--blur", 6, "--focus-from", 0, "--focus-to", 1),
+            "--frames: expected frames, which --jobs, --overwrite, --pull",
+        ),
+        (
+            (*SHOT, *FOCUS),
+            "--frames: expected frames such as 1001-1100, since shot.####.png names a sequence",
+        ),
         ((*STILL, *FOCUS, "--frames", "1-4", "--engine", "magic"), "got 'magic'"),
     ],
 )
