@@ -4,10 +4,9 @@ import numpy as np
 import onnx
 
 from bokehnet.cascade import BLOCK
-from bokehnet.onnx_file.builder import Graph
+from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
 from bokehnet.onnx_file.tone import decode, encode
-from bokehnet.onnx_file.values import Value
 
 __all__ = ["render_neural"]
 

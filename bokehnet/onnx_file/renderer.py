@@ -13,12 +13,11 @@ from bokehnet.fusion import fuse
 from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.atomic import write_atomic
-from bokehnet.onnx_file.builder import OPSET, Graph
+from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.scatter import scatter
 from bokehnet.onnx_file.tone import gamma_curve
-from bokehnet.onnx_file.values import Value
 from bokehnet.optics.coc import defocus_from_disparity
 
 __all__ = ["PARITY", "build_model", "export_renderer"]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.onnx_file.builder import Graph
-from bokehnet.onnx_file.values import END, Value
+from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.optics import tone
 from bokehnet.optics.encoding import STEEPNESS, WHITE
 

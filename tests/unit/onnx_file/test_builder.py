@@ -5,8 +5,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from bokehnet.onnx_file.builder import OPSET, Graph
-from bokehnet.onnx_file.values import END
+from bokehnet.onnx_file.builder import END, OPSET, Graph
 from tests.unit.onnx_file.running import compiled, start
 
 X = np.array([[-1.5, 2.0, 0.25], [4.0, -3.0, 1.0]], np.float32)
