@@ -6,7 +6,6 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from bokehnet.cascade import carry_detail
 from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.checkpoint import load_network
@@ -71,7 +70,7 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
             unit=config.model.unit,
         ),
         loss_of=loss_of,
-        validate=lambda network: score_cascade(network, carry_detail, config.model.unit, held_out, device),
+        validate=lambda network: score_cascade(network, None, config.model.unit, held_out, device),
         max_minutes=max_minutes,
     )
 

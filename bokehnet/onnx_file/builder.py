@@ -114,6 +114,15 @@ class Value:
     def __invert__(self) -> "Value":
         return self.graph.op("Not", self)
 
+    def __array_namespace__(self) -> "Graph":
+        """The graph holds the functions of its values: :func:`bokehnet.checks.array_namespace`."""
+        return self.graph
+
+    def clip(self, min: Operand = None, max: Operand = None) -> "Value":
+        """Not below ``min``, not above ``max``."""
+        result = self if min is None else self.graph.maximum(self, min)
+        return result if max is None else self.graph.minimum(result, max)
+
     def astype(self, dtype: Any) -> "Value":
         """Cast; to integers it cuts towards 0."""
         return self.graph.op("Cast", self, dtype=dtype, to=_TYPES[np.dtype(dtype)])
@@ -226,6 +235,14 @@ class Graph:
     def maximum(self, a: Value, b: Operand) -> Value:
         """The larger one."""
         return self.op("Max", a, self.constant(b, a.dtype))
+
+    def log1p(self, x: Value) -> Value:
+        """Logarithm of 1 + x."""
+        return self.op("Log", x + 1)
+
+    def expm1(self, x: Value) -> Value:
+        """Exponential of x, less 1."""
+        return self.op("Exp", x) - 1
 
     def concat(self, values: Sequence[Value], axis: int = 0) -> Value:
         """Join along an axis."""
