@@ -11,9 +11,8 @@ from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.checkpoint import load_network
 from train.command import run_command
 from train.data import DataConfig, example_loader
-from train.error_target import ERROR_TARGETS, measured_error
 from train.loop import OptimConfig, train
-from train.losses import arnet_loss
+from train.losses import ERROR_TARGETS, arnet_loss, measured_error
 from train.validation import held_out_examples, score_cascade
 
 __all__ = ["ARNetRun", "main"]
