@@ -36,7 +36,7 @@ __all__ = [
 
 
 class CoarseNetwork(Protocol):
-    """ARNet, as a torch module or an ONNX session."""
+    """ARNet, as a torch module, an ONNX session, or nodes of an ONNX graph."""
 
     def __call__(
         self, image: Array, defocus: Array, classical: Array, hints: Array | None, /
@@ -114,11 +114,11 @@ def ask_arnet(
         defocus: See ``image``.
         classical: See ``image``.
         hints: See ``image``.
-        trusted_radius: Largest blur radius, in pixels of this size, that ARNet learned from. Its say fades
-            out over the upper half of that range; beyond it it has none.
+        trusted_radius: Largest blur radius, in pixels of this size, that ARNet learned from. The error map
+            fades out over the upper half of that range, to 0 at its end.
 
     Returns:
-        Bokeh (B, 3, h, w) and error map (B, 1, h, w).
+        Bokeh (B, 3, h, w), scene-linear, and error map (B, 1, h, w) in [0, 1].
     """
     bokeh, error_map = arnet(image, defocus, classical, hints)
     return bokeh, error_map * (2 - 2 * abs(defocus) / trusted_radius).clip(0, 1)
