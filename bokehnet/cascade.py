@@ -1,15 +1,22 @@
 """The neural half from coarse to fine: ARNet where the blur is small, then up to full size.
 
-The way up is IUNet's, or, without it, :func:`carry_detail`.
+The way up is IUNet's, level by level. Without it ARNet's change of the classical render is doubled until it
+has the picture's size, and laid over: detail is the classical render's.
 
-One body for training (torch modules on tensors) and for inference (ONNX sessions on NumPy arrays).
+The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over` and :func:`bokehnet.fusion.fuse`, are
+written once, on operators: for training (torch), for inference (NumPy) and for the one file (ONNX graphs).
+:func:`render_neural` is the whole way for torch and NumPy. Two twins go the way without an IUNet in their own
+fashion: :mod:`bokehnet.inference.correction` in strips and only where something is in doubt, and
+:mod:`bokehnet.onnx_file.neural` with the loops of a graph. ``tests/reference/test_correction_agrees.py``
+holds all of them to one result.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from bokehnet.checks import Array, array_namespace
+from bokehnet.checks import Array
 from bokehnet.optics.encoding import decode, encode
 from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 
@@ -19,15 +26,17 @@ __all__ = [
     "NeuralResult",
     "Refine",
     "RefineNetwork",
+    "ask_arnet",
     "build_levels",
-    "carry_detail",
+    "find_change",
+    "lay_over",
     "refine_whole",
     "render_neural",
 ]
 
 
 class CoarseNetwork(Protocol):
-    """ARNet, as a torch module or an ONNX session."""
+    """ARNet, as a torch module, an ONNX session, or nodes of an ONNX graph."""
 
     def __call__(
         self, image: Array, defocus: Array, classical: Array, hints: Array | None, /
@@ -71,7 +80,8 @@ class NeuralResult:
     """The neural half of the hybrid.
 
     Attributes:
-        steps: Bokeh (B, 3, h, w) at every level, coarse to fine; the last has the picture's size.
+        steps: Bokeh (B, 3, h, w) at every level, coarse to fine; without an IUNet at the first and the last
+            one only. The last has the picture's size.
         error_map: (B, 1, H, W) in [0, 1], at the picture's size: ARNet's times the classical renderer's, so
             that nothing changes where the classical render is right.
     """
@@ -88,23 +98,48 @@ BLOCK = 8
 Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
 
 
-def carry_detail(image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None) -> Array:
-    """Stand in for IUNet: what is finer than ``coarse`` is taken over from the classical render.
-
-    Both are compared on a perceptual scale, so that a correction means the same in light and in shadow.
+def ask_arnet(
+    arnet: CoarseNetwork,
+    image: Array,
+    defocus: Array,
+    classical: Array,
+    hints: Array | None,
+    trusted_radius: Array,
+) -> tuple[Array, Array]:
+    """Run ARNet at the coarse size.
 
     Args:
-        image: Not looked at, as ``defocus`` and ``hints``.
+        arnet: The network.
+        image: See :class:`Level`, as ``defocus``, ``classical`` and ``hints``.
         defocus: See ``image``.
-        classical: Scene-linear, (B, 3, H, W), sides even.
-        coarse: Bokeh at half the size, (B, 3, H/2, W/2).
+        classical: See ``image``.
         hints: See ``image``.
+        trusted_radius: Largest blur radius, in pixels of this size, that ARNet learned from. The error map
+            fades out over the upper half of that range, to 0 at its end.
 
     Returns:
-        Bokeh (B, 3, H, W). Where ``coarse`` equals the halved classical render, so does this at full size.
+        Bokeh (B, 3, h, w), scene-linear, and error map (B, 1, h, w) in [0, 1].
     """
-    correction = upsample2(encode(coarse) - encode(downsample2(classical)))
-    return decode(encode(classical) + correction).clip(min=0)
+    bokeh, error_map = arnet(image, defocus, classical, hints)
+    return bokeh, error_map * (2 - 2 * abs(defocus) / trusted_radius).clip(0, 1)
+
+
+def find_change(bokeh: Array, classical: Array) -> Array:
+    """How a bokeh differs from the classical render, on a scale on which light and shadow weigh alike."""
+    return encode(bokeh) - encode(classical)
+
+
+def lay_over(classical: Array, change: Array) -> Array:
+    """Change the classical render at full size; the inverse of :func:`find_change`.
+
+    Args:
+        classical: Scene-linear.
+        change: Of its encoded colours, from a coarse size; of the same shape.
+
+    Returns:
+        Bokeh, scene-linear. Where nothing changes it equals ``classical``, up to rounding.
+    """
+    return decode(encode(classical) + change).clip(min=0)
 
 
 def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
@@ -139,8 +174,9 @@ def render_neural(
     doubt: Array,
     *,
     arnet: CoarseNetwork,
-    iunet: RefineNetwork,
     unit: float,
+    iunet: RefineNetwork | None = None,
+    trusted_radius: float = math.inf,
     refine: Refine = refine_whole,
     hints: Array | None = None,
     extra_halvings: int = 0,
@@ -156,8 +192,9 @@ def render_neural(
         classical: Classical render, scene-linear, (B, 3, H, W).
         doubt: The classical renderer's own error map, (B, 1, H, W) in [0, 1].
         arnet: The coarse network.
-        iunet: The refining network, or :func:`carry_detail`.
         unit: Largest radius ``arnet`` was trained for, pixels.
+        iunet: The refining network; without it ARNet's change is laid over the classical render.
+        trusted_radius: Largest blur radius that the networks may correct, in pixels of the picture.
         refine: How IUNet is run at each level.
         hints: What the classical renderer knows besides, see :class:`Level`.
         extra_halvings: Start this many sizes lower than needed (for training).
@@ -166,13 +203,21 @@ def render_neural(
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
     """
     height, width = image.shape[-2:]
-    largest = float(array_namespace(defocus).abs(defocus).max())
-    halvings = count_halvings(largest, unit) + extra_halvings
+    halvings = count_halvings(float(abs(defocus).max()), unit) + extra_halvings
     levels = build_levels(image, defocus, classical, doubt, hints, halvings)
-    bokeh, learned = arnet(levels[0].image, levels[0].defocus, levels[0].classical, levels[0].hints)
+    low, full = levels[0], levels[-1]
+    bokeh, learned = ask_arnet(
+        arnet, low.image, low.defocus, low.classical, low.hints, trusted_radius / 2**halvings
+    )
     steps = [bokeh]
+    change = find_change(bokeh, low.classical)
     for level in levels[1:]:
         learned = upsample2(learned)
-        steps.append(refine(iunet, level, steps[-1], learned * level.doubt))
+        if iunet is None:
+            change = upsample2(change)
+        else:
+            steps.append(refine(iunet, level, steps[-1], learned * level.doubt))
+    if iunet is None:
+        steps.append(lay_over(full.classical, change))
     steps[-1] = crop_to(steps[-1], height, width)
-    return NeuralResult(steps=steps, error_map=crop_to(learned * levels[-1].doubt, height, width))
+    return NeuralResult(steps=steps, error_map=crop_to(learned * full.doubt, height, width))

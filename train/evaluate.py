@@ -26,8 +26,8 @@ from bokehnet.inference.engine import ENGINES
 from train.corruption import CORRUPTIONS, EDGE_SHIFT, corrupt
 from train.evaluation_sets import SETS, Picture, list_pictures
 from train.methods import Method, load_repair, parse_method
+from train.metrics import Scorer
 from train.report import TABLES, Row, as_json, differences, excess, format_table, mean_rows
-from train.scorer import Scorer
 
 __all__ = ["evaluate", "main", "score_picture"]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from train.corruption import CORRUPTED
-from train.scorer import BANDS, band_label
+from train.metrics import BANDS, band_label
 
 __all__ = ["TABLES", "Row", "as_json", "differences", "excess", "format_table", "mean_rows"]
 

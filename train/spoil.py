@@ -1,11 +1,17 @@
 """Disparity as cameras and depth networks see it: what is done to the true map before a network gets it."""
 
+import kornia
 import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 __all__ = ["spoil_disparity"]
+
+
+# What a pixel grows over in one step.
+_SQUARE = torch.ones(3, 3)
+_CROSS = torch.tensor([[0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 1.0, 0.0]])
 
 
 def _grow(disparity: Tensor, radius: int, rounded: bool = False) -> Tensor:
@@ -16,29 +22,17 @@ def _grow(disparity: Tensor, radius: int, rounded: bool = False) -> Tensor:
     if radius < 0:
         return -_grow(-disparity, -radius, rounded)
     if not rounded:
-        return _largest(disparity, radius, radius)
+        side = 2 * radius + 1
+        return kornia.morphology.dilation(disparity, torch.ones(side, side))
     for i in range(radius):
-        if i % 2:
-            disparity = _largest(disparity, 1, 1)
-        else:
-            disparity = torch.maximum(_largest(disparity, 0, 1), _largest(disparity, 1, 0))
+        disparity = kornia.morphology.dilation(disparity, _SQUARE if i % 2 else _CROSS)
     return disparity
 
 
-def _largest(disparity: Tensor, down: int, across: int) -> Tensor:
-    """The largest value of the window around each pixel, of those half sides; the border repeated."""
-    padded = F.pad(disparity, (across, across, down, down), mode="replicate")
-    return F.max_pool2d(padded, (2 * down + 1, 2 * across + 1), 1)
-
-
 def _blur(disparity: Tensor, sigma: float) -> Tensor:
-    """Gaussian blur, the border repeated."""
-    reach = int(np.ceil(3 * sigma))
-    x = torch.arange(-reach, reach + 1, dtype=disparity.dtype)
-    row = torch.exp(-0.5 * (x / sigma) ** 2)
-    row = row / row.sum()
-    padded = F.pad(disparity, (reach,) * 4, mode="replicate")
-    return F.conv2d(F.conv2d(padded, row[None, None, None]), row[None, None, :, None])
+    """Gaussian blur, cut off at three sigma, the border repeated."""
+    side = 2 * int(np.ceil(3 * sigma)) + 1
+    return kornia.filters.gaussian_blur2d(disparity, side, (sigma, sigma), border_type="replicate")
 
 
 def _smooth_noise(shape: tuple[int, int], channels: int, cell: float, rng: np.random.Generator) -> Tensor:
@@ -53,9 +47,9 @@ def _shift(disparity: Tensor, pixels: float, rng: np.random.Generator) -> Tensor
     height, width = disparity.shape[-2:]
     way = pixels * _smooth_noise((height, width), 2, float(rng.uniform(24, 96)), rng)
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    to_x, to_y = (x + way[0, 0] + 0.5) * 2 / width - 1, (y + way[0, 1] + 0.5) * 2 / height - 1
-    grid = torch.stack([to_x, to_y], dim=-1)[None]
-    return F.grid_sample(disparity, grid, mode="bilinear", padding_mode="border", align_corners=False)
+    return kornia.geometry.transform.remap(
+        disparity, x + way[:, 0], y + way[:, 1], padding_mode="border", align_corners=True
+    )
 
 
 def _at_low_size(disparity: Tensor, factor: float) -> Tensor:

@@ -6,15 +6,13 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from bokehnet.cascade import carry_detail
 from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.checkpoint import load_network
 from train.command import run_command
 from train.data import DataConfig, example_loader
-from train.error_target import ERROR_TARGETS, measured_error
 from train.loop import OptimConfig, train
-from train.losses import arnet_loss
+from train.losses import ERROR_TARGETS, arnet_loss, measured_error
 from train.validation import held_out_examples, score_cascade
 
 __all__ = ["ARNetRun", "main"]
@@ -71,7 +69,7 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
             unit=config.model.unit,
         ),
         loss_of=loss_of,
-        validate=lambda network: score_cascade(network, carry_detail, config.model.unit, held_out, device),
+        validate=lambda network: score_cascade(network, None, config.model.unit, held_out, device),
         max_minutes=max_minutes,
     )
 

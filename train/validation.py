@@ -33,7 +33,7 @@ def _array(tensor: Tensor) -> np.ndarray:
 @torch.no_grad()
 def score_cascade(
     arnet: nn.Module,
-    iunet: RefineNetwork,
+    iunet: RefineNetwork | None,
     unit: float,
     held_out: list[dict[str, Tensor]],
     device: torch.device,

@@ -1,7 +1,7 @@
 """ARNet's correction: found once on a small copy of the picture, then laid over any rows of it.
 
-The same result as :func:`bokehnet.cascade.render_neural` with :func:`bokehnet.cascade.carry_detail`, without
-its levels: only what is small is kept, and only pixels that are in doubt are touched at full size.
+The formulas and the result are those of :func:`bokehnet.cascade.render_neural` without an IUNet. But there
+are no levels: only what is small is kept, and only pixels that are in doubt are touched at full size.
 """
 
 import math
@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from bokehnet.cascade import BLOCK, CoarseNetwork
+from bokehnet.cascade import BLOCK, CoarseNetwork, ask_arnet, find_change, lay_over
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.fusion import fuse
-from bokehnet.optics.encoding import decode, encode
 from bokehnet.pyramid import count_halvings, upsample2
 
 __all__ = ["Corrected", "Correction", "SmallCopy"]
@@ -87,7 +86,7 @@ class Correction:
         rows, columns = np.nonzero(doubt)
         light, found = classical[rows, columns], self._at(rows + first, columns)
         blend = found[:, 3] * doubt[rows, columns]
-        seen = decode(encode(light) + found[:, :3]).clip(min=0)
+        seen = lay_over(light, found[:, :3])
         bokeh, neural, error_map = classical.copy(), classical.copy(), np.zeros_like(doubt)
         bokeh[rows, columns] = fuse(light, seen, blend[:, None])
         neural[rows, columns], error_map[rows, columns] = seen, blend
@@ -153,20 +152,19 @@ class SmallCopy:
 
         Args:
             arnet: The network.
-            trusted_radius: Largest blur radius, in pixels of the picture, that it learned from. Its say fades
-                out over the upper half of that range, and beyond it is not asked.
+            trusted_radius: As of :func:`bokehnet.cascade.ask_arnet`, in pixels of the picture.
         """
-        radius = np.abs(self._parts["defocus"])
-        trust = np.clip(2 - 2 * radius / trusted_radius, 0, 1)
         self._parts["defocus"] /= self._factor
         batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._parts.items()}
         hints = [batch[name] for name in ("hidden", "guessed", "doubt") if name in batch]
-        bokeh, learned = arnet(
+        bokeh, learned = ask_arnet(
+            arnet,
             batch["image"],
             batch["defocus"],
             batch["classical"],
             np.concatenate(hints, axis=1) if hints else None,
+            trusted_radius / self._factor,
         )
-        change = encode(bokeh[0]) - encode(batch["classical"][0])
-        values = np.concatenate([change, learned[0] * trust.transpose(2, 0, 1)]).transpose(1, 2, 0)
+        change = find_change(bokeh[0], batch["classical"][0])
+        values = np.concatenate([change, learned[0]]).transpose(1, 2, 0)
         return Correction(values=np.ascontiguousarray(values), halvings=self.halvings)

@@ -297,6 +297,7 @@ class Engine:
             arnet=self._networks.arnet,
             iunet=self._networks.iunet,
             unit=self._networks.unit,
+            trusted_radius=self._networks.trusted_radius,
             refine=refine_in_tiles,
         )
         neural = np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0))

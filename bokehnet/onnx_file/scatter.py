@@ -10,10 +10,9 @@ import numpy as np
 from bokehnet.classical.kernels import LARGEST_RADIUS
 from bokehnet.classical.levels import CONTRAST, DISC, TOLERANCE
 from bokehnet.classical.merging import TILE
-from bokehnet.onnx_file.builder import Graph
+from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, repeat
 from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs
-from bokehnet.onnx_file.values import END, Value
 
 __all__ = ["scatter"]
 

@@ -15,8 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from bokehnet.classical.disc import SMALLEST_RADIUS, disc_table, list_row
-from bokehnet.onnx_file.builder import Graph
-from bokehnet.onnx_file.values import END, Value
+from bokehnet.onnx_file.builder import END, Graph, Value
 
 __all__ = ["CHANNELS", "TABLE_RADIUS", "spread_discs"]
 

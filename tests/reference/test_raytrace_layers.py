@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bokehnet import rays
+from bokehnet.classical.layers import Layers
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.raytrace.peeling import peel
 from bokehnet.raytrace.world import world_from_scene
-from bokehnet.scenes.layers import layers_from
 from bokehnet.synth import SceneConfig, SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
@@ -24,6 +24,16 @@ CONFIG = SynthConfig(
     image_samples=1,
     scene=SceneConfig(light_probability=0.0, photographs=("coffee", "gravel", "rocket")),
 )
+
+
+def layers_from(peeled, lens, pixel_pitch):
+    """A peeled scene as layers of the rays; ``pixel_pitch`` in mm."""
+    disparity = 1 / peeled.depth.cpu().numpy().astype(np.float64)
+    return Layers(
+        colors=peeled.colors.cpu().numpy(),
+        defocus=lens.coc_radius(disparity) / pixel_pitch,
+        coverage=peeled.coverage.cpu().numpy().clip(0, 1),
+    )
 
 
 def psnr(first, second):

@@ -1,4 +1,4 @@
-"""The correction without levels: the same as the cascade with carried detail."""
+"""The correction without levels: the same as the whole way without an IUNet."""
 
 import math
 from dataclasses import replace
@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cascade import carry_detail, render_neural
+from bokehnet.cascade import lay_over, render_neural
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays import render_rays
 from bokehnet.inference.correction import SmallCopy
-from bokehnet.pyramid import downsample2
 from bokehnet.rendering.renderer import BokehRenderer
 
 
@@ -26,7 +25,7 @@ def picture(height: int, width: int, radius: float) -> tuple[np.ndarray, np.ndar
 
 
 @pytest.mark.parametrize(("height", "width", "radius"), [(40, 56, 6), (61, 83, 17), (130, 97, 33)])
-def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
+def test_it_equals_the_cascade_without_an_iunet(height, width, radius):
     """Oracle: the body that training uses, at halvings 0, 1 and 2 and odd sizes."""
     image, defocus = picture(height, width, radius)
     renderer = BokehRenderer("hybrid")
@@ -42,7 +41,6 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
         *batches,
         hints=classical.hints.transpose(2, 0, 1)[None],
         arnet=networks.arnet,
-        iunet=carry_detail,
         unit=networks.unit,
     )
     doubted = classical.error_map > 0
@@ -68,10 +66,9 @@ def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
     )
 
 
-def test_carried_detail_of_a_right_coarse_picture_is_the_classical_render():
+def test_without_a_change_the_classical_render_stays():
     classical = np.random.default_rng(1).random((1, 3, 12, 16), dtype=np.float32)
-    carried = carry_detail(classical, classical[:, :1], classical, downsample2(classical), None)
-    assert_allclose(carried, classical, atol=1e-6)
+    assert_allclose(lay_over(classical, np.zeros_like(classical)), classical, atol=1e-6)
 
 
 def test_rows_in_parts_give_the_same_small_copy():
