@@ -12,12 +12,12 @@ from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter import scatter
 from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.fusion import fuse
-from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.strips import BYTES_PER_PIXEL
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.onnx_file.renderer import build_model
+from bokehnet.rendering.renderer import BokehRenderer
 from tests.unit.onnx_file.running import picture, start, steps
 
 # Of scene-linear light, white is 1, and of error maps. Measured: 8e-7, a few roundings of float32.

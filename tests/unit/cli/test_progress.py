@@ -1,4 +1,5 @@
 import numba
+
 from bokehnet.cli.progress import compile_notice
 
 

@@ -1,11 +1,11 @@
 from pathlib import Path
 
 import pytest
-from bokehnet.rendering.frame_names import format_frames, frame_path, is_pattern, parse_frames
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bokehnet.errors import ParameterError
+from bokehnet.rendering.frame_names import format_frames, frame_path, is_pattern, parse_frames
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from bokehnet.rendering.sequence import Pull, read_pull
 from numpy.testing import assert_allclose
 
 from bokehnet.errors import ConfigError, ParameterError
+from bokehnet.rendering.sequence import Pull, read_pull
 
 
 def test_focus_moves_evenly_in_disparity():
