@@ -16,7 +16,7 @@ import numpy as np
 
 import bokehnet
 from benchmarks.measurement import time_in_turns
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.cli.demo import ASSETS, BLUR, FOCUS
 from bokehnet.cli.sheet import contact_sheet
 from bokehnet.io.maps import read_disparity

@@ -19,8 +19,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from benchmarks.measurement import median_seconds, scene
-from bokehnet.classical import levels
-from bokehnet.classical.torch_scatter import spread
+from bokehnet.classical.scatter import pyramid_levels
+from bokehnet.classical.torch.pyramid_levels import spread
 
 __all__ = ["Traffic", "main"]
 
@@ -137,8 +137,8 @@ def measure(width: int, height: int, blur: float, device: torch.device, repeats:
     if device.type == "cuda":
         used = torch.cuda.max_memory_allocated(device) - held
         print(f"memory    {used / 1e6:10.0f} MB beyond inputs, at most")
-    wanted = levels.spread_forward(picture, radii)
-    seconds = median_seconds(lambda: levels.spread_forward(picture, radii), max(1, repeats // 4))
+    wanted = pyramid_levels.spread_forward(picture, radii)
+    seconds = median_seconds(lambda: pyramid_levels.spread_forward(picture, radii), max(1, repeats // 4))
     print(
         f"numba     {1000 * seconds:10.2f} ms  forward on {numba.get_num_threads()} threads of this machine"
     )

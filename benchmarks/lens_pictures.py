@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from bokehnet.checks import Array
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.cli.sheet import contact_sheet
 from bokehnet.io.image import write_image
 from bokehnet.lenses import LensModel, PrescriptionLens, Rays, load_lens

@@ -12,7 +12,7 @@ import numba
 
 from benchmarks.classical import photograph
 from benchmarks.measurement import in_own_process, time_in_turns
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.pencil_fit import fit_pencil
 from bokehnet.lenses.seidel_lens import seidel_pencil

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measurement import median_seconds
-from bokehnet.classical.highlights import add_lights, separate_lights
-from bokehnet.classical.layers import Layers
-from bokehnet.classical.slices import occupied_slices
+from bokehnet.classical.highlights.lights import add_lights, separate_lights
+from bokehnet.classical.layered.defocus_bins import occupied_slices
+from bokehnet.classical.layered.layers import Layers
 from bokehnet.io.image import write_image
 from bokehnet.optics.aperture import Aperture, transmission
 from bokehnet.optics.character import Character

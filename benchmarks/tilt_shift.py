@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 import bokehnet
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.cli.focus import Focus
 from bokehnet.cli.scene_map import SceneMap
 from bokehnet.io.image import read_image, write_image

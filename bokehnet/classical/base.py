@@ -1,9 +1,10 @@
 """What every classical renderer takes and gives, and the table of their names."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,6 +17,7 @@ __all__ = [
     "CLASSICAL_RENDERERS",
     "ClassicalRenderer",
     "ClassicalResult",
+    "Frame",
     "Strip",
     "check_inputs",
     "make_classical",
@@ -42,6 +44,25 @@ class Strip:
     height: int
     reach: int
     wanted: slice
+
+
+class Frame(NamedTuple):
+    """Where rows and columns lie in the full-size picture.
+
+    Attributes:
+        column: Middle of the picture.
+        row: The same, down, counted from the first row that is there.
+        scale: One over the half-diagonal in pixels, so that corners are at field position 1.
+    """
+
+    column: float
+    row: float
+    scale: float
+
+    @classmethod
+    def of(cls, height: int, width: int, above: int = 0) -> "Frame":
+        """Frame of a full-size picture of which ``above`` rows are not there."""
+        return cls(0.5 * (width - 1), 0.5 * (height - 1) - above, 2 / math.hypot(width, height))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -104,8 +125,8 @@ class ClassicalRenderer(Protocol):
 
 # Name -> "module:function"; loaded on first use, so that a name costs nothing.
 CLASSICAL_RENDERERS = {
-    "rays": "bokehnet.classical.rays:render_rays",
-    "scatter": "bokehnet.classical.scatter:render_scatter",
+    "rays": "bokehnet.classical.rays_renderer:render_rays",
+    "scatter": "bokehnet.classical.scatter_renderer:render_scatter",
 }
 
 

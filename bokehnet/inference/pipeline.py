@@ -193,8 +193,8 @@ class BokehRenderer:
         reach = math.ceil(_reach(defocus))
         crossed = None
         if self._classical_name == "rays" and not self.character.is_plain:
-            from bokehnet.classical.lanes import LANES
-            from bokehnet.classical.lens_rays import lens_table
+            from bokehnet.classical.layered.aberrated_rays import lens_table
+            from bokehnet.classical.simd.float8 import LANES
 
             crossed = lens_table(self.character, width, height, LANES, rows=0).reach(reach)
         strips: list[Strip | None] = [

@@ -1,4 +1,4 @@
-"""Spreading over discs as ONNX operators: what ``bokehnet.classical.kernels`` does, with arrays for loops.
+"""Spreading over discs as ONNX operators: ``classical.scatter.disc_scatter`` with arrays for loops.
 
 The picture is worked in bands of source rows, from the top down. A canvas holds a band and what its discs
 reach above and below; the ends of all discs are added to it by ``ScatterElements``, a few ends of every disc
@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bokehnet.classical.disc import SMALLEST_RADIUS, disc_table, list_row
+from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, disc_table, list_row
 from bokehnet.onnx_file.builder import Graph
 from bokehnet.onnx_file.values import END, Value
 
@@ -34,7 +34,8 @@ _PACK = 8
 # which every turn makes a copy, is at most twice as large.
 _BAND_ROWS = 64
 
-# How much farther than its radius a disc of the table can reach, as in ``bokehnet.classical.kernels``.
+# How much farther than its radius a disc of the table can reach, as in
+# ``bokehnet.classical.scatter.disc_scatter``.
 _MARGIN = 1.5
 
 
@@ -46,7 +47,7 @@ def _radii() -> np.ndarray:
 
 
 def _ends(radius: float) -> np.ndarray:
-    """Weights of the ends of a disc by row and column, see :mod:`bokehnet.classical.disc`."""
+    """Weights of the ends of a disc by row and column, see :mod:`bokehnet.classical.scatter.disc_table`."""
     size = int(radius) + 3
     dense = np.zeros((size, size))
     places, weights = np.empty((2 * size, 2), np.int32), np.empty((2 * size, 2))
@@ -144,7 +145,7 @@ def _add_discs(g: Graph, canvas: list[Value], values: Value, defocus: Value, rea
 
 
 def spread_discs(g: Graph, values: Value, defocus: Value) -> Value:
-    """Spread every pixel over its disc and add up, as :func:`bokehnet.classical.spread.spread_forward`.
+    """Spread every pixel over its disc and add up, as ``bokehnet.classical.scatter.disc_scatter`` does.
 
     Args:
         g: The open graph.

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.classical.layers import Layers
+from bokehnet.classical.layered.layers import Layers
 from bokehnet.io.channels import write_channels
 from bokehnet.lenses import LensModel
 from bokehnet.raytrace.peeling import Peeled

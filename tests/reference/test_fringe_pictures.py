@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.optics.character import Character
 from bokehnet.optics.field_maps import inversion
 from bokehnet.optics.fringes import Fringes

@@ -19,7 +19,7 @@ from benchmarks.tilt_shift import (
     trace_wall,
     zero_line,
 )
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.lenses import ThinLens, TiltShift
 from bokehnet.optics.character import Character
 from bokehnet.optics.focus_plane import (

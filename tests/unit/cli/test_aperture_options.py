@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.color import luminance
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity

@@ -7,8 +7,8 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.cli.focus import Focus
 from bokehnet.cli.scene_map import SceneMap
 from bokehnet.io.image import read_image, write_map

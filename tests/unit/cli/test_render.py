@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.cli import look
 from bokehnet.cli.memory_option import parse_bytes
 from bokehnet.inference.pipeline import BokehRenderer

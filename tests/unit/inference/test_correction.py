@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.cascade import carry_detail, render_neural
 from bokehnet.classical.base import ClassicalResult
-from bokehnet.classical.rays import render_rays
+from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.inference.correction import SmallCopy
 from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.pyramid import downsample2

@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.cascade import Level, refine_whole, render_neural
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.fusion import fuse
 from bokehnet.inference import tiling

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.config import load_config
 from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.inference.refine import DisparityRefiner

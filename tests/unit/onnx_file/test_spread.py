@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.reference import disc_weights, scatter_reference
-from bokehnet.classical.spread import spread_forward
+from bokehnet.classical.scatter.disc_scatter import spread_forward
+from bokehnet.classical.scatter.oracle import disc_weights, scatter_reference
 from bokehnet.onnx_file.spread import spread_discs
 from tests.unit.onnx_file.running import compiled, decibels, picture, steps
 

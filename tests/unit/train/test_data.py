@@ -8,7 +8,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.rays import render_rays
+from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
 from train.data import DataConfig, Examples, example_loader
