@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.measurement import median_seconds
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
-from bokehnet.classical.layered.defocus_bins import occupied_slices
+from bokehnet.classical.layered.defocus_bins import occupied_bins
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.io.image import write_image
 from bokehnet.optics.aperture import Aperture, transmission
@@ -42,7 +42,7 @@ def draw(
     depths = np.full((side, side), -5000, np.float32) if front is None else front.astype(np.float32)
     cells = np.stack([depths, np.ones_like(depths)], -1)[:, :, None]
     result = np.zeros((side, side, 3), np.float32)
-    slices = occupied_slices(cells, 2.0, 0.2 * side)
+    slices = occupied_bins(cells, 2.0, 0.2 * side)
     add_lights(lights, cells, np.ones((side, side), bool), slices, aperture, result, **options)
     return result
 
@@ -177,7 +177,7 @@ def times() -> None:
     print("| radius | " + " | ".join(lenses) + " |\n|---|" + "---|" * len(lenses))
     depths = np.full((side, side, 1), -5000, np.float32)
     cells, mask = np.stack([depths, np.ones_like(depths)], -1), np.ones((side, side), bool)
-    slices, result = occupied_slices(cells), np.zeros((side, side, 3), np.float32)
+    slices, result = occupied_bins(cells), np.zeros((side, side, 3), np.float32)
     for radius in RADII[:-1]:
         lights = np.repeat(point(0, 0, radius), 40, axis=0)
         lights[:, :2] = rng.uniform(100, side - 100, (40, 2))

@@ -20,7 +20,7 @@ _HOME = {
     "defocus_from_disparity": "bokehnet.optics.coc",
     "defocus_map": "bokehnet.lenses.base",
     "disparity_from_depth": "bokehnet.optics.coc",
-    "hidden_layer": "bokehnet.classical.layered.occluded_background",
+    "occluded_background": "bokehnet.classical.layered.occluded_background",
     "rays": "bokehnet.classical.rays_renderer",
     "read_image": "bokehnet.io.image",
     "scatter": "bokehnet.classical.scatter_renderer",
@@ -28,10 +28,16 @@ _HOME = {
     "write_image": "bokehnet.io.image",
 }
 
+# Names of earlier versions, which still work.
+_OLD_NAMES = {
+    "hidden_layer": "occluded_background",
+}
+
 __all__ = [*_HOME, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
+    name = _OLD_NAMES.get(name, name)
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")

@@ -85,7 +85,7 @@ def show_engines(image: np.ndarray, truth: Path) -> None:
 def show_hidden(image: np.ndarray, disparity: np.ndarray) -> None:
     """The picture, and what is taken to stand behind it."""
     defocus = bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS["middle"])
-    hidden, _ = bokehnet.hidden_layer(image, defocus)
+    hidden, _ = bokehnet.occluded_background(image, defocus)
     left, top, width, height = BRANCH
     place = (slice(top, top + height), slice(left, left + width))
     write("method_hidden.jpg", [[("picture", image[place]), ("hidden layer", hidden[place])]])

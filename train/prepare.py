@@ -70,9 +70,11 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
         "image": image,
         "classical": result.bokeh,
         "truth": sample.bokeh[view],
-        "hidden": image if result.hidden is None else result.hidden,
+        "hidden": image if result.occluded_background is None else result.occluded_background,
         "defocus": defocus[..., None],
-        "guessed": np.zeros_like(target)[..., None] if result.guessed is None else result.guessed[..., None],
+        "guessed": np.zeros_like(target)[..., None]
+        if result.disocclusion_weight is None
+        else result.disocclusion_weight[..., None],
         "doubt": result.error_map[..., None],
         "target": target[..., None],
     }

@@ -72,31 +72,36 @@ class ClassicalResult:
     Attributes:
         bokeh: The rendered picture, scene-linear, (H, W, 3).
         error_map: Where it can be wrong, (H, W) in [0, 1]; 1 = trust a network.
-        hidden: Colours taken to stand behind each pixel, scene-linear, (H, W, 3); ``None`` if it has none.
-        guessed: Share of each pixel's light that comes from there or from beyond the border, (H, W) in
-            [0, 1]; ``None`` if it guesses nothing.
+        occluded_background: Colours taken to stand behind each pixel, scene-linear, (H, W, 3); ``None`` if it
+            has none.
+        disocclusion_weight: Share of each pixel's light that comes from there or from beyond the border, (H,
+            W) in [0, 1]; ``None`` if it guesses nothing.
     """
 
     bokeh: np.ndarray
     error_map: np.ndarray
-    hidden: np.ndarray | None = None
-    guessed: np.ndarray | None = None
+    occluded_background: np.ndarray | None = None
+    disocclusion_weight: np.ndarray | None = None
 
     def rows(self, wanted: slice) -> "ClassicalResult":
         """Some of the rows."""
         return ClassicalResult(
             bokeh=self.bokeh[wanted],
             error_map=self.error_map[wanted],
-            hidden=None if self.hidden is None else self.hidden[wanted],
-            guessed=None if self.guessed is None else self.guessed[wanted],
+            occluded_background=None
+            if self.occluded_background is None
+            else self.occluded_background[wanted],
+            disocclusion_weight=None
+            if self.disocclusion_weight is None
+            else self.disocclusion_weight[wanted],
         )
 
     @property
-    def hints(self) -> np.ndarray | None:
-        """Hidden colours, guessed share and error map as one array, (H, W, 5), for the networks."""
-        if self.hidden is None or self.guessed is None:
+    def features(self) -> np.ndarray | None:
+        """Hidden colours, disocclusion weight and error map as one array, (H, W, 5), for the networks."""
+        if self.occluded_background is None or self.disocclusion_weight is None:
             return None
-        return np.dstack([self.hidden, self.guessed, self.error_map])
+        return np.dstack([self.occluded_background, self.disocclusion_weight, self.error_map])
 
 
 class ClassicalRenderer(Protocol):
@@ -139,7 +144,7 @@ def make_classical(name: str) -> ClassicalRenderer:
 
 
 def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Check a picture and its defocus map at a public door; both come back contiguous.
+    """Check a picture and its defocus map at a public API; both come back contiguous.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.

@@ -1,4 +1,4 @@
-"""The rays renderer: scatter where one surface is seen, pupil rays through layers near gaps in depth."""
+"""The rays renderer: scatter on single surfaces, pupil rays through layers near depth discontinuities."""
 
 import math
 from functools import lru_cache
@@ -11,7 +11,7 @@ from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_input
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.layered.aberrated_rays import lens_table
-from bokehnet.classical.layered.defocus_bins import occupied_slices
+from bokehnet.classical.layered.defocus_bins import occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers, split_layers
 from bokehnet.classical.layered.ray_marching import SETS, march
@@ -63,17 +63,18 @@ def rays(
 ) -> np.ndarray:
     """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
-    Pixels within the blur's reach of a gap in depth (:func:`geometric_error_map`) look through the pupil
-    along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights are
-    laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border the
-    picture is taken to go on as it ends. Not differentiable; the scatter is.
+    Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) look through the
+    pupil along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights
+    are laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border
+    the picture is taken to go on as it ends. Not differentiable; the scatter is.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         aperture: Shape of the opening; default: a disc.
         character: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
-            all is seen along them; where they stray by less, they share the pixel with the scatter.
+            all is seen along them; where they stray by less, they share the pixel with the
+            scatter.
         seed: Of the noise; two seeds differ by noise alone.
         layers: True layers, from a renderer that can see behind things. Default: made from the picture
             (:func:`bokehnet.classical.layered.layers.split_layers`).
@@ -96,13 +97,13 @@ _fuse = njit()(fuse)
 
 
 @njit(cache=True, parallel=True)
-def _blend(smooth, doubt, mask, result):  # type: ignore[no-untyped-def]
-    """Let the rays in ``result`` fade into the scatter ``smooth`` where the doubt does."""
-    for y in prange(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            if mask[y, x]:
+def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def]
+    """Let the rays in ``result`` fade into the scatter ``smooth`` where that weight does."""
+    for y in prange(rays_mask.shape[0]):
+        for x in range(rays_mask.shape[1]):
+            if rays_mask[y, x]:
                 for c in range(3):
-                    result[y, x, c] = _fuse(smooth[y, x, c], result[y, x, c], doubt[y, x])
+                    result[y, x, c] = _fuse(smooth[y, x, c], result[y, x, c], error_map[y, x])
 
 
 def _scatter_beyond(
@@ -148,38 +149,41 @@ def _render(
     defocus = np.clip(defocus, -largest, largest)
     radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.reach
     above = 0 if strip is None else strip.first
-    doubt = seen = geometric_error_map(defocus, boundary_threshold(size))
+    error_map = rays_weight = geometric_error_map(defocus, boundary_threshold(size))
     colored = character is not None and character.is_dispersive
     points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
     lens, reach, footprint = None, radius, (1.0, 0.0)
     if character is not None and not character.is_plain:
         lens = lens_table(character, size[1], size[0], points[0].size, above=above, rows=len(defocus))
         footprint, reach = lens.footprint, lens.reach(radius)
-        seen = np.maximum(doubt, lens.strayed_at(defocus.shape, radius, above))
+        rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
-    mask = seen > 0
+    rays_mask = rays_weight > 0
     if strip is not None:  # and a row on either side, with which the results of large discs are averaged
-        mask[: max(0, strip.wanted.start - 1)] = mask[strip.wanted.stop + 1 :] = False
-    if not mask.any():
+        rays_mask[: max(0, strip.wanted.start - 1)] = rays_mask[strip.wanted.stop + 1 :] = False
+    if not rays_mask.any():
         return ClassicalResult(
-            bokeh=smooth, error_map=doubt, hidden=np.array(image), guessed=np.zeros_like(doubt)
+            bokeh=smooth,
+            error_map=error_map,
+            occluded_background=np.array(image),
+            disocclusion_weight=np.zeros_like(error_map),
         )
     faintest = 0.0 if lens is None else _FAINTEST
     stack = layers or split_layers(image, defocus, reach)
     rest, lights = separate_lights(stack, reach, faintest, overwrite=layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
-    result, guessed = np.array(smooth), np.zeros_like(doubt)
-    slices = occupied_slices(cells, *footprint)
+    result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
+    bins = occupied_bins(cells, *footprint)
     march(
         colors,
         cells,
-        mask,
-        slices,
+        rays_mask,
+        bins,
         points,
         weights,
         result,
-        guessed=guessed,
+        disocclusion_weight=disocclusion_weight,
         cats_eye=aperture.cats_eye,
         lens=lens,
         seed=seed,
@@ -188,8 +192,8 @@ def _render(
     add_lights(
         lights,
         cells,
-        mask,
-        slices,
+        rays_mask,
+        bins,
         aperture,
         result,
         character=character,
@@ -197,9 +201,14 @@ def _render(
         full_size=size,
     )
     with parallel_region:
-        _blend(smooth, seen, mask, result)
-    hidden = np.ascontiguousarray(colors[:, :, -1])
-    return ClassicalResult(bokeh=result, error_map=doubt, hidden=hidden, guessed=guessed)
+        _blend(smooth, rays_weight, rays_mask, result)
+    occluded_background = np.ascontiguousarray(colors[:, :, -1])
+    return ClassicalResult(
+        bokeh=result,
+        error_map=error_map,
+        occluded_background=occluded_background,
+        disocclusion_weight=disocclusion_weight,
+    )
 
 
 def render_rays(
@@ -209,5 +218,5 @@ def render_rays(
     strip: Strip | None = None,
     character: Character | None = None,
 ) -> ClassicalResult:
-    """Rays, with error map, hidden layer and guessed share; arguments and errors of :func:`rays`."""
+    """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
     return _render(image, defocus, aperture or Aperture(), character, strip=strip)

@@ -10,7 +10,7 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
-from bokehnet.classical.scatter.operators import spread_operator
+from bokehnet.classical.scatter.operators import scatter_operator
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.character import Character
@@ -67,7 +67,7 @@ def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = 
     values = np.empty((*defocus.shape, 4), image.dtype)  # NumPy's large arrays lie in huge pages, numba's not
     with parallel_region:
         _add_weight(image, values)
-    sums = pyramid_levels.spread_forward(values, defocus, spread_operator(aperture), overwrite=True)
+    sums = pyramid_levels.scatter_forward(values, defocus, scatter_operator(aperture), overwrite=True)
     del values
     bokeh = np.empty_like(image)
     with parallel_region:

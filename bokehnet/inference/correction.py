@@ -135,9 +135,9 @@ class SmallCopy:
             classical: The render of these rows.
         """
         parts = {"image": image, "defocus": defocus[..., None], "classical": classical.bokeh}
-        if classical.hidden is not None and classical.guessed is not None:
-            parts["hidden"] = classical.hidden
-            parts["guessed"] = classical.guessed[..., None]
+        if classical.occluded_background is not None and classical.disocclusion_weight is not None:
+            parts["hidden"] = classical.occluded_background
+            parts["guessed"] = classical.disocclusion_weight[..., None]
             parts["doubt"] = classical.error_map[..., None]
         last = first + len(image)
         top = first // self._factor

@@ -294,7 +294,7 @@ class BokehRenderer:
         batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
         result = render_neural(
             *batches,
-            hints=None if classical.hints is None else _to_batch(classical.hints),
+            hints=None if classical.features is None else _to_batch(classical.features),
             arnet=self._networks.arnet,
             iunet=self._networks.iunet,
             unit=self._networks.unit,

@@ -1,6 +1,6 @@
 """The scatter as ONNX operators: ``classical.scatter.pyramid_levels`` and ``pyramid_merging`` without numba.
 
-Large discs are spread on pictures of half, a quarter, ... of the size; which pixels go there is decided as
+Large discs are scattered on pictures of half, a quarter, ... of the size; which pixels go there is decided as
 in :mod:`bokehnet.classical.scatter.pyramid_merging`. Besides, discs that the table lacks always go, also
 those of bright lights and of pixels at jumps, so that no loop grows with the largest blur.
 """

@@ -23,7 +23,8 @@ PUBLIC = [
     "defocus_from_disparity",
     "defocus_map",
     "disparity_from_depth",
-    "hidden_layer",
+    "occluded_background",
+    "occluded_background",
     "rays",
     "read_image",
     "scatter",
@@ -52,6 +53,11 @@ def test_public_names_are_pinned_and_exist():
         assert getattr(bokehnet, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = bokehnet.nonsense
+
+
+def test_old_public_names_still_work_but_are_not_offered():
+    assert bokehnet.hidden_layer is bokehnet.occluded_background
+    assert not set(bokehnet._OLD_NAMES) & set(bokehnet.__all__)
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,12 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.base import Frame
-from bokehnet.classical.highlights.psf_images import passing, profile_sums, rim_shares, share_at
-from bokehnet.classical.highlights.ray_polynomials import NODES, Paths, polynomials, solve_nodes
+from bokehnet.classical.highlights.psf_images import passing, profile_sums, share_at, vignetting_shares
+from bokehnet.classical.highlights.ray_polynomials import NODES, RayPolynomials, polynomials, solve_nodes
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.character import Character
 
-__all__ = ["LensSprites"]
+__all__ = ["AberratedPsf"]
 
 # Wavelengths are drawn in this number, and then gathered into groups of neighbours: so many that the rims of
 # two groups are this far apart in pixels, but no fewer and no more than these.
@@ -33,16 +33,16 @@ _SOFT = 4.0
 # Widest cell in pixels, unless that makes more than so many cells for all lights together, and the numbers of
 # cells across the pupil that there are.
 _WIDEST, _MOST_CELLS = 0.5, 2e7
-_LADDER = np.round(16 * 2 ** (np.arange(29) / 4)).astype(int)
+_CELL_COUNTS = np.round(16 * 2 ** (np.arange(29) / 4)).astype(int)
 
 
-class LensSprites:
-    """Sprites of lights behind a lens with a character."""
+class AberratedPsf:
+    """PSF images of lights behind a lens with a character."""
 
     planes = 5
 
     def __init__(self, aperture: Aperture, character: Character, lights: np.ndarray, frame: Frame) -> None:
-        """Take what all sprites share.
+        """Take what all PSF images share.
 
         Args:
             aperture: Shape of the discs.
@@ -55,25 +55,27 @@ class LensSprites:
         if aperture.cats_eye > 0:
             rims = (*rims, (aperture.cats_eye, 1.0))
         self._rims = np.array(rims, float).reshape(-1, 2)
-        self._shares = rim_shares(aperture, rims) if rims else np.ones((2, 2, 2))
+        self._shares = vignetting_shares(aperture, rims) if rims else np.ones((2, 2, 2))
         drawn, colors = character.draw(_DRAWN)
         ends = np.unique([drawn.min(), np.median(drawn), drawn.max()])
         measured = np.empty((len(lights), 4))
-        _measure(lights, Paths.of(character, ends, frame), self._rims, measured)
+        _measure(lights, RayPolynomials.of(character, ends, frame), self._rims, measured)
         apart = math.ceil(measured[:, 3].max() / _APART)
         wavelengths, self._colors = _group(drawn, colors, min(max(apart, _FEWEST), _MOST))
-        self._paths = Paths.of(character, wavelengths, frame)
+        self._paths = RayPolynomials.of(character, wavelengths, frame)
         self.margins = 1.03 * measured[:, :2] + 1.0
         across = 2 * measured[:, 2] / _WIDEST
         across /= max(1.0, math.sqrt((across**2).sum() * len(wavelengths) / _MOST_CELLS))
-        wanted = np.searchsorted(_LADDER, across)
-        self._cells = _LADDER[np.minimum(wanted, len(_LADDER) - 1)]
+        wanted = np.searchsorted(_CELL_COUNTS, across)
+        self._cells = _CELL_COUNTS[np.minimum(wanted, len(_CELL_COUNTS) - 1)]
         self._light, self._first = _cell_light(aperture, self._cells)
 
-    def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, sprites: np.ndarray) -> None:
-        """Write the sprites of the lights numbered ``batch``."""
+    def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, psf_images: np.ndarray) -> None:
+        """Write the PSF images of the lights numbered ``batch``."""
         tables = self._light, self._first, self._rims, self._shares, self._colors
-        _fill_sprites(self._lights[batch], self._cells[batch], boxes, starts, self._paths, *tables, sprites)
+        _fill_psf_images(
+            self._lights[batch], self._cells[batch], boxes, starts, self._paths, *tables, psf_images
+        )
 
 
 def _group(drawn: np.ndarray, colors: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +193,7 @@ def _places(line, first, begin, step, places):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _lay_down(plane, x, y, wide, high, light, miss_x, miss_y):  # type: ignore[no-untyped-def]
-    """Spread light evenly over a rectangle around (x, y); pixel i lies between i and i + 1."""
+    """Scatter light evenly over a rectangle around (x, y); pixel i lies between i and i + 1."""
     low_x, high_x, low_y, high_y = x - 0.5 * wide, x + 0.5 * wide, y - 0.5 * high, y + 0.5 * high
     scale = light / (wide * high)
     for row in range(max(int(math.floor(low_y)), 0), min(int(math.ceil(high_y)), plane.shape[0])):
@@ -265,10 +267,10 @@ def _average(line, width, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_sprites(  # type: ignore[no-untyped-def]
-    lights, cells, boxes, starts, paths, light, first, rims, shares, colors, sprites
+def _fill_psf_images(  # type: ignore[no-untyped-def]
+    lights, cells, boxes, starts, paths, light, first, rims, shares, colors, psf_images
 ):
-    """Write red, green, blue and the miss of each sprite, (pixels, 5)."""
+    """Write red, green, blue and the miss of each PSF image, (pixels, 5)."""
     count = paths.coefficients.shape[0]
     for i in prange(lights.shape[0]):
         top, bottom, left, right = boxes[i]
@@ -308,7 +310,7 @@ def _fill_sprites(  # type: ignore[no-untyped-def]
                     h_x, h_y = (x - paths.frame[0]) * paths.frame[2], (y - paths.frame[1]) * paths.frame[2]
                     passed = share_at(shares, side, h_x, h_y)
                 for c in range(3):
-                    sprites[k, c] = found[c] / passed
+                    psf_images[k, c] = found[c] / passed
                 if found[3] > 0.0:
-                    sprites[k, 3], sprites[k, 4] = found[4] / found[3], found[5] / found[3]
+                    psf_images[k, 3], psf_images[k, 4] = found[4] / found[3], found[5] / found[3]
                 k += 1

@@ -2,8 +2,8 @@
 
 A small light fills a wide disc evenly, but only a few of a pixel's rays would find it. So lights that
 stand far above their surroundings are taken out of what the rays gather, and each is added to every pixel
-of its disc from which it can be seen: its sprite (:mod:`bokehnet.classical.highlights.psf_images`, or behind
-a lens with a character :mod:`bokehnet.classical.highlights.aberrated_psf`) is stamped
+of its disc from which it can be seen: its PSF image (:mod:`bokehnet.classical.highlights.psf_images`, or
+behind a lens with a character :mod:`bokehnet.classical.highlights.aberrated_psf`) is stamped
 (:mod:`bokehnet.classical.highlights.psf_splatting`).
 
 Source: "Efficient and expressive rendering for real-time defocus blur and bokeh" (dissertation), chapter 5,
@@ -16,11 +16,11 @@ import numpy as np
 
 from bokehnet.classical.base import Frame
 from bokehnet.classical.highlight_detection import brightest, light_limit
-from bokehnet.classical.highlights.aberrated_psf import LensSprites
-from bokehnet.classical.highlights.psf_images import PlainSprites, place_sprites
-from bokehnet.classical.highlights.psf_splatting import stamp_sprites
-from bokehnet.classical.layered.defocus_bins import Slices
-from bokehnet.classical.layered.depth_discontinuities import JUMP
+from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
+from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
+from bokehnet.classical.highlights.psf_splatting import splat_psf_images
+from bokehnet.classical.layered.defocus_bins import DefocusBins
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.optics.aperture import Aperture
@@ -37,7 +37,7 @@ _MOST = 1 / 20
 # Lights are gathered in cells of this share of their radius.
 _CELL = 1 / 16
 
-# Numbers of sprites in memory together.
+# Numbers of PSF images in memory together.
 _FLOATS = 16_000_000
 
 
@@ -68,10 +68,10 @@ def separate_lights(
         reach = math.ceil(float(np.abs(layers.defocus).max()))
     limit = light_limit(layers.colors[:, :, 0], reach)
     places, lights = [], []
-    seen: np.ndarray = np.ones(limit.shape, np.float32)
+    transmittance: np.ndarray = np.ones(limit.shape, np.float32)
     for layer in range(layers.defocus.shape[2]):
         brightness, coverage = brightest(layers.colors[:, :, layer]), layers.coverage[:, :, layer]
-        share = seen * coverage
+        share = transmittance * coverage
         blurred = np.abs(layers.defocus[:, :, layer]) > _SMALLEST_RADIUS
         y, x = np.nonzero((share > 0) & (brightness > limit) & blurred)
         amount = share[y, x]
@@ -87,7 +87,7 @@ def separate_lights(
         color = layers.colors[y, x, layer] * excess[:, None]
         places.append(np.column_stack([y, x, np.full_like(y, layer)]))
         lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color, excess]))
-        seen = seen * (1.0 - coverage)
+        transmittance = transmittance * (1.0 - coverage)
     place, light = np.concatenate(places), np.concatenate(lights).astype(np.float64)
     if faintest > 0:
         light[:, 3:] *= _beyond(light, faintest)[:, None]
@@ -119,7 +119,7 @@ def _groups(lights: np.ndarray) -> np.ndarray:
     """
     x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
     cell = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
-    keys = np.stack([cell, x // cell, y // cell, np.round(depth / JUMP)], axis=1)
+    keys = np.stack([cell, x // cell, y // cell, np.round(depth / DISCONTINUITY_THRESHOLD)], axis=1)
     _, group = np.unique(keys, axis=0, return_inverse=True)
     return group.reshape(-1)
 
@@ -143,16 +143,16 @@ def _gather(lights: np.ndarray) -> np.ndarray:
 
 
 def _batches(boxes: np.ndarray, planes: int) -> list[np.ndarray]:
-    """Numbers of the lights whose sprites are in memory together, at least one at a time."""
+    """Numbers of the lights whose PSF images are in memory together, at least one at a time."""
     pixels = (boxes[:, 1] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 2])
     order = np.flatnonzero(pixels)
     batch = np.cumsum(pixels[order]) * planes // _FLOATS
     return [order[batch == number] for number in np.unique(batch)]
 
 
-def _touched(boxes: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _touched(boxes: np.ndarray, rays_mask: np.ndarray) -> np.ndarray:
     """Which boxes hold a pixel of the mask, (N,)."""
-    sums = np.pad(mask.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
+    sums = np.pad(rays_mask.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
     top, bottom, left, right = boxes.T
     inside = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
     return np.asarray(inside > 0)
@@ -161,8 +161,8 @@ def _touched(boxes: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def add_lights(
     lights: np.ndarray,
     cells: np.ndarray,
-    mask: np.ndarray,
-    slices: Slices,
+    rays_mask: np.ndarray,
+    bins: DefocusBins,
     aperture: Aperture,
     result: np.ndarray,
     *,
@@ -170,34 +170,34 @@ def add_lights(
     above: int = 0,
     full_size: tuple[int, int] | None = None,
 ) -> None:
-    """Add every light's disc to the pixels of ``mask`` that see it past what stands in front.
+    """Add every light's disc to the pixels of ``rays_mask`` that see it past what stands in front.
 
     Args:
         lights: From :func:`separate_lights`, (N, 8).
         cells: What can stand in front of them, from
             :func:`bokehnet.classical.layered.intersection.layer_cells`.
-        mask: Pixels to add to, (H, W) bool.
-        slices: From :func:`bokehnet.classical.layered.defocus_bins.occupied_slices`.
+        rays_mask: Pixels to add to, (H, W) bool.
+        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
         character: Of the lens; default: a perfect one.
         above: Rows of the picture above these arrays, where they are a strip of it.
-        full_size: Height and width of the whole picture; default: those of ``mask``.
+        full_size: Height and width of the whole picture; default: those of ``rays_mask``.
     """
     if not len(lights):
         return
-    height, width = full_size or mask.shape
+    height, width = full_size or rays_mask.shape
     frame = Frame.of(height, width, above)
     if character is None or character.is_plain:
-        draw: PlainSprites | LensSprites = PlainSprites(aperture, lights, frame)
+        draw: PerfectPsf | AberratedPsf = PerfectPsf(aperture, lights, frame)
     else:
-        draw = LensSprites(aperture, character, lights, frame)
-    boxes = place_sprites(lights, draw.margins, mask.shape)
-    boxes[~_touched(boxes, mask)] = 0
+        draw = AberratedPsf(aperture, character, lights, frame)
+    boxes = place_psf_images(lights, draw.margins, rays_mask.shape)
+    boxes[~_touched(boxes, rays_mask)] = 0
     for batch in _batches(boxes, draw.planes):
         size = (boxes[batch, 1] - boxes[batch, 0]) * (boxes[batch, 3] - boxes[batch, 2])
         starts = np.cumsum(size) - size
-        sprites = np.zeros((size.sum(), draw.planes), np.float32)
+        psf_images = np.zeros((size.sum(), draw.planes), np.float32)
         with parallel_region:
-            draw.fill(batch, boxes[batch], starts, sprites)
-            stamp_sprites(lights[batch], boxes[batch], starts, sprites, cells, mask, slices, result)
+            draw.fill(batch, boxes[batch], starts, psf_images)
+            splat_psf_images(lights[batch], boxes[batch], starts, psf_images, cells, rays_mask, bins, result)

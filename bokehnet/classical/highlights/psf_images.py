@@ -24,13 +24,13 @@ from bokehnet.classical.base import Frame
 from bokehnet.optics.aperture import Aperture, transmission
 
 __all__ = [
-    "PlainSprites",
+    "PerfectPsf",
     "cover_cells",
     "passing",
-    "place_sprites",
+    "place_psf_images",
     "profile_sums",
-    "rim_shares",
     "share_at",
+    "vignetting_shares",
 ]
 
 # Cells across the pupil: at least so many, and so many per pixel of the disc's diameter.
@@ -94,7 +94,7 @@ def profile_sums(aperture: Aperture, side: int, cells: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def rim_shares(aperture: Aperture, rims: tuple[tuple[float, float], ...]) -> np.ndarray:
+def vignetting_shares(aperture: Aperture, rims: tuple[tuple[float, float], ...]) -> np.ndarray:
     """Share of the light that rims let pass, (2 sides, fields, fields) over the field [-1, 1]^2.
 
     Args:
@@ -144,8 +144,8 @@ def passing(rims, u, v, h_x, h_y, sharpness):  # type: ignore[no-untyped-def]
     return share
 
 
-def place_sprites(lights: np.ndarray, margin: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Rows and columns (top, bottom, left, right) of each light's sprite inside the picture, (N, 4).
+def place_psf_images(lights: np.ndarray, margin: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Rows and columns (top, bottom, left, right) of each light's PSF image inside the picture, (N, 4).
 
     Args:
         lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
@@ -180,18 +180,18 @@ def _split(place, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_sprites(lights, boxes, starts, sums, rims, shares, frame, sprites):  # type: ignore[no-untyped-def]
+def _fill_psf_images(lights, boxes, starts, sums, rims, shares, frame, psf_images):  # type: ignore[no-untyped-def]
     """Write the shares of each light's energy, (pixels, 1), behind a perfect lens.
 
     Args:
         lights: (N, 8).
-        boxes: From :func:`place_sprites`.
-        starts: First pixel of each sprite in ``sprites``, (N,).
+        boxes: From :func:`place_psf_images`.
+        starts: First pixel of each PSF image in ``psf_images``, (N,).
         sums: Running sums in front of and behind focus, or one for both, (1 or 2, cells + 1, cells + 1).
         rims: (R, 2).
-        shares: From :func:`rim_shares`.
+        shares: From :func:`vignetting_shares`.
         frame: Column, row and scale of a :class:`Frame`.
-        sprites: Written.
+        psf_images: Written.
     """
     last = sums.shape[1] - 1
     for i in prange(lights.shape[0]):
@@ -220,17 +220,17 @@ def _fill_sprites(lights, boxes, starts, sums, rims, shares, frame, sprites):  #
                     h_x, h_y = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
                     u, v = (x - light_x) / depth, (y - light_y) / depth
                     share *= passing(rims, u, v, h_x, h_y, abs(depth)) / share_at(shares, side, h_x, h_y)
-                sprites[k, 0] = share
+                psf_images[k, 0] = share
                 k += 1
 
 
-class PlainSprites:
-    """Sprites of lights behind a perfect lens."""
+class PerfectPsf:
+    """PSF images of lights behind a perfect lens."""
 
     planes = 1
 
     def __init__(self, aperture: Aperture, lights: np.ndarray, frame: Frame) -> None:
-        """Take what all sprites share.
+        """Take what all PSF images share.
 
         Args:
             aperture: Shape of the discs.
@@ -243,11 +243,11 @@ class PlainSprites:
         sides = (1, -1) if aperture.rim or aperture.onion else (1,)
         self._sums = np.stack([profile_sums(aperture, side, cells) for side in sides])
         rims = ((aperture.cats_eye, 1.0),) if aperture.cats_eye > 0 else ()
-        self._shares = rim_shares(aperture, rims) if rims else np.ones((2, 2, 2))
+        self._shares = vignetting_shares(aperture, rims) if rims else np.ones((2, 2, 2))
         self._rims = np.array(rims).reshape(-1, 2)
         self.margins = np.stack([radius, radius], axis=1)
 
-    def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, sprites: np.ndarray) -> None:
-        """Write the sprites of the lights numbered ``batch``."""
+    def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, psf_images: np.ndarray) -> None:
+        """Write the PSF images of the lights numbered ``batch``."""
         lights, frame = self._lights[batch], tuple(self._frame)
-        _fill_sprites(lights, boxes, starts, self._sums, self._rims, self._shares, frame, sprites)
+        _fill_psf_images(lights, boxes, starts, self._sums, self._rims, self._shares, frame, psf_images)

@@ -1,4 +1,4 @@
-"""Adding sprites of lights to a picture, each pixel as far as it sees the light past what stands in front.
+"""Adding PSF images of lights to a picture, each pixel as far as it sees the light past what stands in front.
 
 The ray from a pixel to a light is known from both its ends. In a tile of 8 by 8 pixels each sends one such
 ray; where some of them arrive and others do not, an edge clips the disc, and each pixel of the tile sends
@@ -11,21 +11,21 @@ visibility of its own for each light; rays through layers and the second look at
 import numpy as np
 from numba import njit, prange
 
-from bokehnet.classical.layered.defocus_bins import SLICES, TILE, slice_runs
-from bokehnet.classical.layered.depth_discontinuities import JUMP
-from bokehnet.classical.layered.intersection import meet
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.intersection import intersect
 from bokehnet.classical.layered.ray_marching import fair_stride
-from bokehnet.classical.simd.float8 import LANES, ORDER, count_lanes, load_lanes, splat_lanes
+from bokehnet.classical.simd.float8 import LANES, ORDER, broadcast8, indices8, load8
 
-__all__ = ["stamp_sprites"]
+__all__ = ["splat_psf_images"]
 
 # Places inside a pixel from which it looks at a light where an edge is near: four rooks.
 _OFFSETS = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
 
 
 @njit(cache=True)
-def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chance, seen, work):  # type: ignore[no-untyped-def]
-    """Add 1 to ``seen`` (8,) for each of eight pixels of a row whose ray arrives at the light.
+def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chance, visibility, work):  # type: ignore[no-untyped-def]
+    """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
 
     Args:
         scene: Flat cells and their size.
@@ -38,27 +38,29 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
         offset_x: Where the rays start, from the middles of their pixels.
         offset_y: The same, down.
         chance: Surfaces with less coverage are passed.
-        seen: Counts, in pixels' order.
-        work: Results of :func:`bokehnet.classical.layered.intersection.meet`.
+        visibility: Counts, in pixels' order.
+        work: Results of :func:`bokehnet.classical.layered.intersection.intersect`.
     """
     flat, size = scene
-    per_pixel, half = splat_lanes(np.float32(1.0 / light[2])), splat_lanes(np.float32(0.5))
-    row = splat_lanes(np.float32(y))
-    start_x = splat_lanes(np.float32(offset_x)) - load_lanes(miss, 0)
-    start_y = splat_lanes(np.float32(offset_y)) - load_lanes(miss, LANES)
-    across = (columns + start_x - splat_lanes(np.float32(light[0]))) * per_pixel
-    down = (row + start_y - splat_lanes(np.float32(light[1]))) * per_pixel
-    level = splat_lanes(np.float32(chance))
-    meet(flat, size, runs, count, columns, row, half + start_x, half + start_y, across, down, level, work)
+    per_pixel, half = broadcast8(np.float32(1.0 / light[2])), broadcast8(np.float32(0.5))
+    row = broadcast8(np.float32(y))
+    start_x = broadcast8(np.float32(offset_x)) - load8(miss, 0)
+    start_y = broadcast8(np.float32(offset_y)) - load8(miss, LANES)
+    across = (columns + start_x - broadcast8(np.float32(light[0]))) * per_pixel
+    down = (row + start_y - broadcast8(np.float32(light[1]))) * per_pixel
+    level = broadcast8(np.float32(chance))
+    intersect(
+        flat, size, runs, count, columns, row, half + start_x, half + start_y, across, down, level, work
+    )
     for lane in range(LANES):
-        if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + JUMP:
+        if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + DISCONTINUITY_THRESHOLD:
             continue
-        seen[ORDER[lane]] += 1.0
+        visibility[ORDER[lane]] += 1.0
 
 
 @njit(cache=True)
-def _see_tile(scene, runs, count, light, corner, box, sprite, misses, seen, work):  # type: ignore[no-untyped-def]
-    """Fill ``seen`` (TILE, TILE) with the share of a light that each lit pixel of a tile sees.
+def _see_tile(scene, runs, count, light, corner, box, psf_image, misses, visibility, work):  # type: ignore[no-untyped-def]
+    """Fill ``visibility`` (TILE, TILE) with the share of a light that each lit pixel of a tile sees.
 
     Args:
         scene: See :func:`_look`.
@@ -66,97 +68,115 @@ def _see_tile(scene, runs, count, light, corner, box, sprite, misses, seen, work
         count: The same.
         light: The same.
         corner: First row and column of the tile.
-        box: Top, bottom, left and right of the sprite.
-        sprite: Its pixels, (pixels, 1 or 5).
+        box: Top, bottom, left and right of the PSF image.
+        psf_image: Its pixels, (pixels, 1 or 5).
         misses: Scratch, (TILE, 2 * LANES).
-        seen: Result.
+        visibility: Result.
         work: See :func:`_look`.
     """
     top, bottom, left, right = box
     low, high = max(corner[0], top), min(corner[0] + TILE, bottom)
     begin, end = max(corner[1], left), min(corner[1] + TILE, right)
-    columns = count_lanes(np.float32(corner[1]))
-    seen[:] = 0.0
+    columns = indices8(np.float32(corner[1]))
+    visibility[:] = 0.0
     misses[:] = 0.0
     some, all_of_them = False, True
     for y in range(low, high):
         i = y - corner[0]
         first = (y - top) * (right - left) - left
-        if sprite.shape[1] > 1:
+        if psf_image.shape[1] > 1:
             for lane in range(LANES):
                 x = corner[1] + ORDER[lane]
                 if begin <= x < end:
-                    misses[i, lane], misses[i, LANES + lane] = sprite[first + x, 3], sprite[first + x, 4]
+                    misses[i, lane], misses[i, LANES + lane] = (
+                        psf_image[first + x, 3],
+                        psf_image[first + x, 4],
+                    )
         level = (0.5 + i % 4) / 4
-        _look(scene, runs, count, light, columns, y, misses[i], 0.0, 0.0, level, seen[i], work)
+        _look(scene, runs, count, light, columns, y, misses[i], 0.0, 0.0, level, visibility[i], work)
         for x in range(begin, end):
-            if sprite[first + x, 0] > 0.0:
-                arrives = seen[i, x - corner[1]] > 0.0
+            if psf_image[first + x, 0] > 0.0:
+                arrives = visibility[i, x - corner[1]] > 0.0
                 some, all_of_them = some or arrives, all_of_them and arrives
     if some and not all_of_them:
-        seen[:] = 0.0
+        visibility[:] = 0.0
         for y in range(low, high):
             i = y - corner[0]
             for k in range(4):
                 offset_x, offset_y, level = _OFFSETS[k, 0], _OFFSETS[k, 1], (0.5 + (k + i) % 4) / 4
                 _look(
-                    scene, runs, count, light, columns, y, misses[i], offset_x, offset_y, level, seen[i], work
+                    scene,
+                    runs,
+                    count,
+                    light,
+                    columns,
+                    y,
+                    misses[i],
+                    offset_x,
+                    offset_y,
+                    level,
+                    visibility[i],
+                    work,
                 )
-            seen[i] *= 0.25
+            visibility[i] *= 0.25
 
 
 @njit(cache=True, parallel=True)
-def stamp_sprites(lights, boxes, starts, sprites, cells, mask, slices, result):  # type: ignore[no-untyped-def]
-    """Add sprites to the pixels of ``mask``, tile row by tile row and in the order of the lights.
+def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, result):  # type: ignore[no-untyped-def]
+    """Add PSF images to the pixels of ``rays_mask``, tile row by tile row and in the order of the lights.
 
     Args:
         lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
-        boxes: Top, bottom, left and right of each sprite, (N, 4).
-        starts: First pixel of each sprite, (N,).
-        sprites: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the miss E in
-            pixels with which rays start, (pixels, 5).
+        boxes: Top, bottom, left and right of each PSF image, (N, 4).
+        starts: First pixel of each PSF image, (N,).
+        psf_images: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the miss E
+            in pixels with which rays start, (pixels, 5).
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
-        mask: (H, W) bool.
-        slices: From :func:`bokehnet.classical.layered.defocus_bins.occupied_slices`.
+        rays_mask: (H, W) bool.
+        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
         result: Changed in place, (H, W, 3).
     """
-    height, width = mask.shape
+    height, width = rays_mask.shape
     flat = cells.reshape(-1)
-    stride = fair_stride(slices.bits.shape[0])
-    for number in prange(slices.bits.shape[0]):
-        tile_row = np.int64(number) * stride % slices.bits.shape[0]
+    stride = fair_stride(bins.bits.shape[0])
+    for number in prange(bins.bits.shape[0]):
+        tile_row = np.int64(number) * stride % bins.bits.shape[0]
         scene = (flat, (height, width, cells.shape[2]))
-        runs = np.empty((SLICES // 2, 2))
-        seen, misses = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
+        runs = np.empty((BINS // 2, 2))
+        visibility, misses = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
         work = np.empty(4 * LANES, np.float32)
         for i in range(lights.shape[0]):
             top, bottom, left, right = boxes[i]
             if top >= (tile_row + 1) * TILE or bottom <= tile_row * TILE or left >= right:
                 continue
-            sprite = sprites[starts[i] : starts[i] + (bottom - top) * (right - left)]
+            psf_image = psf_images[starts[i] : starts[i] + (bottom - top) * (right - left)]
             for tile_column in range(left // TILE, (right + TILE - 1) // TILE):
                 lit = False
                 for y in range(max(tile_row * TILE, top), min((tile_row + 1) * TILE, bottom)):
                     first = (y - top) * (right - left) - left
                     for x in range(max(tile_column * TILE, left), min((tile_column + 1) * TILE, right)):
-                        lit = lit or (mask[y, x] and sprite[first + x, 0] > 0.0)
+                        lit = lit or (rays_mask[y, x] and psf_image[first + x, 0] > 0.0)
                 if not lit:
                     continue
-                count = slice_runs(slices.bits[tile_row, tile_column], slices.low, slices.thickness, runs)
-                while count > 0 and runs[count - 1, 0] <= lights[i, 2] + JUMP:  # nothing there is in front
+                count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
+                while (
+                    count > 0 and runs[count - 1, 0] <= lights[i, 2] + DISCONTINUITY_THRESHOLD
+                ):  # nothing there is in front
                     count -= 1
                 if count > 0:
                     corner = (tile_row * TILE, tile_column * TILE)
                     light = (lights[i, 0], lights[i, 1], lights[i, 2])
-                    _see_tile(scene, runs, count, light, corner, boxes[i], sprite, misses, seen, work)
+                    _see_tile(
+                        scene, runs, count, light, corner, boxes[i], psf_image, misses, visibility, work
+                    )
                 for y in range(max(tile_row * TILE, top), min((tile_row + 1) * TILE, bottom)):
                     first = (y - top) * (right - left) - left
                     for x in range(max(tile_column * TILE, left), min((tile_column + 1) * TILE, right)):
-                        if not mask[y, x]:
+                        if not rays_mask[y, x]:
                             continue
                         visible = 1.0
                         if count > 0:
-                            visible = seen[y - tile_row * TILE, x - tile_column * TILE]
+                            visible = visibility[y - tile_row * TILE, x - tile_column * TILE]
                         for c in range(3):
-                            share = sprite[first + x, c if sprite.shape[1] > 1 else 0]
+                            share = psf_image[first + x, c if psf_image.shape[1] > 1 else 0]
                             result[y, x, c] += visible * share * lights[i, 3 + c]

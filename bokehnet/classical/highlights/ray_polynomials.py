@@ -18,7 +18,7 @@ from bokehnet.classical.base import Frame
 from bokehnet.optics.character import Character
 from bokehnet.optics.pencil import TERMS
 
-__all__ = ["NODES", "Paths", "polynomials", "solve_nodes"]
+__all__ = ["NODES", "RayPolynomials", "polynomials", "solve_nodes"]
 
 # Nodes along each side of the pupil's square.
 NODES = 10
@@ -32,7 +32,7 @@ _FIELDS, _EDGE = 65, 1.25
 _EXPONENTS = np.array(TERMS)
 
 
-class Paths(NamedTuple):
+class RayPolynomials(NamedTuple):
     """A character for one picture, as kernels take it.
 
     Attributes:
@@ -54,7 +54,7 @@ class Paths(NamedTuple):
     inverse: np.ndarray
 
     @classmethod
-    def of(cls, character: Character, wavelengths: np.ndarray, frame: Frame) -> "Paths":
+    def of(cls, character: Character, wavelengths: np.ndarray, frame: Frame) -> "RayPolynomials":
         """Prepare a character for wavelengths in nm."""
         miss, bend = character.pencil.at(wavelengths)
         half_diagonal = 1 / frame.scale

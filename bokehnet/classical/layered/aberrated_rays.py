@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from bokehnet.classical.base import Frame
-from bokehnet.classical.simd.float8 import divide_lanes, splat_lanes
+from bokehnet.classical.simd.float8 import broadcast8, divide8
 from bokehnet.errors import ParameterError
 from bokehnet.optics.character import Character
 from bokehnet.optics.pencil import TERMS
@@ -230,12 +230,12 @@ def collapse(coefficients, square, collapsed):  # type: ignore[no-untyped-def]
 @njit(cache=True, forceinline=True)
 def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
     """Polynomial in the lanes x = a.a and y = a.h, of the collapsed coefficients."""
-    inner = splat_lanes(c[order, which, 8]) * y + splat_lanes(c[order, which, 7])
-    inner = (splat_lanes(c[order, which, 9]) * x + inner) * x
-    row = splat_lanes(c[order, which, 6]) * y + splat_lanes(c[order, which, 5])
-    inner = (row * y + splat_lanes(c[order, which, 4]) + inner) * x
-    row = splat_lanes(c[order, which, 3]) * y + splat_lanes(c[order, which, 2])
-    row = (row * y + splat_lanes(c[order, which, 1])) * y + splat_lanes(c[order, which, 0])
+    inner = broadcast8(c[order, which, 8]) * y + broadcast8(c[order, which, 7])
+    inner = (broadcast8(c[order, which, 9]) * x + inner) * x
+    row = broadcast8(c[order, which, 6]) * y + broadcast8(c[order, which, 5])
+    inner = (row * y + broadcast8(c[order, which, 4]) + inner) * x
+    row = broadcast8(c[order, which, 3]) * y + broadcast8(c[order, which, 2])
+    row = (row * y + broadcast8(c[order, which, 1])) * y + broadcast8(c[order, which, 0])
     return row + inner
 
 
@@ -252,7 +252,7 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
         h_y: The same, down.
         wave: Variable of the wavelength, lanes.
     """
-    across, down = splat_lanes(h_x), splat_lanes(h_y)
+    across, down = broadcast8(h_x), broadcast8(h_y)
     square, product = u * u + v * v, u * across + v * down
     f, g = _polynomial(collapsed, 0, 0, square, product), _polynomial(collapsed, 0, 1, square, product)
     power = wave
@@ -271,6 +271,6 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
             power = power * wave
         a_x, a_y = a_x + u * bend_f + across * bend_g, a_y + v * bend_f + down * bend_g
     if tilt[0] != 0.0 or tilt[1] != 0.0:
-        lean = splat_lanes(np.float32(1)) + splat_lanes(tilt[0]) * u + splat_lanes(tilt[1]) * v
-        a_x, a_y = divide_lanes(a_x, lean), divide_lanes(a_y, lean)
+        lean = broadcast8(np.float32(1)) + broadcast8(tilt[0]) * u + broadcast8(tilt[1]) * v
+        a_x, a_y = divide8(a_x, lean), divide8(a_y, lean)
     return u * f + across * g, v * f + down * g, a_x, a_y

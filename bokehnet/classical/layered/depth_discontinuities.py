@@ -1,19 +1,20 @@
-"""Gaps: places where one surface ends before another. What they are, and how soft ones are sharpened."""
+"""Depth discontinuities, where one surface ends before another: where they are, soft ones sharpened."""
 
 import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.parallel import parallel_region
 
-__all__ = ["BACK", "FRONT", "JUMP", "gap_sides", "sharpen_gaps"]
+__all__ = ["BACK", "DISCONTINUITY_THRESHOLD", "FRONT", "discontinuity_sides", "sharpen_discontinuities"]
 
 # Neighbouring pixels whose defocus differs by more than this many pixels belong to two surfaces.
-JUMP = 1.0
+DISCONTINUITY_THRESHOLD = 1.0
 
-# Bits of a pixel at a gap: it belongs to the nearer surface, to the farther one, or (thin things) to both.
+# Bits of a pixel at a depth discontinuity: it belongs to the nearer surface, to the farther one, or (thin
+# things) to both.
 FRONT, BACK = 1, 2
 
-# Widest ramp, in pixels, that is taken for a blurred gap.
+# Widest ramp, in pixels, that is taken for a blurred depth discontinuity.
 _WIDEST_RAMP = 16
 
 
@@ -29,41 +30,42 @@ def _span(values, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _gap_sides(defocus):  # type: ignore[no-untyped-def]
+def _discontinuity_sides(defocus):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     sides = np.zeros((height, width), np.int8)
     for y in prange(height):
         for x in range(width):
             low, high = _span(defocus, y, x)
-            if low < defocus[y, x] - JUMP:
+            if low < defocus[y, x] - DISCONTINUITY_THRESHOLD:
                 sides[y, x] |= FRONT
-            if high > defocus[y, x] + JUMP:
+            if high > defocus[y, x] + DISCONTINUITY_THRESHOLD:
                 sides[y, x] |= BACK
     return sides
 
 
-def gap_sides(defocus: np.ndarray) -> np.ndarray:
-    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from gaps, (H, W) int8."""
+def discontinuity_sides(defocus: np.ndarray) -> np.ndarray:
+    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from depth discontinuities, (H, W) int8."""
     with parallel_region:
-        sides: np.ndarray = _gap_sides(defocus)
+        sides: np.ndarray = _discontinuity_sides(defocus)
     return sides
 
 
-def sharpen_gaps(defocus: np.ndarray) -> np.ndarray:
+def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
     """Turn steep ramps into steps.
 
     A resized, smoothed or estimated disparity map passes from one surface to the next through values
     that belong to neither; where they pass through focus a renderer would draw a sharp sliver. A pixel
-    inside such a ramp, with neighbours more than ``JUMP`` above and below it, takes the value at that end
-    of the ramp which is closer to its own.
+    inside such a ramp, with neighbours more than ``DISCONTINUITY_THRESHOLD`` above and below it, takes the
+    value at that end of the ramp which is closer to its own.
 
     Args:
         defocus: (H, W), float32.
 
     Returns:
-        A new map (H, W). Steps of one pixel and slopes below ``JUMP`` a pixel stay as they are.
+        A new map (H, W). Steps of one pixel and slopes below ``DISCONTINUITY_THRESHOLD`` a pixel stay as they
+        are.
     """
-    on_ramps = np.argwhere(gap_sides(defocus) == FRONT | BACK)
+    on_ramps = np.argwhere(discontinuity_sides(defocus) == FRONT | BACK)
     return _sharpen(defocus, on_ramps) if len(on_ramps) else defocus.copy()
 
 

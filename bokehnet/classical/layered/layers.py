@@ -8,14 +8,20 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.checks import check_finite, check_rank
-from bokehnet.classical.layered.depth_discontinuities import BACK, FRONT, JUMP, gap_sides, sharpen_gaps
-from bokehnet.classical.layered.occluded_background import hidden_layer
+from bokehnet.classical.layered.depth_discontinuities import (
+    BACK,
+    DISCONTINUITY_THRESHOLD,
+    FRONT,
+    discontinuity_sides,
+    sharpen_discontinuities,
+)
+from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
 
 __all__ = ["Layers", "split_layers"]
 
-# Half the width of the window that tells the pure colours of both sides of a gap.
+# Half the width of the window that tells the pure colours of both sides of a depth discontinuity.
 _WINDOW = 2
 
 # Squared difference of two colours, as a part of the sum of their squares, below which a mixed pixel says
@@ -91,13 +97,13 @@ def _are_sound(colors, defocus, coverage):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _pure(image, defocus, sides, y, x, depth, color):  # type: ignore[no-untyped-def]
-    """Write the mean colour around (y, x) of the surface at ``depth``, away from gaps; False if none."""
+    """Write the mean colour around (y, x) of the surface at ``depth``, where not mixed; False if none."""
     height, width = defocus.shape
     weight = 0.0
     color[:] = 0.0
     for v in range(max(0, y - _WINDOW), min(height, y + _WINDOW + 1)):
         for u in range(max(0, x - _WINDOW), min(width, x + _WINDOW + 1)):
-            if sides[v, u] == 0 and abs(defocus[v, u] - depth) <= JUMP:
+            if sides[v, u] == 0 and abs(defocus[v, u] - depth) <= DISCONTINUITY_THRESHOLD:
                 w = 1.0 / (1.0 + (v - y) * (v - y) + (u - x) * (u - x))
                 weight += w
                 for c in range(3):
@@ -115,7 +121,7 @@ def _purest(image, defocus, y, x, depth, back, color):  # type: ignore[no-untype
     largest = -1.0
     for v in range(max(0, y - _WINDOW), min(height, y + _WINDOW + 1)):
         for u in range(max(0, x - _WINDOW), min(width, x + _WINDOW + 1)):
-            if abs(defocus[v, u] - depth) <= JUMP:
+            if abs(defocus[v, u] - depth) <= DISCONTINUITY_THRESHOLD:
                 square = 0.0
                 for c in range(3):
                     square += (image[v, u, c] - back[c]) ** 2
@@ -138,7 +144,7 @@ def _stack(image, defocus, hidden, behind, colors, depths, coverage):  # type: i
 
 @njit(cache=True, parallel=True)
 def _split_mixed(image, defocus, sides, colors, depths, coverage):  # type: ignore[no-untyped-def]
-    """Part the mixed pixels at gaps into nearer and farther surface; layers (H, W, 2, ...) in place."""
+    """Part mixed pixels at discontinuities into near and far surface; layers (H, W, 2, ...) in place."""
     height, width = defocus.shape
     for y in prange(height):
         front, back = np.empty(3), np.empty(3)
@@ -181,25 +187,29 @@ def split_layers(image: np.ndarray, defocus: np.ndarray, reach: int | None = Non
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened
-    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_gaps`), the hidden layer is filled
-    (:func:`bokehnet.classical.layered.occluded_background.hidden_layer`), and pixels at an edge, whose colour
+    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), the hidden layer is
+    filled (:func:`bokehnet.classical.layered.occluded_background.occluded_background`), and pixels at an
+    edge, whose colour
     mixes both sides, are parted: the share of the nearer side follows from the pure colours beside the
     edge, at least one half where the pixel's own depth is the nearer one, at most one half otherwise.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        reach: As for :func:`bokehnet.classical.layered.occluded_background.hidden_layer`.
+        reach: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
         ParameterError: NaN or infinity in either.
     """
-    image, sharp = np.asarray(image, np.float32), sharpen_gaps(np.ascontiguousarray(defocus, np.float32))
-    hidden, behind = hidden_layer(image, sharp, reach)
+    image, sharp = (
+        np.asarray(image, np.float32),
+        sharpen_discontinuities(np.ascontiguousarray(defocus, np.float32)),
+    )
+    hidden, behind = occluded_background(image, sharp, reach)
     colors = np.empty((*sharp.shape, 2, 3), np.float32)
     depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
-    sides = gap_sides(sharp)
+    sides = discontinuity_sides(sharp)
     with parallel_region:
         _stack(image, sharp, hidden, behind, colors, depths, coverage)
         _split_mixed(image, sharp, sides, colors, depths, coverage)

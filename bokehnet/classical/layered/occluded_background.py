@@ -7,10 +7,10 @@ from numba import njit, prange
 
 from bokehnet.classical.base import check_inputs
 from bokehnet.classical.highlight_detection import brightest, light_limit
-from bokehnet.classical.layered.depth_discontinuities import JUMP
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
 
-__all__ = ["hidden_layer"]
+__all__ = ["occluded_background"]
 
 # Samples along each side of the window from which a hidden pixel takes its colour.
 _TAPS = 7
@@ -20,12 +20,12 @@ _ROW, _COLUMN = 32, 2**32 - 1
 
 
 @njit(cache=True, parallel=True)
-def _at_gaps(defocus, source):  # type: ignore[no-untyped-def]
-    """Give each pixel that stands before a gap its farthest neighbour as source."""
+def _at_discontinuities(defocus, source):  # type: ignore[no-untyped-def]
+    """Give each pixel that stands before a depth discontinuity its farthest neighbour as source."""
     height, width = defocus.shape
     for y in prange(height):
         for x in range(width):
-            lowest = defocus[y, x] - JUMP
+            lowest = defocus[y, x] - DISCONTINUITY_THRESHOLD
             for v in range(max(0, y - 1), min(height, y + 2)):
                 for u in range(max(0, x - 1), min(width, x + 2)):
                     if defocus[v, u] < lowest:
@@ -48,7 +48,7 @@ def _adopt(defocus, source, y, x, v, u):  # type: ignore[no-untyped-def]
     a, b = found >> _ROW, found & _COLUMN
     step = defocus[y, x] - defocus[a, b]
     square = (y - a) * (y - a) + (x - b) * (x - b)
-    if step <= JUMP or square > (step + 2.0) ** 2:
+    if step <= DISCONTINUITY_THRESHOLD or square > (step + 2.0) ** 2:
         return
     c, d = own >> _ROW, own & _COLUMN
     if own < 0 or square < (y - c) * (y - c) + (x - d) * (x - d):
@@ -89,7 +89,7 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
                     u = b + int(round((2.0 * j / (_TAPS - 1) - 1.0) * radius))
                     if not (0 <= v < height and 0 <= u < width):
                         continue
-                    if abs(defocus[v, u] - defocus[a, b]) > JUMP:
+                    if abs(defocus[v, u] - defocus[a, b]) > DISCONTINUITY_THRESHOLD:
                         continue
                     w = 1e-3 if lights[v, u] else 1.0
                     weight += w
@@ -101,14 +101,15 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
             depths[y, x] = depth / weight
 
 
-def hidden_layer(
+def occluded_background(
     image: np.ndarray, defocus: np.ndarray, reach: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
-    The nearest surface that ends behind a gap is carried on under the foreground at the defocus it has
-    there; its colour is averaged over a window that widens with the distance from the edge, since what is
-    farther inside is known less. Lights are not carried on: one behind the edge says nothing of another.
+    The nearest surface that ends behind a depth discontinuity is carried on under the foreground at the
+    defocus it has there; its colour is averaged over a window that widens with the distance from the edge,
+    since what is farther inside is known less. Lights are not carried on: one behind the edge says nothing of
+    another.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -129,9 +130,9 @@ def hidden_layer(
     colors, depths = image.copy(), defocus.copy()
     limit = light_limit(image, math.ceil(float(np.abs(defocus).max())) if reach is None else reach)
     lights = brightest(image) > limit
-    source = np.full(defocus.shape, -1, np.int64)  # the pixel that ends behind a gap
+    source = np.full(defocus.shape, -1, np.int64)  # the pixel that ends behind a depth discontinuity
     with parallel_region:
-        _at_gaps(defocus, source)
+        _at_discontinuities(defocus, source)
         _carry_inwards(defocus, source)
         _fill(image, defocus, lights, source, colors, depths)
     filled = brightest(colors)

@@ -10,14 +10,14 @@ from numba import njit, prange
 
 from bokehnet.classical.simd.float8 import (
     LANES,
-    any_lane,
-    choose_lanes,
-    less,
-    load_lanes,
-    splat_lanes,
-    store_lanes,
-    sum_lanes,
-    without,
+    and_not8,
+    any8,
+    broadcast8,
+    less8,
+    load8,
+    select8,
+    store8,
+    sum8,
 )
 
 __all__ = ["COLORED", "GROUPS", "PLAIN", "add_light", "resolve", "sum_light"]
@@ -31,12 +31,12 @@ _FILTERED_RADIUS = 4.0
 @njit(cache=True, forceinline=True)
 def _add(totals, at, member, lanes):  # type: ignore[no-untyped-def]
     """Add those of eight numbers that belong to a group to the ones that begin at ``at``."""
-    zero = splat_lanes(np.float32(0))
-    store_lanes(totals, at, load_lanes(totals, at) + choose_lanes(member, lanes, zero))
+    zero = broadcast8(np.float32(0))
+    store8(totals, at, load8(totals, at) + select8(member, lanes, zero))
 
 
 @njit(cache=True, forceinline=True)
-def add_light(totals, numbers, blur, depth, shares, colors, guessed):  # type: ignore[no-untyped-def]
+def add_light(totals, numbers, blur, depth, shares, colors, disocclusion_weight):  # type: ignore[no-untyped-def]
     """Add what eight rays bring to the totals of their groups.
 
     Args:
@@ -46,13 +46,13 @@ def add_light(totals, numbers, blur, depth, shares, colors, guessed):  # type: i
         depth: Defocus of what they met.
         shares: Weights of red, green and blue, a tuple of lanes; for ``PLAIN`` the first is used.
         colors: Red, green and blue of what they met.
-        guessed: Weight of what no picture shows.
+        disocclusion_weight: Weight of what no picture shows.
     """
-    zero, large = splat_lanes(np.float32(0)), splat_lanes(np.float32(_FILTERED_RADIUS**2))
-    sharp, front = less(blur, large), less(zero, depth)
-    back = without(without(less(zero, large), sharp), front)
-    for group, member in enumerate((without(front, sharp), sharp, back)):
-        if not any_lane(member):
+    zero, large = broadcast8(np.float32(0)), broadcast8(np.float32(_FILTERED_RADIUS**2))
+    sharp, front = less8(blur, large), less8(zero, depth)
+    back = and_not8(and_not8(less8(zero, large), sharp), front)
+    for group, member in enumerate((and_not8(front, sharp), sharp, back)):
+        if not any8(member):
             continue
         at = group * numbers * LANES
         for c in range(3):
@@ -61,7 +61,7 @@ def add_light(totals, numbers, blur, depth, shares, colors, guessed):  # type: i
         if numbers == COLORED:
             _add(totals, at + 4 * LANES, member, shares[1])
             _add(totals, at + 5 * LANES, member, shares[2])
-        _add(totals, at + (numbers - 1) * LANES, member, guessed)
+        _add(totals, at + (numbers - 1) * LANES, member, disocclusion_weight)
 
 
 @njit(cache=True, forceinline=True)
@@ -70,26 +70,26 @@ def sum_light(totals, sums):  # type: ignore[no-untyped-def]
     numbers = sums.shape[1]
     for group in range(GROUPS):
         for c in range(numbers):
-            sums[group, c] = sum_lanes(load_lanes(totals, (group * numbers + c) * LANES))
+            sums[group, c] = sum8(load8(totals, (group * numbers + c) * LANES))
 
 
 @njit(cache=True, parallel=True)
-def resolve(sums, mask, first, top, bottom, result, guessed):  # type: ignore[no-untyped-def]
+def resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight):  # type: ignore[no-untyped-def]
     """Divide the sums of rows ``top`` to ``bottom``; ``sums`` begin at row ``first``.
 
     Blurred surfaces are averaged over 3x3 pixels, sharp ones and what their edges cover are not.
     """
-    width, numbers = mask.shape[1], sums.shape[3]
+    width, numbers = rays_mask.shape[1], sums.shape[3]
     own = 1 if numbers == COLORED else 0  # whether each colour has a weight of its own
     for y in prange(top, bottom):
         around = np.empty((3, numbers))
         for x in range(width):
-            if not mask[y, x]:
+            if not rays_mask[y, x]:
                 continue
             around[:] = 0.0
             for v in range(max(first, y - 1), min(first + sums.shape[0], y + 2)):
                 for u in range(max(0, x - 1), min(width, x + 2)):
-                    if mask[v, u]:
+                    if rays_mask[v, u]:
                         for group in range(3):
                             for c in range(numbers):
                                 around[group, c] += sums[v - first, u, group, c]
@@ -112,4 +112,4 @@ def resolve(sums, mask, first, top, bottom, result, guessed):  # type: ignore[no
                 result[y, x, c] = around[0, c] / total + (1.0 - front) * rest
             if weight > 0.0:
                 last = numbers - 1
-                guessed[y, x] = (around[0, last] + around[1, last] + around[2, last]) / weight
+                disocclusion_weight[y, x] = (around[0, last] + around[1, last] + around[2, last]) / weight

@@ -13,20 +13,20 @@ import numpy as np
 from numba import njit, prange
 
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
-from bokehnet.classical.layered.defocus_bins import SLICES, TILE, Slices, slice_runs
-from bokehnet.classical.layered.intersection import meet, meet_smooth
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
+from bokehnet.classical.layered.intersection import intersect, intersect_smooth
 from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, resolve, sum_light
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
     LANES,
-    choose_lanes,
-    floor_lanes,
-    larger_lanes,
-    less,
-    load_lanes,
-    load_triples,
-    smaller_lanes,
-    splat_lanes,
+    broadcast8,
+    floor8,
+    gather_triples8,
+    less8,
+    load8,
+    max8,
+    min8,
+    select8,
 )
 from bokehnet.optics.aperture import cats_eye_shift
 
@@ -68,8 +68,8 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 def _march(  # type: ignore[no-untyped-def]
     colors,
     cells,
-    mask,
-    slices,
+    rays_mask,
+    bins,
     points,
     chances,
     weights,
@@ -81,14 +81,14 @@ def _march(  # type: ignore[no-untyped-def]
     sums,
 ):
     """Fill ``sums``, see :mod:`bokehnet.classical.layered.ray_accumulators`, from row ``first`` on."""
-    height, width = mask.shape
+    height, width = rays_mask.shape
     flat = cells.reshape(-1)
     last = first + sums.shape[0]
     variants, rays = points.shape[1] // SETS, points.shape[2]
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
     front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
     flat_colors, numbers = colors.reshape(-1), sums.shape[3]
-    reach = max(abs(slices.low), abs(slices.low + SLICES * slices.thickness))
+    reach = max(abs(bins.low), abs(bins.low + BINS * bins.thickness))
     colored, reds, greens, blues = False, us, us, us
     if lens is not None:
         colored = lens.colors.shape[1] > 0
@@ -99,67 +99,67 @@ def _march(  # type: ignore[no-untyped-def]
     stride = fair_stride(tile_rows)
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
-        runs = np.empty((SLICES // 2, 2))
-        met, totals = np.empty(4 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
-        zero, half = splat_lanes(np.float32(0)), splat_lanes(np.float32(0.5))
-        third = splat_lanes(np.float32(1 / 3))
-        right, bottom = splat_lanes(np.float32(width)), splat_lanes(np.float32(height))
+        runs = np.empty((BINS // 2, 2))
+        hits, totals = np.empty(4 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
+        zero, half = broadcast8(np.float32(0)), broadcast8(np.float32(0.5))
+        third = broadcast8(np.float32(1 / 3))
+        right, bottom = broadcast8(np.float32(width)), broadcast8(np.float32(height))
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
-        for tile_column in range(slices.bits.shape[1]):
-            smooth = slices.smooth[tile_row, tile_column]
+        for tile_column in range(bins.bits.shape[1]):
+            smooth = bins.smooth[tile_row, tile_column]
             size = (height, width, colors.shape[2])
-            count = slice_runs(slices.bits[tile_row, tile_column], slices.low, slices.thickness, runs)
+            count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
             for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
-                    if not mask[y, x]:
+                    if not rays_mask[y, x]:
                         continue
                     hashed = _scramble(x, y + above, seed)
                     chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
-                    first_chance = splat_lanes(np.float32(hashed / 4294967296.0))
+                    first_chance = broadcast8(np.float32(hashed / 4294967296.0))
                     shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
-                    place_x, place_y = splat_lanes(np.float32(x)), splat_lanes(np.float32(y))
+                    place_x, place_y = broadcast8(np.float32(x)), broadcast8(np.float32(y))
                     if lens is not None:
                         h_x = np.float32((x - lens.column) * lens.scale)
                         h_y = np.float32((y + above - lens.row) * lens.scale)
                         collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
                         field = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
-                        wide = splat_lanes(np.float32(lens.shaken[int(field)]))
+                        wide = broadcast8(np.float32(lens.shaken[int(field)]))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     totals[:] = 0.0
                     for start in range(0, rays, LANES):
                         k = chosen * rays + start
-                        u, v = load_lanes(us, k), load_lanes(vs, k)
-                        chance = first_chance + load_lanes(chances, start)
-                        chance = chance - floor_lanes(chance)
+                        u, v = load8(us, k), load8(vs, k)
+                        chance = first_chance + load8(chances, start)
+                        chance = chance - floor8(chance)
                         if lens is None:
                             begin_x, begin_y, a_x, a_y = half, half, u, v
                         else:
-                            wave = load_lanes(lens.waves, k)
+                            wave = load8(lens.waves, k)
                             e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, wave)
                             if lens.fringes.shape[1] > 0:
-                                axial = load_lanes(lens.fringes[0], k)
-                                lateral = load_lanes(lens.fringes[1], k)
-                                axial = axial * splat_lanes(lens.maps[y, x, 0])
-                                lateral = lateral * splat_lanes(lens.maps[y, x, 1])
-                                e_x = e_x + u * axial + lateral * splat_lanes(h_x)
-                                e_y = e_y + v * axial + lateral * splat_lanes(h_y)
-                            start_x = load_lanes(lens.starts[0], k)
-                            start_y = load_lanes(lens.starts[1], k)
+                                axial = load8(lens.fringes[0], k)
+                                lateral = load8(lens.fringes[1], k)
+                                axial = axial * broadcast8(lens.maps[y, x, 0])
+                                lateral = lateral * broadcast8(lens.maps[y, x, 1])
+                                e_x = e_x + u * axial + lateral * broadcast8(h_x)
+                                e_y = e_y + v * axial + lateral * broadcast8(h_y)
+                            start_x = load8(lens.starts[0], k)
+                            start_y = load8(lens.starts[1], k)
                             begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
                         ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
-                        if not smooth or not meet_smooth(flat, size, *ways, met):
-                            meet(flat, size, runs, count, *ways, chance, met)
-                        layer, depth = load_lanes(met, 2 * LANES), load_lanes(met, 3 * LANES)
-                        w = choose_lanes(
-                            less(zero, depth),
-                            load_lanes(front_weights, k),
-                            load_lanes(back_weights, k),
+                        if not smooth or not intersect_smooth(flat, size, *ways, hits):
+                            intersect(flat, size, runs, count, *ways, chance, hits)
+                        layer, depth = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
+                        w = select8(
+                            less8(zero, depth),
+                            load8(front_weights, k),
+                            load8(back_weights, k),
                         )
-                        w = choose_lanes(less(layer, zero), zero, w)
+                        w = select8(less8(layer, zero), zero, w)
                         if cats_eye > 0:
                             w = _keep_within(u, v, shift_x, shift_y, 1.0, w)
-                        layer = larger_lanes(layer, zero)
+                        layer = max8(layer, zero)
                         blur = depth * depth
                         if lens is not None:
                             for rim in range(lens.rims.shape[0]):
@@ -170,68 +170,68 @@ def _march(  # type: ignore[no-untyped-def]
                         shares = (w, w, w)
                         if colored:
                             shares = (
-                                w * load_lanes(reds, k),
-                                w * load_lanes(greens, k),
-                                w * load_lanes(blues, k),
+                                w * load8(reds, k),
+                                w * load8(greens, k),
+                                w * load8(blues, k),
                             )
                         weight = third * (shares[0] + shares[1] + shares[2]) if colored else w
-                        guessed = choose_lanes(less(zero, layer), weight, zero)
+                        disocclusion_weight = select8(less8(zero, layer), weight, zero)
                         if near_border:
                             to_x, to_y = place_x + begin_x - a_x * depth, place_y + begin_y - a_y * depth
-                            inside = smaller_lanes(
-                                smaller_lanes(to_x, to_y), smaller_lanes(right - to_x, bottom - to_y)
-                            )
-                            guessed = choose_lanes(less(inside, zero), weight, guessed)
-                        red, green, blue = load_triples(
-                            flat_colors, load_lanes(met, 0), load_lanes(met, LANES), layer, width, size[2]
+                            inside = min8(min8(to_x, to_y), min8(right - to_x, bottom - to_y))
+                            disocclusion_weight = select8(less8(inside, zero), weight, disocclusion_weight)
+                        red, green, blue = gather_triples8(
+                            flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                         )
-                        add_light(totals, numbers, blur, depth, shares, (red, green, blue), guessed)
+                        add_light(
+                            totals, numbers, blur, depth, shares, (red, green, blue), disocclusion_weight
+                        )
                     sum_light(totals, sums[y - first, x])
 
 
 @njit(cache=True, forceinline=True)
 def _keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
     """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
-    away_x, away_y = u - splat_lanes(np.float32(shift_x)), v - splat_lanes(np.float32(shift_y))
-    beyond = less(splat_lanes(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
-    return choose_lanes(beyond, splat_lanes(np.float32(0)), w)
+    away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
+    beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
+    return select8(beyond, broadcast8(np.float32(0)), w)
 
 
 def march(
     colors: np.ndarray,
     cells: np.ndarray,
-    mask: np.ndarray,
-    slices: Slices,
+    rays_mask: np.ndarray,
+    bins: DefocusBins,
     points: np.ndarray,
     weights: np.ndarray,
     result: np.ndarray,
     *,
-    guessed: np.ndarray,
+    disocclusion_weight: np.ndarray,
     cats_eye: float = 0.0,
     lens: LensTable | None = None,
     seed: int = 0,
     above: int = 0,
 ) -> None:
-    """March the rays of all pixels in ``mask`` and write what they meet into ``result``.
+    """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
 
     Args:
         colors: Of the layers that there are to meet, (H, W, L, 3).
         cells: Where they are, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
-        mask: Pixels to render, (H, W) bool.
-        slices: From :func:`bokehnet.classical.layered.defocus_bins.occupied_slices`.
+        rays_mask: Pixels to render, (H, W) bool.
+        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
         points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` a multiple of 8.
         weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
-        result: (H, W, 3), float32; pixels in ``mask`` that meet a surface are overwritten.
-        guessed: (H, W), float32; set alike, to the share of a pixel's light that no picture shows: from
-            behind the first layer or from beyond the border.
+        result: (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
+        disocclusion_weight: (H, W), float32; set alike, to the share of a pixel's light that no picture
+            shows: from behind the first layer or from beyond the border.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         lens: A character, for all rays of ``points`` in their order; default: a perfect lens.
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
     """
-    height, width = mask.shape
+    height, width = rays_mask.shape
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
-    arrays = (colors, cells, mask, slices, points, chances, weights, lens)
+    arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
     with parallel_region:
         for top in range(0, height, _STRIP):
@@ -239,4 +239,4 @@ def march(
             first, last = max(0, top - 1), min(height, bottom + 1)
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
             _march(*arrays, cats_eye, seed, above, first, sums)
-            resolve(sums, mask, first, top, bottom, result, guessed)
+            resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)

@@ -38,23 +38,23 @@ from bokehnet.classical.scatter.cats_eye import (
     share_at,
     share_table,
 )
-from bokehnet.classical.scatter.disc_scatter import BAND_ROWS, LARGEST_RADIUS
+from bokehnet.classical.scatter.disc_scatter import BLOCK_ROWS, LARGEST_RADIUS
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.scatter.pyramid_lattices import add_lattice, gather_lattice, lattice_shape
 from bokehnet.classical.simd.float8 import (
     LANES,
-    count_lanes,
-    cover_growth_lanes,
-    cover_lanes,
-    load_lanes,
-    load_twice,
-    repeat_lanes,
-    splat_lanes,
-    store_lanes,
+    broadcast8,
+    indices8,
+    load4_twice,
+    load8,
+    overlap8,
+    overlap_growth8,
+    repeat4,
+    store8,
 )
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["spread_backward", "spread_forward"]
+__all__ = ["scatter_backward", "scatter_forward"]
 
 # Channels of a pixel in these kernels.
 CHANNELS = 4
@@ -62,7 +62,7 @@ CHANNELS = 4
 
 @njit(cache=True, forceinline=True)
 def _step_of(signed):  # type: ignore[no-untyped-def]
-    """Radius, step of the ladder at or below it, fraction of the way to the next, rows that it reaches."""
+    """Radius, step of the table at or below it, fraction of the way to the next, rows that it reaches."""
     radius = max(abs(float(signed)), SMALLEST_RADIUS)
     place = (radius - SMALLEST_RADIUS) / STEP
     step = int(place)
@@ -115,15 +115,15 @@ def _clip(signed, shares, view, y, x, lowest, highest, halves, growths):  # type
 @njit(cache=True)
 def _add_block(sums, at, part, value):  # type: ignore[no-untyped-def]
     """Add the parts of eight pixels of a value."""
-    a, b, c, d = repeat_lanes(part)
-    store_lanes(sums, at, load_lanes(sums, at) + a * value)
-    store_lanes(sums, at + LANES, load_lanes(sums, at + LANES) + b * value)
-    store_lanes(sums, at + 2 * LANES, load_lanes(sums, at + 2 * LANES) + c * value)
-    store_lanes(sums, at + 3 * LANES, load_lanes(sums, at + 3 * LANES) + d * value)
+    a, b, c, d = repeat4(part)
+    store8(sums, at, load8(sums, at) + a * value)
+    store8(sums, at + LANES, load8(sums, at + LANES) + b * value)
+    store8(sums, at + 2 * LANES, load8(sums, at + 2 * LANES) + c * value)
+    store8(sums, at + 3 * LANES, load8(sums, at + 3 * LANES) + d * value)
 
 
 @njit(cache=True)
-def _deposit(sums, at, stride, shape, begin, end, f, value, clip, halves):  # type: ignore[no-untyped-def]
+def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves):  # type: ignore[no-untyped-def]
     """Add the blocks ``begin`` to ``end`` (excluded) of a shape to rows of pixels.
 
     Args:
@@ -133,7 +133,7 @@ def _deposit(sums, at, stride, shape, begin, end, f, value, clip, halves):  # ty
         shape: Rows, columns and parts as in :class:`ShapeTable`.
         begin: First block.
         end: Behind the last block.
-        f: Fraction of the way to the next step of the ladder, in all lanes.
+        f: Fraction of the way to the next step of the radius table, in all lanes.
         value: The source's four channels, twice.
         clip: Whether only an interval of each row passes, its middle in pixels from the source, and the
             row of the first of ``halves``.
@@ -143,22 +143,22 @@ def _deposit(sums, at, stride, shape, begin, end, f, value, clip, halves):  # ty
     clipped, centre, lowest = clip
     number = parts.dtype.type
     if clipped:
-        from_centre = count_lanes(number(-centre))
+        from_centre = indices8(number(-centre))
         for block in range(begin, end):
             place = 2 * LANES * block
-            part = load_lanes(parts, place) + f * load_lanes(parts, place + LANES)
-            distance = from_centre + splat_lanes(number(columns[block]))
-            part = part * cover_lanes(distance, splat_lanes(halves[rows[block] - lowest]))
+            part = load8(parts, place) + f * load8(parts, place + LANES)
+            distance = from_centre + broadcast8(number(columns[block]))
+            part = part * overlap8(distance, broadcast8(halves[rows[block] - lowest]))
             _add_block(sums, at + stride * rows[block] + CHANNELS * columns[block], part, value)
     else:
         for block in range(begin, end):
             place = 2 * LANES * block
-            part = load_lanes(parts, place) + f * load_lanes(parts, place + LANES)
+            part = load8(parts, place) + f * load8(parts, place + LANES)
             _add_block(sums, at + stride * rows[block] + CHANNELS * columns[block], part, value)
 
 
 @njit(cache=True)
-def _spread_band(values, defocus, reach, table, shares, view, margin, first, last, out):  # type: ignore[no-untyped-def]
+def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, last, out):  # type: ignore[no-untyped-def]
     """Fill the rows ``first`` to ``last`` (excluded) of ``out``."""
     height, width = defocus.shape
     middle, starts = table.middle, table.first
@@ -193,10 +193,10 @@ def _spread_band(values, defocus, reach, table, shares, view, margin, first, las
                 )
             clip = (clipped, centre, low)
             side = 1 if signed < 0 else 0
-            f, strength = splat_lanes(number(along)), splat_lanes(number(1.0 / share))
-            value = strength * load_twice(flat, CHANNELS * (y * width + x))
+            f, strength = broadcast8(number(along)), broadcast8(number(1.0 / share))
+            value = strength * load4_twice(flat, CHANNELS * (y * width + x))
             begin, end = starts[middle[side, step] + low], starts[middle[side, step] + high + 1]
-            _deposit(sums, at, stride, shape, begin, end, f, value, clip, halves)
+            _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves)
     for y in range(first, last):
         at = (y - first) * stride + CHANNELS * margin
         for x in range(width):
@@ -206,52 +206,52 @@ def _spread_band(values, defocus, reach, table, shares, view, margin, first, las
 
 @njit(cache=True, parallel=True)
 def shaped_forward(values, defocus, table, shares, view, margin, out):  # type: ignore[no-untyped-def]
-    """Fill ``out``, of the shape of ``values``; other arguments as :func:`_spread_band` takes them."""
+    """Fill ``out``, of the shape of ``values``; other arguments as :func:`_scatter_rows` takes them."""
     height = defocus.shape[0]
     reach = _row_reach(defocus)
-    for band in prange((height + BAND_ROWS - 1) // BAND_ROWS):
-        first = np.int64(band) * BAND_ROWS  # the counter is unsigned, and rows can be negative
-        last = min(height, first + BAND_ROWS)
-        _spread_band(values, defocus, reach, table, shares, view, margin, first, last, out)
+    for block in prange((height + BLOCK_ROWS - 1) // BLOCK_ROWS):
+        first = np.int64(block) * BLOCK_ROWS  # the counter is unsigned, and rows can be negative
+        last = min(height, first + BLOCK_ROWS)
+        _scatter_rows(values, defocus, reach, table, shares, view, margin, first, last, out)
 
 
 @njit(cache=True)
 def _take_block(gradient, at, part, change, sums):  # type: ignore[no-untyped-def]
     """Adjoint of :func:`_add_block` by the value, and by the parts' ``change``; two sums each."""
     even, odd, even_rise, odd_rise = sums
-    first, second = load_lanes(gradient, at), load_lanes(gradient, at + LANES)
-    third, fourth = load_lanes(gradient, at + 2 * LANES), load_lanes(gradient, at + 3 * LANES)
-    a, b, c, d = repeat_lanes(part)
+    first, second = load8(gradient, at), load8(gradient, at + LANES)
+    third, fourth = load8(gradient, at + 2 * LANES), load8(gradient, at + 3 * LANES)
+    a, b, c, d = repeat4(part)
     even, odd = even + a * first + c * third, odd + b * second + d * fourth
-    a, b, c, d = repeat_lanes(change)
+    a, b, c, d = repeat4(change)
     even_rise, odd_rise = even_rise + a * first + c * third, odd_rise + b * second + d * fourth
     return even, odd, even_rise, odd_rise
 
 
 @njit(cache=True)
 def _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growths, sums):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`_deposit`, added to ``sums``: by the value, and by the step of the ladder."""
+    """Adjoint of :func:`_splat_blocks`, added to ``sums``: by the value, and by the step of the table."""
     rows, columns, parts = shape
     clipped, centre, lowest, drift = clip
     number = parts.dtype.type
     if clipped:
-        from_centre, centre_growth = count_lanes(number(-centre)), splat_lanes(number(drift))
+        from_centre, centre_growth = indices8(number(-centre)), broadcast8(number(drift))
         for block in range(begin, end):
             place = 2 * LANES * block
             row = rows[block] - lowest
-            distance, half = from_centre + splat_lanes(number(columns[block])), splat_lanes(halves[row])
-            cover = cover_lanes(distance, half)
-            cover_growth = cover_growth_lanes(distance, half, splat_lanes(growths[row]), centre_growth)
-            change = load_lanes(parts, place + LANES)
-            part = load_lanes(parts, place) + f * change
+            distance, half = from_centre + broadcast8(number(columns[block])), broadcast8(halves[row])
+            cover = overlap8(distance, half)
+            cover_growth = overlap_growth8(distance, half, broadcast8(growths[row]), centre_growth)
+            change = load8(parts, place + LANES)
+            part = load8(parts, place) + f * change
             change = cover * change + cover_growth * part
             at_block = at + stride * rows[block] + CHANNELS * columns[block]
             sums = _take_block(gradient, at_block, cover * part, change, sums)
     else:
         for block in range(begin, end):
             place = 2 * LANES * block
-            change = load_lanes(parts, place + LANES)
-            part = load_lanes(parts, place) + f * change
+            change = load8(parts, place + LANES)
+            part = load8(parts, place) + f * change
             at_block = at + stride * rows[block] + CHANNELS * columns[block]
             sums = _take_block(gradient, at_block, part, change, sums)
     return sums
@@ -268,7 +268,7 @@ def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_
     halves = np.empty(chord_room(height), table.parts.dtype)
     growths = np.empty_like(halves)
     lanes = np.empty(LANES, table.parts.dtype)
-    zero = splat_lanes(number(0))
+    zero = broadcast8(number(0))
     for x in range(width):
         signed = defocus[y, x]
         at = y * stride + CHANNELS * (margin + x)
@@ -287,14 +287,14 @@ def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_
             )
         clip = (clipped, centre, low, centre / radius * STEP)
         sign, side = (-1, 1) if signed < 0 else (1, 0)
-        f, sums = splat_lanes(number(along)), (zero, zero, zero, zero)
+        f, sums = broadcast8(number(along)), (zero, zero, zero, zero)
         begin, end = starts[middle[side, step] + low], starts[middle[side, step] + high + 1]
         sums = _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growths, sums)
         slope = 0.0
-        store_lanes(lanes, 0, sums[2] + sums[3])
+        store8(lanes, 0, sums[2] + sums[3])
         for c in range(CHANNELS):
             slope += values[y, x, c] * (lanes[c] + lanes[c + CHANNELS]) / STEP
-        store_lanes(lanes, 0, sums[0] + sums[1])
+        store8(lanes, 0, sums[0] + sums[1])
         for c in range(CHANNELS):
             gathered = (lanes[c] + lanes[c + CHANNELS]) / share
             grad_values[y, x, c] = gathered
@@ -346,15 +346,15 @@ def _lattices(
             yield y, x, places, coarse_values, coarse_defocus, every_second(view, x - 2, y - 2)
 
 
-def _spread(values: np.ndarray, defocus: np.ndarray, aperture: Aperture, view: View) -> np.ndarray:
-    """Spread (H, W, 4)."""
+def _scatter(values: np.ndarray, defocus: np.ndarray, aperture: Aperture, view: View) -> np.ndarray:
+    """ScatterOperator (H, W, 4)."""
     table = shape_table(aperture, float(np.abs(defocus).max()), values.dtype.name)
     shares, margin = share_table(aperture, table), int(table.reach[-1]) + LANES
     sums = np.empty_like(values)
     with parallel_region:
         shaped_forward(values, defocus, table, shares, view, margin, sums)
     for y, x, _, coarse_values, coarse_defocus, coarse_view in _lattices(values, defocus, view):
-        coarse = _spread(coarse_values, coarse_defocus, aperture, coarse_view)
+        coarse = _scatter(coarse_values, coarse_defocus, aperture, coarse_view)
         with parallel_region:
             add_lattice(coarse, y, x, sums)
     return sums
@@ -363,7 +363,7 @@ def _spread(values: np.ndarray, defocus: np.ndarray, aperture: Aperture, view: V
 def _gather(
     values: np.ndarray, defocus: np.ndarray, gradient: np.ndarray, aperture: Aperture, view: View
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`_spread`."""
+    """Adjoint of :func:`_scatter`."""
     table = shape_table(aperture, float(np.abs(defocus).max()), values.dtype.name)
     shares, margin = share_table(aperture, table), int(table.reach[-1]) + LANES
     padded = np.pad(gradient, ((0, 0), (margin, margin), (0, 0))).ravel()
@@ -389,7 +389,7 @@ def _prepare(
     return np.ascontiguousarray(np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS), dtype), view
 
 
-def spread_forward(
+def scatter_forward(
     values: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture,
@@ -397,7 +397,7 @@ def spread_forward(
     full_shape: tuple[int, int] | None = None,
     scale: float = 1.0,
 ) -> np.ndarray:
-    """Spread the values of every pixel over the shape of the opening, and add up.
+    """Scatter the values of every pixel over the shape of the opening, and add up.
 
     Args:
         values: (H, W, C), float32 or float64; a channel of ones gives the weights. A pixel whose values
@@ -413,10 +413,10 @@ def spread_forward(
         half a percent) as long as they fall into the picture.
     """
     defocus, view = _prepare(defocus, aperture, values.dtype, full_shape, scale)
-    return _join([_spread(group, defocus, aperture, view) for group in _groups(values)], values.shape[2])
+    return _join([_scatter(group, defocus, aperture, view) for group in _groups(values)], values.shape[2])
 
 
-def spread_backward(
+def scatter_backward(
     values: np.ndarray,
     defocus: np.ndarray,
     grad_sums: np.ndarray,
@@ -425,7 +425,7 @@ def spread_backward(
     full_shape: tuple[int, int] | None = None,
     scale: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`spread_forward`, at the same cost.
+    """Adjoint of :func:`scatter_forward`, at the same cost.
 
     Args:
         values: As given to the forward.

@@ -1,9 +1,9 @@
-"""What part of its light a point sends to each pixel, for one aperture and a ladder of blur radii.
+"""What part of its light a point sends to each pixel, for one aperture and a radius table of blur radii.
 
 The light on a pixel at offset (i, j) is the opening's transmission, summed over the pixel's square in
 aperture coordinates, [(i - 1/2) / r, (i + 1/2) / r] by the same in j. Running sums of the transmission
 over a fine grid give it as four look-ups, and since neighbouring squares share their corners, the parts of
-all pixels sum to one for every radius. Between two steps of the ladder the parts go in a straight line:
+all pixels sum to one for every radius. Between two steps of the radius table the parts go in a straight line:
 the sum stays one, and the difference of the two is the derivative by the radius.
 
 A step keeps the lit part of its window as blocks of as many pixels of one row as a vector has, sorted by
@@ -23,10 +23,10 @@ from bokehnet.optics.aperture import Aperture, transmission
 
 __all__ = ["LARGEST_TABLE", "STEP", "ShapeTable", "shape_table"]
 
-# Pixels between two radii of the ladder.
+# Pixels between two radii of the radius table.
 STEP = 0.25
 
-# Largest radius of a ladder (10 MB in float32 for each side of the focus that differs).
+# Largest radius of a radius table (10 MB in float32 for each side of the focus that differs).
 LARGEST_TABLE = 64
 
 # Cells along each side of the running sums, and samples along each side of a cell.
@@ -37,7 +37,7 @@ _NOTHING = 1e-12
 
 
 class ShapeTable(NamedTuple):
-    """One aperture's ladder, as kernels take it. Side 0 is in front of focus, 1 behind it.
+    """One aperture's radius table, as kernels take it. Side 0 is in front of focus, 1 behind it.
 
     Attributes:
         reach: (steps,) rows of a step above and below its middle.
@@ -92,7 +92,7 @@ def _blocks(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return counts, np.stack([row, column], 1), np.stack(pair, 1)
 
 
-def _ladder(sums: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _radius_table(sums: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Middle, first, blocks and parts of one side, counted from 0."""
     middle, first, blocks, parts = [], [], [], []
     rows = total = 0
@@ -110,7 +110,7 @@ def _ladder(sums: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def shape_table(aperture: Aperture, radius: float, dtype: str) -> ShapeTable:
-    """Return a ladder that reaches ``radius`` or ``LARGEST_TABLE`` in numbers of ``dtype``; no cat's-eye.
+    """Return a table that reaches ``radius`` or ``LARGEST_TABLE`` in numbers of ``dtype``; no cat's-eye.
 
     The last two are kept. A larger one that is there serves for a smaller radius.
     """
@@ -133,10 +133,10 @@ def _kept_table(aperture: Aperture, dtype: str) -> list[ShapeTable]:
 
 def _make_table(aperture: Aperture, steps: int, dtype: str) -> ShapeTable:
     front, behind = _running_sums(aperture, 1), _running_sums(aperture, -1)
-    middle, first, blocks, parts = _ladder(front, steps)
+    middle, first, blocks, parts = _radius_table(front, steps)
     middles = [middle, middle]
     if not np.array_equal(front, behind):
-        other, other_first, other_blocks, other_parts = _ladder(behind, steps)
+        other, other_first, other_blocks, other_parts = _radius_table(behind, steps)
         middles[1] = other + len(first)
         first = np.concatenate([first, other_first + len(blocks)])
         blocks, parts = np.concatenate([blocks, other_blocks]), np.concatenate([parts, other_parts])

@@ -19,7 +19,7 @@ from numba import njit
 
 from bokehnet.classical.scatter.aperture_table import STEP, ShapeTable
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
-from bokehnet.classical.simd.float8 import LANES, count_lanes, cover_lanes, load_lanes, splat_lanes, sum_lanes
+from bokehnet.classical.simd.float8 import LANES, broadcast8, indices8, load8, overlap8, sum8
 from bokehnet.optics.aperture import Aperture, cats_eye_shift
 
 __all__ = [
@@ -41,7 +41,7 @@ SMALLEST_SHARE = 0.02
 # Shifts tabulated along each axis, from -cats_eye to cats_eye.
 _SHIFTS = 33
 
-# Of the steps of the ladder from this one on, the shares of every eighth are computed.
+# Of the steps of the radius table from this one on, the shares of every eighth are computed.
 _FINE_STEPS, _COARSER = 128, 8
 
 # In the first few steps, where pixels of a shape come and go, the shares are tabulated at parts of a step.
@@ -115,8 +115,8 @@ def find_chords(radius, u, v, lowest, highest, halves, growths):  # type: ignore
         lowest: First row, counted from the source.
         highest: Last row.
         halves: (n,) to fill for row ``lowest + i``: half the chord, and half a pixel, as
-            :func:`cover_lanes` takes it; 0 where a row gets nothing. n >= :func:`chord_room` of the rows.
-        growths: (n,) to fill with their derivatives by the step of the ladder, or (0,).
+            :func:`overlap8` takes it; 0 where a row gets nothing. n >= :func:`chord_room` of the rows.
+        growths: (n,) to fill with their derivatives by the step of the radius table, or (0,).
     """
     number = halves.dtype.type
     first, rise = number((lowest - 0.5) / radius - v), number(1 / radius)
@@ -142,14 +142,14 @@ def _share(table, middle, reach, step, along, u, v, halves):  # type: ignore[no-
     number = table.parts.dtype.type
     radius = SMALLEST_RADIUS + (step + along) * STEP
     find_chords(radius, u, v, -reach, reach, halves, halves[:0])
-    f, from_centre = splat_lanes(number(along)), count_lanes(number(-radius * u))
-    total = splat_lanes(number(0))
+    f, from_centre = broadcast8(number(along)), indices8(number(-radius * u))
+    total = broadcast8(number(0))
     for block in range(table.first[middle - reach], table.first[middle + reach + 1]):
         place = 2 * LANES * block
-        part = load_lanes(table.parts, place) + f * load_lanes(table.parts, place + LANES)
-        distance = from_centre + splat_lanes(number(table.columns[block]))
-        total = total + part * cover_lanes(distance, splat_lanes(halves[reach + table.rows[block]]))
-    return sum_lanes(total)
+        part = load8(table.parts, place) + f * load8(table.parts, place + LANES)
+        distance = from_centre + broadcast8(number(table.columns[block]))
+        total = total + part * overlap8(distance, broadcast8(halves[reach + table.rows[block]]))
+    return sum8(total)
 
 
 @njit(cache=True)
@@ -188,8 +188,9 @@ def _make_shares(table: ShapeTable, cats_eye: float) -> np.ndarray:
 def share_table(aperture: Aperture, table: ShapeTable) -> np.ndarray:
     """Return the share of the light that passes, float32, (side, place, v, u), shifts up to ``cats_eye``.
 
-    The places are the steps of the ladder, and behind them parts of its first ``SMALL_STEPS`` steps and
-    where these end. Without a cat's-eye the table is empty. Tables are kept like the ladders they are of.
+    The places are the steps of the radius table, and behind them parts of its first ``SMALL_STEPS`` steps and
+    where these end. Without a cat's-eye the table is empty. Tables are kept like the radius tables they are
+    of.
     """
     if aperture.cats_eye == 0:
         return np.zeros((0, 0, 0, 0), np.float32)

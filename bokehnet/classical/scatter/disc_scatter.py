@@ -6,8 +6,9 @@ the ends of the intervals that make up a row are written, as differences along t
 row then fills the insides, so that a pixel costs O(r), not O(r^2). The adjoint reads, at the same places,
 running sums of the gradient that come from the row's end.
 
-Destination rows are worked in bands of a fixed height. One thread owns a band and visits all sources
-that reach it in a fixed order: the result has the same bits for any number of threads. A band is kept in
+Destination rows are worked in blocks of a fixed height. One thread owns a block and visits all
+sources
+that reach it in a fixed order: the result has the same bits for any number of threads. A block is kept in
 float64, so that beyond a bright disc nothing is left of it but 1e-16 of its light.
 
 Rows hold four channels side by side, and one more pixel behind the last, which nobody looks at.
@@ -29,14 +30,14 @@ from bokehnet.classical.scatter.disc_table import (
     find_step,
     list_row,
 )
-from bokehnet.classical.simd.double4 import add_interval, difference, load_four
+from bokehnet.classical.simd.double4 import add_interval, difference, load4
 
-__all__ = ["BAND_ROWS", "LARGEST_RADIUS", "in_fours", "joined", "spread_backward", "spread_forward"]
+__all__ = ["BLOCK_ROWS", "LARGEST_RADIUS", "in_fours", "joined", "scatter_backward", "scatter_forward"]
 
 # Far beyond any picture, and small enough that 1 / (pi r^2) stands far above the rounding of the sums.
 LARGEST_RADIUS = 1e4
 
-BAND_ROWS = 64
+BLOCK_ROWS = 64
 
 # How much farther than its radius a disc can reach: half a pixel, and to the end of its step in the table.
 _MARGIN = 1.5
@@ -61,10 +62,10 @@ def _survey(values, defocus):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _stride(bands):  # type: ignore[no-untyped-def]
-    """Step by which to go round the bands once; each thread's share then comes from all over the picture."""
-    step = max(1, int(0.618 * bands))
-    while math.gcd(step, bands) != 1:
+def _stride(blocks):  # type: ignore[no-untyped-def]
+    """Step by which to go round the blocks once; each thread's share then comes from all over the picture."""
+    step = max(1, int(0.618 * blocks))
+    while math.gcd(step, blocks) != 1:
         step += 1
     return step
 
@@ -81,8 +82,8 @@ def _four(array, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _write_whole(sums, stride, centre, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
-    """Write the ends of a disc that lies inside the band, in all four quarters."""
+def _splat_whole(sums, stride, centre, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+    """Write the ends of a disc that lies inside the block, in all four quarters."""
     for n in range(np.uint64(start), np.uint64(end)):
         strength = weights[n, 0] + along * weights[n, 1]
         row, column = stride * np.int64(places[n, 0]), 4 * np.int64(places[n, 1])
@@ -91,7 +92,7 @@ def _write_whole(sums, stride, centre, value, along, start, end, places, weights
 
 
 @njit(cache=True)
-def _write_half(sums, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
+def _splat_half(sums, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
     """Write some ends of a disc around column x, below ``line`` or, with negative ``stride``, above it.
 
     What lies left of the picture is written to its border, what lies right of it to the pixel behind the
@@ -122,7 +123,7 @@ def _new_lists(height, width):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _write_band(values, defocus, reach, table, top, bottom, sums):  # type: ignore[no-untyped-def]
+def _splat_rows(values, defocus, reach, table, top, bottom, sums):  # type: ignore[no-untyped-def]
     """Write all discs that reach the rows ``top`` to ``bottom`` (excluded) into ``sums``."""
     height, width = defocus.shape
     stride = 4 * (width + 1)
@@ -144,7 +145,7 @@ def _write_band(values, defocus, reach, table, top, bottom, sums):  # type: igno
                 first, places, weights = table.first, table.places, table.weights
                 if y - far >= top and y + far < bottom and x >= far and x + far < width:
                     start, end = first[step, 0], first[step, far + 1]
-                    _write_whole(sums, stride, line + 4 * x, value, along, start, end, places, weights)
+                    _splat_whole(sums, stride, line + 4 * x, value, along, start, end, places, weights)
                     continue
             else:
                 step, along, far = 0, 0.0, int(radius + 0.5)
@@ -154,21 +155,21 @@ def _write_band(values, defocus, reach, table, top, bottom, sums):  # type: igno
             upper, lower = min(far, y - top), min(far, bottom - 1 - y)
             if upper >= nearest:
                 start, end = first[step, nearest], first[step, upper + 1]
-                _write_half(sums, -stride, line, x, width, value, along, start, end, places, weights)
+                _splat_half(sums, -stride, line, x, width, value, along, start, end, places, weights)
             if lower >= nearest:
                 start, end = first[step, nearest], first[step, lower + 1]
-                _write_half(sums, stride, line, x, width, value, along, start, end, places, weights)
+                _splat_half(sums, stride, line, x, width, value, along, start, end, places, weights)
 
 
 @njit(cache=True)
-def _sum_band(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[no-untyped-def]
+def _sum_rows(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[no-untyped-def]
     """Sum the differences along the rows ``top`` to ``bottom`` of ``out``, and add the sharp pixels."""
     width = defocus.shape[1]
     for y in range(top, bottom):
         line = (y - top) * 4 * (width + 1)
         a, b, c, d = 0.0, 0.0, 0.0, 0.0
         for x in range(width):
-            more = load_four(sums, line + 4 * x)
+            more = load4(sums, line + 4 * x)
             a, b, c, d = a + more[0], b + more[1], c + more[2], d + more[3]
             out[y, x, 0] = max(a, lowest)
             out[y, x, 1] = max(b, lowest)
@@ -180,8 +181,8 @@ def _sum_band(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[
 
 
 @njit(cache=True, parallel=True)
-def spread_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
-    """Spread ``values`` (H, W, 4) over discs into ``out``.
+def scatter_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
+    """ScatterOperator ``values`` (H, W, 4) over discs into ``out``.
 
     Args:
         values: What each pixel spreads.
@@ -192,19 +193,19 @@ def spread_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     reach, negative = _survey(values, defocus)
     lowest = -np.inf if negative else 0.0
-    bands = (height + BAND_ROWS - 1) // BAND_ROWS
-    stride = _stride(bands)
-    for band in prange(bands):
-        top = np.int64(band) * stride % bands * BAND_ROWS
-        bottom = min(height, top + BAND_ROWS)
+    blocks = (height + BLOCK_ROWS - 1) // BLOCK_ROWS
+    stride = _stride(blocks)
+    for block in prange(blocks):
+        top = np.int64(block) * stride % blocks * BLOCK_ROWS
+        bottom = min(height, top + BLOCK_ROWS)
         sums = np.zeros((bottom - top) * 4 * (width + 1))
-        _write_band(values, defocus, reach, table, top, bottom, sums)
-        _sum_band(values, defocus, top, bottom, lowest, sums, out)
+        _splat_rows(values, defocus, reach, table, top, bottom, sums)
+        _sum_rows(values, defocus, top, bottom, lowest, sums, out)
 
 
 @njit(cache=True)
 def _read_half(rests, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`_write_half`: gradients for the value (4) and the radius."""
+    """Adjoint of :func:`_splat_half`: gradients for the value (4) and the radius."""
     a, b, c, d, slope = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(np.uint64(start), np.uint64(end)):
         strength = weights[n, 0] + along * weights[n, 1]
@@ -236,7 +237,7 @@ def sum_from_end(gradient):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _read_band(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
+def _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
     """Gradients for the rows ``top`` to ``bottom`` (excluded)."""
     height, width = defocus.shape
     stride = 4 * (width + 1)
@@ -272,7 +273,7 @@ def _read_band(values, defocus, table, gradient, rests, top, bottom, grad_values
 
 @njit(cache=True, parallel=True)
 def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`spread_discs`; adds to ``grad_defocus``.
+    """Adjoint of :func:`scatter_discs`; adds to ``grad_defocus``.
 
     Args:
         values: As in the forward, (H, W, 4).
@@ -284,12 +285,12 @@ def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defo
         grad_defocus: To be added to, (H, W).
     """
     height = defocus.shape[0]
-    bands = (height + BAND_ROWS - 1) // BAND_ROWS
-    stride = _stride(bands)
-    for band in prange(bands):
-        top = np.int64(band) * stride % bands * BAND_ROWS
-        bottom = min(height, top + BAND_ROWS)
-        _read_band(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus)
+    blocks = (height + BLOCK_ROWS - 1) // BLOCK_ROWS
+    stride = _stride(blocks)
+    for block in prange(blocks):
+        top = np.int64(block) * stride % blocks * BLOCK_ROWS
+        bottom = min(height, top + BLOCK_ROWS)
+        _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus)
 
 
 def in_fours(array: np.ndarray) -> list[np.ndarray]:
@@ -306,8 +307,8 @@ def joined(groups: list[np.ndarray], channels: int) -> np.ndarray:
     return groups[0] if channels == 4 else np.ascontiguousarray(np.concatenate(groups, 2)[..., :channels])
 
 
-def spread_forward(values: np.ndarray, defocus: np.ndarray) -> np.ndarray:
-    """Spread every pixel over its disc and add up; linear in ``values``.
+def scatter_forward(values: np.ndarray, defocus: np.ndarray) -> np.ndarray:
+    """Scatter every pixel over its disc and add up; linear in ``values``.
 
     Args:
         values: What each pixel spreads, (H, W, C), float32 or float64; a channel of ones gives the
@@ -323,14 +324,14 @@ def spread_forward(values: np.ndarray, defocus: np.ndarray) -> np.ndarray:
     for group in in_fours(values):
         sums.append(np.empty_like(group))
         with parallel_region:
-            spread_discs(group, np.ascontiguousarray(defocus), disc_table(), sums[-1])
+            scatter_discs(group, np.ascontiguousarray(defocus), disc_table(), sums[-1])
     return joined(sums, values.shape[2])
 
 
-def spread_backward(
+def scatter_backward(
     values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`spread_forward`, at the same order of cost.
+    """Adjoint of :func:`scatter_forward`, at the same order of cost.
 
     Args:
         values: As given to the forward, (H, W, C).

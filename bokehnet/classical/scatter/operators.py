@@ -4,10 +4,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from bokehnet.classical.scatter.pyramid_levels import DISC, Spread
+from bokehnet.classical.scatter.pyramid_levels import DISC, ScatterOperator
 from bokehnet.optics.aperture import Aperture, transmission
 
-__all__ = ["spread_operator"]
+__all__ = ["scatter_operator"]
 
 
 def _variance(aperture: Aperture) -> float:
@@ -19,14 +19,14 @@ def _variance(aperture: Aperture) -> float:
 
 
 @lru_cache(maxsize=8)
-def spread_operator(aperture: Aperture | None) -> Spread:
+def scatter_operator(aperture: Aperture | None) -> ScatterOperator:
     """Return the operator for :mod:`bokehnet.classical.scatter.pyramid_levels`; None is a plain disc."""
     if aperture is None or aperture.is_disc:
         return DISC
     from bokehnet.classical.scatter import aperture_scatter  # numba kernels that a disc does without
 
-    return Spread(
-        forward=partial(aperture_scatter.spread_forward, aperture=aperture),
-        backward=partial(aperture_scatter.spread_backward, aperture=aperture),
+    return ScatterOperator(
+        forward=partial(aperture_scatter.scatter_forward, aperture=aperture),
+        backward=partial(aperture_scatter.scatter_backward, aperture=aperture),
         variance=_variance(aperture),
     )

@@ -1,4 +1,4 @@
-"""Large discs are spread on pictures of half, a quarter, ... of the size, so that they stay cheap.
+"""Large discs are scattered on pictures of half, a quarter, ... of the size, so that they stay cheap.
 
 Blocks of 2x2 sources whose radii exceed ``MERGE_ABOVE`` and differ little become one source of a picture
 of half the size, in which their disc has half the radius; and so on. The half's sums come back by bilinear
@@ -30,10 +30,10 @@ from bokehnet.classical.scatter.pyramid_merging import (
     split_gradients,
 )
 
-__all__ = ["DISC", "MERGE_ABOVE", "Spread", "spread_backward", "spread_forward"]
+__all__ = ["DISC", "MERGE_ABOVE", "ScatterOperator", "scatter_backward", "scatter_forward"]
 
 # Radius, in pixels of a level, above which discs go to the next. On photographs with radii up to 40 pixels
-# the result keeps 61 to 71 dB to the spread without levels (62 to 72 at 12, 68 to 77 at 16, which takes
+# the result keeps 61 to 71 dB to the scatter without levels (62 to 72 at 12, 68 to 77 at 16, which takes
 # half as long again); on white noise, where nothing hides what is lost, 51 dB at worst.
 MERGE_ABOVE = 11.0
 
@@ -47,20 +47,20 @@ CONTRAST = 5.0
 _ADDED_VARIANCE = 3 / 4
 
 
-def _spread_discs(values: np.ndarray, defocus: np.ndarray, **_: Any) -> np.ndarray:
+def _scatter_discs(values: np.ndarray, defocus: np.ndarray, **_: Any) -> np.ndarray:
     """A disc looks the same wherever it stands."""
-    return disc_scatter.spread_forward(values, defocus)
+    return disc_scatter.scatter_forward(values, defocus)
 
 
 def _gather_discs(
     values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray, **_: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    return disc_scatter.spread_backward(values, defocus, grad_sums)
+    return disc_scatter.scatter_backward(values, defocus, grad_sums)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Spread:
-    """How one level is spread: an operator that is linear in its values, and its adjoint.
+class ScatterOperator:
+    """How one level is scattered: an operator that is linear in its values, and its adjoint.
 
     Attributes:
         forward: ``(values, defocus, full_shape=, scale=) -> sums``. ``full_shape`` is the height and width
@@ -81,7 +81,7 @@ class Spread:
         return _ADDED_VARIANCE / self.variance
 
 
-DISC = Spread(forward=_spread_discs, backward=_gather_discs)
+DISC = ScatterOperator(forward=_scatter_discs, backward=_gather_discs)
 
 
 class _Level(NamedTuple):
@@ -95,7 +95,9 @@ class _Level(NamedTuple):
         return _Level(self.full_shape, 2 * self.scale)
 
 
-def _merge(values: np.ndarray, defocus: np.ndarray, operator: Spread) -> tuple[np.ndarray, np.ndarray] | None:
+def _merge(
+    values: np.ndarray, defocus: np.ndarray, operator: ScatterOperator
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Move sources to the half-size picture and return it, 0 where it has none; None where none is moved."""
     half = ((values.shape[0] + 1) // 2, (values.shape[1] + 1) // 2)
     coarse, coarse_defocus = np.empty((*half, 4), values.dtype), np.empty(half, defocus.dtype)
@@ -113,12 +115,12 @@ def _merge(values: np.ndarray, defocus: np.ndarray, operator: Spread) -> tuple[n
     return (coarse, coarse_defocus) if coarse_defocus.any() else None
 
 
-def _is_large(defocus: np.ndarray, operator: Spread) -> bool:
+def _is_large(defocus: np.ndarray, operator: ScatterOperator) -> bool:
     return bool(max(defocus.max(), -defocus.min()) > operator.merge_above)
 
 
-def _forward(values: np.ndarray, defocus: np.ndarray, operator: Spread, level: _Level) -> np.ndarray:
-    """Spread four channels; ``values`` and ``defocus`` are used up."""
+def _forward(values: np.ndarray, defocus: np.ndarray, operator: ScatterOperator, level: _Level) -> np.ndarray:
+    """Scatter four channels; ``values`` and ``defocus`` are used up."""
     merged = _merge(values, defocus, operator) if _is_large(defocus, operator) else None
     coarse = None if merged is None else _forward(*merged, operator, level.half())
     del merged  # before the largest arrays are needed
@@ -130,7 +132,7 @@ def _forward(values: np.ndarray, defocus: np.ndarray, operator: Spread, level: _
 
 
 def _backward(
-    values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray, operator: Spread, level: _Level
+    values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray, operator: ScatterOperator, level: _Level
 ) -> tuple[np.ndarray, np.ndarray]:
     """Adjoint of :func:`_forward`; ``values`` and ``defocus`` are used up."""
     merged = _merge(values, defocus, operator) if _is_large(defocus, operator) else None
@@ -147,10 +149,10 @@ def _backward(
     return grad_values, grad_defocus
 
 
-def spread_forward(
-    values: np.ndarray, defocus: np.ndarray, operator: Spread = DISC, *, overwrite: bool = False
+def scatter_forward(
+    values: np.ndarray, defocus: np.ndarray, operator: ScatterOperator = DISC, *, overwrite: bool = False
 ) -> np.ndarray:
-    """Spread every pixel over its shape and add up.
+    """Scatter every pixel over its shape and add up.
 
     Args:
         values: What each pixel spreads, (H, W, C), float32 or float64, finite; a channel of ones gives the
@@ -169,10 +171,10 @@ def spread_forward(
     return joined(sums, values.shape[2])
 
 
-def spread_backward(
-    values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray, operator: Spread = DISC
+def scatter_backward(
+    values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray, operator: ScatterOperator = DISC
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`spread_forward`; arguments as there, and the gradient for the sums, (H, W, C).
+    """Adjoint of :func:`scatter_forward`; arguments as there, and the gradient for the sums, (H, W, C).
 
     Returns:
         Gradients for the values (H, W, C) and the defocus (H, W).

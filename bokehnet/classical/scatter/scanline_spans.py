@@ -5,10 +5,10 @@ of which falls the same part of the light; spans of one row may overlap and then
 about six spans for each pixel of radius, whatever its area, and so has any evenly lit one. Where the light
 varies inside the shape (rim, pictures) nearly each of its pixels is a span of its own.
 
-A ladder holds the spans for a series of radii; between two of them the parts go in a straight line. Discs
-beyond its last radius are listed when they are asked for, as far as they can fall into the picture. The
+A radius table holds the spans for a series of radii; between two of them the parts go in a straight line.
+Discs beyond its last radius are listed when they are asked for, as far as they can fall into the picture. The
 numbers are those of the other kernels: :mod:`bokehnet.classical.scatter.disc_table` for discs (beyond the
-ladder these are exact there, and within 2 in 10,000 of the light here),
+radius table these are exact there, and within 2 in 10,000 of the light here),
 :mod:`bokehnet.classical.scatter.aperture_table` for
 all others.
 """
@@ -24,14 +24,22 @@ from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, TABLE_RADIUS,
 from bokehnet.classical.simd.float8 import LANES, ORDER
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["FAR_STEPS", "Ladder", "Spans", "far_radius", "ladder_reach", "list_far_discs", "make_ladder"]
+__all__ = [
+    "FAR_STEPS",
+    "RadiusTable",
+    "Spans",
+    "far_radius",
+    "list_far_discs",
+    "make_radius_table",
+    "radius_table_limit",
+]
 
-# Discs beyond the ladder: steps until the radius has doubled. Between two of them less than 2 in 10,000 of
-# the light move.
+# Discs beyond the radius table: steps until the radius has doubled. Between two of them less than 2 in 10,000
+# of the light move.
 FAR_STEPS = 512
 
-# Ladders of shapes other than discs come in two sizes. The shorter serves wherever large shapes are spread
-# on smaller pictures.
+# Radius tables of shapes other than discs come in two sizes. The shorter serves wherever large shapes are
+# scattered on smaller pictures.
 _SHORT, _LONG = 16, LARGEST_TABLE
 
 # Neighbouring parts that differ by less than this share of the largest are one span: they differ by the
@@ -59,13 +67,13 @@ class Spans(NamedTuple):
     slopes: np.ndarray
 
 
-class Ladder(NamedTuple):
+class RadiusTable(NamedTuple):
     """Spans for all radii below ``limit``.
 
     Attributes:
         spans: Of step i in front of focus; if the other side differs, those behind it follow.
         radii: Radius at which step i starts, ascending, pixels, (steps,).
-        limit: The first radius that is not in the ladder.
+        limit: The first radius that is not in the radius table.
         two_sided: Whether shapes behind focus differ from those in front of it.
     """
 
@@ -96,11 +104,11 @@ def _spans_of_ends(shape: np.ndarray, shapes: int, places: np.ndarray, weights: 
     return _join(lengths, rows[order], -reach[order], reach[order] + 1, *parts[order].T)
 
 
-def _disc_ladder() -> Ladder:
+def _disc_radius_table() -> RadiusTable:
     table = disc_table()
     shape = np.repeat(np.arange(len(table.first)), table.first[:, -1] - table.first[:, 0])
     spans = _spans_of_ends(shape, len(table.first), table.places, table.weights)
-    return Ladder(spans, table.radii[:-1], TABLE_RADIUS, False)
+    return RadiusTable(spans, table.radii[:-1], TABLE_RADIUS, False)
 
 
 @njit(cache=True)
@@ -121,12 +129,12 @@ def _ends_of_disc(radius: float, height: int, width: int) -> tuple[np.ndarray, n
 
 
 def far_radius(step: Any) -> Any:
-    """Radius in pixels at which a step of the discs beyond the ladder starts; step 0 follows on it."""
+    """Radius in pixels at which a step of the discs beyond the radius table starts; step 0 follows on it."""
     return TABLE_RADIUS * 2.0 ** (step / FAR_STEPS)
 
 
 def list_far_discs(steps: np.ndarray, height: int, width: int) -> Spans:
-    """List discs beyond the ladder: each shape is the straight way from a step's disc to the next one's.
+    """List discs beyond the table: each shape is the straight way from a step's disc to the next one's.
 
     Args:
         steps: Steps as :func:`far_radius` takes them, (n,), n > 0.
@@ -179,7 +187,7 @@ def _spans_of_blocks(
     return _join(lengths, row[begin], place[begin], right, lower, rise / STEP)
 
 
-def _shape_ladder(aperture: Aperture, reach: int) -> Ladder:
+def _shape_radius_table(aperture: Aperture, reach: int) -> RadiusTable:
     table = shape_table(aperture, reach, "float64")
     steps = len(table.reach)
     two_sided = bool(table.middle[1, 0] != table.middle[0, 0])
@@ -188,22 +196,22 @@ def _shape_ladder(aperture: Aperture, reach: int) -> Ladder:
     shape = np.repeat(np.arange(middle.size), end - begin)
     spans = _spans_of_blocks(shape, middle.size, table.rows, table.columns, table.parts)
     radii = SMALLEST_RADIUS + STEP * np.arange(steps)
-    return Ladder(spans, radii, SMALLEST_RADIUS + STEP * steps, two_sided)
+    return RadiusTable(spans, radii, SMALLEST_RADIUS + STEP * steps, two_sided)
 
 
-def ladder_reach(aperture: Aperture | None, radius: float) -> int:
-    """Return what :func:`make_ladder` is to be asked for when shapes of up to ``radius`` are wanted."""
+def radius_table_limit(aperture: Aperture | None, radius: float) -> int:
+    """Return what :func:`make_radius_table` is to be asked for when shapes of up to ``radius`` are wanted."""
     if aperture is None:
         return int(TABLE_RADIUS)
     return _SHORT if radius <= _SHORT else _LONG
 
 
 @lru_cache(maxsize=8)
-def make_ladder(aperture: Aperture | None, reach: int) -> Ladder:
-    """Return the ladder of an opening; the last ones are kept.
+def make_radius_table(aperture: Aperture | None, reach: int) -> RadiusTable:
+    """Return the radius table of an opening; the last ones are kept.
 
     Args:
         aperture: The opening, of which the cat's-eye is left out; None for a disc.
-        reach: Radius in pixels up to which it goes at least, from :func:`ladder_reach`.
+        reach: Radius in pixels up to which it goes at least, from :func:`radius_table_limit`.
     """
-    return _disc_ladder() if aperture is None else _shape_ladder(aperture, reach)
+    return _disc_radius_table() if aperture is None else _shape_radius_table(aperture, reach)

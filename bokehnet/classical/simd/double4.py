@@ -9,12 +9,12 @@ from typing import Any
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import extending, types
 
-__all__ = ["add_interval", "difference", "load_four"]
+__all__ = ["add_interval", "difference", "load4"]
 
 # Called with one argument less than it is defined with, which a type checker cannot know.
 intrinsic: Any = extending.intrinsic
 
-_FOUR = ir.VectorType(ir.DoubleType(), 4)
+_DOUBLE4 = ir.VectorType(ir.DoubleType(), 4)
 
 
 def _lane(index: int) -> Any:
@@ -23,7 +23,7 @@ def _lane(index: int) -> Any:
 
 def _pack(builder: Any, numbers: Any) -> Any:
     """Tuple of four numbers as a vector."""
-    vector = ir.Constant(_FOUR, ir.Undefined)
+    vector = ir.Constant(_DOUBLE4, ir.Undefined)
     for c in range(4):
         vector = builder.insert_element(vector, builder.extract_value(numbers, c), _lane(c))
     return vector
@@ -31,7 +31,7 @@ def _pack(builder: Any, numbers: Any) -> Any:
 
 def _splat(builder: Any, number: Any) -> Any:
     """One number four times."""
-    vector = ir.Constant(_FOUR, ir.Undefined)
+    vector = ir.Constant(_DOUBLE4, ir.Undefined)
     for c in range(4):
         vector = builder.insert_element(vector, number, _lane(c))
     return vector
@@ -40,7 +40,7 @@ def _splat(builder: Any, number: Any) -> Any:
 def _place(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
     """Address of ``array[index]``, as that of a vector."""
     data = context.make_array(signature.args[0])(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), _FOUR.as_pointer())
+    return builder.bitcast(builder.gep(data, [index]), _DOUBLE4.as_pointer())
 
 
 @intrinsic
@@ -76,7 +76,7 @@ def _unpack(context: Any, builder: Any, signature: Any, vector: Any) -> Any:
 
 
 @intrinsic
-def load_four(typing_context, array, index):  # type: ignore[no-untyped-def]
+def load4(typing_context, array, index):  # type: ignore[no-untyped-def]
     """``array[index : index + 4]`` as a tuple; no bounds are checked.
 
     Args:

@@ -19,27 +19,27 @@ from numba.extending import models, overload, register_model
 __all__ = [
     "LANES",
     "ORDER",
-    "any_lane",
-    "both",
-    "choose_lanes",
-    "count_lanes",
-    "cover_growth_lanes",
-    "cover_lanes",
-    "divide_lanes",
-    "floor_lanes",
-    "larger_lanes",
-    "less",
-    "load_lanes",
-    "load_pairs",
-    "load_triples",
-    "load_twice",
-    "magnitude_lanes",
-    "repeat_lanes",
-    "smaller_lanes",
-    "splat_lanes",
-    "store_lanes",
-    "sum_lanes",
-    "without",
+    "abs8",
+    "and8",
+    "and_not8",
+    "any8",
+    "broadcast8",
+    "divide8",
+    "floor8",
+    "gather_pairs8",
+    "gather_triples8",
+    "indices8",
+    "less8",
+    "load4_twice",
+    "load8",
+    "max8",
+    "min8",
+    "overlap8",
+    "overlap_growth8",
+    "repeat4",
+    "select8",
+    "store8",
+    "sum8",
 ]
 
 LANES = 8
@@ -52,7 +52,7 @@ ORDER = (0, 2, 4, 6, 1, 3, 5, 7)
 intrinsic: Any = extending.intrinsic
 
 
-class LanesType(types.Type):
+class Float8(types.Type):
     """Eight numbers of one floating-point type."""
 
     def __init__(self, dtype: Any) -> None:
@@ -60,8 +60,8 @@ class LanesType(types.Type):
         super().__init__(name=f"Lanes({dtype})")
 
 
-@register_model(LanesType)
-class _LanesModel(models.PrimitiveModel):
+@register_model(Float8)
+class _Float8Model(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, _vector(manager.lookup(kind.dtype).get_value_type()))
 
@@ -103,7 +103,7 @@ def _smaller(builder: Any, a: Any, b: Any) -> Any:
 
 
 @intrinsic
-def load_lanes(_, array, index):  # type: ignore[no-untyped-def]
+def load8(_, array, index):  # type: ignore[no-untyped-def]
     """Eight numbers of the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -112,11 +112,11 @@ def load_lanes(_, array, index):  # type: ignore[no-untyped-def]
         loaded.align = context.get_abi_sizeof(element)
         return loaded
 
-    return LanesType(array.dtype)(array, types.intp), generate
+    return Float8(array.dtype)(array, types.intp), generate
 
 
 @intrinsic
-def load_twice(_, array, index):  # type: ignore[no-untyped-def]
+def load4_twice(_, array, index):  # type: ignore[no-untyped-def]
     """Four numbers of the 1-D contiguous ``array`` from ``index`` on, two times; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -127,11 +127,11 @@ def load_twice(_, array, index):  # type: ignore[no-untyped-def]
         order = _constant(ir.IntType(32), [*range(LANES // 2), *range(LANES // 2)])
         return builder.shuffle_vector(loaded, loaded, order)
 
-    return LanesType(array.dtype)(array, types.intp), generate
+    return Float8(array.dtype)(array, types.intp), generate
 
 
 @intrinsic
-def repeat_lanes(_, pixels):  # type: ignore[no-untyped-def]
+def repeat4(_, pixels):  # type: ignore[no-untyped-def]
     """Four lanes: pixels 0 and 1 of a block four times each, then 2 and 3, and so on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -146,7 +146,7 @@ def repeat_lanes(_, pixels):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def store_lanes(_, array, index, lanes):  # type: ignore[no-untyped-def]
+def store8(_, array, index, lanes):  # type: ignore[no-untyped-def]
     """Write eight numbers to the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -158,28 +158,28 @@ def store_lanes(_, array, index, lanes):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def splat_lanes(_, scalar):  # type: ignore[no-untyped-def]
+def broadcast8(_, scalar):  # type: ignore[no-untyped-def]
     """The same number eight times."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _splat(builder, arguments[0])
 
-    return LanesType(scalar)(scalar), generate
+    return Float8(scalar)(scalar), generate
 
 
 @intrinsic
-def count_lanes(_, first):  # type: ignore[no-untyped-def]
+def indices8(_, first):  # type: ignore[no-untyped-def]
     """Numbers ``first`` to ``first + 7`` of the pixels of a block."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         steps = _constant(arguments[0].type, [float(pixel) for pixel in ORDER])
         return builder.fadd(_splat(builder, arguments[0]), steps)
 
-    return LanesType(first)(first), generate
+    return Float8(first)(first), generate
 
 
 @intrinsic
-def cover_lanes(_, distance, half):  # type: ignore[no-untyped-def]
+def overlap8(_, distance, half):  # type: ignore[no-untyped-def]
     """Part of pixels ``distance`` away that lies within ``half`` - 1/2: half - |distance| in [0, 1]."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -192,8 +192,8 @@ def cover_lanes(_, distance, half):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def cover_growth_lanes(_, distance, half, half_growth, centre_growth):  # type: ignore[no-untyped-def]
-    """Derivative of :func:`cover_lanes` while ``half`` and the centre move as given; all are lanes."""
+def overlap_growth8(_, distance, half, half_growth, centre_growth):  # type: ignore[no-untyped-def]
+    """Derivative of :func:`overlap8` while ``half`` and the centre move as given; all are lanes."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         distance, half, half_growth, centre_growth = arguments
@@ -210,7 +210,7 @@ def cover_growth_lanes(_, distance, half, half_growth, centre_growth):  # type: 
 
 
 @intrinsic
-def sum_lanes(_, lanes):  # type: ignore[no-untyped-def]
+def sum8(_, lanes):  # type: ignore[no-untyped-def]
     """Sum of the eight numbers, always added in the same order."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -244,7 +244,7 @@ def _give_operator(symbol: Any, instruction: str) -> None:
 
     @overload(symbol)
     def choose(a, b):  # type: ignore[no-untyped-def]
-        both = isinstance(a, LanesType) and a == b
+        both = isinstance(a, Float8) and a == b
         return (lambda a, b: compute(a, b)) if both else None
 
 
@@ -255,24 +255,24 @@ _give_operator(operator.mul, "fmul")
 _INT = ir.IntType(32)
 
 
-class MaskType(types.Type):
+class Mask8(types.Type):
     """Eight answers, yes or no."""
 
     def __init__(self) -> None:
         super().__init__(name="Mask")
 
 
-_mask = MaskType()
+_mask = Mask8()
 
 
-@register_model(MaskType)
-class _MaskModel(models.PrimitiveModel):
+@register_model(Mask8)
+class _Mask8Model(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, ir.VectorType(ir.IntType(1), LANES))
 
 
 @intrinsic
-def less(_, a, b):  # type: ignore[no-untyped-def]
+def less8(_, a, b):  # type: ignore[no-untyped-def]
     """Where ``a < b``."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -282,7 +282,7 @@ def less(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def both(_, a, b):  # type: ignore[no-untyped-def]
+def and8(_, a, b):  # type: ignore[no-untyped-def]
     """Where both masks hold."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -292,7 +292,7 @@ def both(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def without(_, a, b):  # type: ignore[no-untyped-def]
+def and_not8(_, a, b):  # type: ignore[no-untyped-def]
     """Where mask ``a`` holds and ``b`` does not."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -302,7 +302,7 @@ def without(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def any_lane(_, mask):  # type: ignore[no-untyped-def]
+def any8(_, mask):  # type: ignore[no-untyped-def]
     """Whether a mask holds anywhere."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -313,7 +313,7 @@ def any_lane(_, mask):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def choose_lanes(_, mask, a, b):  # type: ignore[no-untyped-def]
+def select8(_, mask, a, b):  # type: ignore[no-untyped-def]
     """``a`` where the mask holds, ``b`` elsewhere."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -323,7 +323,7 @@ def choose_lanes(_, mask, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def smaller_lanes(_, a, b):  # type: ignore[no-untyped-def]
+def min8(_, a, b):  # type: ignore[no-untyped-def]
     """The smaller of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -333,7 +333,7 @@ def smaller_lanes(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def larger_lanes(_, a, b):  # type: ignore[no-untyped-def]
+def max8(_, a, b):  # type: ignore[no-untyped-def]
     """The larger of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -343,7 +343,7 @@ def larger_lanes(_, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def divide_lanes(_, a, b):  # type: ignore[no-untyped-def]
+def divide8(_, a, b):  # type: ignore[no-untyped-def]
     """``a / b``; division by zero is not checked."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -371,8 +371,8 @@ def _apply(name: str) -> Any:
     return compute
 
 
-floor_lanes = _apply("floor")
-magnitude_lanes = _apply("fabs")
+floor8 = _apply("floor")
+abs8 = _apply("fabs")
 
 
 def _pixels(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
@@ -382,7 +382,7 @@ def _pixels(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
 
 
 @intrinsic
-def load_pairs(_, array, rows, columns, width, stride, offset):  # type: ignore[no-untyped-def]
+def gather_pairs8(_, array, rows, columns, width, stride, offset):  # type: ignore[no-untyped-def]
     """Two neighbouring numbers of a table for each lane, as a tuple of two lanes.
 
     Args:
@@ -422,12 +422,12 @@ def load_pairs(_, array, rows, columns, width, stride, offset):  # type: ignore[
             split.append(builder.shuffle_vector(pairs[0], pairs[0], order))
         return context.make_tuple(builder, signature.return_type, split)
 
-    kind = LanesType(array.dtype)
+    kind = Float8(array.dtype)
     return types.UniTuple(kind, 2)(array, rows, columns, types.intp, types.intp, types.intp), generate
 
 
 @intrinsic
-def load_triples(_, array, rows, columns, places, width, count):  # type: ignore[no-untyped-def]
+def gather_triples8(_, array, rows, columns, places, width, count):  # type: ignore[no-untyped-def]
     """Three neighbouring numbers of a table for each lane, as a tuple of three lanes.
 
     Args:
@@ -460,5 +460,5 @@ def load_triples(_, array, rows, columns, places, width, count):  # type: ignore
                 triples[i] = builder.insert_element(triples[i], number, at)
         return context.make_tuple(builder, signature.return_type, triples)
 
-    kind = LanesType(array.dtype)
+    kind = Float8(array.dtype)
     return types.UniTuple(kind, 3)(array, rows, columns, places, types.intp, types.intp), generate

@@ -1,8 +1,8 @@
 """The scatter's sums on tensors of any device: large shapes on pictures of half, a quarter, ... the size.
 
 The same scheme, with the same choices, as :mod:`bokehnet.classical.scatter.pyramid_levels`, where it is
-explained; in torch operations, so that it runs where its tensors are. Shapes beyond the ladder take the way
-of :mod:`bokehnet.classical.scatter.aperture_scatter`. Needs torch.
+explained; in torch operations, so that it runs where its tensors are. Shapes beyond the radius table take the
+way of :mod:`bokehnet.classical.scatter.aperture_scatter`. Needs torch.
 """
 
 from collections.abc import Callable
@@ -14,21 +14,21 @@ from torch.nn import functional
 
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE
 from bokehnet.classical.scatter.cats_eye import View, every_second, make_view
-from bokehnet.classical.scatter.operators import spread_operator
-from bokehnet.classical.scatter.pyramid_levels import CONTRAST, TOLERANCE, Spread
+from bokehnet.classical.scatter.operators import scatter_operator
+from bokehnet.classical.scatter.pyramid_levels import CONTRAST, TOLERANCE, ScatterOperator
 from bokehnet.classical.scatter.pyramid_merging import TILE
-from bokehnet.classical.torch.span_scatter import spread_level
+from bokehnet.classical.torch.span_scatter import scatter_level
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["spread"]
+__all__ = ["scatter_sums"]
 
 
 class _Lens(NamedTuple):
     """What stays the same on all levels: the opening (None for a disc), its operator, the picture's size."""
 
     shape: Aperture | None
-    operator: Spread
+    operator: ScatterOperator
     full_shape: tuple[int, int]
 
 
@@ -49,7 +49,7 @@ def _repeat(blocks: Tensor, times: int, height: int, width: int) -> Tensor:
     return blocks.repeat_interleave(times, 0).repeat_interleave(times, 1)[:height, :width]
 
 
-def _merges(values: Tensor, defocus: Tensor, operator: Spread) -> Tensor:
+def _merges(values: Tensor, defocus: Tensor, operator: ScatterOperator) -> Tensor:
     """Which blocks become one source of the half-size picture, (ceil H/2, ceil W/2)."""
     radii = _blocks(defocus)
     high, negative_low = _largest(radii).double(), _largest(_blocks(-defocus)).double()
@@ -62,7 +62,7 @@ def _merges(values: Tensor, defocus: Tensor, operator: Spread) -> Tensor:
     return alike & ~outshines.any(-1)
 
 
-def _half_defocus(defocus: Tensor, merges: Tensor, operator: Spread) -> Tensor:
+def _half_defocus(defocus: Tensor, merges: Tensor, operator: ScatterOperator) -> Tensor:
     """Defocus of the merged blocks in pixels of the half-size picture; 0 where nothing is merged."""
     a, b, c, d = (pixel.double() for pixel in _blocks(defocus))
     mean = 0.25 * (a + b + c + d)
@@ -95,14 +95,14 @@ def _both_ways(rows: Callable[[Tensor], Tensor], coarse: Tensor) -> Tensor:
     return rows(rows(coarse).transpose(0, 1)).transpose(0, 1)
 
 
-def _spread_near_and_far(values: Tensor, defocus: Tensor, lens: _Lens, view: View | None) -> Tensor:
-    """Spread one level; shapes that are too large for a ladder on every second pixel, and so on."""
+def _scatter_near_and_far(values: Tensor, defocus: Tensor, lens: _Lens, view: View | None) -> Tensor:
+    """Scatter one level; shapes that are too large for a radius table on every second pixel, and so on."""
     far = defocus.detach().abs() > LARGEST_TABLE
     if lens.shape is None or not far.any():
-        return spread_level(values, defocus, lens.shape, view)
+        return scatter_level(values, defocus, lens.shape, view)
     height, width = defocus.shape
     near_values, near_defocus = values.masked_fill(far[..., None], 0.0), defocus.masked_fill(far, 0.0)
-    sums = spread_level(near_values, near_defocus, lens.shape, view)
+    sums = scatter_level(near_values, near_defocus, lens.shape, view)
     for y, x in ((0, 0), (0, 1), (1, 0), (1, 1)):
         places = far[y::2, x::2]
         if not places.any():
@@ -112,31 +112,31 @@ def _spread_near_and_far(values: Tensor, defocus: Tensor, lens: _Lens, view: Vie
         coarse_values = functional.pad(coarse_values, (0, 0, 1, 1, 1, 1))
         coarse_defocus = functional.pad(coarse_defocus, (1, 1, 1, 1))
         coarse_view = every_second(view, x - 2, y - 2) if view else None
-        coarse = _spread_near_and_far(coarse_values, coarse_defocus, lens, coarse_view)
+        coarse = _scatter_near_and_far(coarse_values, coarse_defocus, lens, coarse_view)
         sums = sums + _both_ways(_between, coarse)[2 - y :, 2 - x :][:height, :width]
     return sums
 
 
-def _spread(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tensor:
-    """Spread all levels, from this one on, whose pixels are ``scale`` pixels of the whole picture wide."""
+def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tensor:
+    """Scatter all levels, from this one on, whose pixels are ``scale`` pixels of the whole picture wide."""
     view = (
         make_view(lens.shape.cats_eye, lens.full_shape, scale) if lens.shape and lens.shape.cats_eye else None
     )
     merges = _merges(values.detach(), defocus.detach(), lens.operator)
     if not merges.any():
-        return _spread_near_and_far(values, defocus, lens, view)
+        return _scatter_near_and_far(values, defocus, lens, view)
     height, width = defocus.shape
     merged = _repeat(merges, 2, height, width)
     kept_values, kept_defocus = values.masked_fill(merged[..., None], 0.0), defocus.masked_fill(merged, 0.0)
-    kept = _spread_near_and_far(kept_values, kept_defocus, lens, view)
+    kept = _scatter_near_and_far(kept_values, kept_defocus, lens, view)
     half_defocus = _half_defocus(defocus, merges, lens.operator)
-    coarse = _spread(_half_values(values, merges), half_defocus, lens, 2 * scale)
+    coarse = _scatter(_half_values(values, merges), half_defocus, lens, 2 * scale)
     return kept + _both_ways(_double, coarse)[:height, :width]
 
 
 @torch.compiler.disable  # sizes depend on the data
-def spread(values: Tensor, defocus: Tensor, aperture: Aperture | None = None) -> Tensor:
-    """Spread values over shapes and add up, where the tensors are.
+def scatter_sums(values: Tensor, defocus: Tensor, aperture: Aperture | None = None) -> Tensor:
+    """Scatter values over shapes and add up, where the tensors are.
 
     Args:
         values: What each pixel spreads, (H, W, C), float32 or float64; a channel of ones gives the weights
@@ -158,4 +158,4 @@ def spread(values: Tensor, defocus: Tensor, aperture: Aperture | None = None) ->
         )
     shape = None if aperture is None or aperture.is_disc else aperture
     height, width = defocus.shape
-    return _spread(values, defocus, _Lens(shape, spread_operator(shape), (height, width)), 1.0)
+    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), (height, width)), 1.0)

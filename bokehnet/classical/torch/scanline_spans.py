@@ -12,12 +12,12 @@ from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.scatter.scanline_spans import (
     FAR_STEPS,
-    Ladder,
+    RadiusTable,
     Spans,
     far_radius,
-    ladder_reach,
     list_far_discs,
-    make_ladder,
+    make_radius_table,
+    radius_table_limit,
 )
 from bokehnet.classical.torch.cats_eye import Clip, clip_spans, make_clip
 from bokehnet.optics.aperture import Aperture
@@ -27,7 +27,7 @@ __all__ = ["Batch", "Sources", "find_sources", "list_batches"]
 # Spans worked at once; each needs about 200 bytes.
 _AT_ONCE = 1 << 21
 
-# Steps of the discs beyond the ladder that are listed at once.
+# Steps of the discs beyond the radius table that are listed at once.
 _FAR_AT_ONCE = 256
 
 
@@ -78,11 +78,11 @@ def _to_device(spans: Spans, like: Tensor) -> Any:
 
 
 @lru_cache(maxsize=8)
-def _ladder_tensors(
+def _radius_table_tensors(
     aperture: Aperture | None, reach: int, dtype: torch.dtype, device: torch.device
-) -> tuple[Ladder, Any, Tensor]:
-    """A ladder, and its spans and radii as tensors."""
-    ladder = make_ladder(aperture, reach)
+) -> tuple[RadiusTable, Any, Tensor]:
+    """A radius table, and its spans and radii as tensors."""
+    ladder = make_radius_table(aperture, reach)
     spans = _to_device(ladder.spans, torch.empty(0, dtype=dtype, device=device))
     return ladder, spans, torch.from_numpy(ladder.radii).to(device)
 
@@ -91,7 +91,7 @@ def find_sources(defocus: Tensor, aperture: Aperture | None, view: View | None) 
     """Find all pixels that are not sharp, by the table that holds their shapes.
 
     Args:
-        defocus: Signed radii in pixels, (H, W); no shape but a disc may be beyond the ladder.
+        defocus: Signed radii in pixels, (H, W); no shape but a disc may be beyond the radius table.
         aperture: The opening; None for a disc.
         view: Where this grid lies in the full-size picture; None where there is no cat's-eye.
     """
@@ -101,8 +101,8 @@ def find_sources(defocus: Tensor, aperture: Aperture | None, view: View | None) 
     largest = float(radius.max())
     if largest <= SMALLEST_RADIUS:
         return
-    reach = ladder_reach(aperture, largest)
-    ladder, spans, radii = _ladder_tensors(aperture, reach, defocus.dtype, defocus.device)
+    reach = radius_table_limit(aperture, largest)
+    ladder, spans, radii = _radius_table_tensors(aperture, reach, defocus.dtype, defocus.device)
     pixels = ((radius > SMALLEST_RADIUS) & (radius < ladder.limit)).nonzero().flatten()
     shapes = torch.searchsorted(radii, radius[pixels], right=True) - 1
     along = radius[pixels] - radii[shapes]

@@ -1,4 +1,4 @@
-"""Spread every pixel over its shape with torch operations, on any device: one size, no shortcuts.
+"""Scatter every pixel over its shape with torch operations, on any device: one size, no shortcuts.
 
 As in :mod:`bokehnet.classical.scatter.disc_scatter` only the two ends of each span of a shape are written, as
 differences along the row, and one running sum per row fills the insides; the adjoint reads, at the same
@@ -29,7 +29,7 @@ from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.torch.scanline_spans import find_sources, list_batches
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["spread_level"]
+__all__ = ["scatter_level"]
 
 # Whole numbers per largest value. Sums stay below 2^63 of them: were the radius of each pixel the one that
 # lights a given pixel most, it would get 1 + sum 1 / (pi d^2) over all distances d, 21 times the largest
@@ -57,7 +57,7 @@ def _largest(numbers: Tensor) -> Tensor:
     return largest.where(largest != 0, 1.0)
 
 
-def _spread(values: Tensor, defocus: Tensor, aperture: Aperture | None, view: View | None) -> Tensor:
+def _scatter(values: Tensor, defocus: Tensor, aperture: Aperture | None, view: View | None) -> Tensor:
     height, width, channels = values.shape
     largest = _largest(values)
     unit = (values / largest).view(-1, channels)
@@ -77,7 +77,7 @@ def _spread(values: Tensor, defocus: Tensor, aperture: Aperture | None, view: Vi
 def _gather(
     values: Tensor, defocus: Tensor, aperture: Aperture | None, view: View | None, grad_sums: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Adjoint of :func:`_spread`."""
+    """Adjoint of :func:`_scatter`."""
     height, width, channels = values.shape
     largest, steepest = _largest(values), _largest(grad_sums)
     light = largest.double() * steepest.double()
@@ -109,7 +109,7 @@ def _gather(
     return grad_values.view(height, width, channels), grad_defocus
 
 
-class _SpreadLevel(torch.autograd.Function):
+class _ScatterLevel(torch.autograd.Function):
     """The two as one operation."""
 
     @staticmethod
@@ -118,7 +118,7 @@ class _SpreadLevel(torch.autograd.Function):
     ) -> Tensor:
         ctx.save_for_backward(values, defocus)
         ctx.lens = aperture, view
-        return _spread(values, defocus, aperture, view)
+        return _scatter(values, defocus, aperture, view)
 
     @staticmethod
     @once_differentiable
@@ -128,10 +128,10 @@ class _SpreadLevel(torch.autograd.Function):
 
 
 @torch.compiler.disable  # sizes depend on the data
-def spread_level(
+def scatter_level(
     values: Tensor, defocus: Tensor, aperture: Aperture | None = None, view: View | None = None
 ) -> Tensor:
-    """Spread every pixel over its shape and add up; linear in ``values``.
+    """Scatter every pixel over its shape and add up; linear in ``values``.
 
     Args:
         values: What each pixel spreads, (H, W, C), float32 or float64, on any device with int64 and
@@ -147,4 +147,4 @@ def spread_level(
         magnitude is up to 1/2 or above ``LARGEST_RADIUS``. NaN or infinity in a channel of the values
         makes all of that channel NaN.
     """
-    return _SpreadLevel.apply(values.contiguous(), defocus.contiguous(), aperture, view)
+    return _ScatterLevel.apply(values.contiguous(), defocus.contiguous(), aperture, view)

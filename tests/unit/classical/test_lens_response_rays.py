@@ -127,7 +127,7 @@ def test_colours_part_without_a_jump():
 def test_what_is_guessed_does_not_hang_on_parted_colours():
     image, defocus = picture(), stepped()
     one, parted = (
-        render_rays(image, defocus, character=Character(pencil=pencil(**terms))).guessed
+        render_rays(image, defocus, character=Character(pencil=pencil(**terms))).disocclusion_weight
         for terms in ({"coma": 1e-3}, {"coma": 1e-3, "lateral": 1e-3})
     )
     assert one.max() > 0.4

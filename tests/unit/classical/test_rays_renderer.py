@@ -71,7 +71,7 @@ def test_a_steep_slope_does_not_leak():
     """A slope of 0.9 a pixel over something bright behind it: none of the bright shows."""
     image = np.full((40, 80, 3), 0.2, np.float32)
     defocus = np.repeat((0.9 * np.arange(80) - 36).astype(np.float32)[None], 40, 0)
-    image[:, 60:], defocus[:, 60:] = 0.2, -36.0  # a gap, so that rays run
+    image[:, 60:], defocus[:, 60:] = 0.2, -36.0  # a depth discontinuity, so that rays run
     layers = Layers(
         colors=np.stack([image, np.full_like(image, 5.0)], 2),
         defocus=np.stack([defocus, np.full_like(defocus, -36.5)], 2),
@@ -178,26 +178,30 @@ def test_the_renderer_gives_the_error_map_too():
     assert result.error_map[:, 0].max() == 0.0
 
 
-def test_what_is_guessed_is_the_share_of_the_hidden_layer():
+def test_the_disocclusion_weight_is_the_share_of_the_occluded_background():
     """Beside a blurred half-plane nothing hidden shows; under it, what the disc's segment leaves does."""
     radius = 14.0
     result = render_rays(*half_plane(radius, 0.0))
     middle = np.s_[40:56]
     share = segment((EDGE - 0.5 - np.arange(SIZE)) / radius)
-    assert np.abs(result.guessed[middle, EDGE + 2 : EDGE + 12]).max() < 0.01
+    assert np.abs(result.disocclusion_weight[middle, EDGE + 2 : EDGE + 12]).max() < 0.01
     np.testing.assert_allclose(
-        result.guessed[middle, EDGE - 12 : EDGE - 2].mean(0), 1 - share[EDGE - 12 : EDGE - 2], atol=0.02
+        result.disocclusion_weight[middle, EDGE - 12 : EDGE - 2].mean(0),
+        1 - share[EDGE - 12 : EDGE - 2],
+        atol=0.02,
     )
     np.testing.assert_allclose(
-        result.hidden[middle, EDGE - 8 : EDGE - 2], np.broadcast_to(BACK, (16, 6, 3)), atol=1e-5
+        result.occluded_background[middle, EDGE - 8 : EDGE - 2], np.broadcast_to(BACK, (16, 6, 3)), atol=1e-5
     )
-    np.testing.assert_array_equal(result.hints, np.dstack([result.hidden, result.guessed, result.error_map]))
+    np.testing.assert_array_equal(
+        result.features, np.dstack([result.occluded_background, result.disocclusion_weight, result.error_map])
+    )
 
 
 def test_light_from_beyond_the_border_is_guessed():
     """At the upper border half of each disc of the foreground lies outside the picture."""
     radius = 10.0
     image, defocus = half_plane(radius, 0.0)
-    guessed = render_rays(image, defocus).guessed
-    column = guessed[:, EDGE - 4]
+    disocclusion_weight = render_rays(image, defocus).disocclusion_weight
+    column = disocclusion_weight[:, EDGE - 4]
     assert column[0] > column[SIZE // 2] + 0.3

@@ -40,7 +40,7 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
     networks = renderer._networks
     wanted = render_neural(
         *batches,
-        hints=classical.hints.transpose(2, 0, 1)[None],
+        hints=classical.features.transpose(2, 0, 1)[None],
         arnet=networks.arnet,
         iunet=carry_detail,
         unit=networks.unit,

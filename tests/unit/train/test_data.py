@@ -31,7 +31,7 @@ def test_a_prepared_example_is_the_pair_and_its_render(tiny_pairs, tiny_prepared
     assert_array_equal(planes[PLANES["truth"]].transpose(1, 2, 0), sample.bokeh[1].astype(np.float32))
     assert_allclose(planes[PLANES["defocus"]][0], defocus, atol=4e-3)
     assert_allclose(planes[PLANES["classical"]].transpose(1, 2, 0), render.bokeh, rtol=1e-3, atol=1e-3)
-    assert_allclose(planes[PLANES["guessed"]][0], render.guessed, atol=1e-3)
+    assert_allclose(planes[PLANES["guessed"]][0], render.disocclusion_weight, atol=1e-3)
     assert_allclose(planes[PLANES["target"]][0], render.error_map, atol=1e-3)
 
 

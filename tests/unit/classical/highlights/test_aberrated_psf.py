@@ -127,7 +127,7 @@ def test_fringes_part_the_colours_as_their_rays_do():
 @pytest.mark.parametrize("name", ["soap bubble", "coma", "colours", "leaning focus"])
 @pytest.mark.parametrize("screen", [0.0, 25.0])
 def test_a_screen_clips_the_disc_where_it_stops_rays(name, screen):
-    """Rays pass the screen at ``p - s A - E``; the sprite takes E as the mean of a pixel's rays.
+    """Rays pass the screen at ``p - s A - E``; the PSF image takes E as the mean of a pixel's rays.
 
     Colours part at the edge of a blurred screen by what E differs between them, which the mean leaves out.
     """

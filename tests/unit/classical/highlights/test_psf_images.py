@@ -135,7 +135,7 @@ def test_a_cats_eye_leaves_lights_as_bright_as_the_rays_do():
     aperture = Aperture(cats_eye=1.0)
     image = np.zeros((160, 160, 3), np.float32)
     defocus = np.full((160, 160), -14.0, np.float32)
-    defocus[:, :70] = 0  # a gap, so that rays are used nearby
+    defocus[:, :70] = 0  # a depth discontinuity, so that rays are used nearby
     image[110:113, 110:113] = 0.5  # too little contrast, in a lit surrounding, to be a light
     image += 0.2
     gathered = rays(image, defocus, aperture=aperture)[..., 0] - 0.2

@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 from bokehnet.classical.layered.aberrated_rays import collapse, lens_table, send_rays
-from bokehnet.classical.simd.float8 import LANES, load_lanes, store_lanes
+from bokehnet.classical.simd.float8 import LANES, load8, store8
 from bokehnet.errors import ParameterError
 from bokehnet.optics.character import Character
 from bokehnet.optics.fringes import Fringes
@@ -22,11 +22,11 @@ def send_eight(coefficients, tilt, u, v, h_x, h_y, waves):
     collapsed = np.empty(coefficients.shape[1:], np.float32)
     collapse(coefficients, h_x * h_x + h_y * h_y, collapsed)
     found = np.empty(4 * LANES, np.float32)
-    sent = send_rays(collapsed, tilt, load_lanes(u, 0), load_lanes(v, 0), h_x, h_y, load_lanes(waves, 0))
-    store_lanes(found, 0, sent[0])
-    store_lanes(found, LANES, sent[1])
-    store_lanes(found, 2 * LANES, sent[2])
-    store_lanes(found, 3 * LANES, sent[3])
+    sent = send_rays(collapsed, tilt, load8(u, 0), load8(v, 0), h_x, h_y, load8(waves, 0))
+    store8(found, 0, sent[0])
+    store8(found, LANES, sent[1])
+    store8(found, 2 * LANES, sent[2])
+    store8(found, 3 * LANES, sent[3])
     return found
 
 

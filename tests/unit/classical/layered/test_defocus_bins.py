@@ -5,7 +5,7 @@ import pytest
 from skimage import data
 
 import bokehnet.classical.rays_renderer
-from bokehnet.classical.layered.defocus_bins import SLICES, TILE, occupied_slices
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.rays_renderer import rays
@@ -31,12 +31,12 @@ def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, character):
     shares = []
 
     def look_everywhere(*arguments):
-        slices = occupied_slices(*arguments)
+        slices = occupied_bins(*arguments)
         shares.append(slices.smooth.mean())
         every = np.full_like(slices.bits, 2**64 - 1)
         return slices._replace(bits=every, smooth=np.zeros_like(slices.smooth))
 
-    monkeypatch.setattr(bokehnet.classical.rays_renderer, "occupied_slices", look_everywhere)
+    monkeypatch.setattr(bokehnet.classical.rays_renderer, "occupied_bins", look_everywhere)
     expected = rays(image, defocus, character=character)
     assert 0.3 < shares[0] < 0.9
     assert np.sqrt(np.mean((found - expected) ** 2)) < 3e-4
@@ -47,7 +47,7 @@ def test_a_tile_looks_behind_the_first_layer_within_reach_of_a_hidden_one():
     depths = np.zeros((64, 256, 2), np.float32)
     depths[:, 100:104, 0] = 40
     layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
-    smooth = occupied_slices(layer_cells(layers)).smooth
+    smooth = occupied_bins(layer_cells(layers)).smooth
     columns = np.arange(smooth.shape[1]) * TILE
     near = (columns + TILE > 60) & (columns < 144)
     assert not smooth[:, near].any()
@@ -59,15 +59,15 @@ def test_half_covered_pixels_and_what_is_behind_them_are_looked_at():
     cover = np.ones_like(depths)
     cover[16, 16, 0] = 0.5
     layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=cover)
-    slices = occupied_slices(layer_cells(layers))
+    slices = occupied_bins(layer_cells(layers))
     assert not slices.smooth[2, 2]
-    assert slices.thickness == pytest.approx(0.002 / SLICES, rel=1e-3)
+    assert slices.thickness == pytest.approx(0.002 / BINS, rel=1e-3)
 
 
 @pytest.mark.parametrize(("slope", "expected"), [(0.2, True), (0.4, False)])
 def test_steep_surfaces_are_walked_over(slope, expected):
-    """One surface without a gap, as soft maps have it: rays may meet it at several places."""
+    """One surface without a depth discontinuity, as soft maps have it: rays may meet it at several places."""
     depths = np.tile(np.clip((np.arange(256) - 120) * slope, 0, 6), (32, 1)).astype(np.float32)
     depths = depths[..., None]
     layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
-    assert (occupied_slices(layer_cells(layers)).smooth[:, 120 // TILE] == expected).all()
+    assert (occupied_bins(layer_cells(layers)).smooth[:, 120 // TILE] == expected).all()

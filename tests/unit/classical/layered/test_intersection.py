@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bokehnet.classical.layered.depth_discontinuities import JUMP
-from bokehnet.classical.layered.intersection import layer_cells, meet, meet_smooth
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.intersection import intersect, intersect_smooth, layer_cells
 from bokehnet.classical.layered.layers import Layers
-from bokehnet.classical.simd.float8 import LANES, load_lanes
+from bokehnet.classical.simd.float8 import LANES, load8
 
 
 @njit
 def meet_eight(cells, size, runs, x, y, begin_x, begin_y, u, v, chance):
-    met = np.empty(4 * LANES, np.float32)
-    starts = (load_lanes(x, 0), load_lanes(y, 0), load_lanes(begin_x, 0), load_lanes(begin_y, 0))
-    lanes = (*starts, load_lanes(u, 0), load_lanes(v, 0), load_lanes(chance, 0))
-    meet(cells, size, runs, len(runs), *lanes, met)
-    return met
+    hits = np.empty(4 * LANES, np.float32)
+    starts = (load8(x, 0), load8(y, 0), load8(begin_x, 0), load8(begin_y, 0))
+    lanes = (*starts, load8(u, 0), load8(v, 0), load8(chance, 0))
+    intersect(cells, size, runs, len(runs), *lanes, hits)
+    return hits
 
 
 def meet_one(
@@ -54,9 +54,9 @@ def meet_one(
                 depth = float(layers.defocus[row, column, layer])
                 if depth < leave:
                     under = max(under, depth)
-                elif (depth <= entry or depth - below <= JUMP) and chance < layers.coverage[
-                    row, column, layer
-                ]:
+                elif (
+                    depth <= entry or depth - below <= DISCONTINUITY_THRESHOLD
+                ) and chance < layers.coverage[row, column, layer]:
                     return row, column, layer
             below = under
     return None, None, -1
@@ -105,9 +105,9 @@ def test_eight_rays_meet_what_each_meets_alone(count):
 
 @njit
 def settle_eight(cells, size, x, y, begin_x, begin_y, u, v):
-    met = np.empty(4 * LANES, np.float32)
-    starts = (load_lanes(x, 0), load_lanes(y, 0), load_lanes(begin_x, 0), load_lanes(begin_y, 0))
-    return meet_smooth(cells, size, *starts, load_lanes(u, 0), load_lanes(v, 0), met), met
+    hits = np.empty(4 * LANES, np.float32)
+    starts = (load8(x, 0), load8(y, 0), load8(begin_x, 0), load8(begin_y, 0))
+    return intersect_smooth(cells, size, *starts, load8(u, 0), load8(v, 0), hits), hits
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.05, -0.02), (-0.12, 0.1)])
@@ -125,9 +125,9 @@ def test_rays_come_to_rest_on_a_slope_where_they_cut_it(slope):
         column, row = rng.integers(32, 48, LANES), rng.integers(22, 38, LANES)
         begin, ray = rng.uniform(-2, 3, (2, LANES)), rng.uniform(-0.9, 0.9, (2, LANES))
         arrays = [np.asarray(a, np.float32) for a in (column, row, *begin, *ray)]
-        rests, met = settle_eight(cells, (height, width, 1), *arrays)
+        rests, hits = settle_eight(cells, (height, width, 1), *arrays)
         assert rests
-        rows, columns, found, depths = met.reshape(4, LANES)
+        rows, columns, found, depths = hits.reshape(4, LANES)
         away = column + begin[0] - 0.5 - 40, row + begin[1] - 0.5 - 30
         s = (6 + slope[0] * away[0] + slope[1] * away[1]) / (1 + slope[0] * ray[0] + slope[1] * ray[1])
         assert not found.any()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered.occluded_background import hidden_layer
+from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.errors import ParameterError, ShapeError
 
 
@@ -19,7 +19,7 @@ def scene(behind=-4.0, before=10.0):
 
 def test_the_background_goes_on_behind_the_foreground():
     image, defocus, inside = scene()
-    colors, depths = hidden_layer(image, defocus)
+    colors, depths = occluded_background(image, defocus)
     assert (depths[inside] == -4.0).all()
     assert not colors[inside][..., 1].any()
     left, right = colors[24, 25, 0], colors[24, 38, 0]
@@ -29,7 +29,7 @@ def test_the_background_goes_on_behind_the_foreground():
 
 def test_what_is_not_hidden_stays():
     image, defocus, inside = scene()
-    colors, depths = hidden_layer(image, defocus)
+    colors, depths = occluded_background(image, defocus)
     outside = np.ones(defocus.shape, bool)
     outside[inside] = False
     np.testing.assert_array_equal(colors[outside], image[outside])
@@ -38,7 +38,7 @@ def test_what_is_not_hidden_stays():
 
 def test_it_reaches_as_far_as_rays_can_see():
     image, defocus, _ = scene(behind=-2.0, before=2.0)  # rays fall 4 pixels behind the edge
-    _, depths = hidden_layer(image, defocus)
+    _, depths = occluded_background(image, defocus)
     assert (depths[24, 24:28] == -2.0).all()
     assert (depths[23:25, 31:33] == 2.0).all()
 
@@ -46,7 +46,7 @@ def test_it_reaches_as_far_as_rays_can_see():
 def test_a_slope_hides_nothing():
     defocus = np.repeat(np.linspace(-20, 20, 64, dtype=np.float32)[None], 32, 0)
     image = np.random.default_rng(0).random((32, 64, 3), dtype=np.float32)
-    colors, depths = hidden_layer(image, defocus)
+    colors, depths = occluded_background(image, defocus)
     np.testing.assert_array_equal(colors, image)
     np.testing.assert_array_equal(depths, defocus)
 
@@ -57,7 +57,7 @@ def test_each_side_of_a_thing_carries_on_its_own_background():
     image[:, :30], image[:, 30:] = (1, 0, 0), (0, 0, 1)
     defocus[:, :30], defocus[:, 30:] = -8.0, -12.0
     image[:, 20:40], defocus[:, 20:40] = (0, 1, 0), 15.0
-    colors, depths = hidden_layer(image, defocus)
+    colors, depths = occluded_background(image, defocus)
     np.testing.assert_allclose(colors[4, 22], (1, 0, 0))
     np.testing.assert_allclose(colors[4, 37], (0, 0, 1))
     assert depths[4, 22] == -8.0
@@ -67,14 +67,14 @@ def test_each_side_of_a_thing_carries_on_its_own_background():
 def test_bad_input_is_refused():
     image, defocus, _ = scene()
     with pytest.raises(ShapeError):
-        hidden_layer(image, defocus[:-1])
+        occluded_background(image, defocus[:-1])
     with pytest.raises(ParameterError, match="defocus"):
-        hidden_layer(image, np.full_like(defocus, np.nan))
+        occluded_background(image, np.full_like(defocus, np.nan))
 
 
 def test_lights_are_not_carried_on():
     image, defocus, inside = scene()
     image[...] = 0.1
     image[20:28, 22:24] = 50.0  # lamps that touch the square's left side
-    colors, _ = hidden_layer(image, defocus)
+    colors, _ = occluded_background(image, defocus)
     assert colors[inside].max() < 5.0

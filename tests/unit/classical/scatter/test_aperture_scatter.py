@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter.aperture_scatter import spread_backward, spread_forward
+from bokehnet.classical.scatter.aperture_scatter import scatter_backward, scatter_forward
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE, STEP, shape_table
 from bokehnet.optics.aperture import Aperture, cats_eye_shift, transmission
 
@@ -33,7 +33,7 @@ def one_point(radius: float, aperture: Aperture, dtype=np.float64) -> np.ndarray
     size = 2 * math.ceil(abs(radius)) + 5
     values = np.zeros((size, size, 1), dtype)
     values[size // 2, size // 2] = 1
-    return spread_forward(values, np.full((size, size), radius, dtype), aperture)[..., 0]
+    return scatter_forward(values, np.full((size, size), radius, dtype), aperture)[..., 0]
 
 
 def point_at(
@@ -42,7 +42,7 @@ def point_at(
     """What a point at (x, y) of a picture becomes."""
     values = np.zeros((*shape, 1))
     values[y, x] = 1
-    return spread_forward(values, np.full(shape, radius), aperture, **place)[..., 0]
+    return scatter_forward(values, np.full(shape, radius), aperture, **place)[..., 0]
 
 
 def counted(radius: float, aperture: Aperture, size: int, oversampling: int = 40) -> np.ndarray:
@@ -57,7 +57,7 @@ def counted(radius: float, aperture: Aperture, size: int, oversampling: int = 40
 @pytest.mark.parametrize("radius", [0.75, 2.0, -3.5, 8.25, -20.0])
 @pytest.mark.parametrize("name", WHOLE)
 def test_parts_are_the_light_on_each_pixel(name, radius):
-    """At a step of the ladder. The tolerance is that of the counting and of cells 1/256 of the radius."""
+    """At a step of the table. The tolerance is that of the counting and of cells 1/256 of the radius."""
     spread = one_point(radius, WHOLE[name])
     difference = np.abs(spread - counted(radius, WHOLE[name], len(spread)))
     assert difference.sum() < 0.01
@@ -93,8 +93,8 @@ def test_blur_of_half_a_pixel_is_the_identity():
     rng = np.random.default_rng(0)
     values, defocus = rng.random((20, 30, 4)), rng.uniform(-0.5, 0.5, (20, 30))
     for aperture in SHAPES.values():
-        assert_array_equal(spread_forward(values, defocus, aperture), values)
-        gradients = spread_backward(values, defocus, values, aperture)
+        assert_array_equal(scatter_forward(values, defocus, aperture), values)
+        gradients = scatter_backward(values, defocus, values, aperture)
         assert_array_equal(gradients[0], values)
         assert not gradients[1].any()
 
@@ -193,7 +193,7 @@ def test_a_very_large_shape_is_the_shape_a_little_softer():
 @pytest.mark.parametrize("radius", [1e3, 1e6, 1e12])
 def test_radius_far_beyond_the_picture_spreads_evenly(radius):
     values = np.random.default_rng(6).random((6, 8, 4), dtype=np.float32)
-    sums = spread_forward(values, np.full((6, 8), radius, np.float32), Aperture(blades=6))
+    sums = scatter_forward(values, np.full((6, 8), radius, np.float32), Aperture(blades=6))
     mean = values.mean(axis=(0, 1), keepdims=True)
     assert_allclose(sums / sums[..., 3:], np.broadcast_to(mean / mean[..., 3:], sums.shape), rtol=1e-3)
 
@@ -205,15 +205,15 @@ def test_backward_is_the_transposed_forward(name, largest, shape):
     rng = np.random.default_rng(1)
     values, other, gradient = rng.random((3, *shape, 4))
     defocus = rng.uniform(-largest, largest, shape)
-    gathered, _ = spread_backward(values, defocus, gradient, SHAPES[name])
-    forward = (spread_forward(other, defocus, SHAPES[name]) * gradient).sum()
+    gathered, _ = scatter_backward(values, defocus, gradient, SHAPES[name])
+    forward = (scatter_forward(other, defocus, SHAPES[name]) * gradient).sum()
     assert (gathered * other).sum() == pytest.approx(forward, rel=1e-10)
 
 
 @pytest.mark.parametrize("largest", [9.0, 150.0])
 @pytest.mark.parametrize("name", SHAPES)
 def test_derivative_by_the_defocus_is_that_of_the_forward(name, largest):
-    """Authority: differences of the forward, away from the ladder's steps, where the slope jumps."""
+    """Authority: differences of the forward, away from the radius table's steps, where the slope jumps."""
     rng = np.random.default_rng(2)
     shape, step = (23, 31), 1e-5
     values, gradient = rng.random((2, *shape, 4))
@@ -222,9 +222,9 @@ def test_derivative_by_the_defocus_is_that_of_the_forward(name, largest):
     defocus = np.where(np.abs(place - np.round(place)) < 0.02, defocus + 0.013 * np.sign(defocus), defocus)
     direction = rng.choice([-1.0, 1.0], shape)
     aperture = SHAPES[name]
-    ahead = spread_forward(values, defocus + step * direction, aperture)
-    behind = spread_forward(values, defocus - step * direction, aperture)
-    _, slopes = spread_backward(values, defocus, gradient, aperture)
+    ahead = scatter_forward(values, defocus + step * direction, aperture)
+    behind = scatter_forward(values, defocus - step * direction, aperture)
+    _, slopes = scatter_backward(values, defocus, gradient, aperture)
     wanted = ((ahead - behind) * gradient).sum() / (2 * step)
     scale = np.abs(slopes).sum()
     assert (slopes * direction).sum() == pytest.approx(wanted, abs=1e-5 * scale)
@@ -236,13 +236,13 @@ def test_any_number_of_channels_gives_the_same_sums(channels):
     rng = np.random.default_rng(3)
     values, defocus = rng.random((20, 26, channels)), rng.uniform(-6, 6, (20, 26))
     gradient = rng.random(values.shape)
-    sums = spread_forward(values, defocus, WHOLE["blades"])
-    gathered, slopes = spread_backward(values, defocus, gradient, WHOLE["blades"])
+    sums = scatter_forward(values, defocus, WHOLE["blades"])
+    gathered, slopes = scatter_backward(values, defocus, gradient, WHOLE["blades"])
     total = np.zeros_like(slopes)
     for c in range(channels):
         one = slice(c, c + 1)
-        assert_array_equal(spread_forward(values[..., one], defocus, WHOLE["blades"]), sums[..., one])
-        alone = spread_backward(values[..., one], defocus, gradient[..., one], WHOLE["blades"])
+        assert_array_equal(scatter_forward(values[..., one], defocus, WHOLE["blades"]), sums[..., one])
+        alone = scatter_backward(values[..., one], defocus, gradient[..., one], WHOLE["blades"])
         assert_allclose(alone[0], gathered[..., one], rtol=1e-12)
         total += alone[1]
     assert_allclose(total, slopes, atol=1e-12)
@@ -257,8 +257,8 @@ def test_any_number_of_threads_gives_the_same_bits():
         results = []
         for threads in {1, before}:
             numba.set_num_threads(threads)
-            sums = spread_forward(values, defocus, aperture)
-            results.append((sums, *spread_backward(values, defocus, sums, aperture)))
+            sums = scatter_forward(values, defocus, aperture)
+            results.append((sums, *scatter_backward(values, defocus, sums, aperture)))
         numba.set_num_threads(before)
         for result in results:
             for array, first in zip(result, results[0], strict=True):
@@ -269,8 +269,8 @@ def test_single_precision_is_close_to_double():
     rng = np.random.default_rng(5)
     values, defocus = rng.random((40, 50, 4)), rng.uniform(-9, 9, (40, 50))
     for aperture in SHAPES.values():
-        exact = spread_forward(values, defocus, aperture)
-        single = spread_forward(values.astype(np.float32), defocus.astype(np.float32), aperture)
+        exact = scatter_forward(values, defocus, aperture)
+        single = scatter_forward(values.astype(np.float32), defocus.astype(np.float32), aperture)
         assert single.dtype == np.float32
         assert_allclose(single, exact, atol=3e-5)
 
@@ -287,10 +287,10 @@ def test_absent_pixels_spread_nothing_and_still_have_a_gradient():
     rng = np.random.default_rng(7)
     values, gradient = rng.random((2, 18, 18, 4))
     defocus = rng.uniform(-5, 5, (18, 18))
-    expected, _ = spread_backward(values, defocus, gradient, WHOLE["rim"])
+    expected, _ = scatter_backward(values, defocus, gradient, WHOLE["rim"])
     none = np.zeros_like(values)
-    assert not spread_forward(none, defocus, WHOLE["rim"]).any()
-    gathered, slopes = spread_backward(none, defocus, gradient, WHOLE["rim"])
+    assert not scatter_forward(none, defocus, WHOLE["rim"]).any()
+    gathered, slopes = scatter_backward(none, defocus, gradient, WHOLE["rim"])
     assert_allclose(gathered, expected)
     assert not slopes.any()
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter.disc_scatter import BAND_ROWS, spread_backward, spread_forward
+from bokehnet.classical.scatter.disc_scatter import BLOCK_ROWS, scatter_backward, scatter_forward
 from bokehnet.classical.scatter.disc_table import TABLE_RADIUS
 from bokehnet.classical.scatter.oracle import disc_weights
 
@@ -37,31 +37,31 @@ def written_out(values: np.ndarray, defocus: np.ndarray) -> np.ndarray:
     return out[reach : reach + height, reach : reach + width]
 
 
-@pytest.mark.parametrize("shape", [(17, 23), (40, 9), (1, 12), (12, 1), (1, 1), (BAND_ROWS + 6, 12)])
+@pytest.mark.parametrize("shape", [(17, 23), (40, 9), (1, 12), (12, 1), (1, 1), (BLOCK_ROWS + 6, 12)])
 def test_spread_equals_the_sum_of_all_windows(shape):
     values, defocus = random_inputs(*shape, 7)
-    assert_allclose(spread_forward(values, defocus), written_out(values, defocus), rtol=1e-3, atol=2e-4)
+    assert_allclose(scatter_forward(values, defocus), written_out(values, defocus), rtol=1e-3, atol=2e-4)
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4, 5, 9])
 def test_any_number_of_channels_is_spread_alike(channels):
     values, defocus = random_inputs(30, 20, 6, channels)
-    together = spread_forward(values, defocus)
+    together = scatter_forward(values, defocus)
     for c in range(channels):
-        assert_array_equal(together[..., c], spread_forward(values[..., c : c + 1], defocus)[..., 0])
+        assert_array_equal(together[..., c], scatter_forward(values[..., c : c + 1], defocus)[..., 0])
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.3, 0.5, 0.501, 0.7, 1.0, 2.5, 8.3, 40.0, 63.9, 64.0, 90.4, 300.0])
 def test_weights_of_one_point_sum_to_one(radius):
     size = 2 * math.ceil(radius) + 5
-    sums = spread_forward(point(size, size), np.full((size, size), radius))
+    sums = scatter_forward(point(size, size), np.full((size, size), radius))
     assert_allclose(sums.sum(axis=(0, 1)), 1, atol=1e-9)
 
 
 def test_disc_hardly_changes_where_the_table_ends():
     """Authority: the formula behind the table, which serves beyond it."""
     inside, outside = (
-        spread_forward(point(140, 140), np.full((140, 140), radius))[..., 0]
+        scatter_forward(point(140, 140), np.full((140, 140), radius))[..., 0]
         for radius in (TABLE_RADIUS - 1e-9, TABLE_RADIUS)
     )
     assert np.abs(inside - outside).sum() / 2 < 1e-3
@@ -71,7 +71,7 @@ def test_no_light_is_left_behind_a_bright_disc():
     """Differences cancel to the rounding of float64, and what is left never goes below nothing."""
     values = point(201, 201, 1e6)
     values[100, 60] = 1e6
-    sums = spread_forward(values.astype(np.float32), np.full((201, 201), 20.3, np.float32))
+    sums = scatter_forward(values.astype(np.float32), np.full((201, 201), 20.3, np.float32))
     y, x = np.mgrid[:201, :201] - 100
     behind = (np.hypot(x, y) > 22) & (np.hypot(x + 40, y) > 22)
     own = 1e6 / (math.pi * 20.3**2)
@@ -80,12 +80,12 @@ def test_no_light_is_left_behind_a_bright_disc():
 
 
 def test_any_number_of_threads_gives_the_same_bits():
-    values, defocus = random_inputs(3 * BAND_ROWS + 5, 70, 80)
+    values, defocus = random_inputs(3 * BLOCK_ROWS + 5, 70, 80)
     gradient = np.random.default_rng(1).random(values.shape)
     before, results = numba.get_num_threads(), []
     for threads in sorted({1, before}):
         numba.set_num_threads(threads)
-        results.append((spread_forward(values, defocus), *spread_backward(values, defocus, gradient)))
+        results.append((scatter_forward(values, defocus), *scatter_backward(values, defocus, gradient)))
     numba.set_num_threads(before)
     for result in results:
         for array, first in zip(result, results[0], strict=True):
@@ -99,8 +99,8 @@ def test_backward_is_the_adjoint_of_the_forward(shape, largest):
     """Authority: <spread(v), g> = <v, spread^T(g)> for any v and g."""
     values, defocus = random_inputs(*shape, largest)
     gradient = np.random.default_rng(1).standard_normal(values.shape)
-    there = (spread_forward(values, defocus) * gradient).sum()
-    back = (values * spread_backward(values, defocus, gradient)[0]).sum()
+    there = (scatter_forward(values, defocus) * gradient).sum()
+    back = (values * scatter_backward(values, defocus, gradient)[0]).sum()
     assert back == pytest.approx(there, rel=1e-12)
 
 
@@ -109,7 +109,7 @@ def test_gradient_for_the_defocus_is_the_difference_quotient(shape, largest):
     values, defocus = random_inputs(*shape, largest)
     rng = np.random.default_rng(2)
     gradient, direction = rng.standard_normal(values.shape), rng.standard_normal(shape)
-    ahead, behind = (spread_forward(values, defocus + step * direction) for step in (1e-7, -1e-7))
+    ahead, behind = (scatter_forward(values, defocus + step * direction) for step in (1e-7, -1e-7))
     quotient = ((ahead - behind) * gradient).sum() / 2e-7
-    slope = (spread_backward(values, defocus, gradient)[1] * direction).sum()
+    slope = (scatter_backward(values, defocus, gradient)[1] * direction).sum()
     assert slope == pytest.approx(quotient, rel=1e-5)

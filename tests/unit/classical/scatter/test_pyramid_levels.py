@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter.disc_scatter import spread_forward as spread_on_one_level
-from bokehnet.classical.scatter.pyramid_levels import DISC, MERGE_ABOVE, spread_backward, spread_forward
+from bokehnet.classical.scatter.disc_scatter import scatter_forward as spread_on_one_level
+from bokehnet.classical.scatter.pyramid_levels import DISC, MERGE_ABOVE, scatter_backward, scatter_forward
 
 
 def natural_picture(height: int, width: int) -> np.ndarray:
@@ -24,7 +24,7 @@ def natural_picture(height: int, width: int) -> np.ndarray:
 
 def psnr(values: np.ndarray, defocus: np.ndarray) -> float:
     """Of the normalised pictures with levels and without; peak 1."""
-    with_levels, exact = spread_forward(values, defocus), spread_on_one_level(values, defocus)
+    with_levels, exact = scatter_forward(values, defocus), spread_on_one_level(values, defocus)
     error = with_levels[..., :3] / with_levels[..., 3:] - exact[..., :3] / exact[..., 3:]
     return float(-10 * math.log10((error**2).mean()))
 
@@ -54,7 +54,7 @@ def test_merged_discs_have_the_exact_variance(radius):
     values = np.zeros((size, size, 1))
     values[size // 2 - 8 : size // 2 + 8, size // 2 - 8 : size // 2 + 8] = 1 / 256
     defocus = np.full((size, size), radius)
-    sums = spread_forward(values, defocus)[..., 0]
+    sums = scatter_forward(values, defocus)[..., 0]
     assert not np.allclose(sums, spread_on_one_level(values, defocus)[..., 0], atol=1e-3 * sums.max())
     place = np.arange(size) - (size - 1) / 2
     assert sums.sum() == pytest.approx(1, abs=1e-6)
@@ -69,15 +69,15 @@ def test_a_light_on_black_keeps_its_sharp_disc():
     light = np.zeros_like(values)
     light[60, 61] = 1.0
     defocus = np.full((120, 120), 40.0)
-    rest = spread_forward(np.full_like(values, 1e-3), defocus)
+    rest = scatter_forward(np.full_like(values, 1e-3), defocus)
     disc = spread_on_one_level(light, defocus)
-    assert_allclose(spread_forward(values, defocus) - rest, disc, atol=0.02 * disc.max())
+    assert_allclose(scatter_forward(values, defocus) - rest, disc, atol=0.02 * disc.max())
 
 
 def test_no_light_is_left_behind_the_disc_of_merged_lights():
     values = np.zeros((256, 256, 4), np.float32)
     values[120:136, 120:136] = 1e3
-    sums = spread_forward(values, np.full((256, 256), 50.0, np.float32))
+    sums = scatter_forward(values, np.full((256, 256), 50.0, np.float32))
     y, x = np.mgrid[:256, :256] - 127.5
     assert sums[np.hypot(x, y) > 50 + 8 * math.sqrt(2) + 8].max() <= 1e-6 * sums.max()
     assert sums.min() >= 0
@@ -90,7 +90,7 @@ def test_sources_at_jumps_and_small_discs_stay_on_their_level():
     small = rng.uniform(-MERGE_ABOVE, MERGE_ABOVE, (40, 50))
     checks = np.where(np.indices((40, 50)).sum(axis=0) % 2, 30.0, -30.0)
     for defocus in (small, checks):
-        assert_array_equal(spread_forward(values, defocus), spread_on_one_level(values, defocus))
+        assert_array_equal(scatter_forward(values, defocus), spread_on_one_level(values, defocus))
 
 
 def test_work_per_level_shrinks_and_the_operator_is_told_where_it_is():
@@ -102,7 +102,7 @@ def test_work_per_level_shrinks_and_the_operator_is_told_where_it_is():
         return DISC.forward(values, defocus, **place)
 
     values = np.ones((96, 130, 4))
-    spread_forward(values, np.full((96, 130), 80.0), replace(DISC, forward=spread))
+    scatter_forward(values, np.full((96, 130), 80.0), replace(DISC, forward=spread))
     assert [shape for shape, _, _ in seen] == [(12, 17), (24, 33), (48, 65), (96, 130)]
     # Only the column that is left over where a width is odd stays on its level.
     assert [radius > 0 for _, radius, _ in seen] == [True, False, True, False]
@@ -119,14 +119,14 @@ def test_backward_is_the_adjoint_of_the_forward(shape, largest):
     values = rng.uniform(0.5, 1, (*shape, 4))
     defocus = np.broadcast_to(np.linspace(-largest, largest, shape[1]), shape).copy()
     gradient = rng.standard_normal(values.shape)
-    there = (spread_forward(values, defocus) * gradient).sum()
-    back = (values * spread_backward(values, defocus, gradient)[0]).sum()
+    there = (scatter_forward(values, defocus) * gradient).sum()
+    back = (values * scatter_backward(values, defocus, gradient)[0]).sum()
     assert back == pytest.approx(there, rel=1e-10)
 
 
 def test_values_are_left_alone_unless_they_may_be_overwritten():
     values = np.random.default_rng(4).random((30, 40, 4))
     before, defocus = values.copy(), np.full((30, 40), 30.0)
-    sums = spread_forward(values, defocus)
+    sums = scatter_forward(values, defocus)
     assert_array_equal(values, before)
-    assert_array_equal(spread_forward(values, defocus, overwrite=True), sums)
+    assert_array_equal(scatter_forward(values, defocus, overwrite=True), sums)

@@ -5,7 +5,7 @@ from numpy.testing import assert_array_equal
 
 from bokehnet.classical import scatter_renderer as numpy_side
 from bokehnet.classical.scatter import pyramid_levels
-from bokehnet.classical.scatter.disc_scatter import spread_forward as spread_on_one_level
+from bokehnet.classical.scatter.disc_scatter import scatter_forward as spread_on_one_level
 from bokehnet.classical.torch.autograd import scatter
 
 
@@ -29,7 +29,7 @@ def test_gradients_through_merged_levels_match_finite_differences():
     defocus = slope + 0.3 * torch.rand(9, 8, dtype=torch.float64, generator=generator)
     defocus[:, 5] = 0.2
     values = torch.cat([image, torch.ones_like(image)], -1).detach().numpy()
-    merged = pyramid_levels.spread_forward(values, defocus.numpy())
+    merged = pyramid_levels.scatter_forward(values, defocus.numpy())
     assert not np.allclose(merged, spread_on_one_level(values, defocus.numpy()), rtol=1e-6)
     assert torch.autograd.gradcheck(scatter, (image.requires_grad_(), defocus.requires_grad_()))
 

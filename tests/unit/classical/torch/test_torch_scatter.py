@@ -11,13 +11,13 @@ from bokehnet.classical import scatter_renderer as numpy_side
 from bokehnet.classical.scatter import aperture_scatter, disc_scatter, pyramid_levels
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE
 from bokehnet.classical.scatter.cats_eye import View, make_view
-from bokehnet.classical.scatter.disc_scatter import BAND_ROWS, LARGEST_RADIUS
-from bokehnet.classical.scatter.operators import spread_operator
+from bokehnet.classical.scatter.disc_scatter import BLOCK_ROWS, LARGEST_RADIUS
+from bokehnet.classical.scatter.operators import scatter_operator
 from bokehnet.classical.scatter.oracle import disc_weights, scatter_reference
 from bokehnet.classical.torch import scanline_spans
 from bokehnet.classical.torch.autograd import scatter
-from bokehnet.classical.torch.pyramid_levels import spread as spread_levels
-from bokehnet.classical.torch.span_scatter import spread_level
+from bokehnet.classical.torch.pyramid_levels import scatter_sums as scatter_levels
+from bokehnet.classical.torch.span_scatter import scatter_level
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
@@ -62,7 +62,7 @@ def point(device: str, size: int, radius: float, value: float = 1.0) -> np.ndarr
     """What one bright pixel in the middle becomes."""
     values, defocus = torch.zeros(size, size, 1), torch.full((size, size), radius)
     values[size // 2, size // 2] = value
-    return array(spread_level(values.to(device), defocus.to(device)))[..., 0]
+    return array(scatter_level(values.to(device), defocus.to(device)))[..., 0]
 
 
 @pytest.mark.parametrize("shape", [(17, 23), (40, 9), (1, 12), (12, 1), (1, 1), (70, 33)])
@@ -70,7 +70,7 @@ def test_quotient_of_the_sums_equals_the_slow_oracle(device, shape):
     rng = np.random.default_rng(0)
     image, defocus = rng.random((*shape, 3)), rng.uniform(-7, 7, shape)
     values = np.concatenate([image, np.ones((*shape, 1))], axis=2)
-    sums = array(spread_level(*tensors(device, values, defocus)))
+    sums = array(scatter_level(*tensors(device, values, defocus)))
     assert_allclose(sums[..., :3] / sums[..., 3:], scatter_reference(image, defocus), atol=1e-4)
 
 
@@ -95,14 +95,14 @@ def compare_all(found, wanted, rtols: tuple[float, ...]) -> None:
 @pytest.mark.parametrize(("dtype", "rtol"), [(np.float64, 1e-11), (np.float32, 1e-5)])
 @pytest.mark.parametrize("largest", [5.0, 40.0, 63.9, 0.4])
 def test_one_level_and_its_adjoint_equal_the_numba_kernels(device, largest, dtype, rtol):
-    values, defocus = scene(BAND_ROWS + 9, 90, largest, dtype)
+    values, defocus = scene(BLOCK_ROWS + 9, 90, largest, dtype)
     gradient = np.random.default_rng(1).normal(size=values.shape).astype(dtype)
     inputs = tensors(device, values, defocus)
-    sums = spread_level(*inputs)
+    sums = scatter_level(*inputs)
     sums.backward(torch.from_numpy(gradient).to(device))
     wanted = (
-        disc_scatter.spread_forward(values, defocus),
-        *disc_scatter.spread_backward(values, defocus, gradient),
+        disc_scatter.scatter_forward(values, defocus),
+        *disc_scatter.scatter_backward(values, defocus, gradient),
     )
     compare_all((sums, inputs[0].grad, inputs[1].grad), wanted, (rtol, rtol, rtol))
 
@@ -114,8 +114,8 @@ def test_discs_beyond_the_ladder_are_nearly_exact(device, radius):
     values, defocus = np.zeros((size, size, 1)), np.full((size, size), radius)
     values[size // 2, size // 2] = 1
     found, wanted = (
-        array(spread_level(*tensors(device, values, defocus))),
-        disc_scatter.spread_forward(values, defocus),
+        array(scatter_level(*tensors(device, values, defocus))),
+        disc_scatter.scatter_forward(values, defocus),
     )
     assert np.abs(found - wanted).sum() / 2 < 2e-4
     assert found.sum() == pytest.approx(1, abs=1e-10)
@@ -130,13 +130,13 @@ def compare_to_the_numba_levels(
     up in a table; here it is kept exactly. What it adds to the derivative by the defocus is left to the
     finite differences.
     """
-    aperture, operator = SHAPES[name], spread_operator(SHAPES[name])
+    aperture, operator = SHAPES[name], scatter_operator(SHAPES[name])
     gradient = np.random.default_rng(1).normal(size=values.shape).astype(values.dtype)
     inputs = tensors(device, values, defocus)
-    sums = spread_levels(*inputs, aperture)
+    sums = scatter_levels(*inputs, aperture)
     sums.backward(torch.from_numpy(gradient).to(device))
-    wanted = pyramid_levels.spread_forward(values, defocus, operator)
-    gradients = pyramid_levels.spread_backward(values, defocus, gradient, operator)
+    wanted = pyramid_levels.scatter_forward(values, defocus, operator)
+    gradients = pyramid_levels.scatter_backward(values, defocus, gradient, operator)
     if aperture.cats_eye:
         compare_all((sums, inputs[0].grad), (wanted, gradients[0]), (1e-2, 1e-2))
     else:
@@ -147,7 +147,7 @@ def compare_to_the_numba_levels(
 @pytest.mark.parametrize("name", SHAPES)
 def test_all_levels_and_their_adjoint_equal_the_numba_kernels(device, name, dtype, rtol):
     """Sizes are odd and the radii lie on both sides of every threshold."""
-    compare_to_the_numba_levels(device, name, *scene(BAND_ROWS + 5, 101, 30.0, dtype), (rtol, rtol, rtol))
+    compare_to_the_numba_levels(device, name, *scene(BLOCK_ROWS + 5, 101, 30.0, dtype), (rtol, rtol, rtol))
 
 
 @pytest.mark.parametrize(
@@ -173,8 +173,8 @@ def test_one_point_becomes_the_clipped_shape(device, place, radius, rtol):
     values, defocus = np.zeros((100, 130, 1)), np.full((100, 130), radius)
     values[place] = 1
     view = make_view(1.2, defocus.shape, 1.0)
-    found = array(spread_level(*tensors(device, values, defocus), aperture, view))
-    wanted = aperture_scatter.spread_forward(values, defocus, aperture)
+    found = array(scatter_level(*tensors(device, values, defocus), aperture, view))
+    wanted = aperture_scatter.scatter_forward(values, defocus, aperture)
     assert found.sum() == pytest.approx(1, abs=1e-9)
     assert_allclose(found, wanted / wanted.sum(), atol=rtol * found.max())
 
@@ -187,8 +187,8 @@ def test_shape_that_the_second_pupil_would_hide_stays_whole(device):
     values[4, 2] = values[4, 40] = 1
     inputs = tensors(device, values, defocus)
     clipped = Aperture(picture=picture, cats_eye=1.5)
-    found = array(spread_level(*inputs, clipped, make_view(1.5, defocus.shape, 1.0)))
-    whole = array(spread_level(*inputs, Aperture(picture=picture)))
+    found = array(scatter_level(*inputs, clipped, make_view(1.5, defocus.shape, 1.0)))
+    whole = array(scatter_level(*inputs, Aperture(picture=picture)))
     assert_allclose(found, whole, atol=1e-12)
     assert found.sum() == pytest.approx(2, abs=1e-9)
 
@@ -206,7 +206,7 @@ def test_gradients_of_one_level_match_finite_differences(device, name, height, w
     view = View(0.8, -0.4, -0.3, 0.1, 0.05) if name == "cat's-eye" else None
 
     def run(values: torch.Tensor, defocus: torch.Tensor) -> torch.Tensor:
-        return spread_level(values, defocus, aperture, view)
+        return scatter_level(values, defocus, aperture, view)
 
     assert torch.autograd.gradcheck(run, (values.requires_grad_(), defocus.to(device).requires_grad_()))
 
@@ -216,7 +216,7 @@ def test_gradients_of_merged_sources_match_finite_differences(device):
     generator = torch.Generator().manual_seed(0)
     values = (1 + torch.rand(6, 7, 2, dtype=torch.float64, generator=generator)).to(device)
     defocus = 60 + torch.rand(6, 7, dtype=torch.float64, generator=generator).to(device)
-    assert torch.autograd.gradcheck(spread_levels, (values.requires_grad_(), defocus.requires_grad_()))
+    assert torch.autograd.gradcheck(scatter_levels, (values.requires_grad_(), defocus.requires_grad_()))
 
 
 def test_nothing_is_left_beyond_a_bright_disc(device):
@@ -226,10 +226,10 @@ def test_nothing_is_left_beyond_a_bright_disc(device):
     assert_array_equal(found[np.hypot(x, y) > 22], 0)
     assert found.min() == 0
     values, defocus = torch.full((1, 2000, 1), 1e-3), torch.full((1, 2000), 3.0)
-    plain = spread_level(values.to(device), defocus.to(device))
+    plain = scatter_level(values.to(device), defocus.to(device))
     values[0, 20] = 1e3
     assert_allclose(
-        array(spread_level(values.to(device), defocus.to(device)))[0, 24:], array(plain)[0, 24:], rtol=1e-5
+        array(scatter_level(values.to(device), defocus.to(device)))[0, 24:], array(plain)[0, 24:], rtol=1e-5
     )
 
 
@@ -237,9 +237,9 @@ def test_dim_and_bright_channels_keep_their_digits(device):
     """Each channel has a scale of its own, from the smallest to the largest float32."""
     values, defocus = scene(30, 40, 6.0)
     scales = np.array([1e-35, 1e35, 1.0, 1.0])
-    plain = array(spread_level(*tensors(device, values, defocus)))
+    plain = array(scatter_level(*tensors(device, values, defocus)))
     scaled = array(
-        spread_level(*tensors(device, (values * scales).astype(np.float32), defocus.astype(np.float32)))
+        scatter_level(*tensors(device, (values * scales).astype(np.float32), defocus.astype(np.float32)))
     )
     assert_allclose(scaled / scales, plain, rtol=1e-4)
 
@@ -252,7 +252,7 @@ def test_size_of_the_batches_does_not_matter(device, name, monkeypatch):
     for at_once in (1 << 21, 1000, 20):
         monkeypatch.setattr(scanline_spans, "_AT_ONCE", at_once)
         inputs = tensors(device, values, defocus)
-        sums = spread_levels(*inputs, SHAPES[name])
+        sums = scatter_levels(*inputs, SHAPES[name])
         sums.square().sum().backward()
         results.append([array(tensor) for tensor in (sums, inputs[0].grad, inputs[1].grad)])
     for result in results[1:]:
@@ -263,7 +263,7 @@ def test_size_of_the_batches_does_not_matter(device, name, monkeypatch):
 def test_sharp_pixels_keep_their_value_and_their_gradient(device):
     values, _ = scene(12, 15, 1.0, np.float32)
     inputs = tensors(device, values, np.full((12, 15), -0.5, np.float32))
-    sums = spread_levels(*inputs)
+    sums = scatter_levels(*inputs)
     sums.backward(2 * torch.ones_like(sums))
     assert_array_equal(array(sums), values)
     assert_array_equal(array(inputs[0].grad), 2)
@@ -272,7 +272,7 @@ def test_sharp_pixels_keep_their_value_and_their_gradient(device):
 
 def test_largest_radii_reach_everything_alike(device):
     inputs = tensors(device, np.ones((6, 8, 1)), np.full((6, 8), 2 * LARGEST_RADIUS))
-    sums = spread_level(*inputs)
+    sums = scatter_level(*inputs)
     sums.sum().backward()
     assert_allclose(array(sums), 48 / (math.pi * LARGEST_RADIUS**2), rtol=1e-5)
     assert_array_equal(array(inputs[1].grad), 0)
@@ -287,15 +287,15 @@ def test_pixels_without_light_still_get_their_gradient(device):
     gradient = np.random.default_rng(1).normal(size=values.shape)
     inputs = tensors(device, np.zeros_like(values), defocus)
     channels_first = torch.from_numpy(np.moveaxis(gradient, 2, 0).copy()).to(device)
-    (spread_level(*inputs).movedim(2, 0).contiguous() * channels_first).sum().backward()
-    wanted = disc_scatter.spread_backward(values, defocus, gradient)[0]
+    (scatter_level(*inputs).movedim(2, 0).contiguous() * channels_first).sum().backward()
+    wanted = disc_scatter.scatter_backward(values, defocus, gradient)[0]
     assert_allclose(array(inputs[0].grad), wanted, atol=1e-12)
 
 
 def test_a_channel_with_nan_is_nan_and_the_others_are_not(device):
     values, defocus = scene(9, 11, 3.0)
     values[4, 5, 1] = np.nan
-    sums = array(spread_level(*tensors(device, values, defocus)))
+    sums = array(scatter_level(*tensors(device, values, defocus)))
     assert np.isnan(sums[..., 1]).all()
     assert np.isfinite(sums[..., [0, 2, 3]]).all()
 
@@ -314,6 +314,6 @@ def test_other_dtypes_are_rejected_at_the_door(device):
     with pytest.raises(
         ParameterError, match=r"got torch.float16 and torch.float16; convert them with .float\(\)"
     ):
-        spread_levels(values.half(), defocus.half())
+        scatter_levels(values.half(), defocus.half())
     with pytest.raises(ParameterError, match=r"got torch.float32 and torch.float64"):
-        spread_levels(values, defocus.double())
+        scatter_levels(values, defocus.double())
