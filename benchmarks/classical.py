@@ -150,7 +150,7 @@ SHAPES = {
     "5 curved blades": Aperture(blades=5, curvature=0.5, rotation=10),
     "squeeze 0.5": Aperture(squeeze=0.5),
     "obstruction": Aperture(obstruction=0.4),
-    "rim": Aperture(rim=0.7),
+    "rim": Aperture(spherical_profile=0.7),
     "picture": Aperture(picture=_heart()),
     "cat's-eye": Aperture(cats_eye=1.0),
 }

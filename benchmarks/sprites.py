@@ -16,16 +16,16 @@ from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.layered.defocus_bins import occupied_bins
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.io.image import write_image
+from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
 from bokehnet.optics.aperture import Aperture, transmission
-from bokehnet.optics.character import Character
-from bokehnet.optics.fringes import Fringes
-from bokehnet.optics.pencil import DESIGN_WAVELENGTH, PencilMap, term
+from bokehnet.optics.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.lens_response import LensResponse
 
 RADII = (3, 10, 30, 100, 300)
 SHAPES = {
     "disc": Aperture(),
     "6 blades": Aperture(blades=6, curvature=0.3, rotation=10),
-    "ring, bright rim": Aperture(obstruction=0.4, rim=0.5),
+    "ring, bright rim": Aperture(obstruction=0.4, spherical_profile=0.5),
     "onion, grain": Aperture(onion=0.5, grain=0.3),
 }
 
@@ -62,7 +62,7 @@ def supersampled(
 
 
 def traced(
-    x: float, y: float, defocus: float, side: int, character: Character, *, edge: float = 1e9
+    x: float, y: float, defocus: float, side: int, lens_response: LensResponse, *, edge: float = 1e9
 ) -> np.ndarray:
     """Picture of a light from 2000^2 jittered rays; those right of ``edge`` in the plane of focus stop."""
     count = 2000
@@ -71,23 +71,33 @@ def traced(
     pupil = (grid + rng.random(grid.shape)) * (2 / count) - 1
     pupil = pupil[(pupil**2).sum(1) <= 1]
     half_diagonal, light = side / 2**0.5, np.array([x, y])
-    place, miss = light + defocus * pupil, np.zeros_like(pupil)
+    place, transverse_aberration = light + defocus * pupil, np.zeros_like(pupil)
     for _ in range(6):
-        miss, run, _ = character.pencil(pupil, (place - (side - 1) / 2) / half_diagonal, DESIGN_WAVELENGTH)
-        place = light + defocus * run + half_diagonal * miss
+        transverse_aberration, run, _ = lens_response.aberration_map(
+            pupil, (place - (side - 1) / 2) / half_diagonal, DESIGN_WAVELENGTH
+        )
+        place = light + defocus * run + half_diagonal * transverse_aberration
     pixel = np.floor(place + 0.5).astype(int)
-    kept = (pixel >= 0).all(1) & (pixel < side).all(1) & ((place - half_diagonal * miss)[:, 0] < edge)
+    kept = (
+        (pixel >= 0).all(1)
+        & (pixel < side).all(1)
+        & ((place - half_diagonal * transverse_aberration)[:, 0] < edge)
+    )
     counts = np.bincount(pixel[kept, 1] * side + pixel[kept, 0], minlength=side * side)
     return counts.reshape(side, side) / len(pupil)
 
 
-def lens(side: int, **misses: float) -> Character:
+def lens(side: int, **transverse_aberrations: float) -> LensResponse:
     """Spherical aberration and coma in pixels at the pupil's rim and the picture's corner."""
-    miss = np.zeros((1, 2, 20))
+    transverse_aberration = np.zeros((1, 2, 20))
     for name, row in (("spherical", 0), ("coma", 1)):
-        miss[:, row, term(1, 0, 0)] = misses.get(name, 0.0) / (side / 2**0.5)
-    pencil = PencilMap(wavelengths=np.array([DESIGN_WAVELENGTH]), miss=miss, bend=np.zeros_like(miss))
-    return Character(pencil=pencil)
+        transverse_aberration[:, row, term(1, 0, 0)] = transverse_aberrations.get(name, 0.0) / (side / 2**0.5)
+    aberration_map = AberrationMap(
+        wavelengths=np.array([DESIGN_WAVELENGTH]),
+        transverse_aberration=transverse_aberration,
+        pupil_aberration=np.zeros_like(transverse_aberration),
+    )
+    return LensResponse(aberration_map=aberration_map)
 
 
 def compare(name: str, got: np.ndarray, truth: np.ndarray, level: float) -> None:
@@ -147,19 +157,22 @@ def figures() -> None:
             compare(f"{name}, radius {radius}", got, truth, float(truth.max()))
     for radius in (10, 30, 100):
         side = 5 * radius
-        for name, misses in {
+        for name, transverse_aberrations in {
             "soap bubble": {"spherical": 0.3 * radius},
             "creamy": {"spherical": -0.5 * radius},
             "coma": {"coma": 0.7 * radius},
         }.items():
-            character, place = lens(side, **misses), (0.6 * side, 0.62 * side, -float(radius))
+            lens_response, place = (
+                lens(side, **transverse_aberrations),
+                (0.6 * side, 0.62 * side, -float(radius)),
+            )
             level = 1 / (np.pi * radius**2)
-            got = draw(point(*place), side, Aperture(), character=character)[..., 0]
-            compare(f"{name}, radius {radius}", got, traced(*place, side, character), level)
+            got = draw(point(*place), side, Aperture(), lens_response=lens_response)[..., 0]
+            compare(f"{name}, radius {radius}", got, traced(*place, side, lens_response), level)
             front = np.full((side, side), -5000.0)
             front[:, int(0.63 * side) :] = 0.0
-            got = draw(point(*place), side, Aperture(), front=front, character=character)[..., 0]
-            truth = traced(*place, side, character, edge=int(0.63 * side) - 0.5)
+            got = draw(point(*place), side, Aperture(), front=front, lens_response=lens_response)[..., 0]
+            truth = traced(*place, side, lens_response, edge=int(0.63 * side) - 0.5)
             compare(f"{name}, radius {radius}, clipped", got, truth, level)
     for kind in ("line", "window", "sparks"):
         for radius in (20.0, 60.0, 120.0):
@@ -172,7 +185,7 @@ def times() -> None:
     lenses = {
         "perfect": None,
         "spherical": lens(side, spherical=5.0, coma=3.0),
-        "fringes": Character(fringes=Fringes(axial=1.0, lateral=0.5)),
+        "fringes": LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0, lateral=0.5)),
     }
     print("| radius | " + " | ".join(lenses) + " |\n|---|" + "---|" * len(lenses))
     depths = np.full((side, side, 1), -5000, np.float32)
@@ -182,8 +195,10 @@ def times() -> None:
         lights = np.repeat(point(0, 0, radius), 40, axis=0)
         lights[:, :2] = rng.uniform(100, side - 100, (40, 2))
         row = []
-        for character in lenses.values():
-            run = partial(add_lights, lights, cells, mask, slices, Aperture(), result, character=character)
+        for lens_response in lenses.values():
+            run = partial(
+                add_lights, lights, cells, mask, slices, Aperture(), result, lens_response=lens_response
+            )
             run()
             row.append(f"{1e3 * median_seconds(run, 5) / len(lights):.2f}")
         print(f"| {radius} | " + " | ".join(row) + " |", flush=True)
@@ -192,11 +207,11 @@ def times() -> None:
 def sheet(path: str) -> None:
     """Write a picture of discs: openings above, lenses below, all but the last column past a screen."""
     side, rows = 260, []
-    looks: list[list[tuple[Aperture, Character | None]]] = [
+    looks: list[list[tuple[Aperture, LensResponse | None]]] = [
         [
             (Aperture(), None),
             (Aperture(blades=6), None),
-            (Aperture(rim=0.7), None),
+            (Aperture(spherical_profile=0.7), None),
             (Aperture(onion=0.4), None),
             (Aperture(grain=0.5), None),
         ],
@@ -205,7 +220,10 @@ def sheet(path: str) -> None:
             (Aperture(), lens(side, spherical=-30.0)),
             (Aperture(blades=6), lens(side, coma=60.0)),
             (Aperture(cats_eye=0.9), None),
-            (Aperture(onion=0.3, grain=0.3), Character(fringes=Fringes(axial=4.0, lateral=3.0))),
+            (
+                Aperture(onion=0.3, grain=0.3),
+                LensResponse(chromatic_aberration=ChromaticAberration(axial=4.0, lateral=3.0)),
+            ),
         ],
     ]
     lights = np.concatenate([point(100.3, 90.1, -62.0), point(175.0, 195.0, -38.0)])
@@ -215,7 +233,8 @@ def sheet(path: str) -> None:
     front[(x + 2 * y > 545) | (np.hypot(x - 60, y - 70) < 9)] = 0.0
     for row in looks:
         pictures = [
-            draw(lights, side, aperture, character=character, front=front) for aperture, character in row
+            draw(lights, side, aperture, lens_response=lens_response, front=front)
+            for aperture, lens_response in row
         ]
         rows.append(np.concatenate(pictures, axis=1))
     write_image(path, np.clip(6000 * np.concatenate(rows), 0, 1))

@@ -22,7 +22,7 @@ from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.io.window import Window
 from bokehnet.lenses import ThinLens, TiltShift
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.raytrace import Body, Camera, Material, Quad, Tracer, World, plane_texture
 from bokehnet.raytrace.textures import fractal_noise
 from bokehnet.scenes.sensor_depth import depth_along_sensor
@@ -160,21 +160,21 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
     truth, sharp, depth = trace_wall(camera, samples)
     again, *_ = trace_wall(camera, samples, seed=1)
     options, scene = focusing(camera, tilt), scene_map(depth)
-    defocus, pencil = options.defocus(scene), options.pencil(scene)
-    assert pencil is not None
+    defocus, aberration_map = options.defocus(scene), options.aberration_map(scene)
+    assert aberration_map is not None
     turned = abs(tilt[1]) > abs(tilt[0])
     bokeh, image, blur = (np.swapaxes(x, 0, 1) if turned else x for x in (truth, sharp, defocus))
     columns, rows = best_focus(bokeh, image, 6)
     apart = np.abs(rows - zero_line(blur, columns))
     border = math.ceil(1.5 * np.abs(defocus).max())
     pictures = {
-        "conic": rays(sharp, defocus, character=Character(pencil=pencil)),
+        "conic": rays(sharp, defocus, lens_response=LensResponse(aberration_map=aberration_map)),
         "round": rays(sharp, defocus),
         "scatter": scatter(sharp, defocus),
         "noise": again,
     }
     figures = "  ".join(f"{_psnr(picture, truth, border):7.2f}" for picture in pictures.values())
-    lean = math.hypot(*pencil.tilt)
+    lean = math.hypot(*aberration_map.tilt)
     print(f"{tilt[0]:6g} {tilt[1]:6g}  {apart.mean():6.2f} {apart.max():6.2f}  {lean:5.3f}  {figures}")
 
 
@@ -191,9 +191,9 @@ def draw_sheet(path: Path) -> None:
     )
     pictures = []
     for way in ways:
-        pencil = way.pencil(scene)
-        character = None if pencil is None else Character(pencil=pencil)
-        pictures.append(rays(image, way.defocus(scene), character=character))
+        aberration_map = way.aberration_map(scene)
+        lens_response = None if aberration_map is None else LensResponse(aberration_map=aberration_map)
+        pictures.append(rays(image, way.defocus(scene), lens_response=lens_response))
     sheet = np.concatenate(pictures, axis=1)
     height, width, _ = sheet.shape
     write_image(path, sheet.reshape(height // 2, 2, width // 2, 2, 3).mean((1, 3)))

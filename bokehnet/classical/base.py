@@ -10,7 +10,7 @@ import numpy as np
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 
 __all__ = [
     "ALIGNED",
@@ -113,7 +113,7 @@ class ClassicalRenderer(Protocol):
         defocus: np.ndarray,
         aperture: Aperture | None = None,
         strip: Strip | None = None,
-        character: Character | None = None,
+        lens_response: LensResponse | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -123,7 +123,7 @@ class ClassicalRenderer(Protocol):
             aperture: Shape of the lens opening; default a plain disc.
             strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
                 the result mean anything.
-            character: What the lens does beyond focusing; default a perfect lens.
+            lens_response: What the lens does beyond focusing; default a perfect lens.
         """
         ...
 

@@ -19,7 +19,7 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.fusion import fuse
 from bokehnet.optics.aperture import Aperture, pupil_points
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import halton, rotate_points
 
 __all__ = ["rays", "render_rays"]
@@ -28,7 +28,7 @@ __all__ = ["rays", "render_rays"]
 # colours has one wavelength, of which no channel sees all.
 _RAYS, _COLORED_RAYS = 64, 128
 
-# Behind a lens with a character every light has a disc of its own to be computed; fainter ones are left to
+# Behind an aberrated lens every light has a disc of its own to be computed; fainter ones are left to
 # the rays, whose noise they raise by 0.001 or less.
 _FAINTEST = 0.02
 
@@ -57,7 +57,7 @@ def rays(
     defocus: np.ndarray,
     *,
     aperture: Aperture | None = None,
-    character: Character | None = None,
+    lens_response: LensResponse | None = None,
     seed: int = 0,
     layers: Layers | None = None,
 ) -> np.ndarray:
@@ -72,7 +72,7 @@ def rays(
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         aperture: Shape of the opening; default: a disc.
-        character: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
+        lens_response: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
             all is seen along them; where they stray by less, they share the pixel with the
             scatter.
         seed: Of the noise; two seeds differ by noise alone.
@@ -90,7 +90,7 @@ def rays(
         Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
-    return _render(image, defocus, aperture or Aperture(), character, seed, layers).bokeh
+    return _render(image, defocus, aperture or Aperture(), lens_response, seed, layers).bokeh
 
 
 _fuse = njit()(fuse)
@@ -136,7 +136,7 @@ def _render(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture,
-    character: Character | None = None,
+    lens_response: LensResponse | None = None,
     seed: int = 0,
     layers: Layers | None = None,
     strip: Strip | None = None,
@@ -150,11 +150,11 @@ def _render(
     radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.reach
     above = 0 if strip is None else strip.first
     error_map = rays_weight = geometric_error_map(defocus, boundary_threshold(size))
-    colored = character is not None and character.is_dispersive
+    colored = lens_response is not None and lens_response.is_dispersive
     points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
     lens, reach, footprint = None, radius, (1.0, 0.0)
-    if character is not None and not character.is_plain:
-        lens = lens_table(character, size[1], size[0], points[0].size, above=above, rows=len(defocus))
+    if lens_response is not None and not lens_response.is_plain:
+        lens = lens_table(lens_response, size[1], size[0], points[0].size, above=above, rows=len(defocus))
         footprint, reach = lens.footprint, lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
@@ -196,7 +196,7 @@ def _render(
         bins,
         aperture,
         result,
-        character=character,
+        lens_response=lens_response,
         above=above,
         full_size=size,
     )
@@ -216,7 +216,7 @@ def render_rays(
     defocus: np.ndarray,
     aperture: Aperture | None = None,
     strip: Strip | None = None,
-    character: Character | None = None,
+    lens_response: LensResponse | None = None,
 ) -> ClassicalResult:
     """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
-    return _render(image, defocus, aperture or Aperture(), character, strip=strip)
+    return _render(image, defocus, aperture or Aperture(), lens_response, strip=strip)

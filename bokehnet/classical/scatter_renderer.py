@@ -13,7 +13,7 @@ from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.operators import scatter_operator
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["render_scatter", "scatter"]
 
@@ -80,17 +80,20 @@ def render_scatter(
     defocus: np.ndarray,
     aperture: Aperture | None = None,
     strip: Strip | None = None,
-    character: Character | None = None,
+    lens_response: LensResponse | None = None,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
 
-    Of a character it knows none but the lean of the focus plane, and of that only what the defocus says: its
-    discs stay round.
+    Of what a lens does beyond focusing it knows the tilt of the focus plane alone, and of that only what the
+    defocus says: its discs stay round.
 
     A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
     the error map is that of the whole picture.
     """
-    if character is not None and not replace(character, pencil=character.pencil.upright()).is_plain:
+    if (
+        lens_response is not None
+        and not replace(lens_response, aberration_map=lens_response.aberration_map.without_tilt()).is_plain
+    ):
         raise ParameterError(
             "engine: the scatter knows no aberrations, rims or fringes of a lens; use --engine rays or hybrid"
         )

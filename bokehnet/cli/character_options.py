@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from bokehnet.cli.focus import Focus
     from bokehnet.cli.scene_map import SceneMap
     from bokehnet.lenses.prescription import PrescriptionLens
-    from bokehnet.optics.character import Character
-    from bokehnet.optics.fringes import Fringes
-    from bokehnet.optics.light_draw import LightDraw
-    from bokehnet.optics.pencil import PencilMap
+    from bokehnet.optics.aberration_map import AberrationMap
+    from bokehnet.optics.chromatic_aberration import ChromaticAberration
+    from bokehnet.optics.lens_response import LensResponse
+    from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 __all__ = [
     "Aberrations",
@@ -108,7 +108,7 @@ class ChosenLens:
     distortion: bool = False
     f_number: float | None = None
 
-    def pencil(self, focus: "Focus", scene: "SceneMap") -> "PencilMap":
+    def pencil(self, focus: "Focus", scene: "SceneMap") -> "AberrationMap":
         """Return what the lens does to the rays of one picture.
 
         With metric depth the lens is scaled to the camera's focal length, focused where the camera is, and
@@ -118,8 +118,8 @@ class ChosenLens:
             ParameterError: As :meth:`Focus.defocus`.
             LensError: The lens cannot do what the camera does.
         """
-        from bokehnet.lenses.pencil_cache import cached_pencil
-        from bokehnet.lenses.seidel_lens import seidel_pencil
+        from bokehnet.lenses.aberration_cache import cached_aberration_map
+        from bokehnet.lenses.seidel_lens import seidel_aberration_map
 
         half_diagonal, camera, distance = None, focus, math.inf
         if scene.metric:
@@ -130,7 +130,7 @@ class ChosenLens:
             half_diagonal = (
                 0.5 * camera.sensor_width * math.hypot(1, window.display_height / window.display_width)
             )
-        make = seidel_pencil if self.theory else cached_pencil
+        make = seidel_aberration_map if self.theory else cached_aberration_map
         lens = self.load(camera.focal_length, camera.f_number, distance)
         try:
             return make(lens, half_diagonal=half_diagonal, distortion=self.distortion)
@@ -199,14 +199,15 @@ def make_character(
     coma: float = 0.0,
     astigmatism: float = 0.0,
     field_curvature: float = 0.0,
-    fringes: "Fringes | None" = None,
-    light: "LightDraw | None" = None,
-) -> "Character | None":
+    fringes: "ChromaticAberration | None" = None,
+    light: "WavelengthSampling | None" = None,
+) -> "LensResponse | None":
     """Return the character that all frames share; ``None`` for a perfect lens.
 
     Args:
         engine: What renders.
-        lens: Lens of the prescription, whose own pencil map depends on the frame: :meth:`ChosenLens.pencil`.
+        lens: Lens of the prescription, whose own aberration map depends on the frame:
+            :meth:`ChosenLens.pencil`.
         spherical: See :class:`bokehnet.optics.sliders.AberrationSliders`, as the next three.
         coma: Likewise.
         astigmatism: Likewise.
@@ -232,12 +233,14 @@ def make_character(
             f"{', '.join(given)}: expected --engine {' or '.join(RAY_ENGINES)}, which follow rays through "
             f"a lens, got {engine}"
         )
-    from bokehnet.optics.character import Character
-    from bokehnet.optics.light_draw import LightDraw
+    from bokehnet.optics.lens_response import LensResponse
+    from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
     if light is None:
-        light = LightDraw()
+        light = WavelengthSampling()
     check_fringes(fringes, light, engine=engine, through_glass=lens is not None)
-    if not given and fringes is None and light == LightDraw():
+    if not given and fringes is None and light == WavelengthSampling():
         return None
-    return Character(pencil=sliders.pencil(), fringes=fringes, light=light)
+    return LensResponse(
+        aberration_map=sliders.aberration_map(), chromatic_aberration=fringes, wavelength_sampling=light
+    )

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from bokehnet.cli.scene_map import SceneMap
     from bokehnet.io.camera import Camera
-    from bokehnet.optics.pencil import PencilMap
+    from bokehnet.optics.aberration_map import AberrationMap
 
 __all__ = ["Focus", "parse_pixel", "parse_plane", "parse_range"]
 
@@ -115,17 +115,21 @@ class Focus:
         defocus: np.ndarray = defocus_outside_range(sharp_at(near), sharp_at(far))
         return defocus
 
-    def pencil(self, scene: "SceneMap") -> "PencilMap | None":
+    def pencil(self, scene: "SceneMap") -> "AberrationMap | None":
         """Return what a leaning plane of focus does to the rays of the lens; None where it does not lean.
 
         Raises:
             ParameterError: As :meth:`defocus`.
             LensError: The same.
         """
-        from bokehnet.optics.focus_plane import plane_pencil
+        from bokehnet.optics.focus_plane import plane_aberration_map
 
         chosen = self._complete(scene)
-        return plane_pencil(*leaning_focus(chosen, scene, chosen._ends(scene)[0])) if chosen._leans else None
+        return (
+            plane_aberration_map(*leaning_focus(chosen, scene, chosen._ends(scene)[0]))
+            if chosen._leans
+            else None
+        )
 
     def complete(self, scene: "SceneMap") -> "tuple[Focus, float]":
         """Return these numbers with those of the picture's files, and the largest disparity that stays sharp.

@@ -10,8 +10,8 @@ from bokehnet.cli.naming import named_options
 from bokehnet.errors import ConfigError, LensError, ParameterError
 
 if TYPE_CHECKING:
-    from bokehnet.optics.fringes import Fringes
-    from bokehnet.optics.light_draw import LightDraw
+    from bokehnet.optics.chromatic_aberration import ChromaticAberration
+    from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 __all__ = [
     "AxialFringe",
@@ -84,7 +84,7 @@ def make_fringes(
     axial_map: str | None = None,
     lateral_map: str | None = None,
     glass: str | None = None,
-) -> "Fringes | None":
+) -> "ChromaticAberration | None":
     """Return the fringes that the options describe; ``None`` where both strengths are 0.
 
     Raises:
@@ -98,8 +98,8 @@ def make_fringes(
         if glass is not None:
             raise ParameterError("--fringe-glass needs --axial-fringe or --lateral-fringe")
         return None
+    from bokehnet.optics.chromatic_aberration import ChromaticAberration, make_curve
     from bokehnet.optics.field_maps import make_field_map  # after parsing, so --help stays fast
-    from bokehnet.optics.fringes import Fringes, make_curve
 
     with named_options({"field map": "--axial-map"}):
         first = make_field_map(axial_map or "constant")
@@ -111,14 +111,17 @@ def make_fringes(
         known = str(error).partition("; others")[0]
         raise ParameterError(f"--fringe-glass: {known}; or achromat, linear") from error
     with named_options(_FRINGE_OPTIONS):
-        return Fringes(axial=axial, lateral=lateral, axial_map=first, lateral_map=second, curve=curve)
+        return ChromaticAberration(
+            axial=axial, lateral=lateral, axial_map=first, lateral_map=second, curve=curve
+        )
 
 
-def make_light(dispersion: str | None = None, equaliser: str | None = None) -> "LightDraw":
+def make_light(dispersion: str | None = None, equaliser: str | None = None) -> "WavelengthSampling":
     """Return the draw of wavelengths that the options describe.
 
     Args:
-        dispersion: See :class:`bokehnet.optics.light_draw.LightDraw`; ``None`` is continuous.
+        dispersion: See :class:`bokehnet.optics.wavelength_sampling.WavelengthSampling`; ``None`` is
+            continuous.
         equaliser: Gains separated by commas, or the path of a text file with gains separated by commas,
             spaces or line ends; ``None`` is flat.
 
@@ -126,15 +129,19 @@ def make_light(dispersion: str | None = None, equaliser: str | None = None) -> "
         ParameterError: An unknown dispersion, or gains that cannot be used.
         ConfigError: A file that holds no gains.
     """
-    from bokehnet.optics.light_draw import LightDraw
+    from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
     gains = (1.0,) if equaliser is None else _read_gains(equaliser)
     with named_options(_LIGHT_OPTIONS):
-        return LightDraw(dispersion=dispersion or "continuous", equaliser=gains)
+        return WavelengthSampling(dispersion=dispersion or "continuous", equaliser=gains)
 
 
 def check_fringes(
-    fringes: "Fringes | None", light: "LightDraw", *, engine: str, through_glass: bool = False
+    fringes: "ChromaticAberration | None",
+    light: "WavelengthSampling",
+    *,
+    engine: str,
+    through_glass: bool = False,
 ) -> None:
     """Raise ``ParameterError`` where fringes meet an engine that knows none, or light has none to color.
 

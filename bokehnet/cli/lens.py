@@ -75,9 +75,9 @@ def _describe(lens: "PrescriptionLens") -> dict[str, str]:
     import dataclasses
 
     from bokehnet.lenses.depth_of_field import depth_of_field
-    from bokehnet.lenses.pass_share import pass_share
     from bokehnet.lenses.plot import sharp_radius
     from bokehnet.lenses.pupils import traced_focal_length, traced_pupils
+    from bokehnet.lenses.unvignetted_fraction import unvignetted_fraction
 
     paraxial, cardinal, design = lens.paraxial, lens.paraxial.cardinal, lens.prescription
     traced = traced_focal_length(lens.surfaces, 0.05 * abs(paraxial.entrance.radius))
@@ -96,7 +96,7 @@ def _describe(lens: "PrescriptionLens") -> dict[str, str]:
     near, far = (_metres(depth) for depth in depth_of_field(lens, limit))
     exit_only = dataclasses.replace(lens, pupil_sampling="exit")
     shares = [
-        f"{100 * pass_share(one, field * design.image_radius):.0f}"
+        f"{100 * unvignetted_fraction(one, field * design.image_radius):.0f}"
         for one in (exit_only, lens)
         for field in (0.0, 0.7, 1.0)
     ]

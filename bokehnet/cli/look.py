@@ -13,14 +13,14 @@ from bokehnet.effects import CameraEffects, View
 from bokehnet.inference.pipeline import BokehRenderer, RenderResult
 from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import Highlights
 
 if TYPE_CHECKING:
     import numpy as np
 
     from bokehnet.io.window import Window
-    from bokehnet.optics.pencil import PencilMap
+    from bokehnet.optics.aberration_map import AberrationMap
 
 __all__ = ["Look", "Renderer"]
 
@@ -38,7 +38,7 @@ class Look:
 
     engine: str
     aperture: Aperture = field(default_factory=Aperture)
-    character: Character = field(default_factory=Character)
+    character: LensResponse = field(default_factory=LensResponse)
     weights: Path | None = None
     gamma: float = 1.0
     highlights: Highlights | None = None
@@ -62,7 +62,7 @@ class Renderer:
         self._bokeh = BokehRenderer(
             look.engine,
             aperture=look.aperture,
-            character=look.character,
+            lens_response=look.character,
             weights=look.weights,
             threads=threads,
         )
@@ -74,7 +74,7 @@ class Renderer:
         defocus: "np.ndarray",
         report: Callable[[int, int], None] | None = None,
         *,
-        pencil: "PencilMap | None" = None,
+        pencil: "AberrationMap | None" = None,
         taken: int = 0,
     ) -> RenderResult:
         """Render a picture; where memory is bounded, the result takes the place of image and defocus.
@@ -105,7 +105,7 @@ class Renderer:
         alpha: "np.ndarray",
         defocus: "np.ndarray",
         *,
-        pencil: "PencilMap | None" = None,
+        pencil: "AberrationMap | None" = None,
         taken: int = 0,
     ) -> "np.ndarray":
         """Spread the coverage (H, W) as the same engine spreads the light of a grey picture.
@@ -125,12 +125,12 @@ class Renderer:
         coverage: np.ndarray = np.clip(spread.mean(axis=-1), 0, 1)
         return coverage
 
-    def _through(self, pencil: "PencilMap | None") -> BokehRenderer:
+    def _through(self, pencil: "AberrationMap | None") -> BokehRenderer:
         """The renderer, with ``pencil`` added to its lens if its engine follows rays."""
         if pencil is None or self._look.engine not in RAY_ENGINES:
             return self._bokeh
-        renderer, character = copy(self._bokeh), self._bokeh.character
-        renderer.character = replace(character, pencil=character.pencil + pencil)
+        renderer, character = copy(self._bokeh), self._bokeh.lens_response
+        renderer.lens_response = replace(character, aberration_map=character.aberration_map + pencil)
         return renderer
 
     def take(

@@ -115,7 +115,7 @@ def render(
     from bokehnet.cli.render_job import RenderJob, render_frame
     from bokehnet.cli.scene_map import MapSource
     from bokehnet.cli.sequence import jobs_of_frames, render_sequence
-    from bokehnet.optics.character import Character
+    from bokehnet.optics.lens_response import LensResponse
 
     source = MapSource(
         disparity=disparity,
@@ -210,7 +210,7 @@ def render(
     look = Look(
         engine=engine,
         aperture=aperture,
-        character=character or Character(),
+        character=character or LensResponse(),
         weights=weights,
         gamma=gamma,
         highlights=expansion,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bokehnet.cli.character_options import ChosenLens
     from bokehnet.cli.scene_map import SceneMap
     from bokehnet.inference.pipeline import RenderResult
-    from bokehnet.optics.pencil import PencilMap
+    from bokehnet.optics.aberration_map import AberrationMap
 
 __all__ = ["RenderJob", "check_folder", "render_frame"]
 
@@ -45,7 +45,7 @@ class RenderJob:
     number: int = 0
     lens: "ChosenLens | None" = None
 
-    def pencil(self, scene: "SceneMap") -> "PencilMap | None":
+    def pencil(self, scene: "SceneMap") -> "AberrationMap | None":
         """Return what the lens and a leaning plane of focus do to the rays of this picture, if anything.
 
         Raises:

@@ -9,9 +9,9 @@ from bokehnet.effects.bands import in_bands
 from bokehnet.effects.view import View, cast_like
 from bokehnet.effects.warp import Warp
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.optics.coefficient import is_absent, value_of
 from bokehnet.optics.distortion import Distortion
 from bokehnet.optics.grain import Grain
+from bokehnet.optics.scalars import is_absent, value_of
 from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor
 
 __all__ = ["CameraEffects"]

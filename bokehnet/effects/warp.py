@@ -9,9 +9,9 @@ from bokehnet.checks import Array, array_namespace, check_number
 from bokehnet.effects.bands import in_bands
 from bokehnet.effects.view import View, cast_like
 from bokehnet.errors import ParameterError
-from bokehnet.optics.coefficient import is_absent, value_of
 from bokehnet.optics.distortion import Distortion
 from bokehnet.optics.resampling import inside, sample
+from bokehnet.optics.scalars import is_absent, value_of
 
 __all__ = ["Warp"]
 

@@ -25,8 +25,8 @@ from bokehnet.inference.strips import Gathered, cut_strips
 from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.io.banded import in_bands
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
 __all__ = ["ENGINES", "BokehRenderer", "RenderResult"]
@@ -79,7 +79,7 @@ class BokehRenderer:
         engine: One of ``ENGINES``.
         aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
             shapes they correct what the classical half made of them.
-        character: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
+        lens_response: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
             default a perfect lens.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
@@ -97,7 +97,7 @@ class BokehRenderer:
         engine: str = "rays",
         *,
         aperture: Aperture | None = None,
-        character: Character | None = None,
+        lens_response: LensResponse | None = None,
         weights: Path | None = None,
         threads: int = 0,
         providers: Sequence[str] = ("CPUExecutionProvider",),
@@ -106,7 +106,7 @@ class BokehRenderer:
         check_choice("engine", engine, ENGINES)
         self.engine = engine
         self.aperture = aperture or Aperture()
-        self.character = character or Character()
+        self.lens_response = lens_response or LensResponse()
         neural = engine in HYBRIDS
         self._networks = (
             load_networks(weights or WEIGHTS / engine, threads, providers, session_options)
@@ -192,11 +192,11 @@ class BokehRenderer:
         height, width = defocus.shape
         reach = math.ceil(_reach(defocus))
         crossed = None
-        if self._classical_name == "rays" and not self.character.is_plain:
+        if self._classical_name == "rays" and not self.lens_response.is_plain:
             from bokehnet.classical.layered.aberrated_rays import lens_table
             from bokehnet.classical.simd.float8 import LANES
 
-            crossed = lens_table(self.character, width, height, LANES, rows=0).reach(reach)
+            crossed = lens_table(self.lens_response, width, height, LANES, rows=0).reach(reach)
         strips: list[Strip | None] = [
             *cut_strips(height, width, reach, self._classical_name, memory, taken, crossed)
         ]
@@ -281,8 +281,8 @@ class BokehRenderer:
         strip: Strip | None = None,
     ) -> ClassicalResult:
         if curve is None:
-            return self._classical(image, defocus, self.aperture, strip, self.character)
-        result = self._classical(curve.encode(image), defocus, self.aperture, strip, self.character)
+            return self._classical(image, defocus, self.aperture, strip, self.lens_response)
+        result = self._classical(curve.encode(image), defocus, self.aperture, strip, self.lens_response)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
     def _render_cascade(

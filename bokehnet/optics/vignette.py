@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from bokehnet.checks import Array, array_namespace
 from bokehnet.errors import ParameterError
-from bokehnet.optics.coefficient import value_of
 from bokehnet.optics.irradiance import irradiance_cos4
+from bokehnet.optics.scalars import value_of
 
 __all__ = ["Vignette", "cos4_factor", "rim_factor"]
 

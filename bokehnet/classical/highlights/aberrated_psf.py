@@ -1,8 +1,8 @@
-"""The disc of a light behind a lens with a character: its rays, laid down by small pieces of the pupil.
+"""The disc of a light behind an aberrated lens: its rays, laid down by small pieces of the pupil.
 
 A light at q with defocus d lights the pixels p with ``p = q + d A(a, h(p)) + E(a, h(p))``, where A and E are
-the pencil map's. For one light and one wavelength that is a smooth map from the pupil to the picture. It is
-solved at a few nodes of the pupil; the polynomial through them maps a lattice so fine that its cells are
+the aberration map's. For one light and one wavelength that is a smooth map from the pupil to the picture. It
+is solved at a few nodes of the pupil; the polynomial through them maps a lattice so fine that its cells are
 smaller than pixels. Each cell lays its light down on the rectangle that it covers, so that folds of the map
 come out as the bright rims they are, without dots. All of the light arrives, in each colour.
 
@@ -19,7 +19,7 @@ from bokehnet.classical.base import Frame
 from bokehnet.classical.highlights.psf_images import passing, profile_sums, share_at, vignetting_shares
 from bokehnet.classical.highlights.ray_polynomials import NODES, RayPolynomials, polynomials, solve_nodes
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["AberratedPsf"]
 
@@ -37,32 +37,36 @@ _CELL_COUNTS = np.round(16 * 2 ** (np.arange(29) / 4)).astype(int)
 
 
 class AberratedPsf:
-    """PSF images of lights behind a lens with a character."""
+    """PSF images of lights behind an aberrated lens."""
 
     planes = 5
 
-    def __init__(self, aperture: Aperture, character: Character, lights: np.ndarray, frame: Frame) -> None:
+    def __init__(
+        self, aperture: Aperture, lens_response: LensResponse, lights: np.ndarray, frame: Frame
+    ) -> None:
         """Take what all PSF images share.
 
         Args:
             aperture: Shape of the discs.
-            character: Of the lens.
+            lens_response: Of the lens.
             lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
             frame: Where the rows and columns lie in the picture.
         """
         self._lights = lights
-        rims = character.pencil.rims
+        vignetting_apertures = lens_response.aberration_map.vignetting_apertures
         if aperture.cats_eye > 0:
-            rims = (*rims, (aperture.cats_eye, 1.0))
-        self._rims = np.array(rims, float).reshape(-1, 2)
-        self._shares = vignetting_shares(aperture, rims) if rims else np.ones((2, 2, 2))
-        drawn, colors = character.draw(_DRAWN)
+            vignetting_apertures = (*vignetting_apertures, (aperture.cats_eye, 1.0))
+        self._vignetting_apertures = np.array(vignetting_apertures, float).reshape(-1, 2)
+        self._shares = (
+            vignetting_shares(aperture, vignetting_apertures) if vignetting_apertures else np.ones((2, 2, 2))
+        )
+        drawn, colors = lens_response.sample_wavelengths(_DRAWN)
         ends = np.unique([drawn.min(), np.median(drawn), drawn.max()])
         measured = np.empty((len(lights), 4))
-        _measure(lights, RayPolynomials.of(character, ends, frame), self._rims, measured)
+        _measure(lights, RayPolynomials.of(lens_response, ends, frame), self._vignetting_apertures, measured)
         apart = math.ceil(measured[:, 3].max() / _APART)
         wavelengths, self._colors = _group(drawn, colors, min(max(apart, _FEWEST), _MOST))
-        self._paths = RayPolynomials.of(character, wavelengths, frame)
+        self._paths = RayPolynomials.of(lens_response, wavelengths, frame)
         self.margins = 1.03 * measured[:, :2] + 1.0
         across = 2 * measured[:, 2] / _WIDEST
         across /= max(1.0, math.sqrt((across**2).sum() * len(wavelengths) / _MOST_CELLS))
@@ -72,7 +76,7 @@ class AberratedPsf:
 
     def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, psf_images: np.ndarray) -> None:
         """Write the PSF images of the lights numbered ``batch``."""
-        tables = self._light, self._first, self._rims, self._shares, self._colors
+        tables = self._light, self._first, self._vignetting_apertures, self._shares, self._colors
         _fill_psf_images(
             self._lights[batch], self._cells[batch], boxes, starts, self._paths, *tables, psf_images
         )
@@ -112,10 +116,10 @@ def _cell_light(aperture: Aperture, cells: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 @njit(cache=True, parallel=True)
-def _measure(lights, paths, rims, measured):  # type: ignore[no-untyped-def]
+def _measure(lights, paths, vignetting_apertures, measured):  # type: ignore[no-untyped-def]
     """Write how far each light's rays go, right and down, their steepest slope, and how far colours part.
 
-    All in pixels, (N, 4), for rays that pass the rims; slopes are per unit of the pupil.
+    All in pixels, (N, 4), for rays that pass the vignetting apertures; slopes are per unit of the pupil.
     """
     count = paths.coefficients.shape[0]
     for i in prange(lights.shape[0]):
@@ -139,13 +143,13 @@ def _measure(lights, paths, rims, measured):  # type: ignore[no-untyped-def]
                         for m in range(NODES - 2, -1, -1):
                             slope = slope * u + place
                             place = place * u + line[k, axis, m]
-                        if k == 0 and rims.shape[0] > 0:
+                        if k == 0 and vignetting_apertures.shape[0] > 0:
                             x, y = lights[i, 0], lights[i, 1]
                             h_x, h_y = (
                                 (x - paths.frame[0]) * paths.frame[2],
                                 (y - paths.frame[1]) * paths.frame[2],
                             )
-                            if passing(rims, u, v, h_x, h_y, _SOFT) <= 0.0:
+                            if passing(vignetting_apertures, u, v, h_x, h_y, _SOFT) <= 0.0:
                                 break
                         low, high = min(low, place), max(high, place)
                         slope = max(abs(slope), abs(_slope_down(terms[k, axis], u, v)))
@@ -206,23 +210,24 @@ def _lay_down(plane, x, y, wide, high, light, miss_x, miss_y):  # type: ignore[n
 
 
 @njit(cache=True)
-def _lay_pupil(terms, light, cells, origin, place, paths, rims, plane):  # type: ignore[no-untyped-def]
+def _lay_pupil(terms, light, cells, origin, place, paths, vignetting_apertures, plane):  # type: ignore[no-untyped-def]
     """Lay the light of all cells of the pupil down for one wavelength.
 
     Args:
-        terms: Polynomials (4, NODES, NODES): place beside the light, right and down, and the miss.
+        terms: Polynomials (4, NODES, NODES): place beside the light, right and down, and the transverse
+            aberration.
         light: Of each cell, (cells * cells,).
         cells: Cells across.
         origin: First column and row of the plane.
         place: Column and row of the light.
         paths: For the field position.
-        rims: (R, 2).
-        plane: (rows, columns, 3): light, and light times the miss.
+        vignetting_apertures: (R, 2).
+        plane: (rows, columns, 3): light, and light times the transverse aberration.
     """
     step = 2.0 / cells
     line, middle = np.empty((4, NODES)), np.empty((4, NODES))
     upper, lower = np.empty((2, cells + 1)), np.empty((2, cells + 1))
-    misses = np.empty((2, cells))
+    transverse_aberrations = np.empty((2, cells))
     _collapse(terms, -1.0, line)
     _places(line, 0, -1.0, step, upper)
     for j in range(cells):
@@ -230,23 +235,25 @@ def _lay_pupil(terms, light, cells, origin, place, paths, rims, plane):  # type:
         _collapse(terms, v + 0.5 * step, line)
         _places(line, 0, -1.0, step, lower)
         _collapse(terms, v, middle)
-        _places(middle, 2, 0.5 * step - 1.0, step, misses)
+        _places(middle, 2, 0.5 * step - 1.0, step, transverse_aberrations)
         for i in range(cells):
             amount = light[j * cells + i]
             if amount <= 0.0:
                 continue
             x = 0.25 * (upper[0, i] + upper[0, i + 1] + lower[0, i] + lower[0, i + 1]) + place[0]
             y = 0.25 * (upper[1, i] + upper[1, i + 1] + lower[1, i] + lower[1, i + 1]) + place[1]
-            if rims.shape[0] > 0:
+            if vignetting_apertures.shape[0] > 0:
                 h_x, h_y = (x - paths.frame[0]) * paths.frame[2], (y - paths.frame[1]) * paths.frame[2]
-                amount *= passing(rims, (i + 0.5) * step - 1.0, v, h_x, h_y, 0.5 * cells)
+                amount *= passing(vignetting_apertures, (i + 0.5) * step - 1.0, v, h_x, h_y, 0.5 * cells)
             wide, high = 1e-3, 1e-3
             wide = max(wide, 0.5 * abs(upper[0, i + 1] - upper[0, i] + lower[0, i + 1] - lower[0, i]))
             wide = max(wide, 0.5 * abs(lower[0, i] - upper[0, i] + lower[0, i + 1] - upper[0, i + 1]))
             high = max(high, 0.5 * abs(upper[1, i + 1] - upper[1, i] + lower[1, i + 1] - lower[1, i]))
             high = max(high, 0.5 * abs(lower[1, i] - upper[1, i] + lower[1, i + 1] - upper[1, i + 1]))
             x, y = x + 0.5 - origin[0], y + 0.5 - origin[1]
-            _lay_down(plane, x, y, wide, high, amount, misses[0, i], misses[1, i])
+            _lay_down(
+                plane, x, y, wide, high, amount, transverse_aberrations[0, i], transverse_aberrations[1, i]
+            )
         upper, lower = lower, upper
 
 
@@ -268,9 +275,9 @@ def _average(line, width, sums):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _fill_psf_images(  # type: ignore[no-untyped-def]
-    lights, cells, boxes, starts, paths, light, first, rims, shares, colors, psf_images
+    lights, cells, boxes, starts, paths, light, first, vignetting_apertures, shares, colors, psf_images
 ):
-    """Write red, green, blue and the miss of each PSF image, (pixels, 5)."""
+    """Write red, green, blue and the transverse aberration of each PSF image, (pixels, 5)."""
     count = paths.coefficients.shape[0]
     for i in prange(lights.shape[0]):
         top, bottom, left, right = boxes[i]
@@ -289,7 +296,7 @@ def _fill_psf_images(  # type: ignore[no-untyped-def]
             plane[:] = 0.0
             solve_nodes(paths, k, light_x, light_y, depth, nodes)
             polynomials(paths, nodes, terms)
-            _lay_pupil(terms, own, cells[i], origin, place, paths, rims, plane)
+            _lay_pupil(terms, own, cells[i], origin, place, paths, vignetting_apertures, plane)
             for c in range(3):
                 planes[:, :, c] += colors[k, c] * plane[:, :, 0]
                 planes[:, :, 3 + c] += plane[:, :, c]
@@ -306,7 +313,7 @@ def _fill_psf_images(  # type: ignore[no-untyped-def]
             for x in range(left, right):
                 found = planes[y - origin[1], x - origin[0]]
                 passed = 1.0
-                if rims.shape[0] > 0:
+                if vignetting_apertures.shape[0] > 0:
                     h_x, h_y = (x - paths.frame[0]) * paths.frame[2], (y - paths.frame[1]) * paths.frame[2]
                     passed = share_at(shares, side, h_x, h_y)
                 for c in range(3):

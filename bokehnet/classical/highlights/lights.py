@@ -3,7 +3,7 @@
 A small light fills a wide disc evenly, but only a few of a pixel's rays would find it. So lights that
 stand far above their surroundings are taken out of what the rays gather, and each is added to every pixel
 of its disc from which it can be seen: its PSF image (:mod:`bokehnet.classical.highlights.psf_images`, or
-behind a lens with a character :mod:`bokehnet.classical.highlights.aberrated_psf`) is stamped
+behind an aberrated lens :mod:`bokehnet.classical.highlights.aberrated_psf`) is splatted
 (:mod:`bokehnet.classical.highlights.psf_splatting`).
 
 Source: "Efficient and expressive rendering for real-time defocus blur and bokeh" (dissertation), chapter 5,
@@ -24,7 +24,7 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["add_lights", "separate_lights"]
 
@@ -166,7 +166,7 @@ def add_lights(
     aperture: Aperture,
     result: np.ndarray,
     *,
-    character: Character | None = None,
+    lens_response: LensResponse | None = None,
     above: int = 0,
     full_size: tuple[int, int] | None = None,
 ) -> None:
@@ -180,7 +180,7 @@ def add_lights(
         bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
-        character: Of the lens; default: a perfect one.
+        lens_response: Of the lens; default: a perfect one.
         above: Rows of the picture above these arrays, where they are a strip of it.
         full_size: Height and width of the whole picture; default: those of ``rays_mask``.
     """
@@ -188,10 +188,10 @@ def add_lights(
         return
     height, width = full_size or rays_mask.shape
     frame = Frame.of(height, width, above)
-    if character is None or character.is_plain:
+    if lens_response is None or lens_response.is_plain:
         draw: PerfectPsf | AberratedPsf = PerfectPsf(aperture, lights, frame)
     else:
-        draw = AberratedPsf(aperture, character, lights, frame)
+        draw = AberratedPsf(aperture, lens_response, lights, frame)
     boxes = place_psf_images(lights, draw.margins, rays_mask.shape)
     boxes[~_touched(boxes, rays_mask)] = 0
     for batch in _batches(boxes, draw.planes):

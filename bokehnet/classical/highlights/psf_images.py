@@ -43,8 +43,8 @@ _INNER_CELLS = 512
 # least so many in a cell.
 _EDGE_SAMPLES, _FEWEST_SAMPLES = 8192, 8
 
-# Field positions along each side of the square [-1, 1]^2 at which the share that rims let pass is known,
-# and pupil points along each side that are counted for it.
+# Field positions along each side of the square [-1, 1]^2 at which the share that vignetting apertures let
+# pass is known, and pupil points along each side that are counted for it.
 _FIELDS, _POINTS = 33, 128
 
 
@@ -77,7 +77,7 @@ def profile_sums(aperture: Aperture, side: int, cells: int) -> np.ndarray:
     """
     light = _inner_light(aperture, side, cells)
     edges = np.arange(cells + 1) * (2 / cells) - 1
-    opening = replace(aperture, rim=0.0, onion=0.0, grain=0.0)
+    opening = replace(aperture, spherical_profile=0.0, onion=0.0, grain=0.0)
     lit = transmission(opening, edges[None, :], edges[:, None]) > 0
     corners = lit[:-1, :-1] * 1 + lit[1:, :-1] + lit[:-1, 1:] + lit[1:, 1:]
     row, column = np.nonzero((corners > 0) & (corners < 4) | ((light > 0) != (corners == 4)))
@@ -94,12 +94,15 @@ def profile_sums(aperture: Aperture, side: int, cells: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def vignetting_shares(aperture: Aperture, rims: tuple[tuple[float, float], ...]) -> np.ndarray:
-    """Share of the light that rims let pass, (2 sides, fields, fields) over the field [-1, 1]^2.
+def vignetting_shares(
+    aperture: Aperture, vignetting_apertures: tuple[tuple[float, float], ...]
+) -> np.ndarray:
+    """Share of the light that vignetting apertures let pass, (2 sides, fields, fields), field [-1, 1]^2.
 
     Args:
         aperture: The opening, without its cat's-eye.
-        rims: Pairs (shift, radius) as in :class:`bokehnet.optics.pencil.PencilMap`.
+        vignetting_apertures: Pairs (shift, radius) as in
+            :class:`bokehnet.optics.aberration_map.AberrationMap`.
 
     Returns:
         Shares above 0; in front of focus first. Lights are divided by them, as everything else in the
@@ -112,7 +115,7 @@ def vignetting_shares(aperture: Aperture, rims: tuple[tuple[float, float], ...])
     for i, y in enumerate(fields):
         for j, x in enumerate(fields):
             passes: np.ndarray = np.ones((_POINTS, _POINTS))
-            for shift, radius in rims:
+            for shift, radius in vignetting_apertures:
                 distance = np.hypot(axis[None] - shift * x, axis[:, None] - shift * y)
                 passes = passes * np.clip(0.5 + (radius - distance) * (_POINTS / 2), 0, 1)
             shares[:, i, j] = (light * passes).sum(axis=(1, 2))
@@ -135,12 +138,12 @@ def share_at(shares, side, h_x, h_y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def passing(rims, u, v, h_x, h_y, sharpness):  # type: ignore[no-untyped-def]
-    """How far all rims let (u, v) pass, 0 to 1, with an edge that is 1 / sharpness wide."""
+def passing(vignetting_apertures, u, v, h_x, h_y, sharpness):  # type: ignore[no-untyped-def]
+    """How far all vignetting apertures let (u, v) pass, 0 to 1, with an edge that is 1 / sharpness wide."""
     share = 1.0
-    for i in range(rims.shape[0]):
-        distance = math.hypot(u - rims[i, 0] * h_x, v - rims[i, 0] * h_y)
-        share *= min(max(0.5 + (rims[i, 1] - distance) * sharpness, 0.0), 1.0)
+    for i in range(vignetting_apertures.shape[0]):
+        distance = math.hypot(u - vignetting_apertures[i, 0] * h_x, v - vignetting_apertures[i, 0] * h_y)
+        share *= min(max(0.5 + (vignetting_apertures[i, 1] - distance) * sharpness, 0.0), 1.0)
     return share
 
 
@@ -180,7 +183,7 @@ def _split(place, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill_psf_images(lights, boxes, starts, sums, rims, shares, frame, psf_images):  # type: ignore[no-untyped-def]
+def _fill_psf_images(lights, boxes, starts, sums, vignetting_apertures, shares, frame, psf_images):  # type: ignore[no-untyped-def]
     """Write the shares of each light's energy, (pixels, 1), behind a perfect lens.
 
     Args:
@@ -188,7 +191,7 @@ def _fill_psf_images(lights, boxes, starts, sums, rims, shares, frame, psf_image
         boxes: From :func:`place_psf_images`.
         starts: First pixel of each PSF image in ``psf_images``, (N,).
         sums: Running sums in front of and behind focus, or one for both, (1 or 2, cells + 1, cells + 1).
-        rims: (R, 2).
+        vignetting_apertures: (R, 2).
         shares: From :func:`vignetting_shares`.
         frame: Column, row and scale of a :class:`Frame`.
         psf_images: Written.
@@ -216,10 +219,12 @@ def _fill_psf_images(lights, boxes, starts, sums, rims, shares, frame, psf_image
                 share -= _sum_at(table, upper, above, place + half_cells)
                 share += _sum_at(table, upper, above, place - half_cells)
                 share = max(share, 0.0) / area
-                if share > 0.0 and rims.shape[0] > 0:
+                if share > 0.0 and vignetting_apertures.shape[0] > 0:
                     h_x, h_y = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
                     u, v = (x - light_x) / depth, (y - light_y) / depth
-                    share *= passing(rims, u, v, h_x, h_y, abs(depth)) / share_at(shares, side, h_x, h_y)
+                    share *= passing(vignetting_apertures, u, v, h_x, h_y, abs(depth)) / share_at(
+                        shares, side, h_x, h_y
+                    )
                 psf_images[k, 0] = share
                 k += 1
 
@@ -240,14 +245,18 @@ class PerfectPsf:
         self._lights, self._frame = lights, frame
         radius = np.abs(lights[:, 2])
         cells = cover_cells(float(radius.max()))
-        sides = (1, -1) if aperture.rim or aperture.onion else (1,)
+        sides = (1, -1) if aperture.spherical_profile or aperture.onion else (1,)
         self._sums = np.stack([profile_sums(aperture, side, cells) for side in sides])
-        rims = ((aperture.cats_eye, 1.0),) if aperture.cats_eye > 0 else ()
-        self._shares = vignetting_shares(aperture, rims) if rims else np.ones((2, 2, 2))
-        self._rims = np.array(rims).reshape(-1, 2)
+        vignetting_apertures = ((aperture.cats_eye, 1.0),) if aperture.cats_eye > 0 else ()
+        self._shares = (
+            vignetting_shares(aperture, vignetting_apertures) if vignetting_apertures else np.ones((2, 2, 2))
+        )
+        self._vignetting_apertures = np.array(vignetting_apertures).reshape(-1, 2)
         self.margins = np.stack([radius, radius], axis=1)
 
     def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, psf_images: np.ndarray) -> None:
         """Write the PSF images of the lights numbered ``batch``."""
         lights, frame = self._lights[batch], tuple(self._frame)
-        _fill_psf_images(lights, boxes, starts, self._sums, self._rims, self._shares, frame, psf_images)
+        _fill_psf_images(
+            lights, boxes, starts, self._sums, self._vignetting_apertures, self._shares, frame, psf_images
+        )

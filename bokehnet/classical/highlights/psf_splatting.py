@@ -24,7 +24,7 @@ _OFFSETS = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375,
 
 
 @njit(cache=True)
-def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chance, visibility, work):  # type: ignore[no-untyped-def]
+def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y, chance, visibility, work):  # type: ignore[no-untyped-def]
     """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
 
     Args:
@@ -34,7 +34,8 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
         light: Its x, y and defocus.
         columns: Of the pixels, lanes.
         y: Their row.
-        miss: Miss E of the pixels' rays, x in the first eight, y in the others, in lanes' order.
+        transverse: Transverse aberration E of the pixels' rays, x in the first eight, y in the
+            others, in lanes' order.
         offset_x: Where the rays start, from the middles of their pixels.
         offset_y: The same, down.
         chance: Surfaces with less coverage are passed.
@@ -44,8 +45,8 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
     flat, size = scene
     per_pixel, half = broadcast8(np.float32(1.0 / light[2])), broadcast8(np.float32(0.5))
     row = broadcast8(np.float32(y))
-    start_x = broadcast8(np.float32(offset_x)) - load8(miss, 0)
-    start_y = broadcast8(np.float32(offset_y)) - load8(miss, LANES)
+    start_x = broadcast8(np.float32(offset_x)) - load8(transverse, 0)
+    start_y = broadcast8(np.float32(offset_y)) - load8(transverse, LANES)
     across = (columns + start_x - broadcast8(np.float32(light[0]))) * per_pixel
     down = (row + start_y - broadcast8(np.float32(light[1]))) * per_pixel
     level = broadcast8(np.float32(chance))
@@ -59,7 +60,7 @@ def _look(scene, runs, count, light, columns, y, miss, offset_x, offset_y, chanc
 
 
 @njit(cache=True)
-def _see_tile(scene, runs, count, light, corner, box, psf_image, misses, visibility, work):  # type: ignore[no-untyped-def]
+def _see_tile(scene, runs, count, light, corner, box, psf_image, transverse, visibility, work):  # type: ignore[no-untyped-def]
     """Fill ``visibility`` (TILE, TILE) with the share of a light that each lit pixel of a tile sees.
 
     Args:
@@ -70,7 +71,7 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, misses, visibil
         corner: First row and column of the tile.
         box: Top, bottom, left and right of the PSF image.
         psf_image: Its pixels, (pixels, 1 or 5).
-        misses: Scratch, (TILE, 2 * LANES).
+        transverse: Scratch, (TILE, 2 * LANES).
         visibility: Result.
         work: See :func:`_look`.
     """
@@ -79,7 +80,7 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, misses, visibil
     begin, end = max(corner[1], left), min(corner[1] + TILE, right)
     columns = indices8(np.float32(corner[1]))
     visibility[:] = 0.0
-    misses[:] = 0.0
+    transverse[:] = 0.0
     some, all_of_them = False, True
     for y in range(low, high):
         i = y - corner[0]
@@ -88,12 +89,25 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, misses, visibil
             for lane in range(LANES):
                 x = corner[1] + ORDER[lane]
                 if begin <= x < end:
-                    misses[i, lane], misses[i, LANES + lane] = (
+                    transverse[i, lane], transverse[i, LANES + lane] = (
                         psf_image[first + x, 3],
                         psf_image[first + x, 4],
                     )
         level = (0.5 + i % 4) / 4
-        _look(scene, runs, count, light, columns, y, misses[i], 0.0, 0.0, level, visibility[i], work)
+        _look(
+            scene,
+            runs,
+            count,
+            light,
+            columns,
+            y,
+            transverse[i],
+            0.0,
+            0.0,
+            level,
+            visibility[i],
+            work,
+        )
         for x in range(begin, end):
             if psf_image[first + x, 0] > 0.0:
                 arrives = visibility[i, x - corner[1]] > 0.0
@@ -111,7 +125,7 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, misses, visibil
                     light,
                     columns,
                     y,
-                    misses[i],
+                    transverse[i],
                     offset_x,
                     offset_y,
                     level,
@@ -129,8 +143,8 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
         lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
         boxes: Top, bottom, left and right of each PSF image, (N, 4).
         starts: First pixel of each PSF image, (N,).
-        psf_images: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the miss E
-            in pixels with which rays start, (pixels, 5).
+        psf_images: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the
+            transverse aberration E in pixels with which rays start, (pixels, 5).
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
         rays_mask: (H, W) bool.
         bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
@@ -143,7 +157,7 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
         tile_row = np.int64(number) * stride % bins.bits.shape[0]
         scene = (flat, (height, width, cells.shape[2]))
         runs = np.empty((BINS // 2, 2))
-        visibility, misses = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
+        visibility, transverse = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
         work = np.empty(4 * LANES, np.float32)
         for i in range(lights.shape[0]):
             top, bottom, left, right = boxes[i]
@@ -167,7 +181,16 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
                     corner = (tile_row * TILE, tile_column * TILE)
                     light = (lights[i, 0], lights[i, 1], lights[i, 2])
                     _see_tile(
-                        scene, runs, count, light, corner, boxes[i], psf_image, misses, visibility, work
+                        scene,
+                        runs,
+                        count,
+                        light,
+                        corner,
+                        boxes[i],
+                        psf_image,
+                        transverse,
+                        visibility,
+                        work,
                     )
                 for y in range(max(tile_row * TILE, top), min((tile_row + 1) * TILE, bottom)):
                     first = (y - top) * (right - left) - left

@@ -1,6 +1,6 @@
-"""Where the rays of one light go behind a lens with a character, as polynomials over the pupil.
+"""Where the rays of one light go behind an aberrated lens, as polynomials over the pupil.
 
-The pencil map tells for each pixel where its rays come from. A light wants the reverse: the pixel p with
+The aberration map tells for each pixel where its rays come from. A light wants the reverse: the pixel p with
 ``p = q + d A(a, h(p)) + E(a, h(p))``. Field positions change slowly over a disc, so the equation is solved
 by putting its result in again. The solution is a smooth function of a; the polynomial through Chebyshev
 nodes follows it.
@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 
 from bokehnet.classical.base import Frame
-from bokehnet.optics.character import Character
-from bokehnet.optics.pencil import TERMS
+from bokehnet.optics.aberration_map import TERMS
+from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["NODES", "RayPolynomials", "polynomials", "solve_nodes"]
 
@@ -33,12 +33,13 @@ _EXPONENTS = np.array(TERMS)
 
 
 class RayPolynomials(NamedTuple):
-    """A character for one picture, as kernels take it.
+    """A lens response for one picture, as kernels take it.
 
     Attributes:
-        coefficients: Of f and g of the miss in pixels and of the bend, (wavelengths, 4, 20).
-        tilt: Of the pencil map, (2,).
-        fringes: Axial and lateral strength of each wavelength, pixels, (wavelengths, 2).
+        coefficients: Of f and g of the transverse aberration in pixels and of the pupil aberration,
+            (wavelengths, 4, 20).
+        tilt: Of the aberration map, (2,).
+        chromatic_aberration: Axial and lateral strength of each wavelength, pixels, (wavelengths, 2).
         maps: What they are multiplied by over the field, (fields, fields, 2); or (1, 1, 2) without fringes.
         frame: Column, row and scale of a :class:`Frame`, (3,).
         nodes: Chebyshev nodes, (NODES,).
@@ -47,28 +48,30 @@ class RayPolynomials(NamedTuple):
 
     coefficients: np.ndarray
     tilt: np.ndarray
-    fringes: np.ndarray
+    chromatic_aberration: np.ndarray
     maps: np.ndarray
     frame: np.ndarray
     nodes: np.ndarray
     inverse: np.ndarray
 
     @classmethod
-    def of(cls, character: Character, wavelengths: np.ndarray, frame: Frame) -> "RayPolynomials":
-        """Prepare a character for wavelengths in nm."""
-        miss, bend = character.pencil.at(wavelengths)
+    def of(cls, lens_response: LensResponse, wavelengths: np.ndarray, frame: Frame) -> "RayPolynomials":
+        """Prepare a lens response for wavelengths in nm."""
+        transverse_aberration, pupil_aberration = lens_response.aberration_map.at(wavelengths)
         half_diagonal = 1 / frame.scale
         nodes = np.cos((2 * np.arange(NODES) + 1) * (math.pi / (2 * NODES)))
-        fringes, maps = np.zeros((len(wavelengths), 2)), np.zeros((1, 1, 2))
-        if character.fringes is not None:
+        chromatic_aberration, maps = np.zeros((len(wavelengths), 2)), np.zeros((1, 1, 2))
+        if lens_response.chromatic_aberration is not None:
             axis = np.linspace(-_EDGE, _EDGE, _FIELDS)
             field = np.stack(np.meshgrid(axis, axis), -1)
-            fringes = half_diagonal * np.asarray(character.fringes.strengths(wavelengths), float)
-            maps = np.ascontiguousarray(character.fringes.maps(field), float)
+            chromatic_aberration = half_diagonal * np.asarray(
+                lens_response.chromatic_aberration.strengths(wavelengths), float
+            )
+            maps = np.ascontiguousarray(lens_response.chromatic_aberration.maps(field), float)
         return cls(
-            coefficients=np.concatenate([half_diagonal * miss, bend], axis=1),
-            tilt=np.array(character.pencil.tilt, float),
-            fringes=fringes,
+            coefficients=np.concatenate([half_diagonal * transverse_aberration, pupil_aberration], axis=1),
+            tilt=np.array(lens_response.aberration_map.tilt, float),
+            chromatic_aberration=chromatic_aberration,
             maps=maps,
             frame=np.array(frame, float),
             nodes=nodes,
@@ -102,7 +105,7 @@ def _map_at(maps, which, h_x, h_y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
-    """Miss E in pixels and coordinates A of one ray of the k-th wavelength."""
+    """Transverse aberration E in pixels and coordinates A of one ray of the k-th wavelength."""
     for n in range(4):
         powers[0, n] = 1.0 if n == 0 else powers[0, n - 1] * (u * u + v * v)
         powers[1, n] = 1.0 if n == 0 else powers[1, n - 1] * (u * h_x + v * h_y)
@@ -115,14 +118,14 @@ def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
         f_bend += value * paths.coefficients[k, 2, n]
         g_bend += value * paths.coefficients[k, 3, n]
     if paths.maps.shape[0] > 1:
-        f += paths.fringes[k, 0] * _map_at(paths.maps, 0, h_x, h_y)
-        g += paths.fringes[k, 1] * _map_at(paths.maps, 1, h_x, h_y)
-    lean = 1.0 + paths.tilt[0] * u + paths.tilt[1] * v
+        f += paths.chromatic_aberration[k, 0] * _map_at(paths.maps, 0, h_x, h_y)
+        g += paths.chromatic_aberration[k, 1] * _map_at(paths.maps, 1, h_x, h_y)
+    divisor = 1.0 + paths.tilt[0] * u + paths.tilt[1] * v
     return (
         u * f + h_x * g,
         v * f + h_y * g,
-        (u + u * f_bend + h_x * g_bend) / lean,
-        (v + v * f_bend + h_y * g_bend) / lean,
+        (u + u * f_bend + h_x * g_bend) / divisor,
+        (v + v * f_bend + h_y * g_bend) / divisor,
     )
 
 
@@ -131,13 +134,13 @@ def solve_nodes(paths, k, light_x, light_y, depth, nodes):  # type: ignore[no-un
     """Write where rays through the nodes of the pupil arrive.
 
     Args:
-        paths: The character.
-        k: Number of the wavelength.
-        light_x: Column of the light.
-        light_y: Its row.
-        depth: Its defocus, pixels.
-        nodes: Written, (4, NODES, NODES) with rows along v: place beside the light, right and down, and
-            miss, right and down, all in pixels.
+            paths: The lens response.
+            k: Number of the wavelength.
+            light_x: Column of the light.
+            light_y: Its row.
+            depth: Its defocus, pixels.
+            nodes: Written, (4, NODES, NODES) with rows along v: place beside the light, right and down, and
+                transverse aberration, right and down, all in pixels.
     """
     powers = np.empty((3, 4))
     for row in range(NODES):

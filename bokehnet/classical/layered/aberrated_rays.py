@@ -1,7 +1,7 @@
-"""Rays of a lens with a character, eight at once: where they start and how they run, from its pencil map.
+"""Rays of an aberrated lens, eight at once: where they start and how they run, from its aberration map.
 
-The coefficients of :class:`bokehnet.optics.pencil.PencilMap` change smoothly with the wavelength; a
-parabola over a variable that grows as glass disperses follows them, so that each ray can have a wavelength
+The coefficients of :class:`bokehnet.optics.aberration_map.AberrationMap` change smoothly with the wavelength;
+a parabola over a variable that grows as glass disperses follows them, so that each ray can have a wavelength
 of its own. The field position is the pixel's, which leaves ten numbers for each of the polynomials.
 """
 
@@ -14,8 +14,8 @@ from numba import njit
 from bokehnet.classical.base import Frame
 from bokehnet.classical.simd.float8 import broadcast8, divide8
 from bokehnet.errors import ParameterError
-from bokehnet.optics.character import Character
-from bokehnet.optics.pencil import TERMS
+from bokehnet.optics.aberration_map import TERMS
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
@@ -30,7 +30,8 @@ _START_BASES = (7, 11)
 # Wavelengths through which the parabola goes.
 _NODES = 13
 
-# Places from the middle of the picture to its corner, and on the pupil, at which the largest miss is sought.
+# Places from the middle of the picture to its corner, and on the pupil, at which the largest transverse
+# aberration is sought.
 _FIELDS, _RINGS, _SPOKES = 33, 8, 24
 
 # Pixels; rays that stray by less share the picture with the scatter.
@@ -44,26 +45,26 @@ _STEEPEST_TILT = 0.8
 
 
 class LensTable(NamedTuple):
-    """A character for one picture, as kernels take it.
+    """A lens response for one picture, as kernels take it.
 
     Attributes:
-        coefficients: Of f and g of the miss in pixels, and of the bend if there is any, by powers of h.h and
-            of the wavelength's variable: (4, 1 or ORDERS, 2 or 4, 10), float32.
+        coefficients: Of f and g of the transverse aberration in pixels, and of the pupil aberration if there
+            is any, by powers of h.h and of the wavelength's variable: (4, 1 or ORDERS, 2 or 4, 10), float32.
         waves: The variable for each ray of the pattern, (rays,) float32.
         starts: Where each ray starts in its pixel, from its middle, (2, rays) float32.
         shaken: Share of the pixel over which they start, by the distance from the picture's middle, (n,):
             all of it where rays of one colour miss by the same amount, so that a shift by a part of a pixel
             shows as one, and none where they miss by different ones, or hardly.
         colors: Red, green and blue that each ray carries, (3, rays) float32; (3, 0) where all go one way.
-        fringes: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
+        chromatic_aberration: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
         maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
-        rims: (R, 2): shift and radius.
+        vignetting_apertures: (R, 2): shift and radius.
         tilt: (2,) float32.
         column: Middle of the picture, pixels.
         row: The same, down.
         scale: One over the half-diagonal in pixels.
-        largest: Bound of the miss of rays that pass, in pixels, by the distance from the middle, (n,), up to
-            the corner.
+        largest: Bound of the transverse aberration of rays that pass, in pixels, by the distance from the
+            middle, (n,), up to the corner.
         strayed: Share of its blur radius by which a ray can stray from a perfect lens's, likewise, (n,).
     """
 
@@ -72,9 +73,9 @@ class LensTable(NamedTuple):
     starts: np.ndarray
     shaken: np.ndarray
     colors: np.ndarray
-    fringes: np.ndarray
+    chromatic_aberration: np.ndarray
     maps: np.ndarray
-    rims: np.ndarray
+    vignetting_apertures: np.ndarray
     tilt: np.ndarray
     column: float
     row: float
@@ -84,7 +85,7 @@ class LensTable(NamedTuple):
 
     @property
     def footprint(self) -> tuple[float, float]:
-        """Bounds of |A| and of the miss in pixels, anywhere in the picture."""
+        """Bounds of |A| and of the transverse aberration in pixels, anywhere in the picture."""
         return float(1 + self.strayed.max()), float(self.largest.max())
 
     def reach(self, radius: float) -> int:
@@ -121,12 +122,18 @@ def _variable(wavelength: np.ndarray) -> np.ndarray:
 
 
 def lens_table(
-    character: Character, width: int, height: int, rays: int, *, above: int = 0, rows: int | None = None
+    lens_response: LensResponse,
+    width: int,
+    height: int,
+    rays: int,
+    *,
+    above: int = 0,
+    rows: int | None = None,
 ) -> LensTable:
-    """Prepare a character for pictures of a size.
+    """Prepare a lens response for pictures of a size.
 
     Args:
-        character: Of the lens.
+        lens_response: Of the lens.
         width: Of the full-size picture, pixels.
         height: The same.
         rays: Rays of the pattern.
@@ -136,21 +143,21 @@ def lens_table(
     Raises:
         ParameterError: The plane of focus leans so much that some rays never meet the scene.
     """
-    pencil = character.pencil
-    if math.hypot(*pencil.tilt) > _STEEPEST_TILT:
+    aberration_map = lens_response.aberration_map
+    if math.hypot(*aberration_map.tilt) > _STEEPEST_TILT:
         raise ParameterError(
             f"focus plane: expected a defocus that changes by up to {_STEEPEST_TILT} pixels per pixel, "
-            f"got {math.hypot(*pencil.tilt):.2g}; tilt less or blur less"
+            f"got {math.hypot(*aberration_map.tilt):.2g}; tilt less or blur less"
         )
     column, row, scale = Frame.of(height, width)
     half_diagonal = 1 / scale
-    wavelengths, colors = character.draw(rays)
+    wavelengths, colors = lens_response.sample_wavelengths(rays)
     nodes = np.linspace(SHORTEST, LONGEST, _NODES)
-    values, bend = pencil.at(nodes)
+    values, pupil_aberration = aberration_map.at(nodes)
     values = half_diagonal * values
-    if bend.any():
-        values = np.concatenate([values, bend], axis=1)
-    if pencil.is_dispersive:
+    if pupil_aberration.any():
+        values = np.concatenate([values, pupil_aberration], axis=1)
+    if aberration_map.is_dispersive:
         powers = _variable(nodes)[:, None] ** np.arange(ORDERS)
         fitted = np.linalg.lstsq(powers, values.reshape(_NODES, -1), rcond=None)[0]
         coefficients = fitted.reshape(ORDERS, *values.shape[1:])
@@ -159,24 +166,24 @@ def lens_table(
     by_field = np.zeros((4, *coefficients.shape[:2], len(_PAIRS)), np.float32)
     for place, (i, j, k) in enumerate(TERMS):
         by_field[k, ..., _PAIRS.index((i, j))] = coefficients[..., place]
-    fringes, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
-    if character.fringes is not None and not character.fringes.is_none:
-        fringes = half_diagonal * character.fringes.strengths(wavelengths)
+    chromatic_aberration, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
+    if lens_response.chromatic_aberration is not None and not lens_response.chromatic_aberration.is_none:
+        chromatic_aberration = half_diagonal * lens_response.chromatic_aberration.strengths(wavelengths)
         shape = (height if rows is None else rows, width)
-        maps = character.fringes.maps(_fields(shape, above, column, row, scale))
-    if not character.is_dispersive:
+        maps = lens_response.chromatic_aberration.maps(_fields(shape, above, column, row, scale))
+    if not lens_response.is_dispersive:
         colors = np.zeros((0, 3))
-    largest, strayed, spread = _bounds(character, half_diagonal)
+    largest, strayed, spread = _bounds(lens_response, half_diagonal)
     return LensTable(
         coefficients=by_field,
         waves=_variable(wavelengths).astype(np.float32),
         starts=np.stack([halton(rays, base) - 0.5 for base in _START_BASES]).astype(np.float32),
         shaken=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
         colors=np.ascontiguousarray(colors.T, np.float32),
-        fringes=np.ascontiguousarray(fringes.T, np.float32),
+        chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),
         maps=np.ascontiguousarray(maps, np.float32),
-        rims=np.array(pencil.rims, np.float32).reshape(-1, 2),
-        tilt=np.array(pencil.tilt, np.float32),
+        vignetting_apertures=np.array(aberration_map.vignetting_apertures, np.float32).reshape(-1, 2),
+        tilt=np.array(aberration_map.tilt, np.float32),
         column=column,
         row=row,
         scale=scale,
@@ -185,34 +192,45 @@ def lens_table(
     )
 
 
-def _bounds(character: Character, half_diagonal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``largest`` and ``strayed`` of :class:`LensTable`, and by how much rays of one colour miss differently.
 
-    The last is the mean over wavelengths and directions of the largest distance from the mean miss, pixels.
+    The last is the mean over wavelengths and directions of the largest distance from the mean transverse
+    aberration, pixels.
     """
-    pencil = character.pencil
+    aberration_map = lens_response.aberration_map
     radius = (np.arange(_RINGS) + 1) / _RINGS
     angle = np.arange(_SPOKES) * (2 * math.pi / _SPOKES)
     pupil = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     fields = np.linspace(0, 1, _FIELDS)
-    around = np.arange(8) * (math.pi / 4) if any(pencil.tilt) or character.fringes is not None else [0.0]
-    wavelengths = np.union1d(pencil.wavelengths, [SHORTEST, LONGEST])
+    around = (
+        np.arange(8) * (math.pi / 4)
+        if any(aberration_map.tilt) or lens_response.chromatic_aberration is not None
+        else [0.0]
+    )
+    wavelengths = np.union1d(aberration_map.wavelengths, [SHORTEST, LONGEST])
     largest, strayed = np.zeros(_FIELDS), np.zeros(_FIELDS)
     spread = np.zeros((len(around), len(wavelengths), _FIELDS))
     for at, direction in enumerate(around):
         field = fields[:, None, None, None] * np.array([math.cos(direction), math.sin(direction)])
         for color, wavelength in enumerate(wavelengths):
-            miss, run, passes = pencil(pupil[None], field, wavelength)
-            miss = half_diagonal * miss
-            if character.fringes is not None:
-                axial, lateral = half_diagonal * character.fringes.strengths(np.array([wavelength]))[0]
-                maps = character.fringes.maps(field)
-                miss = miss + axial * maps[..., :1] * pupil + lateral * maps[..., 1:] * field
-            largest = np.maximum(largest, (passes * np.linalg.norm(miss, axis=-1)).max((1, 2)))
+            transverse_aberration, run, passes = aberration_map(pupil[None], field, wavelength)
+            transverse_aberration = half_diagonal * transverse_aberration
+            if lens_response.chromatic_aberration is not None:
+                axial, lateral = (
+                    half_diagonal * lens_response.chromatic_aberration.strengths(np.array([wavelength]))[0]
+                )
+                maps = lens_response.chromatic_aberration.maps(field)
+                transverse_aberration = (
+                    transverse_aberration + axial * maps[..., :1] * pupil + lateral * maps[..., 1:] * field
+                )
+            largest = np.maximum(
+                largest, (passes * np.linalg.norm(transverse_aberration, axis=-1)).max((1, 2))
+            )
             strayed = np.maximum(strayed, (passes * np.linalg.norm(run - pupil, axis=-1)).max((1, 2)))
             strayed = np.maximum(strayed, 1.0 - passes.mean((1, 2)))
             weights = passes[..., None] / np.maximum(passes.sum((1, 2)), 1)[:, None, None, None]
-            apart = miss - (weights * miss).sum((1, 2), keepdims=True)
+            apart = transverse_aberration - (weights * transverse_aberration).sum((1, 2), keepdims=True)
             spread[at, color] = (passes * np.linalg.norm(apart, axis=-1)).max((1, 2))
     return largest, strayed, np.trapezoid(spread.mean(0), wavelengths, axis=0) / (LONGEST - SHORTEST)
 
@@ -241,7 +259,7 @@ def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped-def]
-    """Miss E in pixels and coordinates A of eight rays: lanes (E_x, E_y, A_x, A_y).
+    """Transverse aberration E in pixels and coordinates A of eight rays: lanes (E_x, E_y, A_x, A_y).
 
     Args:
         collapsed: From :func:`collapse` for the pixel.
@@ -271,6 +289,6 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
             power = power * wave
         a_x, a_y = a_x + u * bend_f + across * bend_g, a_y + v * bend_f + down * bend_g
     if tilt[0] != 0.0 or tilt[1] != 0.0:
-        lean = broadcast8(np.float32(1)) + broadcast8(tilt[0]) * u + broadcast8(tilt[1]) * v
-        a_x, a_y = divide8(a_x, lean), divide8(a_y, lean)
+        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0]) * u + broadcast8(tilt[1]) * v
+        a_x, a_y = divide8(a_x, divisor), divide8(a_y, divisor)
     return u * f + across * g, v * f + down * g, a_x, a_y

@@ -121,7 +121,7 @@ def occupied_bins(cells: np.ndarray, stretch: float = 1.0, missed: float = 0.0) 
     Args:
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
         stretch: Largest aperture coordinate of a ray.
-        missed: Largest miss of a ray at defocus 0, pixels.
+        missed: Largest transverse aberration of a ray at defocus 0, pixels.
     """
     depths = cells[..., 0]
     low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3

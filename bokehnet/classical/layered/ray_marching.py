@@ -137,9 +137,9 @@ def _march(  # type: ignore[no-untyped-def]
                         else:
                             wave = load8(lens.waves, k)
                             e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, wave)
-                            if lens.fringes.shape[1] > 0:
-                                axial = load8(lens.fringes[0], k)
-                                lateral = load8(lens.fringes[1], k)
+                            if lens.chromatic_aberration.shape[1] > 0:
+                                axial = load8(lens.chromatic_aberration[0], k)
+                                lateral = load8(lens.chromatic_aberration[1], k)
                                 axial = axial * broadcast8(lens.maps[y, x, 0])
                                 lateral = lateral * broadcast8(lens.maps[y, x, 1])
                                 e_x = e_x + u * axial + lateral * broadcast8(h_x)
@@ -162,8 +162,8 @@ def _march(  # type: ignore[no-untyped-def]
                         layer = max8(layer, zero)
                         blur = depth * depth
                         if lens is not None:
-                            for rim in range(lens.rims.shape[0]):
-                                shift, radius = lens.rims[rim]
+                            for rim in range(lens.vignetting_apertures.shape[0]):
+                                shift, radius = lens.vignetting_apertures[rim]
                                 w = _keep_within(u, v, shift * h_x, shift * h_y, radius, w)
                             away_x, away_y = begin_x - half, begin_y - half
                             blur = blur + away_x * away_x + away_y * away_y
@@ -225,7 +225,7 @@ def march(
         disocclusion_weight: (H, W), float32; set alike, to the share of a pixel's light that no picture
             shows: from behind the first layer or from beyond the border.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
-        lens: A character, for all rays of ``points`` in their order; default: a perfect lens.
+        lens: A lens response, for all rays of ``points`` in their order; default: a perfect lens.
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
     """

@@ -59,7 +59,7 @@ def test_without_gaps_it_is_the_scatter():
     np.testing.assert_allclose(rays(image, defocus)[inner], scatter(image, defocus)[inner], rtol=1e-5)
 
 
-@pytest.mark.parametrize("aperture", [Aperture(), Aperture(blades=5, cats_eye=0.8, rim=0.5)])
+@pytest.mark.parametrize("aperture", [Aperture(), Aperture(blades=5, cats_eye=0.8, spherical_profile=0.5)])
 def test_one_colour_stays_one_colour(aperture):
     rng = np.random.default_rng(1)
     defocus = np.kron(rng.uniform(-15, 15, (6, 8)), np.ones((8, 8))).astype(np.float32)

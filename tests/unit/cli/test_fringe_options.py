@@ -8,10 +8,10 @@ from bokehnet.cli.fringe_options import check_fringes, make_fringes, make_light
 from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
-from bokehnet.optics.character import Character
+from bokehnet.optics.chromatic_aberration import ChromaticAberration, make_curve
 from bokehnet.optics.field_maps import inversion, square
-from bokehnet.optics.fringes import Fringes, make_curve
-from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 EXACT = ["--refine-disparity", "off"]  # the picture is noise, nothing to follow
@@ -22,10 +22,14 @@ RAYS = [*WORDS, "--engine", "rays"]
 @pytest.mark.parametrize(
     ("options", "character"),
     [
-        (["--axial-fringe", 5], Character(fringes=Fringes(axial=5))),
+        (["--axial-fringe", 5], LensResponse(chromatic_aberration=ChromaticAberration(axial=5))),
         (
             ["--lateral-fringe", -4, "--lateral-map", "square", "--fringe-glass", "achromat"],
-            Character(fringes=Fringes(lateral=-4, lateral_map=square, curve=make_curve("achromat"))),
+            LensResponse(
+                chromatic_aberration=ChromaticAberration(
+                    lateral=-4, lateral_map=square, curve=make_curve("achromat")
+                )
+            ),
         ),
         (
             [
@@ -38,9 +42,9 @@ RAYS = [*WORDS, "--engine", "rays"]
                 "--equaliser",
                 "1,0.2,3",
             ],
-            Character(
-                fringes=Fringes(axial=5, axial_map=inversion),
-                light=LightDraw(dispersion="rgb", equaliser=(1, 0.2, 3)),
+            LensResponse(
+                fringes=ChromaticAberration(axial=5, axial_map=inversion),
+                light=WavelengthSampling(dispersion="rgb", equaliser=(1, 0.2, 3)),
             ),
         ),
     ],
@@ -67,8 +71,8 @@ def test_strengths_of_0_change_no_bit(folder, cli):
 
 def test_no_strength_makes_no_fringes():
     assert make_fringes() is None
-    assert make_light() == LightDraw()
-    assert make_light("rgb") == LightDraw(dispersion="rgb")
+    assert make_light() == WavelengthSampling()
+    assert make_light("rgb") == WavelengthSampling(dispersion="rgb")
     check_fringes(make_fringes(), make_light(), engine="scatter")
 
 

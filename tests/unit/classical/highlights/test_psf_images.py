@@ -15,7 +15,7 @@ from tests.unit.classical.highlights.light_scenes import decibel, draw, point
 SHAPES = {
     "disc": Aperture(),
     "blades": Aperture(blades=6, curvature=0.3, rotation=10, onion=0.5, grain=0.3),
-    "oval ring": Aperture(squeeze=0.5, obstruction=0.4, rim=0.5),
+    "oval ring": Aperture(squeeze=0.5, obstruction=0.4, spherical_profile=0.5),
     "letter": Aperture(picture=np.array([[1, 1, 1], [1, 0, 0], [1, 1, 0], [1, 0, 0.5]])),
 }
 
@@ -178,7 +178,7 @@ def test_lights_grow_out_of_the_picture_without_a_step():
 
 
 def test_a_plain_character_changes_no_bit():
-    from bokehnet.optics.character import Character
+    from bokehnet.optics.lens_response import LensResponse
 
-    plain, idle = (draw(point(30.2, 31.0, 20.0), (64, 64), character=c) for c in (None, Character()))
+    plain, idle = (draw(point(30.2, 31.0, 20.0), (64, 64), lens_response=c) for c in (None, LensResponse()))
     assert_array_equal(plain, idle)

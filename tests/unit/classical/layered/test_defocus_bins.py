@@ -9,10 +9,10 @@ from bokehnet.classical.layered.defocus_bins import BINS, TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
 
-CHARACTER = Character(pencil=AberrationSliders(coma=2.0, field_curvature=1.0).pencil())
+CHARACTER = LensResponse(aberration_map=AberrationSliders(coma=2.0, field_curvature=1.0).aberration_map())
 
 
 def scene() -> tuple[np.ndarray, np.ndarray]:
@@ -24,10 +24,10 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     return image, defocus
 
 
-@pytest.mark.parametrize("character", [None, CHARACTER])
-def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, character):
+@pytest.mark.parametrize("lens_response", [None, CHARACTER])
+def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, lens_response):
     image, defocus = scene()
-    found = rays(image, defocus, character=character)
+    found = rays(image, defocus, lens_response=lens_response)
     shares = []
 
     def look_everywhere(*arguments):
@@ -37,7 +37,7 @@ def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, character):
         return slices._replace(bits=every, smooth=np.zeros_like(slices.smooth))
 
     monkeypatch.setattr(bokehnet.classical.rays_renderer, "occupied_bins", look_everywhere)
-    expected = rays(image, defocus, character=character)
+    expected = rays(image, defocus, lens_response=lens_response)
     assert 0.3 < shares[0] < 0.9
     assert np.sqrt(np.mean((found - expected) ** 2)) < 3e-4
     assert np.abs(found - expected).max() < 0.01

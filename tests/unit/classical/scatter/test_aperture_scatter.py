@@ -19,11 +19,11 @@ WHOLE = {
     "straight": Aperture(blades=6),
     "oval ring": Aperture(squeeze=0.5, obstruction=0.4),
     "letter": Aperture(picture=LETTER),
-    "rim": Aperture(rim=0.8),
+    "rim": Aperture(spherical_profile=0.8),
 }
 CLIPPED = {
     "cat's-eye": Aperture(cats_eye=1.0),
-    "clipped blades": Aperture(cats_eye=0.7, blades=5, rim=0.4),
+    "clipped blades": Aperture(cats_eye=0.7, blades=5, spherical_profile=0.4),
 }
 SHAPES = WHOLE | CLIPPED
 
@@ -125,7 +125,7 @@ def test_squeezed_disc_has_the_moments_of_an_ellipse(squeeze):
 @pytest.mark.parametrize(("rim", "side"), [(0.8, -1), (0.8, 1), (-0.5, -1)])
 def test_rim_takes_its_light_from_the_core(rim, side):
     """Of the profile 1 + p (2 rho^2 - 1), a part of 1/2 - p / 4 lies inside rho^2 = 1/2."""
-    spread = one_point(side * 40.0, Aperture(rim=rim))
+    spread = one_point(side * 40.0, Aperture(spherical_profile=rim))
     y, x = np.indices(spread.shape) - len(spread) // 2
     inside = spread[x**2 + y**2 < 40**2 / 2].sum()
     assert inside == pytest.approx(0.5 + side * rim / 4, abs=0.01)
@@ -297,5 +297,7 @@ def test_absent_pixels_spread_nothing_and_still_have_a_gradient():
 
 def test_tables_stay_small():
     """The worst case: a picture, which is another one on each side of the focus, up to the largest radius."""
-    table = shape_table(Aperture(picture=np.ones((4, 4)), blades=3, rotation=5, rim=0.1), 1e4, "float32")
+    table = shape_table(
+        Aperture(picture=np.ones((4, 4)), blades=3, rotation=5, spherical_profile=0.1), 1e4, "float32"
+    )
     assert sum(array.nbytes for array in table) < 32e6

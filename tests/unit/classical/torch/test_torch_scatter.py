@@ -31,7 +31,7 @@ SHAPES = {
     "disc": Aperture(),
     "blades": Aperture(blades=6, rotation=10),
     "curved, narrow": Aperture(blades=5, curvature=0.5, squeeze=0.6),
-    "rim": Aperture(rim=0.7),
+    "rim": Aperture(spherical_profile=0.7),
     "hole": Aperture(obstruction=0.4),
     "picture": Aperture(picture=np.random.default_rng(9).random((9, 7))),
     "cat's-eye": Aperture(cats_eye=0.8),

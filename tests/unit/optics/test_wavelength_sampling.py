@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.light_draw import LightDraw
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 # Midpoints of 1 / 10 nm: sums over them are the integrals that draws must meet.
 FINE = SHORTEST + (LONGEST - SHORTEST) * (np.arange(3000) + 0.5) / 3000
@@ -35,7 +35,7 @@ def exact_means(gains, function):
 @pytest.mark.parametrize("count", COUNTS)
 def test_white_stays_white(gains, dispersion, count):
     """What shows no fringe keeps its colour, whatever the equaliser."""
-    wavelengths, weights = LightDraw(dispersion=dispersion, equaliser=gains).draw(count)
+    wavelengths, weights = WavelengthSampling(dispersion=dispersion, equaliser=gains).sample(count)
     assert wavelengths.shape == (count,)
     assert weights.shape == (count, 3)
     assert_allclose(weights.mean(0), 1, rtol=1e-12)
@@ -47,7 +47,7 @@ def test_white_stays_white(gains, dispersion, count):
 @pytest.mark.parametrize("count", COUNTS)
 def test_means_are_those_of_the_spectrum(gains, count):
     """Authority: the integral over the spectrum. Halton's sums err by about log(count) / count."""
-    wavelengths, weights = LightDraw(equaliser=gains).draw(count)
+    wavelengths, weights = WavelengthSampling(equaliser=gains).sample(count)
     for function, factor in (
         (lambda x: (x - SHORTEST) / (LONGEST - SHORTEST), 0.25),
         (lambda x: np.cos((x - SHORTEST) / (LONGEST - SHORTEST) * 2 * np.pi), 1.3),
@@ -60,7 +60,7 @@ def test_means_are_those_of_the_spectrum(gains, count):
 @pytest.mark.parametrize("count", COUNTS)
 def test_each_channel_is_cumulated_as_in_the_spectrum(gains, count):
     """The star discrepancy of wavelengths in the light of each channel, against the exact distribution."""
-    wavelengths, weights = LightDraw(equaliser=gains).draw(count)
+    wavelengths, weights = WavelengthSampling(equaliser=gains).sample(count)
     order = np.argsort(wavelengths)
     for channel in range(3):
         found = np.cumsum(weights[order, channel]) / count
@@ -74,7 +74,7 @@ def test_each_channel_is_cumulated_as_in_the_spectrum(gains, count):
 @pytest.mark.parametrize("gains", EQUALISERS)
 def test_every_run_of_a_long_draw_is_well_spread(gains):
     """Each pixel takes a run of 64 of the long draw of all patterns; authority as above."""
-    wavelengths, weights = LightDraw(equaliser=gains).draw(9216)
+    wavelengths, weights = WavelengthSampling(equaliser=gains).sample(9216)
     runs = weights.reshape(144, 64, 3)
     tilt = (wavelengths.reshape(144, 64, 1) - SHORTEST) / (LONGEST - SHORTEST)
     found = (runs * tilt).sum(1) / runs.sum(1)
@@ -86,7 +86,7 @@ def test_every_run_of_a_long_draw_is_well_spread(gains):
 def test_the_wavelengths_of_rgb_are_the_means_of_the_channels():
     """Authority: the integral; so each channel is shifted by as much as in the mean of the spectrum."""
     for gains in EQUALISERS:
-        wavelengths, weights = LightDraw(dispersion="rgb", equaliser=gains).draw(64)
+        wavelengths, weights = WavelengthSampling(dispersion="rgb", equaliser=gains).sample(64)
         assert len(np.unique(wavelengths)) == 3
         found = (weights * wavelengths[:, None]).mean(0)
         assert_allclose(found, exact_means(gains, lambda x: x), atol=0.05)
@@ -94,9 +94,9 @@ def test_the_wavelengths_of_rgb_are_the_means_of_the_channels():
 
 
 def test_a_flat_equaliser_changes_nothing():
-    wavelengths, weights = LightDraw().draw(64)
+    wavelengths, weights = WavelengthSampling().sample(64)
     for gains in ((1.0,) * 7, (4.0,) * 2):
-        flat_wavelengths, flat_weights = LightDraw(equaliser=gains).draw(64)
+        flat_wavelengths, flat_weights = WavelengthSampling(equaliser=gains).sample(64)
         assert_array_equal(flat_wavelengths, wavelengths)
         assert_array_equal(flat_weights, weights)
 
@@ -104,12 +104,12 @@ def test_a_flat_equaliser_changes_nothing():
 def test_wavelengths_are_drawn_where_the_gain_is_high():
     """Authority: the cumulated importance, exactly: chances of the Halton points are its values."""
     gains = (1, 10, 1, 1, 10, 1, 1, 10, 1)
-    draw = LightDraw(equaliser=gains)
-    wavelengths, weights = draw.draw(900)
+    draw = WavelengthSampling(equaliser=gains)
+    wavelengths, weights = draw.sample(900)
     importance = draw.response(FINE).mean(-1)
     cumulated = np.interp(wavelengths, FINE + 0.05, np.cumsum(importance) / importance.sum())
     assert_allclose(cumulated, halton(900, 5) + 0.5 / 900, atol=2e-4)
-    flat = LightDraw().draw(900)[0]
+    flat = WavelengthSampling().sample(900)[0]
     high = [np.mean([gain_at(gains, x) > 5 for x in drawn]) for drawn in (wavelengths, flat)]
     assert high[0] > 1.5 * high[1]
     assert weights.max() < 3.5
@@ -118,7 +118,7 @@ def test_wavelengths_are_drawn_where_the_gain_is_high():
 def test_importance_keeps_half_covered_discs_calmer_than_even_wavelengths():
     """Authority: the covered share of the disc, which all channels must show where nothing disperses."""
     points = disc_from_square(np.stack([halton(9216, 2), halton(9216, 3)], -1)).reshape(144, 64, 2)
-    drawn = LightDraw().draw(9216)[1].reshape(144, 64, 3)
+    drawn = WavelengthSampling().sample(9216)[1].reshape(144, 64, 3)
     even = SHORTEST + (LONGEST - SHORTEST) * halton(9216, 5)
     evenly = np.maximum(wavelength_color(even), 0).reshape(144, 64, 3)
     noise = []
@@ -146,9 +146,9 @@ def test_importance_keeps_half_covered_discs_calmer_than_even_wavelengths():
 )
 def test_mistakes_are_told(arguments, words):
     with pytest.raises(ParameterError, match=words):
-        LightDraw(**arguments)
+        WavelengthSampling(**arguments)
 
 
 def test_too_few_wavelengths_are_refused():
     with pytest.raises(ParameterError, match="count: expected at least 8, got 7"):
-        LightDraw().draw(7)
+        WavelengthSampling().sample(7)

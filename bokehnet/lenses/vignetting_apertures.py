@@ -1,8 +1,8 @@
-"""Which rims of a lens cut its pupil, as discs that move with the field."""
+"""Which vignetting apertures of a lens cut its pupil, as discs that move with the field."""
 
 import numpy as np
 
-__all__ = ["fit_rims"]
+__all__ = ["fit_vignetting_apertures"]
 
 # Rays near a rim, heights over semi-diameter, and the fewest of them that tell its place.
 _NEAR = (0.9, 1.1)
@@ -12,10 +12,10 @@ _STEPS = 30
 _SMALLEST = 1e-3
 
 
-def fit_rims(
+def fit_vignetting_apertures(
     pupil: np.ndarray, field: np.ndarray, heights: np.ndarray, stop: int
 ) -> tuple[tuple[float, float], ...]:
-    """Fit discs ``|a - shift h| <= radius`` to where rims cut the pupil.
+    """Fit discs ``|a - shift h| <= radius`` to where vignetting apertures cut the pupil.
 
     Each rim that is the one to clip somewhere is seen as a disc through the stop. Of these discs those are
     kept that are needed to have the right rays pass, the most important first.

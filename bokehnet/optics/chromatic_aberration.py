@@ -1,7 +1,7 @@
 """Chromatic aberration by two sliders: axial and lateral fringes, with the curve of a glass and maps.
 
 A lens is stronger for blue light than for red. It then focuses blue nearer (axial), and shows it at
-another size (lateral). In the terms of :mod:`bokehnet.optics.pencil` both add to the miss,
+another size (lateral). In the terms of :mod:`bokehnet.optics.aberration_map` both add to the miss,
 ``E += a s_0 m_0 + h s_1 m_1``: a change of the blur radius and a change of scale, which depend on the
 wavelength by the strengths s and on the field by the maps m.
 
@@ -21,12 +21,12 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_number
 from bokehnet.errors import ParameterError
+from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH
 from bokehnet.optics.field_maps import FieldMap, constant, linear
 from bokehnet.optics.glass import C_LINE, F_LINE, Glass, make_glass
-from bokehnet.optics.pencil import DESIGN_WAVELENGTH
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["Curve", "Fringes", "achromat_curve", "glass_curve", "linear_curve", "make_curve"]
+__all__ = ["ChromaticAberration", "Curve", "achromat_curve", "glass_curve", "linear_curve", "make_curve"]
 
 # Strength of a lens by the wavelength in nm: 0 at the design wavelength, and its spread over the visible
 # spectrum is 1.
@@ -105,7 +105,7 @@ def make_curve(name: str) -> Curve:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
-class Fringes:
+class ChromaticAberration:
     """Axial and lateral chromatic aberration; the default is none.
 
     Strengths are percent of the picture's half-diagonal, between the wavelengths that the curve sets

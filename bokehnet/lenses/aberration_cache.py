@@ -1,4 +1,4 @@
-"""Pencil maps kept on disk, so that a lens is traced once.
+"""Aberration maps kept on disk, so that a lens is traced once.
 
 One file for each lens and setting, in ``bokehnet`` under ``$XDG_CACHE_HOME`` or ``~/.cache``; it may be
 deleted at any time. A file that is damaged or of something else is made anew, and where none can be written
@@ -18,26 +18,26 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.errors import BokehnetError
-from bokehnet.lenses.pencil_fit import WAVELENGTHS, fit_pencil
+from bokehnet.lenses.aberration_fit import WAVELENGTHS, fit_aberration_map
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.optics.pencil import TERMS, PencilMap
+from bokehnet.optics.aberration_map import TERMS, AberrationMap
 
-__all__ = ["cache_folder", "cached_pencil"]
+__all__ = ["cache_folder", "cached_aberration_map"]
 
 # To be raised when fits change or files do.
 _VERSION = 1
-_ARRAYS = ("wavelengths", "miss", "bend", "rims")
+_ARRAYS = ("wavelengths", "transverse_aberration", "pupil_aberration", "vignetting_apertures")
 
 
-def cached_pencil(
+def cached_aberration_map(
     lens: PrescriptionLens,
     *,
     half_diagonal: float | None = None,
     distortion: bool = False,
     wavelengths: Sequence[float] = WAVELENGTHS,
     folder: Path | None = None,
-) -> PencilMap:
-    """Return :func:`bokehnet.lenses.pencil_fit.fit_pencil` of a lens, from disk where it is known.
+) -> AberrationMap:
+    """Return what :func:`fit_aberration_map` gives for a lens, from disk where it is known.
 
     Args:
         lens: The lens.
@@ -47,7 +47,7 @@ def cached_pencil(
         folder: Where maps are kept; None is :func:`cache_folder`.
 
     Raises:
-        LensError: As :func:`fit_pencil`.
+        LensError: As :func:`fit_aberration_map`.
     """
     radius = lens.prescription.image_radius if half_diagonal is None else half_diagonal
     key = _key(lens, radius, distortion, wavelengths)
@@ -56,11 +56,13 @@ def cached_pencil(
     found = None if path is None else _read(path, key)
     if found is not None:
         return found
-    pencil = fit_pencil(lens, half_diagonal=radius, distortion=distortion, wavelengths=wavelengths)
+    aberration_map = fit_aberration_map(
+        lens, half_diagonal=radius, distortion=distortion, wavelengths=wavelengths
+    )
     if path is not None:
         with contextlib.suppress(OSError):
-            _write(path, key, pencil)
-    return pencil
+            _write(path, key, aberration_map)
+    return aberration_map
 
 
 def cache_folder() -> Path | None:
@@ -95,19 +97,26 @@ def _key(lens: PrescriptionLens, half_diagonal: float, distortion: bool, wavelen
     )
 
 
-def _read(path: Path, key: str) -> PencilMap | None:
+def _read(path: Path, key: str) -> AberrationMap | None:
     try:
         with np.load(path, allow_pickle=False) as file:
             if file["key"].item() != key:
                 return None
-            wavelengths, miss, bend, rims = (file[name] for name in _ARRAYS)
-        pairs = tuple((float(shift), float(radius)) for shift, radius in rims)
-        return PencilMap(wavelengths=wavelengths, miss=miss, bend=bend, rims=pairs)
+            wavelengths, transverse_aberration, pupil_aberration, vignetting_apertures = (
+                file[name] for name in _ARRAYS
+            )
+        pairs = tuple((float(shift), float(radius)) for shift, radius in vignetting_apertures)
+        return AberrationMap(
+            wavelengths=wavelengths,
+            transverse_aberration=transverse_aberration,
+            pupil_aberration=pupil_aberration,
+            vignetting_apertures=pairs,
+        )
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, BokehnetError):
         return None
 
 
-def _write(path: Path, key: str, pencil: PencilMap) -> None:
+def _write(path: Path, key: str, aberration_map: AberrationMap) -> None:
     """Fill a hidden file beside ``path``, then give it the name in one step."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=".pencil-", suffix=".npz", dir=path.parent)
@@ -116,10 +125,10 @@ def _write(path: Path, key: str, pencil: PencilMap) -> None:
             np.savez(
                 file,
                 key=np.array(key),
-                wavelengths=pencil.wavelengths,
-                miss=pencil.miss,
-                bend=pencil.bend,
-                rims=np.array(pencil.rims, float).reshape(-1, 2),
+                wavelengths=aberration_map.wavelengths,
+                transverse_aberration=aberration_map.transverse_aberration,
+                pupil_aberration=aberration_map.pupil_aberration,
+                vignetting_apertures=np.array(aberration_map.vignetting_apertures, float).reshape(-1, 2),
             )
         os.replace(name, path)
     except BaseException:

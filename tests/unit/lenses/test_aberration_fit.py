@@ -1,4 +1,4 @@
-"""Pencil maps against the rays through the glass that they stand for."""
+"""Aberration maps against the rays through the glass that they stand for."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import Rays, catalog_names, load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil, pencil_misfit
+from bokehnet.lenses.aberration_fit import aberration_misfit, fit_aberration_map
 from bokehnet.lenses.stop_rays import stop_rays
 from bokehnet.optics.sampling import disc_from_square, halton
 
@@ -19,7 +19,7 @@ DISC, OTHER_DISC = disc_from_square(SQUARE[:, :2]), disc_from_square(SQUARE[:, 2
 def maps():
     """Lens, map, and map with distortion, of each lens of the catalog, wide open."""
     lenses = [load_lens(name, focus_distance=30 * load_lens(name).focal_length) for name in catalog_names()]
-    fitted = [(lens, fit_pencil(lens), fit_pencil(lens, distortion=True)) for lens in lenses]
+    fitted = [(lens, fit_aberration_map(lens), fit_aberration_map(lens, distortion=True)) for lens in lenses]
     return dict(zip(catalog_names(), fitted, strict=True))
 
 
@@ -35,12 +35,14 @@ def pupil_of(full, lens, origin, field):
 @pytest.mark.parametrize("name", catalog_names())
 def test_rays_are_those_through_the_glass(maps, name):
     """Reference: traced rays of random fields; 546 and 450 nm lie between the wavelengths of the fit."""
-    lens, pencil, full = maps[name]
-    for distortion, fitted in ((False, pencil), (True, full)):
+    lens, aberration_map, full = maps[name]
+    for distortion, fitted in ((False, aberration_map), (True, full)):
         for wavelength, largest in ((None, 0.04), (400.0, 0.04), (546.07, 0.15), (450.0, 0.15)):
-            miss, bend = pencil_misfit(lens, fitted, distortion=distortion, wavelength=wavelength)
-            assert PIXELS * miss < largest
-            assert bend < 1e-3
+            transverse_aberration, pupil_aberration = aberration_misfit(
+                lens, fitted, distortion=distortion, wavelength=wavelength
+            )
+            assert PIXELS * transverse_aberration < largest
+            assert pupil_aberration < 1e-3
 
 
 @pytest.mark.parametrize("name", ["cooke_triplet", "double_gauss", "retrofocus"])
@@ -56,9 +58,11 @@ def test_light_of_a_point_arrives_where_the_map_says(maps, name, share):
     field = (-reached / half_diagonal)[passes]
     assert passes.sum() > 500
     pupil = pupil_of(full, lens, origin[passes], field)
-    miss, bent, inside = full(pupil, field)
+    transverse_aberration, bent, inside = full(pupil, field)
     defocus = float(lens.coc_radius(1 / depth)) / half_diagonal
-    assert_allclose(field - defocus * bent - miss, np.broadcast_to(seen, field.shape), atol=3e-4)
+    assert_allclose(
+        field - defocus * bent - transverse_aberration, np.broadcast_to(seen, field.shape), atol=3e-4
+    )
     assert ((pupil**2).sum(-1) < 1.01**2).mean() > 0.999
     assert inside.mean() > 0.97
 
@@ -76,9 +80,9 @@ def rays_to_the_stop(lens, distance):
 @pytest.mark.parametrize("distance", [0.0, 0.4, 0.7, 0.95])
 def test_rims_pass_the_share_of_light_that_the_glass_passes(maps, name, distance):
     """Reference: traced rays, weighted by the cosines at the sensor; of the light through the stop."""
-    lens, pencil, _ = maps[name]
+    lens, aberration_map, _ = maps[name]
     rays, light, goes_on = rays_to_the_stop(lens, distance)
-    told = pencil(OTHER_DISC, np.broadcast_to([distance, 0.0], OTHER_DISC.shape))[2].mean()
+    told = aberration_map(OTHER_DISC, np.broadcast_to([distance, 0.0], OTHER_DISC.shape))[2].mean()
     assert told == pytest.approx((light * rays.passes).sum() / (light * goes_on).sum(), abs=0.03)
 
 
@@ -108,18 +112,18 @@ def test_aperture_coordinates_are_evenly_lit(maps, name, distance):
 def test_a_lens_stopped_far_down_is_nearly_perfect():
     """Reference: Gauss. Near the axis of a narrow pencil all coordinates are those of a perfect lens."""
     lens = load_lens("double_gauss", f_number=45.0, focus_distance=3000.0)
-    pencil = fit_pencil(lens, half_diagonal=4.0, wavelengths=())
-    miss, bent, passes = pencil(DISC, 0.5 * OTHER_DISC)
+    aberration_map = fit_aberration_map(lens, half_diagonal=4.0, wavelengths=())
+    transverse_aberration, bent, passes = aberration_map(DISC, 0.5 * OTHER_DISC)
     assert passes.all()
-    assert np.abs(miss).max() < 1e-4
+    assert np.abs(transverse_aberration).max() < 1e-4
     assert np.abs(bent - DISC).max() < 1e-2
-    assert not pencil.is_dispersive
+    assert not aberration_map.is_dispersive
 
 
 def test_a_smaller_picture_is_the_middle_of_a_larger_one():
     """Half of the field in half of the picture: misses in mm and coordinates are the same."""
     lens = load_lens("petzval", focus_distance=3000.0)
-    whole, half = (fit_pencil(lens, half_diagonal=size, wavelengths=()) for size in (12.0, 6.0))
+    whole, half = (fit_aberration_map(lens, half_diagonal=size, wavelengths=()) for size in (12.0, 6.0))
     field = 0.9 * OTHER_DISC
     for one, other, factor in zip(
         whole(0.9 * DISC, 0.5 * field), half(0.9 * DISC, field), (2, 1), strict=False
@@ -129,4 +133,4 @@ def test_a_smaller_picture_is_the_middle_of_a_larger_one():
 
 def test_a_picture_beyond_the_light_of_the_lens_is_refused():
     with pytest.raises(LensError, match=r"Petzval: half diagonal: .* to 18 mm.*got 40"):
-        fit_pencil(load_lens("petzval"), half_diagonal=40.0)
+        fit_aberration_map(load_lens("petzval"), half_diagonal=40.0)

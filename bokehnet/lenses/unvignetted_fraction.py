@@ -5,10 +5,10 @@ import numpy as np
 from bokehnet.lenses.base import LensModel
 from bokehnet.optics.sampling import disc_from_square, halton
 
-__all__ = ["pass_share"]
+__all__ = ["unvignetted_fraction"]
 
 
-def pass_share(lens: LensModel, sensor_radius: float, count: int = 4096) -> float:
+def unvignetted_fraction(lens: LensModel, sensor_radius: float, count: int = 4096) -> float:
     """Return the share of rays with a weight above 0.
 
     Args:

@@ -9,7 +9,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.optics.sampling import halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST, wavelength_color
 
-__all__ = ["DISPERSIONS", "LightDraw"]
+__all__ = ["DISPERSIONS", "WavelengthSampling"]
 
 DISPERSIONS = ("continuous", "rgb")
 
@@ -26,7 +26,7 @@ _CHANNELS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class LightDraw:
+class WavelengthSampling:
     """Wavelengths, drawn where they count, with the colours that the eye sees.
 
     A picture holds three numbers for each pixel, not a spectrum: each wavelength carries the share of red,
@@ -87,7 +87,7 @@ class LightDraw:
         mean = (_colors(middles) * self._gain(middles)[:, None]).mean(0)
         return _colors(wavelengths) * self._gain(wavelengths)[..., None] / mean
 
-    def draw(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Wavelengths in nm, (count,), and weights for red, green and blue, (count, 3), of mean 1 each.
 
         Raises:

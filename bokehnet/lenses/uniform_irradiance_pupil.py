@@ -13,42 +13,44 @@ import numpy as np
 from bokehnet.checks import Array
 from bokehnet.lenses.stop_rays import StopRays
 
-__all__ = ["EvenPupil", "fit_even_pupil"]
+__all__ = ["UniformIrradiancePupil", "fit_uniform_irradiance_pupil"]
 
 # Rays count for the fit while they pass, and a little beyond.
 _RESERVE = 1.05
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class EvenPupil:
+class UniformIrradiancePupil:
     """From places b in the stop to coordinates a.
 
     On the axis the light through the zone up to |b| is the squared sine of its angle at the sensor, so
-    ``|a|^2 = radial(|b|^2)``. Away from it the light of these coordinates is 1 + lean a.h; moving them by the
-    gradient of ``lean (a.h) (a.a - 3) / 8``, whose divergence is that and which has no part across the unit
-    circle, makes it even, but for lean^2.
+    ``|a|^2 = radial(|b|^2)``. Away from it the light of these coordinates is 1 + tilt a.h; moving them by the
+    gradient of ``tilt (a.h) (a.a - 3) / 8``, whose divergence is that and which has no part across the unit
+    circle, makes it even, but for tilt^2.
 
     Attributes:
         radial: Coefficients of x, x^2, x^3; they sum to 1.
-        lean: Growth of the light along the field, per unit of both.
+        tilt: Growth of the light along the field, per unit of both.
     """
 
     radial: tuple[float, float, float]
-    lean: float
+    tilt: float
 
     def __call__(self, stop: Array, field: Array) -> Array:
         """Coordinates a, (..., 2), of places in the stop (..., 2), for field positions h, (..., 2)."""
-        return _even(stop, field, self.radial, self.lean)
+        return _even(stop, field, self.radial, self.tilt)
 
 
-def _even(stop: Array, field: Array, radial: tuple[float, float, float], lean: float) -> Array:
+def _even(stop: Array, field: Array, radial: tuple[float, float, float], tilt: float) -> Array:
     square = (stop * stop).sum(-1)[..., None]
     a = stop * (radial[0] + square * (radial[1] + square * radial[2])) ** 0.5
     aa, ah = (a * a).sum(-1)[..., None], (a * field).sum(-1)[..., None]
-    return a + lean / 8 * (field * (aa - 3) + 2 * a * ah)
+    return a + tilt / 8 * (field * (aa - 3) + 2 * a * ah)
 
 
-def fit_even_pupil(rays: StopRays, aim: np.ndarray, field: np.ndarray) -> EvenPupil:
+def fit_uniform_irradiance_pupil(
+    rays: StopRays, aim: np.ndarray, field: np.ndarray
+) -> UniformIrradiancePupil:
     """Find the coordinates from traced rays.
 
     Args:
@@ -80,7 +82,7 @@ def fit_even_pupil(rays: StopRays, aim: np.ndarray, field: np.ndarray) -> EvenPu
         level, growth = np.linalg.lstsq(line, light[i][inside], rcond=None)[0]
         weight = (field[i, 0, 0] ** 2).sum()
         above, below = above + weight * growth / level, below + weight
-    return EvenPupil(radial=radial, lean=float(above / below) if below else 0.0)
+    return UniformIrradiancePupil(radial=radial, tilt=float(above / below) if below else 0.0)
 
 
 def _area(points: np.ndarray) -> np.ndarray:

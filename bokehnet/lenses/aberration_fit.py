@@ -1,12 +1,14 @@
-"""From a prescription to its pencil map, by tracing rays.
+"""From a prescription to its aberration map, by tracing rays.
 
 Aperture coordinates are places in the stop, so that the iris cuts at |a| = 1, made even
-(:mod:`bokehnet.lenses.even_pupil`). What rays miss by is fitted by least squares over the rays that pass.
+(:mod:`bokehnet.lenses.uniform_irradiance_pupil`). What rays miss by is fitted by least squares over the rays
+that pass.
 
 A picture taken through the lens stopped far down shows each thing where the ray through the middle of the
 stop has it. Such a picture is what renderers are given, distortion and all; the map then is in the
-coordinates of that picture: the miss of the middle ray is left out, and what remains is stretched as the
-picture is. With ``distortion=True`` it is in those of the perfect picture instead, and holds everything.
+coordinates of that picture: the transverse aberration of the middle ray is left out, and what remains is
+stretched as the picture is. With ``distortion=True`` it is in those of the perfect picture instead, and holds
+everything.
 """
 
 from collections.abc import Sequence
@@ -15,13 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.even_pupil import EvenPupil, fit_even_pupil
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.rim_fit import fit_rims
 from bokehnet.lenses.stop_rays import StopRays, chief_rays, stop_rays
-from bokehnet.optics.pencil import TERMS, PencilMap
+from bokehnet.lenses.uniform_irradiance_pupil import UniformIrradiancePupil, fit_uniform_irradiance_pupil
+from bokehnet.lenses.vignetting_apertures import fit_vignetting_apertures
+from bokehnet.optics.aberration_map import TERMS, AberrationMap
 
-__all__ = ["WAVELENGTHS", "fit_pencil", "pencil_misfit"]
+__all__ = ["WAVELENGTHS", "aberration_misfit", "fit_aberration_map"]
 
 # Nanometres; the design wavelength joins them. Indices bend most in the blue.
 WAVELENGTHS = (400.0, 430.0, 470.0, 520.0, 640.0, 700.0)
@@ -55,20 +57,25 @@ class _Frame:
     picture: float
     focus: float
     pupil_radius: float
-    even: EvenPupil
+    even: UniformIrradiancePupil
     seen: np.ndarray | None
     entry: np.ndarray | None
 
     def lines(self, rays: StopRays, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Miss E and coordinates A of rays from field positions h, each (..., 2)."""
-        miss = field - self.picture / self.half_diagonal * (rays.slope + self.focus * rays.origin)
+        """Transverse aberration E and coordinates A of rays from field positions h, each (..., 2)."""
+        transverse_aberration = field - self.picture / self.half_diagonal * (
+            rays.slope + self.focus * rays.origin
+        )
         bent = -rays.origin / self.pupil_radius
         if self.seen is None or self.entry is None:
-            return miss, bent
+            return transverse_aberration, bent
         square = (field * field).sum(-1)
         seen, entry = (np.polynomial.polynomial.polyval(square, row) for row in (self.seen, self.entry))
         along = np.polynomial.polynomial.polyval(square, (2 * np.arange(_POWERS) + 1) * self.seen)
-        miss, bent = miss - field * (1 - seen)[..., None], bent - field * entry[..., None]
+        transverse_aberration, bent = (
+            transverse_aberration - field * (1 - seen)[..., None],
+            bent - field * entry[..., None],
+        )
         # Of the vectors the part along the field stretches as the picture does along it, the rest as it
         # does across: by the inverse of the derivatives of ``p seen(p.p)``.
         unit = field / np.where(square > 0, square, 1)[..., None] ** 0.5
@@ -77,17 +84,17 @@ class _Frame:
             radial = (vector * unit).sum(-1)[..., None] * unit
             return np.asarray(vector / seen[..., None] + radial * (1 / along - 1 / seen)[..., None])
 
-        return stretch(miss), stretch(bent)
+        return stretch(transverse_aberration), stretch(bent)
 
 
-def fit_pencil(
+def fit_aberration_map(
     lens: PrescriptionLens,
     *,
     half_diagonal: float | None = None,
     distortion: bool = False,
     wavelengths: Sequence[float] = WAVELENGTHS,
-) -> PencilMap:
-    """Reduce a lens, as it is focused and stopped down, to its pencil map.
+) -> AberrationMap:
+    """Reduce a lens, as it is focused and stopped down, to its aberration map.
 
     Args:
         lens: The lens; its ``pupil_sampling`` does not matter.
@@ -104,31 +111,34 @@ def fit_pencil(
     frame, rays, field, aim = _prepare(lens, half_diagonal, distortion)
     design = lens.prescription.design_wavelength
     all_wavelengths = sorted({design, *wavelengths})
-    miss, bend = [], []
+    transverse_aberration, pupil_aberration = [], []
     for wavelength in all_wavelengths:
         traced = stop_rays(lens, frame.half_diagonal * field, aim, wavelength)
         used = traced.heights.max(axis=0) < _RESERVE
         pupil, at = frame.even(traced.stop, field)[used], field[used]
         missed, bent = (values[used] for values in frame.lines(traced, field))
         terms = _monomials(pupil, at)
-        miss.append(_fit(terms, pupil, at, missed))
-        bend.append(_fit(terms, pupil, at, bent - pupil))
+        transverse_aberration.append(_fit(terms, pupil, at, missed))
+        pupil_aberration.append(_fit(terms, pupil, at, bent - pupil))
     inner = (field[:, 0, 0] ** 2).sum(-1) <= 1 + 1e-9
     stop = next(i for i, row in enumerate(lens.prescription.surfaces) if row.stop)
-    rims = fit_rims(
+    vignetting_apertures = fit_vignetting_apertures(
         frame.even(rays.stop, field)[inner].reshape(-1, 2),
         field[inner].reshape(-1, 2),
         rays.heights[:, inner].reshape(len(rays.heights), -1),
         stop,
     )
-    return PencilMap(
-        wavelengths=np.array(all_wavelengths), miss=np.stack(miss), bend=np.stack(bend), rims=rims
+    return AberrationMap(
+        wavelengths=np.array(all_wavelengths),
+        transverse_aberration=np.stack(transverse_aberration),
+        pupil_aberration=np.stack(pupil_aberration),
+        vignetting_apertures=vignetting_apertures,
     )
 
 
-def pencil_misfit(
+def aberration_misfit(
     lens: PrescriptionLens,
-    pencil: PencilMap,
+    aberration_map: AberrationMap,
     *,
     half_diagonal: float | None = None,
     distortion: bool = False,
@@ -140,7 +150,8 @@ def pencil_misfit(
 
     Args:
         lens: The lens.
-        pencil: Its map, from :func:`fit_pencil` with the same ``half_diagonal`` and ``distortion``.
+        aberration_map: Its map, from :func:`fit_aberration_map` with the same ``half_diagonal`` and
+            ``distortion``.
         half_diagonal: Of the picture, mm; None is the radius that the lens is made for.
         distortion: Whether the map holds it.
         wavelength: Nanometres; None is the design wavelength.
@@ -148,7 +159,7 @@ def pencil_misfit(
         seed: Of the rays.
 
     Returns:
-        Root mean square errors of the miss, in half-diagonals, and of the coordinates A.
+        Root mean square errors of the transverse aberration, in half-diagonals, and of the coordinates A.
     """
     frame, *_ = _prepare(lens, half_diagonal, distortion)
     rng = np.random.default_rng(seed)
@@ -159,10 +170,12 @@ def pencil_misfit(
     rays = stop_rays(lens, place, _aim(lens, place, uv), wavelength)
     passes = rays.passes
     at = lens.prescription.design_wavelength if wavelength is None else wavelength
-    found = pencil(frame.even(rays.stop, field)[passes], field[passes], at)
+    found = aberration_map(frame.even(rays.stop, field)[passes], field[passes], at)
     wanted = (values[passes] for values in frame.lines(rays, field))
-    miss, bend = (float(((a - b) ** 2).sum(-1).mean() ** 0.5) for a, b in zip(found[:2], wanted, strict=True))
-    return miss, bend
+    transverse_aberration, pupil_aberration = (
+        float(((a - b) ** 2).sum(-1).mean() ** 0.5) for a, b in zip(found[:2], wanted, strict=True)
+    )
+    return transverse_aberration, pupil_aberration
 
 
 def _prepare(
@@ -188,7 +201,7 @@ def _prepare(
         picture=lens.thick.sensor_distance,
         focus=1 / lens.focus_distance,
         pupil_radius=lens.thick.pupil_radius,
-        even=fit_even_pupil(rays, aim, field),
+        even=fit_uniform_irradiance_pupil(rays, aim, field),
         seen=None,
         entry=None,
     )

@@ -1,11 +1,11 @@
-"""The pencil map: how far the rays through a lens pass beside the places where a perfect lens sends them.
+"""The aberration map: how far the rays through a lens pass beside the places where a perfect lens sends them.
 
 A lens sends the ray of the pixel p and of the aperture coordinate a along a straight line of the scene. Seen
 from the middle of the entrance pupil, the places of the picture that it runs over are linear in the defocus
-s: ``p - s A - E``. Behind a perfect lens A is a and the miss E is 0; behind any other one both depend
-on a, on the field position h and on the wavelength. E is the aberration in the plane of focus, and A holds
-what the aberrations of the pupils add. What an aperture or a tilted sensor does is in the same two numbers,
-so that one map serves prescriptions, third-order theory, sliders and leaning planes of focus.
+s: ``p - s A - E``. Behind a perfect lens A is a and the transverse aberration E is 0; behind any other one
+both depend on a, on the field position h and on the wavelength. E is the aberration in the plane of focus,
+and A holds what the aberrations of the pupils add. What an aperture or a tilted sensor does is in the same
+two numbers, so that one map serves prescriptions, third-order theory, sliders and leaning planes of focus.
 
 A lens that is symmetric about its axis, and in every plane through it, can only give
 ``a f + h g`` with f and g functions of a.a, a.h and h.h. Here they are polynomials of the third degree in
@@ -24,7 +24,7 @@ from bokehnet.checks import Array, array_namespace
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.glass import D_LINE
 
-__all__ = ["DESIGN_WAVELENGTH", "TERMS", "PencilMap", "term"]
+__all__ = ["DESIGN_WAVELENGTH", "TERMS", "AberrationMap", "term"]
 
 # Exponents of (a.a, a.h, h.h), up to the third degree.
 TERMS = tuple((i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j))
@@ -39,7 +39,7 @@ def term(i: int, j: int, k: int) -> int:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
-class PencilMap:
+class AberrationMap:
     """What a lens does to its rays, beyond focusing; the default is a perfect lens.
 
     Aperture coordinates a are those of :mod:`bokehnet.optics.aperture`: (u right, v down) in the unit disc,
@@ -49,13 +49,15 @@ class PencilMap:
 
     Attributes:
         wavelengths: Nanometres, rising, (L,).
-        miss: Coefficients of f and g of the miss E, in half-diagonals of the picture, (L, 2, 20). The ray of
-            a = 0 at the design wavelength misses by distortion; maps leave it out unless told otherwise.
-        bend: The same of A - a, without unit, (L, 2, 20).
-        rims: Rims that cut the pupil, as pairs (shift, radius): a passes where ``|a - shift h| <= radius``.
+        transverse_aberration: Coefficients of f and g of the transverse aberration E, in half-diagonals of
+            the picture, (L, 2, 20). The ray of a = 0 at the design wavelength misses by distortion; maps
+            leave it out unless told otherwise.
+        pupil_aberration: The same of A - a, without unit, (L, 2, 20).
+        vignetting_apertures: Rims that cut the pupil, as pairs (shift, radius): a passes where ``|a - shift
+            h| <= radius``.
         tilt: How the plane of focus leans: pixels of defocus by which the focus gets nearer per pixel to the
             right and down, so that the defocus of a thing at rest falls. A is further divided by
-            ``1 + tilt.a`` (:func:`bokehnet.optics.focus_plane.plane_pencil`).
+            ``1 + tilt.a`` (:func:`bokehnet.optics.focus_plane.plane_aberration_map`).
 
     Raises:
         ShapeError: Arrays do not fit together.
@@ -63,50 +65,64 @@ class PencilMap:
     """
 
     wavelengths: np.ndarray
-    miss: np.ndarray
-    bend: np.ndarray
-    rims: tuple[tuple[float, float], ...] = ()
+    transverse_aberration: np.ndarray
+    pupil_aberration: np.ndarray
+    vignetting_apertures: tuple[tuple[float, float], ...] = ()
     tilt: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name in ("wavelengths", "miss", "bend"):
+        for name in ("wavelengths", "transverse_aberration", "pupil_aberration"):
             array = np.ascontiguousarray(getattr(self, name), np.float64)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         expected = (len(self.wavelengths), 2, len(TERMS))
-        for name in ("miss", "bend"):
+        for name in ("transverse_aberration", "pupil_aberration"):
             if getattr(self, name).shape != expected:
                 raise ShapeError(f"pencil map: {name}: expected {expected}, got {getattr(self, name).shape}")
-        numbers = np.concatenate([self.wavelengths, self.miss.ravel(), self.bend.ravel(), self.tilt])
-        if not (np.isfinite(numbers).all() and np.isfinite(np.array(self.rims)).all()):
+        numbers = np.concatenate(
+            [self.wavelengths, self.transverse_aberration.ravel(), self.pupil_aberration.ravel(), self.tilt]
+        )
+        if not (np.isfinite(numbers).all() and np.isfinite(np.array(self.vignetting_apertures)).all()):
             raise ParameterError("pencil map: expected finite numbers")
         if (np.diff(self.wavelengths) <= 0).any():
             raise ParameterError(f"pencil map: expected rising wavelengths, got {self.wavelengths}")
-        if any(radius <= 0 for _, radius in self.rims):
-            raise ParameterError(f"pencil map: expected rims with a radius above 0, got {self.rims}")
+        if any(radius <= 0 for _, radius in self.vignetting_apertures):
+            raise ParameterError(
+                f"pencil map: expected rims with a radius above 0, got {self.vignetting_apertures}"
+            )
 
     @classmethod
-    def perfect(cls) -> "PencilMap":
+    def perfect(cls) -> "AberrationMap":
         """Return the map of a perfect lens."""
         nothing = np.zeros((1, 2, len(TERMS)))
-        return cls(wavelengths=np.array([DESIGN_WAVELENGTH]), miss=nothing, bend=nothing)
+        return cls(
+            wavelengths=np.array([DESIGN_WAVELENGTH]), transverse_aberration=nothing, pupil_aberration=nothing
+        )
 
     @property
     def is_perfect(self) -> bool:
         """Whether rays go where those of a perfect lens do."""
-        return not (self.miss.any() or self.bend.any() or self.rims or any(self.tilt))
+        return not (
+            self.transverse_aberration.any()
+            or self.pupil_aberration.any()
+            or self.vignetting_apertures
+            or any(self.tilt)
+        )
 
     @property
     def is_dispersive(self) -> bool:
         """Whether wavelengths go different ways."""
-        return bool((np.ptp(self.miss, axis=0) > 0).any() or (np.ptp(self.bend, axis=0) > 0).any())
+        return bool(
+            (np.ptp(self.transverse_aberration, axis=0) > 0).any()
+            or (np.ptp(self.pupil_aberration, axis=0) > 0).any()
+        )
 
-    def upright(self) -> "PencilMap":
-        """Return the same without the lean of the focus plane."""
+    def without_tilt(self) -> "AberrationMap":
+        """Return the same without the tilt of the focus plane."""
         return replace(self, tilt=(0.0, 0.0))
 
     def at(self, wavelength: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of miss and bend, (..., 2, 20), for wavelengths in nm, (...); linear in between.
+        """Coefficients of both aberrations, (..., 2, 20), for wavelengths in nm, (...); linear in between.
 
         Beyond the first and the last wavelength they stay as they are there.
         """
@@ -117,19 +133,19 @@ class PencilMap:
         width = np.maximum(self.wavelengths[upper] - self.wavelengths[lower], 1e-9)
         along = np.clip((wavelength - self.wavelengths[lower]) / width, 0, 1)[..., None, None]
         return (
-            self.miss[lower] * (1 - along) + self.miss[upper] * along,
-            self.bend[lower] * (1 - along) + self.bend[upper] * along,
+            self.transverse_aberration[lower] * (1 - along) + self.transverse_aberration[upper] * along,
+            self.pupil_aberration[lower] * (1 - along) + self.pupil_aberration[upper] * along,
         )
 
-    def __add__(self, other: "PencilMap") -> "PencilMap":
-        """Both together: misses and bends add up, all rims cut."""
+    def __add__(self, other: "AberrationMap") -> "AberrationMap":
+        """Both together: aberrations add up, all vignetting apertures cut."""
         wavelengths = np.union1d(self.wavelengths, other.wavelengths)
         parts = [lens.at(wavelengths) for lens in (self, other)]
-        return PencilMap(
+        return AberrationMap(
             wavelengths=wavelengths,
-            miss=parts[0][0] + parts[1][0],
-            bend=parts[0][1] + parts[1][1],
-            rims=self.rims + other.rims,
+            transverse_aberration=parts[0][0] + parts[1][0],
+            pupil_aberration=parts[0][1] + parts[1][1],
+            vignetting_apertures=self.vignetting_apertures + other.vignetting_apertures,
             tilt=(self.tilt[0] + other.tilt[0], self.tilt[1] + other.tilt[1]),
         )
 
@@ -144,9 +160,10 @@ class PencilMap:
             wavelength: Nanometres.
 
         Returns:
-            Miss E in half-diagonals (..., 2), coordinates A (..., 2), and where rims let rays pass (...,).
+            Transverse aberration E in half-diagonals (..., 2), coordinates A (..., 2), and where vignetting
+            apertures let rays pass (...,).
         """
-        miss, bend = self.at(wavelength)
+        transverse_aberration, pupil_aberration = self.at(wavelength)
         xp = array_namespace(pupil)
         squares = (pupil * pupil).sum(-1), (pupil * field).sum(-1), (field * field).sum(-1)
 
@@ -156,11 +173,11 @@ class PencilMap:
 
         tilt = 1 + self.tilt[0] * pupil[..., 0] + self.tilt[1] * pupil[..., 1]
         passes = squares[0] == squares[0]
-        for shift, radius in self.rims:
+        for shift, radius in self.vignetting_apertures:
             passes = passes & (((pupil - shift * field) ** 2).sum(-1) <= radius * radius)
         if xp is np:
             tilt = np.asarray(tilt)
-        return combine(miss), (pupil + combine(bend)) / tilt[..., None], passes
+        return combine(transverse_aberration), (pupil + combine(pupil_aberration)) / tilt[..., None], passes
 
 
 def _polynomial(coefficients: np.ndarray, x: Array, y: Array, z: Array) -> Array:

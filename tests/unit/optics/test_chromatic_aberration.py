@@ -9,7 +9,14 @@ from numpy.testing import assert_allclose
 
 from bokehnet.errors import LensError, ParameterError
 from bokehnet.lenses import PrescriptionLens, catalog_names, load_lens
-from bokehnet.optics.character import Character
+from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, TERMS, AberrationMap, term
+from bokehnet.optics.chromatic_aberration import (
+    ChromaticAberration,
+    achromat_curve,
+    glass_curve,
+    linear_curve,
+    make_curve,
+)
 from bokehnet.optics.field_maps import (
     FIELD_MAPS,
     compose,
@@ -19,9 +26,8 @@ from bokehnet.optics.field_maps import (
     make_field_map,
     reciprocal,
 )
-from bokehnet.optics.fringes import Fringes, achromat_curve, glass_curve, linear_curve, make_curve
 from bokehnet.optics.glass import C_LINE, F_LINE, make_glass
-from bokehnet.optics.pencil import DESIGN_WAVELENGTH, TERMS, PencilMap, term
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
 SPECTRUM = np.linspace(SHORTEST, LONGEST, 301)
@@ -71,16 +77,18 @@ def test_a_curve_without_a_glass_is_told():
 
 def test_strengths_have_the_sign_and_the_size_that_are_documented():
     """Authority: the docstring; 2 % between 400 and 700 nm, blue nearer (less defocus) and outwards."""
-    axial, lateral = Fringes(axial=2, lateral=3, curve=glass_curve("F2")).strengths(SPECTRUM).T
+    axial, lateral = ChromaticAberration(axial=2, lateral=3, curve=glass_curve("F2")).strengths(SPECTRUM).T
     assert axial[0] < 0 < axial[-1]
     assert lateral[-1] < 0 < lateral[0]
     assert axial[-1] - axial[0] == pytest.approx(0.02)
     assert lateral[0] - lateral[-1] == pytest.approx(0.03)
-    assert_allclose(Fringes(axial=-2, lateral=-3, curve=glass_curve("F2")).strengths(SPECTRUM)[:, 0], -axial)
+    assert_allclose(
+        ChromaticAberration(axial=-2, lateral=-3, curve=glass_curve("F2")).strengths(SPECTRUM)[:, 0], -axial
+    )
 
 
 def traced_miss(lens, across, pupil, wavelength):
-    """Miss E of rays traced through glass, half-diagonals, by the definition of the pencil map.
+    """E of rays traced through glass, half-diagonals, by the definition of the aberration map.
 
     The picture's right is the sensor's left, and z = 0 the entrance pupil: the ray lies at the depth z over
     M (S + O / z) = p - s A - E with s = R M (1 / z - 1 / focus), so A = -O / R and E is what is left at
@@ -121,7 +129,7 @@ def test_the_axial_fringe_is_that_of_a_singlet_traced_through_its_glass(focus):
     traced = traced[:-1] - traced[-1]
     spread = traced[-1] - traced[0]
     assert spread > 0.002  # blue focuses nearer, by more than 2 pixels of 1000
-    found = Fringes(axial=100 * spread, curve=glass_curve("N-BK7")).strengths(wavelengths)[:, 0]
+    found = ChromaticAberration(axial=100 * spread, curve=glass_curve("N-BK7")).strengths(wavelengths)[:, 0]
     assert_allclose(found, traced, atol=0.03 * spread)
 
 
@@ -142,11 +150,17 @@ def test_lateral_color_of_every_catalog_lens_is_held_by_the_pencil_map(lateral_c
     """Authority: traced chief rays, to 0.001 pixels of a half-diagonal of 1000."""
     _, traced = lateral_color
     powers = FIELDS[:, None] ** [1, 3, 5, 7]
-    miss = np.zeros((len(WAVELENGTHS), 2, len(TERMS)))
-    miss[:, 1, [term(0, 0, k) for k in range(4)]] = np.linalg.lstsq(powers, traced.T, rcond=None)[0].T
-    pencil = PencilMap(wavelengths=WAVELENGTHS, miss=miss, bend=np.zeros_like(miss))
+    transverse_aberration = np.zeros((len(WAVELENGTHS), 2, len(TERMS)))
+    transverse_aberration[:, 1, [term(0, 0, k) for k in range(4)]] = np.linalg.lstsq(
+        powers, traced.T, rcond=None
+    )[0].T
+    aberration_map = AberrationMap(
+        wavelengths=WAVELENGTHS,
+        transverse_aberration=transverse_aberration,
+        pupil_aberration=np.zeros_like(transverse_aberration),
+    )
     field = np.stack([0 * FIELDS, FIELDS], -1)
-    found = [pencil(np.zeros_like(field), field, w)[0] for w in WAVELENGTHS]
+    found = [aberration_map(np.zeros_like(field), field, w)[0] for w in WAVELENGTHS]
     assert np.abs(traced).max() > 1e-4  # there is something to hold
     assert_allclose(np.array(found)[..., 1], traced, atol=1e-6)
     assert not np.array(found)[..., 0].any()
@@ -161,10 +175,12 @@ def test_lateral_color_of_every_catalog_lens_is_near_one_curve_and_one_map(later
     curve = glass_curve("N-BK7")
     along = curve(WAVELENGTHS)
     fitted = along @ traced / (along @ along)  # the best map for this curve
-    fringes = Fringes(lateral=100, curve=curve, lateral_map=lambda t, theta: np.interp(t, FIELDS, fitted))
+    chromatic_aberration = ChromaticAberration(
+        lateral=100, curve=curve, lateral_map=lambda t, theta: np.interp(t, FIELDS, fitted)
+    )
     field = np.stack([FIELDS, 0 * FIELDS], -1)
-    shift = field[:, 0] * fringes.maps(field)[:, 1]
-    found = fringes.strengths(WAVELENGTHS)[:, 1:] * shift
+    shift = field[:, 0] * chromatic_aberration.maps(field)[:, 1]
+    found = chromatic_aberration.strengths(WAVELENGTHS)[:, 1:] * shift
     left = np.sqrt(np.mean((found - traced) ** 2))
     assert left < 1.7e-4
     share = {"biconvex": 1e-3, "petzval": 0.2, "double_gauss": 0.25, "cooke_triplet": 0.6}
@@ -176,29 +192,34 @@ def test_the_lateral_slider_alone_is_the_traced_singlet():
     lens = open_lens("biconvex")
     design = traced_miss(lens, FIELDS, 0.0, DESIGN_WAVELENGTH)
     traced = np.array([traced_miss(lens, FIELDS, 0.0, w) - design for w in WAVELENGTHS])
-    fringes = Fringes(lateral=100 * (traced[0, -1] - traced[-1, -1]))
+    chromatic_aberration = ChromaticAberration(lateral=100 * (traced[0, -1] - traced[-1, -1]))
     field = np.stack([FIELDS, 0 * FIELDS], -1)
-    found = fringes.strengths(WAVELENGTHS)[:, 1:] * (field * fringes.maps(field)[:, 1:])[:, 0]
-    assert fringes.lateral == pytest.approx(-0.1, rel=0.05)  # its stop stands before it: red lies outwards
+    found = (
+        chromatic_aberration.strengths(WAVELENGTHS)[:, 1:]
+        * (field * chromatic_aberration.maps(field)[:, 1:])[:, 0]
+    )
+    assert chromatic_aberration.lateral == pytest.approx(
+        -0.1, rel=0.05
+    )  # its stop stands before it: red lies outwards
     assert_allclose(found, traced, atol=2.5e-5)
 
 
 def test_the_default_maps_are_a_change_of_focus_and_a_change_of_scale():
     """E += a s0 m0 + h s1 m1 with both maps 1: the classical axial and lateral colour."""
     field = np.random.default_rng(0).uniform(-0.8, 0.8, (50, 2))
-    assert_allclose(Fringes(axial=1, lateral=1).maps(field), 1, rtol=1e-12)
+    assert_allclose(ChromaticAberration(axial=1, lateral=1).maps(field), 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", [*FIELD_MAPS])
 def test_the_lateral_shift_is_its_map_along_the_field_and_0_on_the_axis(name):
     """Authority: L(t, theta) along h / |h|; within 0.05 of the axis a straight line down to 0."""
     field_map = FIELD_MAPS[name]
-    fringes = Fringes(lateral=1, lateral_map=field_map)
+    chromatic_aberration = ChromaticAberration(lateral=1, lateral_map=field_map)
     t = np.array([0.0, 1e-9, 0.025, 0.0499, 0.0501, 0.3, 0.7, 1.0])
     for theta in (0.0, 0.7, 2.0, -2.5):
         direction = np.array([np.cos(theta), -np.sin(theta)])  # counter-clockwise as seen, v points down
         field = t[:, None] * direction
-        shift = field * fringes.maps(field)[:, 1:]
+        shift = field * chromatic_aberration.maps(field)[:, 1:]
         inner, bent = min(0.05, 1), np.maximum(t, 0.05)
         expected = field_map(bent, np.full_like(t, theta)) * np.minimum(t / inner, 1)
         # The field of 0 has no direction; the shift is 0 whatever the map.
@@ -210,13 +231,13 @@ def test_the_lateral_shift_is_its_map_along_the_field_and_0_on_the_axis(name):
 def test_the_axial_map_is_the_factor_of_the_strength():
     """Authority: equation 4.7 of the dissertation: lerp(F, F^, t) leaves 1 - t of the difference."""
     field = np.array([[0.0, 0.0], [0.3, 0.4], [0.6, -0.8]])
-    assert_allclose(Fringes(axial_map=inversion).maps(field)[:, 0], [1, 0.5, 0], atol=1e-12)
+    assert_allclose(ChromaticAberration(axial_map=inversion).maps(field)[:, 0], [1, 0.5, 0], atol=1e-12)
 
 
 def test_maps_are_bounded():
     fierce = compose(FIELD_MAPS["exponential"], compose(reciprocal, inversion))
     field = np.array([[0.95, 0.0], [1.2, 0.0]])
-    maps = Fringes(axial_map=fierce, lateral_map=fierce).maps(field)
+    maps = ChromaticAberration(axial_map=fierce, lateral_map=fierce).maps(field)
     assert_allclose(maps[:, 0], 10)
     assert_allclose(maps[:, 1], [10 / 0.95, 10 / 1.2])
 
@@ -224,7 +245,9 @@ def test_maps_are_bounded():
 @pytest.mark.parametrize("name", CURVES)
 def test_fringes_can_be_sent_to_other_processes(name):
     """Sequences are rendered by several processes; oracle: the fringes that were sent."""
-    sent = Fringes(axial=1, lateral=2, axial_map=make_field_map("square,angular:2"), curve=make_curve(name))
+    sent = ChromaticAberration(
+        axial=1, lateral=2, axial_map=make_field_map("square,angular:2"), curve=make_curve(name)
+    )
     found = pickle.loads(pickle.dumps(sent))
     field = np.random.default_rng(2).uniform(-0.7, 0.7, (9, 2))
     assert_allclose(found.maps(field), sent.maps(field), rtol=0)
@@ -233,11 +256,20 @@ def test_fringes_can_be_sent_to_other_processes(name):
 
 def test_tensors_and_arrays_agree():
     field = np.random.default_rng(1).uniform(-0.7, 0.7, (4, 5, 2))
-    fringes = Fringes(axial=1, lateral=2, axial_map=inversion, lateral_map=FIELD_MAPS["angular"])
-    assert_allclose(fringes.maps(torch.from_numpy(field)).numpy(), fringes.maps(field), rtol=1e-12)
+    chromatic_aberration = ChromaticAberration(
+        axial=1, lateral=2, axial_map=inversion, lateral_map=FIELD_MAPS["angular"]
+    )
+    assert_allclose(
+        chromatic_aberration.maps(torch.from_numpy(field)).numpy(),
+        chromatic_aberration.maps(field),
+        rtol=1e-12,
+    )
     wavelengths = torch.from_numpy(SPECTRUM)
     assert_allclose(
-        fringes.strengths(wavelengths).numpy(), fringes.strengths(SPECTRUM), rtol=1e-9, atol=1e-15
+        chromatic_aberration.strengths(wavelengths).numpy(),
+        chromatic_aberration.strengths(SPECTRUM),
+        rtol=1e-9,
+        atol=1e-15,
     )
 
 
@@ -252,23 +284,27 @@ def test_tensors_and_arrays_agree():
 )
 def test_strengths_out_of_range_are_told(strengths, words):
     with pytest.raises(ParameterError, match=words):
-        Fringes(**strengths)
+        ChromaticAberration(**strengths)
 
 
 def test_a_character_without_fringes_is_plain_and_white():
-    for fringes in (None, Fringes(), Fringes(axial_map=linear, lateral_map=constant)):
-        character = Character(fringes=fringes)
-        assert character.is_plain
-        assert not character.is_dispersive
-        wavelengths, colors = character.draw(64)
+    for chromatic_aberration in (
+        None,
+        ChromaticAberration(),
+        ChromaticAberration(axial_map=linear, lateral_map=constant),
+    ):
+        lens_response = LensResponse(chromatic_aberration=chromatic_aberration)
+        assert lens_response.is_plain
+        assert not lens_response.is_dispersive
+        wavelengths, colors = lens_response.sample_wavelengths(64)
         assert (wavelengths == DESIGN_WAVELENGTH).all()
         assert (colors == 1).all()
 
 
 def test_a_character_with_fringes_draws_light():
-    character = Character(fringes=Fringes(lateral=0.1))
-    assert not character.is_plain
-    assert character.is_dispersive
-    wavelengths, colors = character.draw(64)
+    lens_response = LensResponse(chromatic_aberration=ChromaticAberration(lateral=0.1))
+    assert not lens_response.is_plain
+    assert lens_response.is_dispersive
+    wavelengths, colors = lens_response.sample_wavelengths(64)
     assert np.ptp(wavelengths) > 150
     assert_allclose(colors.mean(0), 1)
