@@ -12,7 +12,7 @@ _HOME = {
     "Aperture": "bokehnet.optics.aperture",
     "BokehRenderer": "bokehnet.inference.pipeline",
     "BokehnetError": "bokehnet.errors",
-    "DisparityRefiner": "bokehnet.inference.refine",
+    "DisparityRepair": "bokehnet.inference.disparity_repair",
     "Highlights": "bokehnet.optics.tone",
     "Layers": "bokehnet.classical.layered.layers",
     "RenderResult": "bokehnet.inference.pipeline",
@@ -30,6 +30,7 @@ _HOME = {
 
 # Names of earlier versions, which still work.
 _OLD_NAMES = {
+    "DisparityRefiner": "DisparityRepair",
     "hidden_layer": "occluded_background",
 }
 

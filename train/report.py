@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from train.corruption import CORRUPTED
+from train.degradation import DEGRADED
 from train.scorer import BANDS, band_label
 
 __all__ = ["TABLES", "Row", "as_json", "differences", "excess", "format_table", "mean_rows"]
@@ -46,9 +46,9 @@ def mean_rows(rows: Sequence[Row]) -> list[Row]:
         groups.setdefault((row.method, row.disparity), []).append(row.scores)
     means = {key: _mean(scores) for key, scores in groups.items()}
     for method in dict.fromkeys(row.method for row in rows):
-        wrong = [means[method, kind] for kind in CORRUPTED if (method, kind) in means]
-        if len(wrong) == len(CORRUPTED):
-            means[method, "corrupted"] = _mean(wrong)
+        wrong = [means[method, kind] for kind in DEGRADED if (method, kind) in means]
+        if len(wrong) == len(DEGRADED):
+            means[method, "degraded"] = _mean(wrong)
     kinds = list(dict.fromkeys(kind for _, kind in means))
     return [
         Row(method=method, disparity=kind, scores=scores)

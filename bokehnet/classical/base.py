@@ -98,7 +98,7 @@ class ClassicalResult:
 
     @property
     def features(self) -> np.ndarray | None:
-        """Hidden colours, disocclusion weight and error map as one array, (H, W, 5), for the networks."""
+        """Occluded background, disocclusion weight and error map as one array, (H, W, 5), for networks."""
         if self.occluded_background is None or self.disocclusion_weight is None:
             return None
         return np.dstack([self.occluded_background, self.disocclusion_weight, self.error_map])

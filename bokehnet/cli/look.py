@@ -10,8 +10,8 @@ from bokehnet.cli.engine_option import RAY_ENGINES
 from bokehnet.cli.memory_option import PROGRAM
 from bokehnet.cli.naming import named_options
 from bokehnet.effects import CameraEffects, View
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.pipeline import BokehRenderer, RenderResult
-from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import Highlights
@@ -66,7 +66,7 @@ class Renderer:
             weights=look.weights,
             threads=threads,
         )
-        self._refiner: DisparityRefiner | None = None
+        self._refiner: DisparityRepair | None = None
 
     def render(
         self,
@@ -156,9 +156,9 @@ class Renderer:
         return taken[..., :3], None if alpha is None else taken[..., 3]
 
     def refine(self, image: "np.ndarray", disparity: "np.ndarray", mode: str) -> "np.ndarray":
-        """Move the edges of a map (H, W) to those of the picture; ``mode`` is one of ``REFINE_MODES``."""
+        """Move the edges of a map (H, W) to those of the picture; ``mode`` is one of ``REPAIR_MODES``."""
         if mode == "off":
             return disparity
         if self._refiner is None:
-            self._refiner = DisparityRefiner(threads=self._threads)
+            self._refiner = DisparityRepair(threads=self._threads)
         return self._refiner(image, disparity, mode)

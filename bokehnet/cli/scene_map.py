@@ -54,7 +54,7 @@ class MapSource:
         as_stored: Whether that is so: ``disparity`` is one map of a sequence.
         mixed: Whether values between two surfaces at an edge are repaired, "auto", "on" or "off".
         resize: Whether a map of another size is brought to the picture's.
-        refine: Whether its edges are moved to the picture's, one of ``REFINE_MODES``.
+        refine: Whether its edges are moved to the picture's, one of ``REPAIR_MODES``.
     """
 
     disparity: Path | None = None
@@ -88,11 +88,11 @@ class MapSource:
 
     def check(self, focus: Focus) -> None:
         """Raise ``ParameterError`` unless these options fit together, and ``focus`` to them."""
-        from bokehnet.inference.refine import REFINE_MODES
+        from bokehnet.inference.disparity_repair import REPAIR_MODES
         from bokehnet.io.maps import DEPTH_UNITS
 
-        check_choice("--refine-disparity", self.refine, REFINE_MODES)
-        check_choice("--mixed-depth", self.mixed, REFINE_MODES)
+        check_choice("--refine-disparity", self.refine, REPAIR_MODES)
+        check_choice("--mixed-depth", self.mixed, REPAIR_MODES)
         if self.disparity is not None and self.depth is not None:
             raise ParameterError("expected one of --disparity and --depth, found both")
         if self.disparity is None and (self.invert or self.value_range is not None):

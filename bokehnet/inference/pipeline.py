@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from bokehnet.cascade import render_neural
 from bokehnet.checks import check_at_least, check_choice, check_number
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
@@ -17,9 +16,10 @@ from bokehnet.classical.base import (
     check_inputs,
     make_classical,
 )
+from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
-from bokehnet.inference.correction import SmallCopy
+from bokehnet.inference.coarse_to_fine import CoarseInput
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.strips import Gathered, cut_strips
 from bokehnet.inference.tiling import refine_in_tiles
@@ -216,15 +216,15 @@ class BokehRenderer:
         classical = self._render_classical(image, defocus, curve)
         report(1, steps)
         if self._networks is None:
-            bokeh, doubt = classical.bokeh, classical.error_map
-            return RenderResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=doubt)
+            bokeh, classical_error_map = classical.bokeh, classical.error_map
+            return RenderResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=classical_error_map)
         if self._networks.iunet is not None:
-            result = self._render_cascade(image, defocus, classical)
+            result = self._render_coarse_to_fine(image, defocus, classical)
         else:
             height, width = defocus.shape
-            small = SmallCopy(height, width, _reach(defocus), self._networks.unit)
+            small = CoarseInput(height, width, _reach(defocus), self._networks.network_max_radius)
             small.add(0, image, defocus, classical)
-            correction = small.correct(self._networks.arnet, self._networks.trusted_radius)
+            correction = small.correct(self._networks.arnet, self._networks.max_valid_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
             result = RenderResult(
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
@@ -246,7 +246,11 @@ class BokehRenderer:
         results = [Gathered(array, overwrite) for array in (image, defocus)]
         bokeh, error_map = (result.array for result in results)
         height, width = defocus.shape
-        small = None if networks is None else SmallCopy(height, width, _reach(defocus), networks.unit)
+        small = (
+            None
+            if networks is None
+            else CoarseInput(height, width, _reach(defocus), networks.network_max_radius)
+        )
         steps = len(strips) + (networks is not None)
         for done, strip in enumerate(strips):
             assert strip is not None
@@ -263,7 +267,7 @@ class BokehRenderer:
                 result.add(first, array, height if later is None else later.first)
         if networks is not None and small is not None:
             report(len(strips), steps)
-            correction = small.correct(networks.arnet, networks.trusted_radius)
+            correction = small.correct(networks.arnet, networks.max_valid_radius)
             for strip in strips:
                 assert strip is not None
                 inner = slice(strip.first + strip.wanted.start, strip.first + strip.wanted.stop)
@@ -285,7 +289,7 @@ class BokehRenderer:
         result = self._classical(curve.encode(image), defocus, self.aperture, strip, self.lens_response)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
-    def _render_cascade(
+    def _render_coarse_to_fine(
         self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
     ) -> RenderResult:
         """The way of networks with an IUNet: level by level, at full size as well."""
@@ -294,10 +298,10 @@ class BokehRenderer:
         batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
         result = render_neural(
             *batches,
-            hints=None if classical.features is None else _to_batch(classical.features),
+            features=None if classical.features is None else _to_batch(classical.features),
             arnet=self._networks.arnet,
             iunet=self._networks.iunet,
-            unit=self._networks.unit,
+            network_max_radius=self._networks.network_max_radius,
             refine=refine_in_tiles,
         )
         neural = np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0))

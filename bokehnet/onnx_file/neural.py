@@ -1,9 +1,9 @@
-"""The neural half as ONNX operators: what :mod:`bokehnet.inference.correction` does."""
+"""The neural half as ONNX operators: what :mod:`bokehnet.inference.coarse_to_fine` does."""
 
 import numpy as np
 import onnx
 
-from bokehnet.cascade import BLOCK
+from bokehnet.coarse_to_fine import BLOCK
 from bokehnet.onnx_file.builder import Graph
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
 from bokehnet.onnx_file.tone import decode, encode
@@ -15,9 +15,9 @@ __all__ = ["render_neural"]
 _MOST_HALVINGS = 40
 
 
-def _count_halvings(g: Graph, defocus: Value, unit: float) -> Value:
-    """How often the picture must be halved until its largest blur is at most ``unit``, as a size."""
-    limits = g.constant(unit * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
+def _count_halvings(g: Graph, defocus: Value, network_max_radius: float) -> Value:
+    """How often the picture must be halved until no blur exceeds ``network_max_radius``, as a size."""
+    limits = g.constant(network_max_radius * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
     return (abs(defocus).max() > limits).astype(np.int64).sum()
 
 
@@ -32,27 +32,27 @@ def render_neural(
     image: Value,
     defocus: Value,
     classical: Value,
-    doubt: Value,
+    classical_error_map: Value,
     *,
     arnet: onnx.ModelProto,
-    unit: float,
+    network_max_radius: float,
 ) -> tuple[Value, Value]:
-    """Render the neural half, as :class:`bokehnet.inference.correction.Correction`, on every pixel.
+    """Render the neural half, as :class:`bokehnet.inference.coarse_to_fine.CoarseCorrection`, on every pixel.
 
     Args:
         g: The open graph.
         image: All-in-focus picture, scene-linear, (3, H, W).
         defocus: Signed blur radius in pixels, (H, W).
         classical: Classical render, (3, H, W).
-        doubt: Its error map, (H, W).
+        classical_error_map: Its error map, (H, W).
         arnet: The network.
-        unit: Largest radius ``arnet`` was trained for, pixels.
+        network_max_radius: Largest radius ``arnet`` was trained for, pixels.
 
     Returns:
         Bokeh (3, H, W) and error map (1, H, W).
     """
     height, width = defocus.size(0), defocus.size(1)
-    halvings = _count_halvings(g, defocus, unit)
+    halvings = _count_halvings(g, defocus, network_max_radius)
     powers = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64)
     factor = powers.take(halvings)
 
@@ -74,4 +74,4 @@ def render_neural(
         x.cut(1, 0, height).cut(2, 0, width) for x in g.loop(climb, [change, learned], times=halvings)
     )
     neural = decode(g, encode(g, classical) + change)
-    return neural, learned * doubt.reshape(1, height, width)
+    return neural, learned * classical_error_map.reshape(1, height, width)

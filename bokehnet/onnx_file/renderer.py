@@ -45,7 +45,7 @@ def _read_network(weights: Path) -> tuple[onnx.ModelProto, float]:
     versions = {item.domain: item.version for item in arnet.opset_import}
     if versions != {"": OPSET}:
         raise ModelFileError(f"{path}: expected operator set {OPSET}, found {versions}; export again")
-    return arnet, networks.unit
+    return arnet, networks.network_max_radius
 
 
 def build_model(weights: Path | None = None) -> onnx.ModelProto:
@@ -62,7 +62,7 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
     Raises:
         ModelFileError: The network is missing or damaged, or does not correct the scatter by itself.
     """
-    arnet, unit = _read_network(weights or WEIGHTS / "fast")
+    arnet, network_max_radius = _read_network(weights or WEIGHTS / "fast")
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])
@@ -76,8 +76,16 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
-        doubt = geometric_error_map(g, defocus)
-        neural, error_map = render_neural(g, image, defocus, classical, doubt, arnet=arnet, unit=unit)
+        classical_error_map = geometric_error_map(g, defocus)
+        neural, error_map = render_neural(
+            g,
+            image,
+            defocus,
+            classical,
+            classical_error_map,
+            arnet=arnet,
+            network_max_radius=network_max_radius,
+        )
         return fuse(classical, neural, error_map)
 
     bokeh = g.branch(linear, corrected, lambda: classical).transpose(1, 2, 0)

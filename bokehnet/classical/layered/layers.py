@@ -26,7 +26,7 @@ _WINDOW = 2
 
 # Squared difference of two colours, as a part of the sum of their squares, below which a mixed pixel says
 # little about its coverage.
-_DOUBT = 0.03
+_REGULARISATION = 0.03
 
 # Coverage below this is left out.
 _LEAST_COVERAGE = 0.02
@@ -162,12 +162,12 @@ def _split_mixed(image, defocus, sides, colors, depths, coverage):  # type: igno
             if not _pure(image, defocus, sides, y, x, near, front):
                 _purest(image, defocus, y, x, near, back, front)
             along = across = 0.0
-            doubt = 1e-12
+            regularisation = 1e-12
             for c in range(3):
-                doubt += _DOUBT * (front[c] * front[c] + back[c] * back[c])
+                regularisation += _REGULARISATION * (front[c] * front[c] + back[c] * back[c])
                 along += (image[y, x, c] - back[c]) * (front[c] - back[c])
                 across += (front[c] - back[c]) * (front[c] - back[c])
-            share = (along + (doubt if side == FRONT else 0.0)) / (across + doubt)
+            share = (along + (regularisation if side == FRONT else 0.0)) / (across + regularisation)
             if side == FRONT:
                 share = min(max(share, 0.5), 1.0)
                 coverage[y, x, 0] = share

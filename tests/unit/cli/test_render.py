@@ -8,8 +8,8 @@ from scipy.ndimage import gaussian_filter
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.cli import look
 from bokehnet.cli.memory_option import parse_bytes
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.pipeline import BokehRenderer
-from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 
@@ -189,14 +189,14 @@ def test_the_program_renders_in_a_process_of_its_own(folder, cli_process):
 
 
 def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rendered):
-    """Oracle: the refiner by hand, which has its own tests; "off" leaves the map as it is."""
+    """Oracle: the repair by hand, which has its own tests; "off" leaves the map as it is."""
     soft = gaussian_filter(read_disparity("disparity.png"), 2.0).astype(np.float32)
     write_map("soft.exr", soft)
     words = ("render", "photo.png", "--disparity", "soft.exr", "--blur", 6, "--focus-at", "10,10")
     given = read_disparity("soft.exr")
-    refined = DisparityRefiner()(read_image("photo.png"), given)
-    assert np.abs(refined - given).max() > 0.1
-    for mode, values in (("off", given), ("on", refined), ("auto", refined)):
+    repaired = DisparityRepair()(read_image("photo.png"), given)
+    assert np.abs(repaired - given).max() > 0.1
+    for mode, values in (("off", given), ("on", repaired), ("auto", repaired)):
         _, defocus = rendered(*words, "--refine-disparity", mode)
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-5)
 

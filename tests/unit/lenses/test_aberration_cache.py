@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from bokehnet.lenses import load_lens, pencil_cache
+from bokehnet.lenses import aberration_cache, load_lens
 from bokehnet.lenses.aberration_cache import cache_folder, cached_aberration_map
 from bokehnet.lenses.aberration_fit import fit_aberration_map
 
@@ -23,7 +23,7 @@ def fits(monkeypatch):
         traced.append(lens)
         return fit_aberration_map(lens, **settings)
 
-    monkeypatch.setattr(pencil_cache, "fit_aberration_map", fit)
+    monkeypatch.setattr(aberration_cache, "fit_aberration_map", fit)
     return traced
 
 

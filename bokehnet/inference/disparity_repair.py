@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
-from bokehnet.inference.common_shift import busiest_windows, find_common_shift, shift_steps
+from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, soft_edge_fraction
+from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges
 from bokehnet.inference.session import WEIGHTS, load_network
-from bokehnet.inference.sharpen import STEP, share_of_soft_steps, sharpen_steps
 from bokehnet.io.banded import make_in_bands
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
-__all__ = ["REFINE_MODES", "DisparityRefiner", "share_out_of_place"]
+__all__ = ["REPAIR_MODES", "DisparityRepair", "misplaced_edge_fraction"]
 
-REFINE_MODES = ("auto", "on", "off")
+REPAIR_MODES = ("auto", "on", "off")
 
 # The network halves its input three times.
 _BLOCK = 8
@@ -54,7 +54,7 @@ def _step_sizes(disparity: np.ndarray) -> np.ndarray:
     return span
 
 
-def share_out_of_place(disparity: np.ndarray, repaired: np.ndarray) -> float:
+def misplaced_edge_fraction(disparity: np.ndarray, repaired: np.ndarray) -> float:
     """How much of a map's steps the repair moved: 0 = all stood right, up to 1.
 
     Args:
@@ -83,7 +83,7 @@ def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> t
     return near, moved
 
 
-class DisparityRefiner:
+class DisparityRepair:
     """Repairs disparity maps on the CPU.
 
     Args:
@@ -118,7 +118,7 @@ class DisparityRefiner:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
             ParameterError: NaN or infinity in either, or an unknown mode.
         """
-        check_choice("mode", mode, REFINE_MODES)
+        check_choice("mode", mode, REPAIR_MODES)
         check_image("image", image)
         check_map("disparity", disparity)
         check_same_size("image", image, "disparity", disparity)
@@ -126,7 +126,7 @@ class DisparityRefiner:
         span = float(disparity.max()) - float(disparity.min())
         if span == 0 or mode == "off":
             return disparity.copy()
-        start = sharpen_steps(disparity) if share_of_soft_steps(disparity) > _SOFT else disparity
+        start = repair_soft_edges(disparity) if soft_edge_fraction(disparity) > _SOFT else disparity
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
@@ -134,9 +134,9 @@ class DisparityRefiner:
             return disparity.copy()
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
-        start = shift_steps(start, self._common_shift(sizes, start, span))
-        repaired = self._refine(sizes, start, span)
-        if mode == "auto" and share_out_of_place(disparity, repaired) < _IMPERFECT:
+        start = shift_edges(start, self._edge_bias(sizes, start, span))
+        repaired = self._repair(sizes, start, span)
+        if mode == "auto" and misplaced_edge_fraction(disparity, repaired) < _IMPERFECT:
             return disparity.copy()
         return repaired
 
@@ -152,7 +152,7 @@ class DisparityRefiner:
         near, moved = np.sum(counts, 0) if counts else (0, 0)
         return bool(moved < _SURELY_RIGHT * max(near, 1))
 
-    def _common_shift(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> int:
+    def _edge_bias(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> int:
         """Pixels by which near things should grow everywhere, found at the smallest of the sizes."""
         for _ in sizes[1:]:
             disparity = downsample2(pad_to_multiple(disparity, 2))
@@ -163,7 +163,7 @@ class DisparityRefiner:
             return found
 
         busy = _step_sizes(disparity) > STEP * span
-        return 2 ** (len(sizes) - 1) * find_common_shift(disparity, busy, votes)
+        return 2 ** (len(sizes) - 1) * find_edge_bias(disparity, busy, votes)
 
     def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
         """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
@@ -172,13 +172,13 @@ class DisparityRefiner:
         repaired, votes = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))
         return repaired[0, 0], votes
 
-    def _refine(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> np.ndarray:
+    def _repair(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> np.ndarray:
         """Repair a map with the help of the picture, (3, H, W), at this and at smaller sizes."""
         height, width = disparity.shape
         if len(sizes) > 1:
             small = downsample2(pad_to_multiple(disparity, 2))
-            mended = self._refine(sizes[1:], small, span)
-            disparity = _with_moved(disparity, mended, mended - small, STEP * span)
+            repaired_small = self._repair(sizes[1:], small, span)
+            disparity = _with_moved(disparity, repaired_small, repaired_small - small, STEP * span)
         disparity = pad_to_multiple(disparity, _BLOCK)
         result = disparity.copy()
         busy = _step_sizes(disparity) > STEP * span
@@ -203,12 +203,14 @@ def _half(image: np.ndarray) -> np.ndarray:
     return make_in_bands(make, (height, width, 3), np.float32).transpose(2, 0, 1)
 
 
-def _with_moved(disparity: np.ndarray, mended: np.ndarray, change: np.ndarray, least: float) -> np.ndarray:
+def _with_moved(
+    disparity: np.ndarray, repaired_small: np.ndarray, change: np.ndarray, least: float
+) -> np.ndarray:
     """Take over what moved by more than ``least`` at half the size, with steps as sharp as here.
 
     Args:
         disparity: (H, W).
-        mended: The repaired map at half the size.
+        repaired_small: The repaired map at half the size.
         change: What the repair changed there.
         least: In the unit of the map.
     """
@@ -219,14 +221,14 @@ def _with_moved(disparity: np.ndarray, mended: np.ndarray, change: np.ndarray, l
         top = max(0, rows.start // 2 - 1)
         window = slice(top, -(-rows.stop // 2) + 1)
         inner = slice(rows.start - 2 * top, rows.stop - 2 * top)
-        coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (mended, change))
+        coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (repaired_small, change))
         here = np.abs(moved) > least
         found = found or bool(here.any())
         return np.where(here, coarse, disparity[rows])
 
     joined = make_in_bands(make, disparity.shape, np.float32)
     # What moved comes from the smaller map, and is as soft as that.
-    return sharpen_steps(joined) if found else joined
+    return repair_soft_edges(joined) if found else joined
 
 
 def _tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cascade import carry_detail, render_neural
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays_renderer import render_rays
-from bokehnet.inference.correction import SmallCopy
+from bokehnet.coarse_to_fine import carry_detail, render_neural
+from bokehnet.inference.coarse_to_fine import CoarseInput
 from bokehnet.inference.pipeline import BokehRenderer
 from bokehnet.pyramid import downsample2
 
@@ -30,7 +30,7 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
     """Oracle: the body that training uses, at halvings 0, 1 and 2 and odd sizes."""
     image, defocus = picture(height, width, radius)
     renderer = BokehRenderer("hybrid")
-    renderer._networks = replace(renderer._networks, trusted_radius=math.inf)
+    renderer._networks = replace(renderer._networks, max_valid_radius=math.inf)
     result = renderer.render(image, defocus)
     classical = render_rays(image, defocus)
     batches = [
@@ -40,10 +40,10 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
     networks = renderer._networks
     wanted = render_neural(
         *batches,
-        hints=classical.features.transpose(2, 0, 1)[None],
+        features=classical.features.transpose(2, 0, 1)[None],
         arnet=networks.arnet,
         iunet=carry_detail,
-        unit=networks.unit,
+        network_max_radius=networks.network_max_radius,
     )
     doubted = classical.error_map > 0
     assert doubted.mean() > 0.1
@@ -57,7 +57,7 @@ def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
     """One everywhere up to half the trusted radius, then less and less."""
     radius = np.tile(np.linspace(0, 60, 64, dtype=np.float32), (64, 1))
     picture = np.ones((64, 64, 3), np.float32)
-    small = SmallCopy(64, 64, 10.0, 10.0)  # no halving, so that pixels stay what they are
+    small = CoarseInput(64, 64, 10.0, 10.0)  # no halving, so that pixels stay what they are
     small.add(0, picture, radius, ClassicalResult(bokeh=picture, error_map=np.ones_like(radius)))
     correction = small.correct(lambda image, *_: (image, np.ones_like(image[:, :1])), 40.0)
     error_map = correction.apply(picture, np.ones_like(radius)).error_map
@@ -85,7 +85,7 @@ def test_rows_in_parts_give_the_same_small_copy():
         return arrays[2], np.zeros_like(arrays[1])
 
     for cuts in ([0, 300], [0, 128, 256, 300]):
-        small = SmallCopy(300, 70, 25.0, 10.0)
+        small = CoarseInput(300, 70, 25.0, 10.0)
         for first, last in pairwise(cuts):
             rows = slice(first, last)
             small.add(first, image[rows], defocus[rows], classical.rows(rows))

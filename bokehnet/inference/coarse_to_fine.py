@@ -1,7 +1,9 @@
 """ARNet's correction: found once on a small copy of the picture, then laid over any rows of it.
 
-The same result as :func:`bokehnet.cascade.render_neural` with :func:`bokehnet.cascade.carry_detail`, without
-its levels: only what is small is kept, and only pixels that are in doubt are touched at full size.
+The same result as :func:`bokehnet.coarse_to_fine.render_neural` with
+:func:`bokehnet.coarse_to_fine.carry_detail`, without
+its levels: only what is small is kept, and only pixels where the classical render can be wrong are touched at
+full size.
 """
 
 import math
@@ -10,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from bokehnet.cascade import BLOCK, CoarseNetwork
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.coarse_to_fine import BLOCK, CoarseNetwork
 from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import decode, encode
 from bokehnet.pyramid import count_halvings, upsample2
 
-__all__ = ["Corrected", "Correction", "SmallCopy"]
+__all__ = ["CoarseCorrection", "CoarseInput", "Corrected"]
 
 # Small pixels around those that are wanted on which their doubling depends.
 _AROUND = 2
@@ -65,7 +67,7 @@ def _double_at(values, rows, columns):  # type: ignore[no-untyped-def]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Correction:
+class CoarseCorrection:
     """What ARNet says of a picture.
 
     Attributes:
@@ -76,19 +78,19 @@ class Correction:
     values: np.ndarray
     halvings: int
 
-    def apply(self, classical: np.ndarray, doubt: np.ndarray, first: int = 0) -> Corrected:
-        """Correct rows of a picture where they are in doubt; elsewhere nothing changes.
+    def apply(self, classical: np.ndarray, classical_error_map: np.ndarray, first: int = 0) -> Corrected:
+        """Correct rows of a picture where the classical render can be wrong; elsewhere nothing changes.
 
         Args:
             classical: Classical render, scene-linear, (H, W, 3).
-            doubt: The classical renderer's own error map, (H, W).
+            classical_error_map: The classical renderer's own error map, (H, W).
             first: Row of the picture at which both begin.
         """
-        rows, columns = np.nonzero(doubt)
+        rows, columns = np.nonzero(classical_error_map)
         light, found = classical[rows, columns], self._at(rows + first, columns)
-        blend = found[:, 3] * doubt[rows, columns]
+        blend = found[:, 3] * classical_error_map[rows, columns]
         seen = decode(encode(light) + found[:, :3]).clip(min=0)
-        bokeh, neural, error_map = classical.copy(), classical.copy(), np.zeros_like(doubt)
+        bokeh, neural, error_map = classical.copy(), classical.copy(), np.zeros_like(classical_error_map)
         bokeh[rows, columns] = fuse(light, seen, blend[:, None])
         neural[rows, columns], error_map[rows, columns] = seen, blend
         return Corrected(bokeh=bokeh, neural=neural, error_map=error_map)
@@ -108,18 +110,18 @@ class Correction:
         return found
 
 
-class SmallCopy:
-    """What ARNet sees: picture, defocus, classical render and its hints at a size at which no blur is large.
+class CoarseInput:
+    """What ARNet sees: picture, defocus, classical render and features, so small that no blur is large.
 
     Args:
         height: Of the picture.
         width: Of the picture.
         reach: Its largest blur radius, pixels.
-        unit: Largest radius that ARNet was trained for.
+        network_max_radius: Largest radius that ARNet was trained for.
     """
 
-    def __init__(self, height: int, width: int, reach: float, unit: float) -> None:
-        self.halvings = count_halvings(reach, unit)
+    def __init__(self, height: int, width: int, reach: float, network_max_radius: float) -> None:
+        self.halvings = count_halvings(reach, network_max_radius)
         self._factor = 2**self.halvings
         self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
         self._height = height
@@ -136,9 +138,9 @@ class SmallCopy:
         """
         parts = {"image": image, "defocus": defocus[..., None], "classical": classical.bokeh}
         if classical.occluded_background is not None and classical.disocclusion_weight is not None:
-            parts["hidden"] = classical.occluded_background
-            parts["guessed"] = classical.disocclusion_weight[..., None]
-            parts["doubt"] = classical.error_map[..., None]
+            parts["occluded_background"] = classical.occluded_background
+            parts["disocclusion_weight"] = classical.disocclusion_weight[..., None]
+            parts["classical_error_map"] = classical.error_map[..., None]
         last = first + len(image)
         top = first // self._factor
         bottom = self._size[0] if last == self._height else last // self._factor
@@ -148,25 +150,29 @@ class SmallCopy:
             with parallel_region:
                 _shrink(array, self._factor, top, bottom, self._parts[name])
 
-    def correct(self, arnet: CoarseNetwork, trusted_radius: float = math.inf) -> Correction:
+    def correct(self, arnet: CoarseNetwork, max_valid_radius: float = math.inf) -> CoarseCorrection:
         """Run ARNet, once all rows have been added.
 
         Args:
             arnet: The network.
-            trusted_radius: Largest blur radius, in pixels of the picture, that it learned from. Its say fades
-                out over the upper half of that range, and beyond it is not asked.
+            max_valid_radius: Largest blur radius, in pixels of the picture, that it learned from. Its say
+                fades out over the upper half of that range, and beyond it is not asked.
         """
         radius = np.abs(self._parts["defocus"])
-        trust = np.clip(2 - 2 * radius / trusted_radius, 0, 1)
+        trust = np.clip(2 - 2 * radius / max_valid_radius, 0, 1)
         self._parts["defocus"] /= self._factor
         batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._parts.items()}
-        hints = [batch[name] for name in ("hidden", "guessed", "doubt") if name in batch]
+        features = [
+            batch[name]
+            for name in ("occluded_background", "disocclusion_weight", "classical_error_map")
+            if name in batch
+        ]
         bokeh, learned = arnet(
             batch["image"],
             batch["defocus"],
             batch["classical"],
-            np.concatenate(hints, axis=1) if hints else None,
+            np.concatenate(features, axis=1) if features else None,
         )
         change = encode(bokeh[0]) - encode(batch["classical"][0])
         values = np.concatenate([change, learned[0] * trust.transpose(2, 0, 1)]).transpose(1, 2, 0)
-        return Correction(values=np.ascontiguousarray(values), halvings=self.halvings)
+        return CoarseCorrection(values=np.ascontiguousarray(values), halvings=self.halvings)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from bokehnet.inference.common_shift import find_common_shift, shift_steps
+from bokehnet.inference.edge_bias import find_edge_bias, shift_edges
 
 
 def blobs(height: int = 200, width: int = 320) -> np.ndarray:
@@ -42,34 +42,34 @@ def test_shifting_is_the_filter_over_square_windows(pixels):
     disparity = np.random.default_rng(0).random((61, 83), dtype=np.float32)
     oracle = maximum_filter if pixels > 0 else minimum_filter
     wanted = oracle(disparity, 2 * abs(pixels) + 1, mode="nearest")
-    assert_array_equal(shift_steps(disparity, pixels), wanted)
+    assert_array_equal(shift_edges(disparity, pixels), wanted)
 
 
 @pytest.mark.parametrize("pixels", [-7, -5, -4, -3, -2, 2, 3, 4, 5, 6])
 def test_a_shift_of_the_whole_map_is_found(pixels):
     truth = blobs()
     oracle = Oracle(truth)
-    given = shift_steps(truth, pixels)
-    assert find_common_shift(given, busy_blocks(given), oracle) == -pixels
+    given = shift_edges(truth, pixels)
+    assert find_edge_bias(given, busy_blocks(given), oracle) == -pixels
     assert oracle.asked <= 6 * 4
 
 
 def test_maps_that_stand_right_are_asked_once_and_kept():
     truth = blobs()
     oracle = Oracle(truth)
-    assert find_common_shift(truth, busy_blocks(truth), oracle) == 0
+    assert find_edge_bias(truth, busy_blocks(truth), oracle) == 0
     assert oracle.asked <= 4
 
 
 def test_maps_without_steps_are_not_asked_at_all():
     oracle = Oracle(np.zeros((64, 64)))
-    assert find_common_shift(np.zeros((64, 64), np.float32), np.zeros((8, 8), bool), oracle) == 0
+    assert find_edge_bias(np.zeros((64, 64), np.float32), np.zeros((8, 8), bool), oracle) == 0
     assert oracle.asked == 0
 
 
 @pytest.mark.parametrize("shape", [(8, 8), (8, 512), (1024, 16)])
 def test_any_size(shape):
     truth = np.where(np.arange(shape[1]) < shape[1] // 2, 0.9, 0.1) * np.ones(shape)
-    given = shift_steps(truth.astype(np.float32), -3)
+    given = shift_edges(truth.astype(np.float32), -3)
     busy = np.ones((shape[0] // 8, shape[1] // 8), bool)
-    assert find_common_shift(given, busy, Oracle(truth)) in {2, 3, 4}
+    assert find_edge_bias(given, busy, Oracle(truth)) in {2, 3, 4}

@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from bokehnet.inference.sharpen import extremes, with_halo
+from bokehnet.inference.disparity_edges import extremes, with_halo
 from bokehnet.io.banded import make_in_bands
 
-__all__ = ["busiest_windows", "find_common_shift", "shift_steps"]
+__all__ = ["busiest_windows", "find_edge_bias", "shift_edges"]
 
 # Votes of the network on a part of the picture, 4 values: pixels of the far side of steps that should become
 # near, how many there are, and both numbers of the near side.
@@ -28,7 +28,7 @@ _RIGHT = 0.1
 _CLOSE = 0.2
 
 
-def shift_steps(disparity: np.ndarray, pixels: int) -> np.ndarray:
+def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
     """Let whatever is near grow by so many pixels, or shrink where negative; (H, W), any unit."""
     if pixels == 0:
         return disparity
@@ -41,7 +41,7 @@ def shift_steps(disparity: np.ndarray, pixels: int) -> np.ndarray:
     return make_in_bands(make, disparity.shape, np.float32)
 
 
-def find_common_shift(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int:
+def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int:
     """Pixels by which the near sides of all steps should grow, negative where they should shrink.
 
     A network sees whether a step stands too far in or out, but hardly how far. So the map is shifted until as
@@ -60,25 +60,25 @@ def find_common_shift(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> 
     if not windows:
         return 0
     objections: dict[int, float] = {}
-    leans: dict[int, float] = {}
+    biases: dict[int, float] = {}
 
-    def lean(shift: int) -> float:
-        if shift not in leans:
-            moved = [(window, shift_steps(disparity[window], shift)) for window in windows]
+    def bias(shift: int) -> float:
+        if shift not in biases:
+            moved = [(window, shift_edges(disparity[window], shift)) for window in windows]
             grow, far, shrink, near = np.sum([votes(*part) for part in moved], 0)
             out, back = float(grow / max(far, 1)), float(shrink / max(near, 1))
-            leans[shift], objections[shift] = out - back - _RIGHT, out + back
-        return leans[shift]
+            biases[shift], objections[shift] = out - back - _RIGHT, out + back
+        return biases[shift]
 
-    if abs(lean(0)) < _CLOSE:
+    if abs(bias(0)) < _CLOSE:
         return 0
-    way = 1 if lean(0) > 0 else -1
+    way = 1 if bias(0) > 0 else -1
     before, after = 0, 2
-    while way * lean(way * after) > 0 and after < _FARTHEST:
+    while way * bias(way * after) > 0 and after < _FARTHEST:
         before, after = after, min(2 * after, _FARTHEST)
     while after - before > 1:
         middle = (before + after) // 2
-        if way * lean(way * middle) > 0:
+        if way * bias(way * middle) > 0:
             before = middle
         else:
             after = middle

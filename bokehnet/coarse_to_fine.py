@@ -30,9 +30,9 @@ class CoarseNetwork(Protocol):
     """ARNet, as a torch module or an ONNX session."""
 
     def __call__(
-        self, image: Array, defocus: Array, classical: Array, hints: Array | None, /
+        self, image: Array, defocus: Array, classical: Array, features: Array | None, /
     ) -> tuple[Array, Array]:
-        """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur of at most one unit."""
+        """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur that it was trained for."""
         ...
 
 
@@ -40,7 +40,7 @@ class RefineNetwork(Protocol):
     """IUNet, as a torch module or an ONNX session."""
 
     def __call__(
-        self, image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None, /
+        self, image: Array, defocus: Array, classical: Array, coarse: Array, features: Array | None, /
     ) -> Array:
         """Return bokeh (B, 3, H, W), given ``coarse``, the bokeh at half the size."""
         ...
@@ -53,17 +53,17 @@ class Level:
     Attributes:
         image, classical: Scene-linear, (B, 3, H, W).
         defocus: Signed radius in pixels of this size, (B, 1, H, W).
-        doubt: Where the classical render can be wrong, (B, 1, H, W) in [0, 1].
-        hints: What the classical renderer knows besides, (B, 5, H, W): the colours that it takes to stand
-            behind each pixel, scene-linear, the share of the pixel's light that is guessed, and the doubt;
-            ``None`` if it knows nothing.
+        classical_error_map: Where the classical render can be wrong, (B, 1, H, W) in [0, 1].
+        features: What the classical renderer knows besides, (B, 5, H, W): the colours that it takes to stand
+            behind each pixel, scene-linear, the share of the pixel's light that is guessed, and the classical
+            error map; ``None`` if it knows nothing.
     """
 
     image: Array
     defocus: Array
     classical: Array
-    doubt: Array
-    hints: Array | None = None
+    classical_error_map: Array
+    features: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,17 +88,19 @@ BLOCK = 8
 Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
 
 
-def carry_detail(image: Array, defocus: Array, classical: Array, coarse: Array, hints: Array | None) -> Array:
+def carry_detail(
+    image: Array, defocus: Array, classical: Array, coarse: Array, features: Array | None
+) -> Array:
     """Stand in for IUNet: what is finer than ``coarse`` is taken over from the classical render.
 
     Both are compared on a perceptual scale, so that a correction means the same in light and in shadow.
 
     Args:
-        image: Not looked at, as ``defocus`` and ``hints``.
+        image: Not looked at, as ``defocus`` and ``features``.
         defocus: See ``image``.
         classical: Scene-linear, (B, 3, H, W), sides even.
         coarse: Bokeh at half the size, (B, 3, H/2, W/2).
-        hints: See ``image``.
+        features: See ``image``.
 
     Returns:
         Bokeh (B, 3, H, W). Where ``coarse`` equals the halved classical render, so does this at full size.
@@ -109,19 +111,19 @@ def carry_detail(image: Array, defocus: Array, classical: Array, coarse: Array, 
 
 def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
     """Run IUNet on the whole picture at once."""
-    return iunet(level.image, level.defocus, level.classical, coarse, level.hints)
+    return iunet(level.image, level.defocus, level.classical, coarse, level.features)
 
 
 def build_levels(
     image: Array,
     defocus: Array,
     classical: Array,
-    doubt: Array,
-    hints: Array | None,
+    classical_error_map: Array,
+    features: Array | None,
     halvings: int,
 ) -> list[Level]:
     """Halve the inputs ``halvings`` times; coarse to fine. The coarsest sides are multiples of ``BLOCK``."""
-    arrays = [image, defocus, classical, doubt, *([] if hints is None else [hints])]
+    arrays = [image, defocus, classical, classical_error_map, *([] if features is None else [features])]
     arrays = [pad_to_multiple(x, BLOCK * 2**halvings) for x in arrays]
     levels = [Level(*arrays)]
     for _ in range(halvings):
@@ -136,30 +138,31 @@ def render_neural(
     image: Array,
     defocus: Array,
     classical: Array,
-    doubt: Array,
+    classical_error_map: Array,
     *,
     arnet: CoarseNetwork,
     iunet: RefineNetwork,
-    unit: float,
+    network_max_radius: float,
     refine: Refine = refine_whole,
-    hints: Array | None = None,
+    features: Array | None = None,
     extra_halvings: int = 0,
 ) -> NeuralResult:
     """Render the neural half.
 
-    The published method resizes by max|r| / unit; here the factor is the next power of two, so that every
-    step doubles exactly, no step loses detail, and pixels of all sizes are aligned.
+    The published method resizes by max|r| over the radius that ARNet was trained for; here the factor is the
+    next power of two, so that every step doubles exactly, no step loses detail, and pixels of all sizes are
+    aligned.
 
     Args:
         image: All-in-focus picture, scene-linear, (B, 3, H, W).
         defocus: Signed blur radius in pixels, (B, 1, H, W).
         classical: Classical render, scene-linear, (B, 3, H, W).
-        doubt: The classical renderer's own error map, (B, 1, H, W) in [0, 1].
+        classical_error_map: The classical renderer's own error map, (B, 1, H, W) in [0, 1].
         arnet: The coarse network.
         iunet: The refining network, or :func:`carry_detail`.
-        unit: Largest radius ``arnet`` was trained for, pixels.
+        network_max_radius: Largest radius ``arnet`` was trained for, pixels.
         refine: How IUNet is run at each level.
-        hints: What the classical renderer knows besides, see :class:`Level`.
+        features: What the classical renderer knows besides, see :class:`Level`.
         extra_halvings: Start this many sizes lower than needed (for training).
 
     Source:
@@ -167,12 +170,14 @@ def render_neural(
     """
     height, width = image.shape[-2:]
     largest = float(array_namespace(defocus).abs(defocus).max())
-    halvings = count_halvings(largest, unit) + extra_halvings
-    levels = build_levels(image, defocus, classical, doubt, hints, halvings)
-    bokeh, learned = arnet(levels[0].image, levels[0].defocus, levels[0].classical, levels[0].hints)
+    halvings = count_halvings(largest, network_max_radius) + extra_halvings
+    levels = build_levels(image, defocus, classical, classical_error_map, features, halvings)
+    bokeh, learned = arnet(levels[0].image, levels[0].defocus, levels[0].classical, levels[0].features)
     steps = [bokeh]
     for level in levels[1:]:
         learned = upsample2(learned)
-        steps.append(refine(iunet, level, steps[-1], learned * level.doubt))
+        steps.append(refine(iunet, level, steps[-1], learned * level.classical_error_map))
     steps[-1] = crop_to(steps[-1], height, width)
-    return NeuralResult(steps=steps, error_map=crop_to(learned * levels[-1].doubt, height, width))
+    return NeuralResult(
+        steps=steps, error_map=crop_to(learned * levels[-1].classical_error_map, height, width)
+    )

@@ -5,7 +5,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-__all__ = ["spoil_disparity"]
+__all__ = ["augment_disparity"]
 
 
 def _grow(disparity: Tensor, radius: int, rounded: bool = False) -> Tensor:
@@ -71,7 +71,7 @@ def _patchy(plain: Tensor, changed: Tensor, rng: np.random.Generator) -> Tensor:
     return torch.where(noise > 0.125, changed, plain)
 
 
-def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def augment_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return ``disparity`` (H, W) float32, in [0, 1], with edges soft, grown, shrunk or out of place.
 
     One or more of: growing or shrinking everywhere or in patches, smooth displacements, the soft edges of a
@@ -82,26 +82,26 @@ def spoil_disparity(disparity: np.ndarray, rng: np.random.Generator) -> np.ndarr
         Blur, dilation and erosion are those of Peng et al., "BokehMe: When neural rendering meets classical
         rendering", CVPR 2022; the rest and all strengths are ours.
     """
-    spoilt = torch.from_numpy(disparity)[None, None]
+    augmented = torch.from_numpy(disparity)[None, None]
     kinds = rng.permutation(["grow", "patches", "shift", "size", "blur"])[
         : rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15])
     ]
     rounded = bool(rng.random() < 0.5)
     if rng.random() < 0.25:
         radius = int(rng.choice([-1, 1]) * rng.integers(1, 5))
-        spoilt = _grow(_grow(spoilt, -radius, rounded), radius, rounded)
+        augmented = _grow(_grow(augmented, -radius, rounded), radius, rounded)
     if "grow" in kinds:
-        spoilt = _grow(spoilt, int(rng.choice([-1, 1]) * rng.integers(1, 7)), rounded)
+        augmented = _grow(augmented, int(rng.choice([-1, 1]) * rng.integers(1, 7)), rounded)
     if "patches" in kinds:
-        changes = [_grow(spoilt, sign * int(rng.integers(1, 6)), rounded) for sign in (-1, 1)]
+        changes = [_grow(augmented, sign * int(rng.integers(1, 6)), rounded) for sign in (-1, 1)]
         for changed in changes:
-            spoilt = _patchy(spoilt, changed, rng)
+            augmented = _patchy(augmented, changed, rng)
     if "shift" in kinds:
-        spoilt = _shift(spoilt, float(rng.uniform(0.5, 3.0)), rng)
+        augmented = _shift(augmented, float(rng.uniform(0.5, 3.0)), rng)
     if "size" in kinds:
-        spoilt = _at_low_size(spoilt, float(rng.uniform(1.5, 5.0)))
+        augmented = _at_low_size(augmented, float(rng.uniform(1.5, 5.0)))
     if "blur" in kinds:
-        spoilt = _blur(spoilt, float(rng.uniform(0.5, 4.0)))
+        augmented = _blur(augmented, float(rng.uniform(0.5, 4.0)))
     if rng.random() < 0.3:
-        spoilt = (spoilt * 255).round() / 255
-    return np.ascontiguousarray(spoilt[0, 0].clamp(0, 1).numpy())
+        augmented = (augmented * 255).round() / 255
+    return np.ascontiguousarray(augmented[0, 0].clamp(0, 1).numpy())

@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import maximum_filter
 
 from bokehnet.errors import ModelFileError, ParameterError, ShapeError
-from bokehnet.inference import refine
-from bokehnet.inference.refine import DisparityRefiner, share_out_of_place
+from bokehnet.inference import disparity_repair
+from bokehnet.inference.disparity_repair import DisparityRepair, misplaced_edge_fraction
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.models.repair import RepairNet, RepairNetConfig
 
@@ -34,33 +34,33 @@ def scene(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_it_equals_the_torch_network(untrained, monkeypatch):
-    monkeypatch.setattr(refine, "find_common_shift", lambda *_: 0)
+    monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_: 0)
     folder, network = untrained
     image, disparity = scene(64, 80)
     span = float(disparity.max() - disparity.min())
     tensors = torch.from_numpy(image).permute(2, 0, 1)[None], torch.from_numpy(disparity)[None, None]
     with torch.no_grad():
         wanted, _ = network.eval()(*tensors, torch.full((1, 1, 1, 1), span))
-    assert_allclose(DisparityRefiner(folder)(image, disparity), wanted[0, 0].numpy(), atol=1e-5)
+    assert_allclose(DisparityRepair(folder)(image, disparity), wanted[0, 0].numpy(), atol=1e-5)
 
 
 def test_a_common_shift_is_taken_back_before_the_network_looks(untrained, monkeypatch):
     image, disparity = scene(64, 80)
-    refiner = DisparityRefiner(untrained[0])
+    repair = DisparityRepair(untrained[0])
     wanted = {}
     for shift in (0, -2):
-        monkeypatch.setattr(refine, "find_common_shift", lambda *_, shift=shift: shift)
-        wanted[shift] = refiner(image, maximum_filter(disparity, 1 - 2 * shift, mode="nearest"))
+        monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_, shift=shift: shift)
+        wanted[shift] = repair(image, maximum_filter(disparity, 1 - 2 * shift, mode="nearest"))
     assert_allclose(wanted[-2], wanted[0], atol=1e-6)  # opening a disc with a small square leaves it
 
 
 def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     """The halo covers all that a pixel depends on."""
     image, disparity = scene(320, 400)
-    refiner = DisparityRefiner(untrained[0])
-    whole = refiner(image, disparity)
-    monkeypatch.setattr(refine, "_TILE", 288)
-    near = np.abs(refiner(image, disparity) - whole)
+    repair = DisparityRepair(untrained[0])
+    whole = repair(image, disparity)
+    monkeypatch.setattr(disparity_repair, "_TILE", 288)
+    near = np.abs(repair(image, disparity) - whole)
     assert_allclose(near, 0, atol=1e-5)
     assert np.abs(whole - disparity).max() > 0.1
 
@@ -68,44 +68,44 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
 @pytest.mark.parametrize(("scale", "offset"), [(37.0, 0.0), (0.01, -3.0)])
 def test_unit_and_offset_do_not_matter(untrained, scale, offset):
     image, disparity = scene(64, 80)
-    refiner = DisparityRefiner(untrained[0])
-    plain = refiner(image, disparity)
-    other = refiner(image, scale * disparity + offset)
+    repair = DisparityRepair(untrained[0])
+    plain = repair(image, disparity)
+    other = repair(image, scale * disparity + offset)
     assert_allclose((other - offset) / scale, plain, atol=0.01)
 
 
 def test_values_stay_between_those_nearby_and_flat_maps_as_they_are(untrained):
     image, disparity = scene(61, 83)
-    refiner = DisparityRefiner(untrained[0])
-    repaired = refiner(image, disparity)
+    repair = DisparityRepair(untrained[0])
+    repaired = repair(image, disparity)
     assert repaired.shape == disparity.shape
     assert repaired.min() >= disparity.min() - 1e-6
     assert repaired.max() <= disparity.max() + 1e-6
     far = np.zeros_like(disparity)
     far[:, 60:] = 1
     assert_array_equal(repaired[far > 0][:4], disparity[far > 0][:4])
-    assert_array_equal(refiner(image, np.full_like(disparity, 0.3)), np.float32(0.3))
+    assert_array_equal(repair(image, np.full_like(disparity, 0.3)), np.float32(0.3))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (7, 5), (300, 1100)])
 def test_any_size(untrained, size):
     image, disparity = scene(*size)
     disparity[0, 0] = 1
-    assert DisparityRefiner(untrained[0])(image, disparity).shape == size
+    assert DisparityRepair(untrained[0])(image, disparity).shape == size
 
 
 def test_auto_leaves_maps_whose_steps_stand_right(untrained):
     """By the share of pixels near steps that the repair moves; a random network moves many."""
     image, disparity = scene(64, 80)
-    refiner = DisparityRefiner(untrained[0])
-    repaired = refiner(image, disparity)
-    share = share_out_of_place(disparity, repaired)
+    repair = DisparityRepair(untrained[0])
+    repaired = repair(image, disparity)
+    share = misplaced_edge_fraction(disparity, repaired)
     assert share > 0.1
-    assert_array_equal(refiner(image, disparity, "auto"), repaired)
-    assert_array_equal(refiner(image, disparity, "off"), disparity)
-    assert share_out_of_place(disparity, disparity) == 0
+    assert_array_equal(repair(image, disparity, "auto"), repaired)
+    assert_array_equal(repair(image, disparity, "off"), disparity)
+    assert misplaced_edge_fraction(disparity, disparity) == 0
     refine_none = np.where(np.arange(80) == 3, disparity + 0.5, disparity)
-    assert 0 <= share_out_of_place(disparity, refine_none) < share
+    assert 0 <= misplaced_edge_fraction(disparity, refine_none) < share
 
 
 @pytest.mark.parametrize(("moves", "mode", "pixels"), [(0, "auto", 4), (0, "on", 20), (9, "auto", 20)])
@@ -120,21 +120,21 @@ def test_auto_looks_at_a_few_windows_of_a_map_that_stands_right(untrained, moves
         moved[..., moves:] = disparity[..., : disparity.shape[-1] - moves]
         return moved, np.zeros((1, 4))
 
-    refiner = DisparityRefiner(untrained[0])
-    refiner._network = network
-    assert np.array_equal(refiner(image, disparity, mode), disparity) == (moves == 0)
+    repair = DisparityRepair(untrained[0])
+    repair._network = network
+    assert np.array_equal(repair(image, disparity, mode), disparity) == (moves == 0)
     assert sum(seen) <= pixels
     assert (max(seen) <= 1) == (mode == "auto" and moves == 0)
 
 
 def test_mistakes_are_named(untrained, tmp_path):
     image, disparity = scene(20, 30)
-    refiner = DisparityRefiner(untrained[0])
+    repair = DisparityRepair(untrained[0])
     with pytest.raises(ShapeError, match="30x20 pixels but disparity is 20x30"):
-        refiner(image, disparity.T)
+        repair(image, disparity.T)
     with pytest.raises(ParameterError, match="mode: expected one of auto, off, on, got 'always'"):
-        refiner(image, disparity, "always")
+        repair(image, disparity, "always")
     with pytest.raises(ParameterError, match="NaN"):
-        refiner(image, np.full_like(disparity, np.nan))
+        repair(image, np.full_like(disparity, np.nan))
     with pytest.raises(ModelFileError, match="cannot read"):
-        DisparityRefiner(tmp_path)
+        DisparityRepair(tmp_path)

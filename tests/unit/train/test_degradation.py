@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import ParameterError
-from train.corruption import CORRUPTED, CORRUPTIONS, corrupt
+from train.degradation import DEGRADATIONS, DEGRADED, degrade
 
 STEP = np.where(np.arange(64) < 30, 0.25, 0.75)[None].repeat(40, 0).astype(np.float32)
 
@@ -16,9 +16,9 @@ def _edge(disparity):
 
 @pytest.mark.parametrize("shift", [2, 5])
 def test_near_surfaces_lose_and_gain_the_pixels_that_are_told(shift):
-    assert _edge(corrupt(STEP, "eroded", shift)) == 30 + shift
-    assert _edge(corrupt(STEP, "dilated", shift)) == 30 - shift
-    assert _edge(corrupt(STEP, "eroded")) == 32
+    assert _edge(degrade(STEP, "eroded", shift)) == 30 + shift
+    assert _edge(degrade(STEP, "dilated", shift)) == 30 - shift
+    assert _edge(degrade(STEP, "eroded")) == 32
 
 
 @pytest.mark.parametrize(("name", "pick"), [("eroded", np.min), ("dilated", np.max)])
@@ -26,39 +26,39 @@ def test_windows_are_those_of_a_plain_loop(name, pick):
     disparity = np.random.default_rng(0).random((17, 23)).astype(np.float32)
     padded = np.pad(disparity, 2, mode="edge")
     expected = [[pick(padded[y : y + 5, x : x + 5]) for x in range(23)] for y in range(17)]
-    np.testing.assert_array_equal(corrupt(disparity, name, edge_shift=2), expected)
+    np.testing.assert_array_equal(degrade(disparity, name, edge_shift=2), expected)
 
 
 def test_a_blurred_step_is_the_error_function_of_three_pixels():
     """Authority: a step under a Gaussian is its cumulative distribution."""
     expected = [0.25 + 0.25 * (1 + math.erf((x - 29.5) / 3 / math.sqrt(2))) for x in range(64)]
-    np.testing.assert_allclose(corrupt(STEP, "blurred")[20], expected, atol=2e-3)
+    np.testing.assert_allclose(degrade(STEP, "blurred")[20], expected, atol=2e-3)
 
 
 def test_quantised_has_256_levels_and_errs_by_half_of_one():
     disparity = (0.3 + 4 * np.random.default_rng(1).random((50, 60))).astype(np.float32)
-    got = corrupt(disparity, "quantised")
+    got = degrade(disparity, "quantised")
     assert len(np.unique(got)) <= 256
     assert np.abs(got - disparity).max() <= np.ptp(disparity) / 255 / 2 + 1e-6
     assert np.abs(got - disparity).max() > np.ptp(disparity) / 255 / 3
     flat = np.full((4, 4), 0.3, np.float32)
-    np.testing.assert_array_equal(corrupt(flat, "quantised"), flat)
+    np.testing.assert_array_equal(degrade(flat, "quantised"), flat)
 
 
-@pytest.mark.parametrize("name", CORRUPTIONS)
+@pytest.mark.parametrize("name", DEGRADATIONS)
 def test_defocus_may_be_given_in_place_of_disparity(name):
     """Defocus is ``blur * (disparity - focus)``; the sky has disparity 0."""
     disparity = np.random.default_rng(2).random((30, 40)).astype(np.float32)
     disparity[:10] = 0
     before = disparity.copy()
-    got = corrupt(32 * (disparity - 0.5), name)
-    np.testing.assert_allclose(got, 32 * (corrupt(disparity, name) - 0.5), atol=2e-5)
+    got = degrade(32 * (disparity - 0.5), name)
+    np.testing.assert_allclose(got, 32 * (degrade(disparity, name) - 0.5), atol=2e-5)
     assert got.dtype == np.float32
     np.testing.assert_array_equal(disparity, before)
 
 
 def test_names_are_known():
-    assert set(CORRUPTED) < set(CORRUPTIONS)
-    np.testing.assert_array_equal(corrupt(STEP, "clean"), STEP)
+    assert set(DEGRADED) < set(DEGRADATIONS)
+    np.testing.assert_array_equal(degrade(STEP, "clean"), STEP)
     with pytest.raises(ParameterError, match="expected one of blurred, clean"):
-        corrupt(STEP, "shifted")
+        degrade(STEP, "shifted")

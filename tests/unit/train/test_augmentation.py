@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from train.spoil import spoil_disparity
+from train.augmentation import augment_disparity
 
 
 def blocks(seed: int) -> np.ndarray:
@@ -15,16 +15,16 @@ def blocks(seed: int) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(12))
 def test_it_stays_in_the_range_of_the_true_one_and_differs(seed):
     disparity = blocks(seed)
-    spoilt = spoil_disparity(disparity, np.random.default_rng(seed))
-    assert spoilt.shape == disparity.shape
-    assert spoilt.dtype == np.float32
-    assert spoilt.min() >= disparity.min() - 0.002  # half a step of eight bits
-    assert spoilt.max() <= disparity.max() + 0.002
-    assert np.abs(spoilt - disparity).max() > 0.01
+    augmented = augment_disparity(disparity, np.random.default_rng(seed))
+    assert augmented.shape == disparity.shape
+    assert augmented.dtype == np.float32
+    assert augmented.min() >= disparity.min() - 0.002  # half a step of eight bits
+    assert augmented.max() <= disparity.max() + 0.002
+    assert np.abs(augmented - disparity).max() > 0.01
 
 
 def test_the_same_generator_spoils_alike():
-    first, second = (spoil_disparity(blocks(0), np.random.default_rng(5)) for _ in range(2))
+    first, second = (augment_disparity(blocks(0), np.random.default_rng(5)) for _ in range(2))
     assert_array_equal(first, second)
 
 
@@ -33,5 +33,5 @@ def test_edges_move_by_pixels_and_no_farther():
     disparity = np.zeros((96, 96), np.float32)
     disparity[:24, :24] = 1
     for seed in range(20):
-        spoilt = spoil_disparity(disparity, np.random.default_rng(seed))
-        assert np.abs(spoilt[72:, 72:]).max() < 0.01
+        augmented = augment_disparity(disparity, np.random.default_rng(seed))
+        assert np.abs(augmented[72:, 72:]).max() < 0.01

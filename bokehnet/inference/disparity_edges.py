@@ -4,7 +4,7 @@ import numpy as np
 
 from bokehnet.io.banded import cut_bands, make_in_bands
 
-__all__ = ["STEP", "extremes", "share_of_soft_steps", "sharpen_steps", "with_halo"]
+__all__ = ["STEP", "extremes", "repair_soft_edges", "soft_edge_fraction", "with_halo"]
 
 # A span of the map's values, as a share of the whole map's, that makes a step.
 STEP = 0.05
@@ -43,7 +43,7 @@ def with_halo(rows: slice, halo: int) -> tuple[slice, slice]:
     return slice(top, rows.stop + halo), slice(rows.start - top, rows.stop - top)
 
 
-def share_of_soft_steps(disparity: np.ndarray) -> float:
+def soft_edge_fraction(disparity: np.ndarray) -> float:
     """How many of the pixels at steps stand between the two sides: 0 = all steps are sharp.
 
     Args:
@@ -60,7 +60,7 @@ def share_of_soft_steps(disparity: np.ndarray) -> float:
     return soft / max(all_steps, 1)
 
 
-def sharpen_steps(disparity: np.ndarray) -> np.ndarray:
+def repair_soft_edges(disparity: np.ndarray) -> np.ndarray:
     """Return the map (H, W) with soft steps made sharp where they pass the middle between both sides.
 
     Source:

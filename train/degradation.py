@@ -5,17 +5,17 @@ from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from bokehnet.checks import check_choice
 
-__all__ = ["CORRUPTED", "CORRUPTIONS", "EDGE_SHIFT", "corrupt"]
+__all__ = ["DEGRADATIONS", "DEGRADED", "EDGE_SHIFT", "degrade"]
 
-CORRUPTIONS = ("clean", "blurred", "eroded", "dilated", "quantised")
-CORRUPTED = ("blurred", "eroded", "dilated")  # their mean is told as "corrupted"
+DEGRADATIONS = ("clean", "blurred", "eroded", "dilated", "quantised")
+DEGRADED = ("blurred", "eroded", "dilated")  # their mean is told as "degraded"
 EDGE_SHIFT = 2  # a window of five pixels
 
 _SIGMA = 3.0
 _LEVELS = 256
 
 
-def corrupt(disparity: np.ndarray, name: str, edge_shift: int = EDGE_SHIFT) -> np.ndarray:
+def degrade(disparity: np.ndarray, name: str, edge_shift: int = EDGE_SHIFT) -> np.ndarray:
     """Return a copy of ``disparity`` that is wrong in one way.
 
     - ``clean``: as it is.
@@ -29,7 +29,7 @@ def corrupt(disparity: np.ndarray, name: str, edge_shift: int = EDGE_SHIFT) -> n
 
     Args:
         disparity: Near is large, any scale, (H, W).
-        name: One of ``CORRUPTIONS``.
+        name: One of ``DEGRADATIONS``.
         edge_shift: Pixels by which edges move; the window's side is ``2 * edge_shift + 1``.
 
     Returns:
@@ -38,7 +38,7 @@ def corrupt(disparity: np.ndarray, name: str, edge_shift: int = EDGE_SHIFT) -> n
     Raises:
         ParameterError: Unknown name.
     """
-    check_choice("corruption", name, CORRUPTIONS)
+    check_choice("degradation", name, DEGRADATIONS)
     side = 2 * edge_shift + 1
     if name == "blurred":
         changed = gaussian_filter(disparity, _SIGMA, mode="nearest")
