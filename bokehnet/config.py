@@ -34,6 +34,7 @@ Config = TypeVar("Config")
 OLD_KEYS = {
     "see_hints": "see_features",
     "spoilt": "augmented",
+    "things": "objects",
     "unit": "network_max_radius",
 }
 

@@ -35,14 +35,14 @@ class Strip:
         first: Row of the picture at which the arrays begin; a multiple of ``ALIGNED``.
         last: Row at which they end.
         height: Rows of the whole picture.
-        reach: Its largest blur radius, rounded up to whole pixels.
+        max_coc_radius: Its largest blur radius, rounded up to whole pixels.
         wanted: Rows of the arrays whose result is asked for; the others are there to be looked at.
     """
 
     first: int
     last: int
     height: int
-    reach: int
+    max_coc_radius: int
     wanted: slice
 
 
@@ -144,7 +144,7 @@ def make_classical(name: str) -> ClassicalRenderer:
 
 
 def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Check a picture and its defocus map at a public API; both come back contiguous.
+    """Check a picture and its defocus map at the public API; both come back contiguous.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.

@@ -147,15 +147,15 @@ def _render(
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     largest = _LARGEST * max(size)
     defocus = np.clip(defocus, -largest, largest)
-    radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.reach
+    radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.max_coc_radius
     above = 0 if strip is None else strip.first
     error_map = rays_weight = geometric_error_map(defocus, boundary_threshold(size))
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
-    lens, reach, footprint = None, radius, (1.0, 0.0)
+    lens, ray_reach, footprint = None, radius, (1.0, 0.0)
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, size[1], size[0], points[0].size, above=above, rows=len(defocus))
-        footprint, reach = lens.footprint, lens.reach(radius)
+        footprint, ray_reach = lens.footprint, lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
     rays_mask = rays_weight > 0
@@ -169,8 +169,8 @@ def _render(
             disocclusion_weight=np.zeros_like(error_map),
         )
     faintest = 0.0 if lens is None else _FAINTEST
-    stack = layers or split_layers(image, defocus, reach)
-    rest, lights = separate_lights(stack, reach, faintest, overwrite=layers is None)
+    stack = layers or split_layers(image, defocus, ray_reach)
+    rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)

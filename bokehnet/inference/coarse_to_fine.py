@@ -116,12 +116,12 @@ class CoarseInput:
     Args:
         height: Of the picture.
         width: Of the picture.
-        reach: Its largest blur radius, pixels.
+        max_coc_radius: Its largest blur radius, pixels.
         network_max_radius: Largest radius that ARNet was trained for.
     """
 
-    def __init__(self, height: int, width: int, reach: float, network_max_radius: float) -> None:
-        self.halvings = count_halvings(reach, network_max_radius)
+    def __init__(self, height: int, width: int, max_coc_radius: float, network_max_radius: float) -> None:
+        self.halvings = count_halvings(max_coc_radius, network_max_radius)
         self._factor = 2**self.halvings
         self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
         self._height = height

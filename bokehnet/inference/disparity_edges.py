@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bokehnet.io.banded import cut_bands, make_in_bands
+from bokehnet.io.row_blocks import cut_row_blocks, make_in_row_blocks
 
 __all__ = ["STEP", "extremes", "repair_soft_edges", "soft_edge_fraction", "with_halo"]
 
@@ -50,7 +50,7 @@ def soft_edge_fraction(disparity: np.ndarray) -> float:
         disparity: (H, W), any unit.
     """
     least, soft, all_steps = STEP * np.ptp(disparity), 0, 0
-    for rows in cut_bands(disparity.shape):
+    for rows in cut_row_blocks(disparity.shape):
         window, inner = with_halo(rows, 2)
         low, high = (x[inner] for x in extremes(disparity[window], 2))
         width, own = high - low, disparity[rows]
@@ -78,4 +78,4 @@ def repair_soft_edges(disparity: np.ndarray) -> np.ndarray:
             sharp = np.where(high - low > least, nearer, sharp)
         return sharp[inner]
 
-    return make_in_bands(make, disparity.shape, np.float32)
+    return make_in_row_blocks(make, disparity.shape, np.float32)

@@ -10,7 +10,7 @@ from bokehnet.checks import check_choice, check_image, check_map, check_same_siz
 from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, soft_edge_fraction
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges
 from bokehnet.inference.session import WEIGHTS, load_network
-from bokehnet.io.banded import make_in_bands
+from bokehnet.io.row_blocks import make_in_row_blocks
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = ["REPAIR_MODES", "DisparityRepair", "misplaced_edge_fraction"]
@@ -28,7 +28,7 @@ _HALO = 112
 _TILE = 1248
 
 # Rows looked at together where the whole map is looked through.
-_BAND = 1024
+_BLOCK_ROWS = 1024
 
 # Pictures with longer sides are repaired at half their size first: their maps are off by more pixels.
 _LARGEST_SIDE = 1024
@@ -72,10 +72,10 @@ def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> t
     """Pixels near steps of at least ``least``, and how many of them changed by over a quarter of theirs."""
     spans = _step_sizes(pad_to_multiple(disparity, _BLOCK))
     near = moved = 0
-    for top in range(0, len(disparity), _BAND):
-        rows = slice(top, top + _BAND)
+    for top in range(0, len(disparity), _BLOCK_ROWS):
+        rows = slice(top, top + _BLOCK_ROWS)
         was, now = disparity[rows], repaired[rows]
-        blocks = spans[top // _BLOCK : (top + _BAND) // _BLOCK]
+        blocks = spans[top // _BLOCK : (top + _BLOCK_ROWS) // _BLOCK]
         steps = np.kron(blocks, np.ones((_BLOCK, _BLOCK), np.float32))[: len(was), : was.shape[1]]
         at_steps = steps > least
         near += int(at_steps.sum())
@@ -200,7 +200,7 @@ def _half(image: np.ndarray) -> np.ndarray:
     def make(rows: slice) -> np.ndarray:
         return downsample2(pad_to_multiple(image[:, 2 * rows.start : 2 * rows.stop], 2)).transpose(1, 2, 0)
 
-    return make_in_bands(make, (height, width, 3), np.float32).transpose(2, 0, 1)
+    return make_in_row_blocks(make, (height, width, 3), np.float32).transpose(2, 0, 1)
 
 
 def _with_moved(
@@ -226,7 +226,7 @@ def _with_moved(
         found = found or bool(here.any())
         return np.where(here, coarse, disparity[rows])
 
-    joined = make_in_bands(make, disparity.shape, np.float32)
+    joined = make_in_row_blocks(make, disparity.shape, np.float32)
     # What moved comes from the smaller map, and is as soft as that.
     return repair_soft_edges(joined) if found else joined
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from bokehnet.inference.disparity_edges import extremes, with_halo
-from bokehnet.io.banded import make_in_bands
+from bokehnet.io.row_blocks import make_in_row_blocks
 
 __all__ = ["busiest_windows", "find_edge_bias", "shift_edges"]
 
@@ -38,7 +38,7 @@ def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
         window, inner = with_halo(rows, radius)
         return extremes(disparity[window], radius)[pixels > 0][inner]
 
-    return make_in_bands(make, disparity.shape, np.float32)
+    return make_in_row_blocks(make, disparity.shape, np.float32)
 
 
 def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int:

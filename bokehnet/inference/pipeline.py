@@ -21,9 +21,9 @@ from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.coarse_to_fine import CoarseInput
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.inference.strips import Gathered, cut_strips
+from bokehnet.inference.strips import StripAccumulator, cut_strips
 from bokehnet.inference.tiling import refine_in_tiles
-from bokehnet.io.banded import in_bands
+from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
@@ -63,7 +63,7 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
-def _reach(defocus: np.ndarray) -> float:
+def _max_coc_radius(defocus: np.ndarray) -> float:
     """Largest blur radius, pixels."""
     return max(float(defocus.max()), -float(defocus.min()))
 
@@ -180,7 +180,7 @@ class BokehRenderer:
                 f"use --engine {self._classical_name}"
             )
         if highlights is not None:
-            image = in_bands(highlights.expand, image, out=over)
+            image = in_row_blocks(highlights.expand, image, out=over)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         strips = [None] if max_memory is None else self._cut(defocus, max_memory, memory_taken)
         if len(strips) > 1:
@@ -190,15 +190,15 @@ class BokehRenderer:
     def _cut(self, defocus: np.ndarray, memory: int, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
         height, width = defocus.shape
-        reach = math.ceil(_reach(defocus))
+        max_coc_radius = math.ceil(_max_coc_radius(defocus))
         crossed = None
         if self._classical_name == "rays" and not self.lens_response.is_plain:
             from bokehnet.classical.layered.aberrated_rays import lens_table
             from bokehnet.classical.simd.float8 import LANES
 
-            crossed = lens_table(self.lens_response, width, height, LANES, rows=0).reach(reach)
+            crossed = lens_table(self.lens_response, width, height, LANES, rows=0).reach(max_coc_radius)
         strips: list[Strip | None] = [
-            *cut_strips(height, width, reach, self._classical_name, memory, taken, crossed)
+            *cut_strips(height, width, max_coc_radius, self._classical_name, memory, taken, crossed)
         ]
         if len(strips) <= 1:
             return [None]
@@ -222,7 +222,7 @@ class BokehRenderer:
             result = self._render_coarse_to_fine(image, defocus, classical)
         else:
             height, width = defocus.shape
-            small = CoarseInput(height, width, _reach(defocus), self._networks.network_max_radius)
+            small = CoarseInput(height, width, _max_coc_radius(defocus), self._networks.network_max_radius)
             small.add(0, image, defocus, classical)
             correction = small.correct(self._networks.arnet, self._networks.max_valid_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
@@ -243,13 +243,13 @@ class BokehRenderer:
     ) -> RenderResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
-        results = [Gathered(array, overwrite) for array in (image, defocus)]
+        results = [StripAccumulator(array, overwrite) for array in (image, defocus)]
         bokeh, error_map = (result.array for result in results)
         height, width = defocus.shape
         small = (
             None
             if networks is None
-            else CoarseInput(height, width, _reach(defocus), networks.network_max_radius)
+            else CoarseInput(height, width, _max_coc_radius(defocus), networks.network_max_radius)
         )
         steps = len(strips) + (networks is not None)
         for done, strip in enumerate(strips):
@@ -311,7 +311,7 @@ class BokehRenderer:
 
 
 def _from_disparity(disparity: np.ndarray | None, blur: float | None, focus: float | None) -> np.ndarray:
-    """Defocus of a disparity map at a public door."""
+    """Defocus of a disparity map at the public API."""
     missing = [
         name for name, value in (("disparity", disparity), ("blur", blur), ("focus", focus)) if value is None
     ]

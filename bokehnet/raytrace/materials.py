@@ -28,7 +28,7 @@ class Material:
     Attributes:
         color: Share of light that is scattered evenly, scene-linear RGB.
         specular: Share of light that is reflected by the glossy lobe, as metals do: at all angles alike.
-        roughness: Width of the lobe, 0.001 to 1; small is like a mirror (:mod:`bokehnet.raytrace.gloss`).
+        roughness: Width of the lobe, 0.001 to 1; small is like a mirror (:mod:`bokehnet.raytrace.ggx`).
         emission: Radiance that the surface gives off.
         texture: Scene-linear RGB times alpha, and alpha, (4, Ht, Wt); multiplies ``color`` and
             ``emission``. Light passes where alpha is below 1. Interpolated linearly, the texture ends at

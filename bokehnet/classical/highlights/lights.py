@@ -42,7 +42,7 @@ _FLOATS = 16_000_000
 
 
 def separate_lights(
-    layers: Layers, reach: int | None = None, faintest: float = 0.0, *, overwrite: bool = False
+    layers: Layers, max_coc_radius: int | None = None, faintest: float = 0.0, *, overwrite: bool = False
 ) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
@@ -53,7 +53,8 @@ def separate_lights(
 
     Args:
         layers: As split from a picture, or true ones.
-        reach: Half-width in pixels of the window that a light outshines; default: the largest radius.
+        max_coc_radius: Half-width in pixels of the window that a light outshines; default: the largest
+            radius.
         faintest: Energy, over the blur radius in pixels, that is left in the picture of each light as it will
             be gathered. What rays that find a light by chance add in noise grows with that ratio.
         overwrite: Whether the lights may be taken out of the colours of ``layers`` itself.
@@ -64,9 +65,9 @@ def separate_lights(
         their energy, their centre and their variance along either axis; of one pixel it is 1 wide and high.
         If more than a twentieth of the pixels are lights, the limit is raised until they are not.
     """
-    if reach is None:
-        reach = math.ceil(float(np.abs(layers.defocus).max()))
-    limit = light_limit(layers.colors[:, :, 0], reach)
+    if max_coc_radius is None:
+        max_coc_radius = math.ceil(float(np.abs(layers.defocus).max()))
+    limit = light_limit(layers.colors[:, :, 0], max_coc_radius)
     places, lights = [], []
     transmittance: np.ndarray = np.ones(limit.shape, np.float32)
     for layer in range(layers.defocus.shape[2]):

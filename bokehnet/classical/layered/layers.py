@@ -183,7 +183,7 @@ def _split_mixed(image, defocus, sides, colors, depths, coverage):  # type: igno
                     colors[y, x, 1, c] = max(0.0, (image[y, x, c] - share * front[c]) / (1.0 - share))
 
 
-def split_layers(image: np.ndarray, defocus: np.ndarray, reach: int | None = None) -> Layers:
+def split_layers(image: np.ndarray, defocus: np.ndarray, max_coc_radius: int | None = None) -> Layers:
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened
@@ -196,7 +196,7 @@ def split_layers(image: np.ndarray, defocus: np.ndarray, reach: int | None = Non
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        reach: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
+        max_coc_radius: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -206,7 +206,7 @@ def split_layers(image: np.ndarray, defocus: np.ndarray, reach: int | None = Non
         np.asarray(image, np.float32),
         sharpen_discontinuities(np.ascontiguousarray(defocus, np.float32)),
     )
-    hidden, behind = occluded_background(image, sharp, reach)
+    hidden, behind = occluded_background(image, sharp, max_coc_radius)
     colors = np.empty((*sharp.shape, 2, 3), np.float32)
     depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
     sides = discontinuity_sides(sharp)

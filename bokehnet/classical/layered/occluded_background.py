@@ -102,7 +102,7 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
 
 
 def occluded_background(
-    image: np.ndarray, defocus: np.ndarray, reach: int | None = None
+    image: np.ndarray, defocus: np.ndarray, max_coc_radius: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
@@ -114,7 +114,8 @@ def occluded_background(
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        reach: Half-width in pixels of the surroundings that a light outshines; default: the largest radius.
+        max_coc_radius: Half-width in pixels of the surroundings that a light outshines; default: the largest
+            radius.
 
     Returns:
         Colours (H, W, 3) and defocus (H, W). Where nothing is hidden they equal the inputs.
@@ -128,7 +129,9 @@ def occluded_background(
     """
     image, defocus = check_inputs(image, defocus)
     colors, depths = image.copy(), defocus.copy()
-    limit = light_limit(image, math.ceil(float(np.abs(defocus).max())) if reach is None else reach)
+    limit = light_limit(
+        image, math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
+    )
     lights = brightest(image) > limit
     source = np.full(defocus.shape, -1, np.int64)  # the pixel that ends behind a depth discontinuity
     with parallel_region:

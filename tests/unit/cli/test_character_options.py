@@ -39,7 +39,9 @@ def assert_rendered_through(cli, words, defocus, pencil):
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image = read_image(words[1])
     plain = BokehRenderer("rays").render(image, defocus).bokeh
-    bokeh = BokehRenderer("rays", character=LensResponse(aberration_map=pencil)).render(image, defocus).bokeh
+    bokeh = (
+        BokehRenderer("rays", lens_response=LensResponse(aberration_map=pencil)).render(image, defocus).bokeh
+    )
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 

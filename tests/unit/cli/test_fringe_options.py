@@ -43,8 +43,8 @@ RAYS = [*WORDS, "--engine", "rays"]
                 "1,0.2,3",
             ],
             LensResponse(
-                fringes=ChromaticAberration(axial=5, axial_map=inversion),
-                light=WavelengthSampling(dispersion="rgb", equaliser=(1, 0.2, 3)),
+                chromatic_aberration=ChromaticAberration(axial=5, axial_map=inversion),
+                wavelength_sampling=WavelengthSampling(dispersion="rgb", equaliser=(1, 0.2, 3)),
             ),
         ),
     ],
@@ -56,7 +56,7 @@ def test_options_are_those_of_the_renderer(folder, cli, options, character):
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
     defocus = 9 * (disparity - np.float32(0.4))
     plain = BokehRenderer("rays").render(image, defocus).bokeh
-    bokeh = BokehRenderer("rays", character=character).render(image, defocus).bokeh
+    bokeh = BokehRenderer("rays", lens_response=character).render(image, defocus).bokeh
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 

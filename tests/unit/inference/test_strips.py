@@ -8,7 +8,7 @@ import pytest
 from bokehnet.classical.base import ALIGNED
 from bokehnet.errors import ParameterError
 from bokehnet.inference.pipeline import BokehRenderer
-from bokehnet.inference.strips import BYTES_PER_PIXEL, Gathered, cut_strips
+from bokehnet.inference.strips import BYTES_PER_PIXEL, StripAccumulator, cut_strips
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.lens_response import LensResponse
@@ -139,7 +139,7 @@ def test_memory_that_is_taken_counts():
 def test_rows_wait_until_no_later_strip_reads_them():
     """Three strips of 4 rows that read two rows more on either side."""
     read = np.arange(12.0)[:, None].repeat(2, 1)
-    gathered = Gathered(read, overwrite=True)
+    gathered = StripAccumulator(read, overwrite=True)
     for first, read_from in ((0, 2), (4, 6), (8, 12)):
         gathered.add(first, np.full((4, 2), -1.0 - first), read_from)
         assert (read[read_from:] == np.arange(12.0)[read_from:, None]).all()

@@ -1,4 +1,4 @@
-"""Formulas of single pixels applied a band of rows at a time, so that their working memory stays small."""
+"""Formulas of single pixels applied a block of rows at a time, so that their working memory stays small."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -8,29 +8,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cut_bands", "in_bands", "make_in_bands"]
+__all__ = ["cut_row_blocks", "in_row_blocks", "make_in_row_blocks"]
 
-# Values of a band: few enough to stay in the cache, enough to be worth a call.
+# Values of a block: few enough to stay in the cache, enough to be worth a call.
 _VALUES = 2**18
 
-# Threads at most, and bands from which on they are worth starting.
+# Threads at most, and blocks from which on they are worth starting.
 _WORTH_THREADS = 4
 
 
-def cut_bands(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Return the rows of an array (H, ...) in bands of some hundred thousand values."""
+def cut_row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
+    """Return the rows of an array (H, ...) in blocks of some hundred thousand values."""
     rows = max(1, _VALUES * shape[0] // max(1, int(np.prod(shape))))
     for top in range(0, shape[0], rows):
         yield slice(top, min(top + rows, shape[0]))
 
 
-def make_in_bands(
+def make_in_row_blocks(
     make: Callable[[slice], NDArray[Any]],
     shape: tuple[int, ...],
     dtype: Any,
     out: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
-    """Return an array that is made a band of rows at a time, by several threads.
+    """Return an array that is made a block of rows at a time, by several threads.
 
     Args:
         make: Gives some of the rows.
@@ -43,18 +43,18 @@ def make_in_bands(
     def fill(rows: slice) -> None:
         result[rows] = make(rows)
 
-    bands = [*cut_bands(shape)]
-    if len(bands) < _WORTH_THREADS:
-        for rows in bands:
+    blocks = [*cut_row_blocks(shape)]
+    if len(blocks) < _WORTH_THREADS:
+        for rows in blocks:
             fill(rows)
     else:
         with ThreadPoolExecutor(min(_WORTH_THREADS, os.cpu_count() or 1)) as pool:
-            for _ in pool.map(fill, bands):
+            for _ in pool.map(fill, blocks):
                 pass
     return result
 
 
-def in_bands(
+def in_row_blocks(
     formula: Callable[[NDArray[Any]], NDArray[Any]],
     values: NDArray[Any],
     dtype: Any = None,
@@ -69,4 +69,4 @@ def in_bands(
         dtype: Of the result; by default that of ``values``.
         out: Where the result goes, in place of a new array; it may be ``values``.
     """
-    return make_in_bands(lambda rows: formula(values[rows]), values.shape, dtype or values.dtype, out)
+    return make_in_row_blocks(lambda rows: formula(values[rows]), values.shape, dtype or values.dtype, out)

@@ -12,8 +12,8 @@ from bokehnet.raytrace import (
     render_bokeh,
     render_disparity,
 )
-from bokehnet.synth.baked import BakedScene, View, make_soup, pack
-from bokehnet.synth.patches import Patch
+from bokehnet.synth.baked_scene import BakedScene, View, make_soup, pack
+from bokehnet.synth.grid_mesh import GridMesh
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'bokehnet[trace]'")
 
@@ -41,9 +41,9 @@ def scenes():
     background = Background(texture=plane_texture(sky)[:3], half_extent=(0.3, 0.3))
     b, a = np.meshgrid(np.linspace(-1, 1, 4), np.linspace(-1, 1, 3), indexing="ij")
     points = centre + a[..., None] * u + b[..., None] * v
-    patch = Patch(points=points, uv=np.stack([b + 1, a + 1], -1) / 2, texture=0, open=True)
+    mesh = GridMesh(points=points, uv=np.stack([b + 1, a + 1], -1) / 2, texture=0, open=True)
     baked = BakedScene(
-        soup=make_soup([patch], 1.0),
+        soup=make_soup([mesh], 1.0),
         albedo=pack([card]),
         light=pack([np.full((2, 3, 3), 0.5)]),
         texture=np.zeros(1, np.int64),
@@ -106,6 +106,6 @@ def test_triangles_that_reach_too_near_are_left_out():
     points = np.array(
         [[[0, 0, 50], [1, 0, 50]], [[0, 1, 200], [1, 1, 200]], [[0, 2, 300], [1, 2, 300]]], float
     )
-    patch = Patch(points=points, uv=np.zeros((3, 2, 2)), texture=0)
-    assert len(make_soup([patch], 100.0).patch) == 2
-    assert len(make_soup([patch], 10.0).patch) == 4
+    mesh = GridMesh(points=points, uv=np.zeros((3, 2, 2)), texture=0)
+    assert len(make_soup([mesh], 100.0).mesh) == 2
+    assert len(make_soup([mesh], 10.0).mesh) == 4

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from bokehnet.synth.baked import make_soup
-from bokehnet.synth.baking import KeyLight, Lighting, bake, place_grid
-from bokehnet.synth.patches import Patch, plate
+from bokehnet.synth.baked_lighting import KeyLight, Lighting, bake, place_grid
+from bokehnet.synth.baked_scene import make_soup
+from bokehnet.synth.grid_mesh import GridMesh, plate
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'bokehnet[trace]'")
 
@@ -59,5 +59,5 @@ def test_places_are_as_dense_as_asked_for_and_open_sheets_are_lit_on_the_side_th
     assert steps.max() == pytest.approx(0.01, rel=0.05)
     assert (normals[..., 2] < -0.999).all()
     assert place_grid(sheet, 0.001, 30)[0].shape == (30, 30, 3)
-    turned = Patch(points=sheet.points[::-1], uv=sheet.uv, texture=0, open=False)
+    turned = GridMesh(points=sheet.points[::-1], uv=sheet.uv, texture=0, open=False)
     assert (place_grid(turned, 0.01, 10)[1][..., 2] > 0).any() != (normals[..., 2] > 0).any()

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.optics.sampling import halton, rotate_points
-from bokehnet.synth.patches import Patch
+from bokehnet.synth.grid_mesh import GridMesh
 
 __all__ = ["KeyLight", "Lighting", "bake", "place_grid"]
 
@@ -52,15 +52,15 @@ class Lighting:
     up: np.ndarray
 
 
-def place_grid(patch: Patch, spacing: float, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places (h, w, 3) spread evenly over the grid of a patch, and normals there.
+def place_grid(mesh: GridMesh, spacing: float, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places (h, w, 3) spread evenly over the grid of a mesh, and normals there.
 
     Args:
-        patch: In the space of the camera, which is in its origin.
+        mesh: In the space of the camera, which is in its origin.
         spacing: Wanted distance between neighbours over that from the camera.
         most: Largest number along a side.
     """
-    points = patch.points
+    points = mesh.points
     near = np.maximum(np.linalg.norm(points, axis=-1), 1e-12)
     counts = []
     for axis in (0, 1):
@@ -72,9 +72,9 @@ def place_grid(patch: Patch, spacing: float, most: int) -> tuple[np.ndarray, np.
         np.linspace(0, size - 1, count) for size, count in zip(points.shape, counts, strict=False)
     )
     inset = [np.clip(place, 0.02, place[-1] - 0.02) for place in (rows, columns)]
-    places, normals = (_between(values, *inset) for values in (points, patch.normals))
+    places, normals = (_between(values, *inset) for values in (points, mesh.normals))
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
-    if patch.open:  # the side that the camera sees
+    if mesh.open:  # the side that the camera sees
         normals *= np.where((normals * places).sum(-1, keepdims=True) > 0, -1.0, 1.0)
     return places, normals
 

@@ -36,12 +36,12 @@ def mean_colours(
         second: Share of its third corner, (P, S).
         slope: Of each ray, (P, S, 2).
         weight: Of each ray, (P, S).
-        corners: "uv", "grid" and "patch" of ``Soup``.
-        surfaces: Textures and their table, lights and their table, and the texture of each patch.
+        corners: "uv", "grid" and "mesh" of ``Soup``.
+        surfaces: Textures and their table, lights and their table, and the texture of each mesh.
         sky: (h, w, 3).
         sky_half: Half width and half height of the sky, slopes.
     """
-    uv, grid, patch = corners
+    uv, grid, mesh = corners
     albedo, albedo_table, light, light_table, texture = surfaces
     pixels, samples = triangle.shape
     result = np.empty((pixels, 3), np.float32)
@@ -64,7 +64,7 @@ def mean_colours(
                 continue
             v, u = first[p, s], second[p, s]
             r = 1.0 - v - u
-            body = patch[t]
+            body = mesh[t]
             start, rows, columns = albedo_table[texture[body]]
             y = r * uv[t, 0, 0] + v * uv[t, 1, 0] + u * uv[t, 2, 0]
             x = r * uv[t, 0, 1] + v * uv[t, 1, 1] + u * uv[t, 2, 1]

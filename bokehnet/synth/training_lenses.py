@@ -10,13 +10,13 @@ from bokehnet.checks import Array
 from bokehnet.errors import LensError
 from bokehnet.lenses import PrescriptionLens, Rays, TransferLens, load_lens
 
-__all__ = ["GlassLens", "covered_slope", "make_glass"]
+__all__ = ["TrainingLens", "covered_slope", "make_training_lens"]
 
 _PLACES = 65
 
 
 @dataclass(frozen=True, kw_only=True)
-class GlassLens:
+class TrainingLens:
     """A lens of real glass behind which straight lines are straight; a ``LensModel``.
 
     Each pixel is moved to where the lens images what a pinhole in its entrance pupil would show there, so
@@ -80,9 +80,9 @@ def covered_slope(name: str) -> float:
     return float(lens.prescription.image_radius / lens.focal_length)
 
 
-def make_glass(
+def make_training_lens(
     name: str, pupil_radius: float, focus_distance: float, stops: float, sensor_distance: float
-) -> GlassLens:
+) -> TrainingLens:
     """Enlarge a lens of the catalog until its pupil fits.
 
     Args:
@@ -90,7 +90,7 @@ def make_glass(
         pupil_radius: Of the entrance pupil, mm.
         focus_distance: From the entrance pupil, mm; may be infinite.
         stops: How far its iris is closed; 0 is fully open.
-        sensor_distance: See :class:`GlassLens`.
+        sensor_distance: See :class:`TrainingLens`.
 
     Raises:
         LensError: There is no such lens, or it cannot focus so near.
@@ -103,4 +103,4 @@ def make_glass(
     lens = TransferLens(
         prescription=design.prescription, f_number=f_number, focus_distance=focus_distance / scale
     )
-    return GlassLens(lens=lens, scale=scale, sensor_distance=sensor_distance)
+    return TrainingLens(lens=lens, scale=scale, sensor_distance=sensor_distance)

@@ -13,8 +13,8 @@ import numpy as np
 from bokehnet.checks import require_extra
 from bokehnet.lenses import LensModel, Rays
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
-from bokehnet.synth.look_up import mean_colours
-from bokehnet.synth.patches import Patch
+from bokehnet.synth.grid_mesh import GridMesh
+from bokehnet.synth.texture_lookup import mean_colours
 
 __all__ = ["BakedScene", "Soup", "View", "make_soup", "pack"]
 
@@ -24,23 +24,23 @@ _RAYS = 1 << 15
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Soup:
-    """Triangles of all patches, with Embree's tree over them.
+    """Triangles of all meshes, with Embree's tree over them.
 
     Attributes:
         tree: Finds the triangle that a ray meets.
-        uv: Of the three corners, (T, 3, 2), in the texture of the patch.
-        grid: The same in the patch's grid of light, [0, 1].
-        patch: Whose triangle it is, (T,) int32.
+        uv: Of the three corners, (T, 3, 2), in the texture of the mesh.
+        grid: The same in the mesh's grid of light, [0, 1].
+        mesh: Whose triangle it is, (T,) int32.
     """
 
     tree: Any
     uv: np.ndarray
     grid: np.ndarray
-    patch: np.ndarray
+    mesh: np.ndarray
 
 
-def make_soup(patches: Sequence[Patch], nearest: float) -> Soup:
-    """Cut patches into triangles; those that reach nearer than depth ``nearest`` are left out.
+def make_soup(meshes: Sequence[GridMesh], nearest: float) -> Soup:
+    """Cut meshes into triangles; those that reach nearer than depth ``nearest`` are left out.
 
     Raises:
         MissingExtraError: Embree is not installed.
@@ -51,9 +51,9 @@ def make_soup(patches: Sequence[Patch], nearest: float) -> Soup:
 
     parts: list[list[np.ndarray]] = [[], [], []]
     owner = []
-    for number, patch in enumerate(patches):
-        place = np.stack(np.meshgrid(*(np.linspace(0, 1, n) for n in patch.uv.shape[:2]), indexing="ij"), -1)
-        cells = [_triangles(values) for values in (patch.points, patch.uv, place)]
+    for number, mesh in enumerate(meshes):
+        place = np.stack(np.meshgrid(*(np.linspace(0, 1, n) for n in mesh.uv.shape[:2]), indexing="ij"), -1)
+        cells = [_triangles(values) for values in (mesh.points, mesh.uv, place)]
         seen = cells[0][..., 2].min(1) > nearest
         for whole, part in zip(parts, cells, strict=True):
             whole.append(part[seen].astype(np.float32))
@@ -62,7 +62,7 @@ def make_soup(patches: Sequence[Patch], nearest: float) -> Soup:
     vertices = corners.reshape(-1, 3)
     tree = rtcore_scene.EmbreeScene()
     TriangleMesh(tree, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
-    return Soup(tree=tree, uv=uv, grid=grid, patch=np.concatenate(owner))
+    return Soup(tree=tree, uv=uv, grid=grid, mesh=np.concatenate(owner))
 
 
 def _triangles(values: np.ndarray) -> np.ndarray:
@@ -106,8 +106,8 @@ class BakedScene:
     Attributes:
         soup: Geometry.
         albedo: All textures, packed.
-        light: Light on all patches, packed.
-        texture: Which texture each patch shows, (patches,) int64.
+        light: Light on all meshes, packed.
+        texture: Which texture each mesh shows, (meshes,) int64.
         sky: What rays see that meet nothing, (h, w, 3); endless by mirroring.
         sky_half: Half width and half height of that picture as slopes.
     """
@@ -154,7 +154,7 @@ class BakedScene:
             found["v"].reshape(weight.shape),
             slope,
             weight.astype(np.float32),
-            (self.soup.uv, self.soup.grid, self.soup.patch),
+            (self.soup.uv, self.soup.grid, self.soup.mesh),
             (*self.albedo, *self.light, self.texture),
             self.sky,
             np.array(self.sky_half, np.float32),

@@ -6,10 +6,10 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["in_bands"]
+__all__ = ["in_row_blocks"]
 
 
-def in_bands(formula: Callable[[slice], Array], like: Array, rows: int) -> Array:
+def in_row_blocks(formula: Callable[[slice], Array], like: Array, rows: int) -> Array:
     """Return the picture (..., H, W, C) that ``formula`` gives for its rows, a slice with both ends.
 
     Args:
@@ -23,6 +23,6 @@ def in_bands(formula: Callable[[slice], Array], like: Array, rows: int) -> Array
         return formula(slice(0, height))
     result = np.empty(like.shape, like.dtype)
     for top in range(0, height, rows):
-        band = slice(top, min(top + rows, height))
-        result[..., band, :, :] = formula(band)
+        block = slice(top, min(top + rows, height))
+        result[..., block, :, :] = formula(block)
     return result

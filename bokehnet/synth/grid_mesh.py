@@ -1,7 +1,7 @@
 """Surfaces as bent grids: everything that stands in a cluttered scene is made of them.
 
-Axes are x to the right, y down, z away; things stand on y = 0 and so reach to negative y. The grids
-of closed things run so that the step from row to row crossed with that from column to column points
+Axes are x to the right, y down, z away; objects stand on y = 0 and so reach to negative y. The grids
+of closed objects run so that the step from row to row crossed with that from column to column points
 outwards.
 """
 
@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["Patch", "box", "lathe", "moved", "plate", "revolve", "ribbon", "tube"]
+__all__ = ["GridMesh", "box", "lathe", "moved", "plate", "revolve", "ribbon", "tube"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Patch:
+class GridMesh:
     """A grid of points with straight edges between them.
 
     Attributes:
@@ -54,15 +54,17 @@ def plate(
     uv_size: tuple[float, float] = (1.0, 1.0),
     cells: tuple[int, int] = (1, 1),
     open: bool = True,
-) -> Patch:
+) -> GridMesh:
     """A parallelogram: from ``corner``, a row of the grid lies along ``along_rows``."""
     v, u = np.meshgrid(*(np.linspace(0, 1, count + 1) for count in cells), indexing="ij")
     across, down = np.asarray(along_rows, float), np.asarray(along_columns, float)
     points = np.asarray(corner, float) + u[..., None] * across + v[..., None] * down
-    return Patch(points=points, uv=np.stack([v * uv_size[0], u * uv_size[1]], -1), texture=texture, open=open)
+    return GridMesh(
+        points=points, uv=np.stack([v * uv_size[0], u * uv_size[1]], -1), texture=texture, open=open
+    )
 
 
-def box(size: Sequence[float] | np.ndarray, texture: int, below: bool = False) -> list[Patch]:
+def box(size: Sequence[float] | np.ndarray, texture: int, below: bool = False) -> list[GridMesh]:
     """A box of ``size`` (x, y, z) that stands on y = 0, and on nothing if it also has a side ``below``."""
     x, y, z = size
     largest = max(size)
@@ -83,7 +85,7 @@ def box(size: Sequence[float] | np.ndarray, texture: int, below: bool = False) -
     ]
 
 
-def revolve(profile: np.ndarray, texture: int, around: int = 24, uv_around: float = 2.0) -> Patch:
+def revolve(profile: np.ndarray, texture: int, around: int = 24, uv_around: float = 2.0) -> GridMesh:
     """Turn a line of (radius, height) points (K, 2), from the top down, about the axis x = z = 0."""
     angle = np.linspace(0, 2 * np.pi, around + 1)
     radius, height = profile[:, :1], profile[:, 1:]
@@ -95,10 +97,10 @@ def revolve(profile: np.ndarray, texture: int, around: int = 24, uv_around: floa
         ],
         -1,
     )
-    return Patch(points=points, uv=_grid_uv(len(profile), around + 1, 1.0, uv_around), texture=texture)
+    return GridMesh(points=points, uv=_grid_uv(len(profile), around + 1, 1.0, uv_around), texture=texture)
 
 
-def lathe(profile: np.ndarray, texture: int, around: int = 24) -> list[Patch]:
+def lathe(profile: np.ndarray, texture: int, around: int = 24) -> list[GridMesh]:
     """As :func:`revolve`, with a flat lid where the line does not start on the axis."""
     side = revolve(profile, texture, around)
     if profile[0, 0] == 0:
@@ -107,7 +109,7 @@ def lathe(profile: np.ndarray, texture: int, around: int = 24) -> list[Patch]:
     return [side, revolve(lid, texture, around, 1.0)]
 
 
-def tube(path: np.ndarray, radii: np.ndarray, texture: int, sides: int = 6) -> Patch:
+def tube(path: np.ndarray, radii: np.ndarray, texture: int, sides: int = 6) -> GridMesh:
     """A rope of round section about the line ``path`` (K, 3), of ``radii`` (K,)."""
     tangent = np.gradient(path, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-30)
@@ -123,21 +125,23 @@ def tube(path: np.ndarray, radii: np.ndarray, texture: int, sides: int = 6) -> P
     points = path[:, None] + radii[:, None, None] * ring
     length = np.linalg.norm(np.diff(path, axis=0), axis=-1).sum()
     reach = max(1.0, length / max(2 * np.pi * float(radii.max()), 1e-30) / 4)
-    return Patch(points=points, uv=_grid_uv(len(path), sides + 1, min(reach, 4.0), 1.0), texture=texture)
+    return GridMesh(points=points, uv=_grid_uv(len(path), sides + 1, min(reach, 4.0), 1.0), texture=texture)
 
 
-def ribbon(path: np.ndarray, halves: np.ndarray, texture: int) -> Patch:
+def ribbon(path: np.ndarray, halves: np.ndarray, texture: int) -> GridMesh:
     """A strip along ``path`` (K, 3) that reaches ``halves`` (K, 3) to both sides of it."""
     points = np.stack([path - halves, path, path + halves], 1)
-    return Patch(points=points, uv=_grid_uv(len(path), 3, 1.0, 0.5), texture=texture, open=True)
+    return GridMesh(points=points, uv=_grid_uv(len(path), 3, 1.0, 0.5), texture=texture, open=True)
 
 
 def moved(
-    patches: Sequence[Patch], turn: np.ndarray | None = None, shift: Sequence[float] | np.ndarray = (0, 0, 0)
-) -> list[Patch]:
+    meshes: Sequence[GridMesh],
+    turn: np.ndarray | None = None,
+    shift: Sequence[float] | np.ndarray = (0, 0, 0),
+) -> list[GridMesh]:
     """Turn by a matrix (3, 3), which may scale, then shift."""
     matrix = np.eye(3) if turn is None else turn
-    return [replace(patch, points=patch.points @ matrix.T + np.asarray(shift, float)) for patch in patches]
+    return [replace(mesh, points=mesh.points @ matrix.T + np.asarray(shift, float)) for mesh in meshes]
 
 
 def _grid_uv(rows: int, columns: int, v_size: float, u_size: float) -> np.ndarray:

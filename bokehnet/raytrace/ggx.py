@@ -15,10 +15,10 @@ from torch import Tensor
 from bokehnet.raytrace.frames import from_frame, to_frame
 from bokehnet.raytrace.space import dot, unit
 
-__all__ = ["gloss_reflectance", "sample_gloss"]
+__all__ = ["ggx_reflectance", "sample_ggx"]
 
 
-def sample_gloss(view: Tensor, normal: Tensor, roughness: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
+def sample_ggx(view: Tensor, normal: Tensor, roughness: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
     """Draw where the light comes from that is reflected towards ``view``.
 
     Args:
@@ -47,7 +47,7 @@ def sample_gloss(view: Tensor, normal: Tensor, roughness: Tensor, square: Tensor
     return from_frame(normal, light), factor
 
 
-def gloss_reflectance(view: Tensor, light: Tensor, normal: Tensor, roughness: Tensor) -> Tensor:
+def ggx_reflectance(view: Tensor, light: Tensor, normal: Tensor, roughness: Tensor) -> Tensor:
     """Reflectance (N,), 1/sr, of light from ``light`` towards ``view``, both above the surface."""
     up, down = dot(view, normal).clamp_min(1e-6), dot(light, normal).clamp_min(1e-6)
     half = dot(unit(view + light), normal)

@@ -6,12 +6,12 @@ from bokehnet.raytrace.textures import TEXTURES, dead_leaves
 from bokehnet.synth.config import SceneConfig
 from bokehnet.synth.photographs import crop_photograph, photograph_files
 
-__all__ = ["MIDDLE_GREY", "paint"]
+__all__ = ["MIDDLE_GREY", "surface_texture"]
 
 MIDDLE_GREY = 0.18
 
 
-def paint(
+def surface_texture(
     recipe: SceneConfig, height: int, width: int, rng: np.random.Generator, photograph: float = 0.65
 ) -> np.ndarray:
     """Return colours (H, W, 3) whose mean is some stops around middle grey.
