@@ -112,7 +112,7 @@ def traced(light, aperture, lens_response, *, blocked=None):
 
 @pytest.mark.parametrize("name", LENSES)
 @pytest.mark.parametrize("aperture", [Aperture(), Aperture(blades=5, rotation=20, spherical_profile=0.4)])
-def test_sprites_hold_the_rays_of_the_map(name, aperture):
+def test_psf_images_hold_the_rays_of_the_map(name, aperture):
     lens_response = LENSES[name]
     got, wanted = (
         draw(point(*LIGHT), (SIZE, SIZE), aperture, lens_response=lens_response),

@@ -34,7 +34,7 @@ def supersampled(x, y, defocus, size, aperture, samples):
 
 @pytest.mark.parametrize("defocus", [-3.0, 8.3, -31.0])
 @pytest.mark.parametrize("name", SHAPES)
-def test_sprites_are_supersampled_discs(name, defocus):
+def test_psf_images_are_supersampled_discs(name, defocus):
     aperture, side = SHAPES[name], int(2 * abs(defocus)) + 7
     x, y = side / 2 + 0.3, side / 2 - 0.2
     got = draw(point(x, y, defocus), (side, side), aperture)[..., 0]

@@ -1,4 +1,4 @@
-"""How exact the discs of lights are, and what one costs: ``python -m benchmarks.sprites``.
+"""How exact the discs of lights are, and what one costs: ``python -m benchmarks.psf_images``.
 
 Lights stand before a black wall. Truth is, for single lights, the transmission added up at many places in
 each pixel; behind a lens, its rays sent one by one; for merged lights, their pixels drawn one by one; and for
