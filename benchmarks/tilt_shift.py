@@ -160,7 +160,7 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
     truth, sharp, depth = trace_wall(camera, samples)
     again, *_ = trace_wall(camera, samples, seed=1)
     options, scene = focusing(camera, tilt), scene_map(depth)
-    defocus, aberration_map = options.defocus(scene), options.aberration_map(scene)
+    defocus, aberration_map = options.defocus(scene), options.pencil(scene)
     assert aberration_map is not None
     turned = abs(tilt[1]) > abs(tilt[0])
     bokeh, image, blur = (np.swapaxes(x, 0, 1) if turned else x for x in (truth, sharp, defocus))
@@ -191,7 +191,7 @@ def draw_sheet(path: Path) -> None:
     )
     pictures = []
     for way in ways:
-        aberration_map = way.aberration_map(scene)
+        aberration_map = way.pencil(scene)
         lens_response = None if aberration_map is None else LensResponse(aberration_map=aberration_map)
         pictures.append(rays(image, way.defocus(scene), lens_response=lens_response))
     sheet = np.concatenate(pictures, axis=1)

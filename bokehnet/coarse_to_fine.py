@@ -55,8 +55,8 @@ class Level:
         defocus: Signed radius in pixels of this size, (B, 1, H, W).
         classical_error_map: Where the classical render can be wrong, (B, 1, H, W) in [0, 1].
         features: What the classical renderer knows besides, (B, 5, H, W): the colours that it takes to stand
-            behind each pixel, scene-linear, the share of the pixel's light that is guessed, and the classical
-            error map; ``None`` if it knows nothing.
+            behind each pixel, scene-linear, the share of the pixel's light that no picture shows, and the
+            classical error map; ``None`` if it knows nothing.
     """
 
     image: Array

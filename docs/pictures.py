@@ -88,7 +88,7 @@ def show_hidden(image: np.ndarray, disparity: np.ndarray) -> None:
     hidden, _ = bokehnet.occluded_background(image, defocus)
     left, top, width, height = BRANCH
     place = (slice(top, top + height), slice(left, left + width))
-    write("method_hidden.jpg", [[("picture", image[place]), ("hidden layer", hidden[place])]])
+    write("method_hidden.jpg", [[("picture", image[place]), ("occluded background", hidden[place])]])
 
 
 def show_repair() -> None:

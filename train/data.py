@@ -60,7 +60,7 @@ def _halved(array: np.ndarray, times: int) -> np.ndarray:
 def _best_window(
     classical_error_map: np.ndarray, halvings: int, crop: int, rng: np.random.Generator
 ) -> tuple[slice, slice]:
-    """Of a few random windows of ``crop`` pixels at the halved size, the one with most to mend, full size."""
+    """Of a few random windows of ``crop`` pixels at the halved size, the one with most errors, full size."""
     small = _halved(classical_error_map, halvings)
     height, width = small.shape
     tops = rng.integers(max(1, height - crop + 1), size=TRIES)

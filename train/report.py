@@ -40,7 +40,7 @@ def _mean(scores: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def mean_rows(rows: Sequence[Row]) -> list[Row]:
-    """Means over all renders of each method and disparity, and ``corrupted``: over three ways to be wrong."""
+    """Means over all renders of each method and disparity, and ``degraded``: over three ways to be wrong."""
     groups: dict[tuple[str, str], list[dict[str, float]]] = {}
     for row in rows:
         groups.setdefault((row.method, row.disparity), []).append(row.scores)

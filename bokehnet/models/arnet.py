@@ -42,7 +42,7 @@ class ARNet(nn.Module):
     Shape:
         image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels, at most
         ``network_max_radius``; H and W even, multiples of 8 for a U-Net. With ``see_features``, features (B,
-        5, H, W): hidden colours, guessed share, where the render can be wrong. Returns bokeh (B, 3, H, W),
+        5, H, W): occluded background, disocclusion weight, error map. Returns bokeh (B, 3, H, W),
         scene-linear, unclipped in training and at least 0 in evaluation, and the error map (B, 1, H, W) in
         [0, 1], which can be exactly 0 and 1.
 

@@ -41,7 +41,7 @@ class Traced:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Paths:
-    """RayPolynomials on their way.
+    """Paths on their way.
 
     Attributes:
         row: Which result they belong to, (M,).

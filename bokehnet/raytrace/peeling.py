@@ -54,7 +54,7 @@ def peel(
         world: The scene, in the middle of the shutter's opening.
         camera: Lens and sensor.
         layers: How many surfaces of each ray to keep.
-        samples: RayPolynomials per surface, for lights and gloss.
+        samples: Paths per surface, for lights and gloss.
         seed: Of their noise.
         bounces: See :class:`bokehnet.raytrace.tracer.Tracer`.
         device: Where rays are followed.

@@ -107,7 +107,7 @@ class World:
             rows = (hit.body == number).nonzero()[:, 0]
             surface = body.shape.surface(pick(rays, rows).seen_from(body.velocity), pick(hit.hits, rows))
             normal[rows] = surface.normal
-            texture[rows] = body.material.look_up(surface.uv)
+            texture[rows] = body.material.texture_lookup(surface.uv)
         return normal, texture
 
     def transmittance(self, rays: SpaceRays, own: int) -> Tensor:
@@ -130,13 +130,13 @@ class World:
             else:
                 rows = between.nonzero()[:, 0]
                 surface = body.shape.surface(pick(seen, rows), pick(hits, rows))
-                alpha = body.material.look_up(surface.uv)[:, 3]
+                alpha = body.material.texture_lookup(surface.uv)[:, 3]
                 share[rows] *= 1 - alpha
         return share
 
     def sky(self, rays: SpaceRays, scattered: Tensor) -> Tensor:
         """Radiance (N, 3) that rays find beyond all bodies; ``scattered`` (N,): those that left a body."""
-        light = self.environment.look_up(rays.direction)
+        light = self.environment.texture_lookup(rays.direction)
         if self.backdrop is None:
             return light
         lens_rays = Rays(origin=rays.origin[None, :, :2], slope=rays.direction[None, :, :2])

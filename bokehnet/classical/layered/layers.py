@@ -187,9 +187,9 @@ def split_layers(image: np.ndarray, defocus: np.ndarray, max_coc_radius: int | N
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened
-    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), the hidden layer is
-    filled (:func:`bokehnet.classical.layered.occluded_background.occluded_background`), and pixels at an
-    edge, whose colour
+    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), the occluded
+    background is filled (:func:`bokehnet.classical.layered.occluded_background.occluded_background`), and
+    pixels at an edge, whose colour
     mixes both sides, are parted: the share of the nearer side follows from the pure colours beside the
     edge, at least one half where the pixel's own depth is the nearer one, at most one half otherwise.
 

@@ -1,4 +1,4 @@
-"""What stands behind each foreground: a hidden layer, filled from the surroundings that lie farther away."""
+"""What stands behind each foreground: a background, filled from the surroundings that lie farther away."""
 
 import math
 

@@ -61,7 +61,7 @@ def photo_defocus():
     ],
 )
 def test_sliders_set_their_aberration(folder, cli, options, sliders):
-    pencil = AberrationSliders(**sliders).pencil()
+    pencil = AberrationSliders(**sliders).aberration_map()
     assert_rendered_through(cli, [*PHOTO, *options], photo_defocus(), pencil)
 
 
@@ -148,11 +148,14 @@ def test_a_character_holds_what_was_given():
     found = make_character(engine="hybrid", coma=2.0, fringes=fringes, light=light)
     assert found is not None
     assert (found.chromatic_aberration, found.wavelength_sampling) == (fringes, light)
-    assert_allclose(found.aberration_map.miss, AberrationSliders(coma=2.0).pencil().miss)
+    assert_allclose(
+        found.aberration_map.transverse_aberration,
+        AberrationSliders(coma=2.0).aberration_map().transverse_aberration,
+    )
     through_glass = make_character(engine="rays", lens=ChosenLens(name="petzval"), light=light)
     assert through_glass is not None
     assert through_glass.wavelength_sampling == light
-    assert through_glass.pencil.is_perfect  # that of the lens comes with the frame
+    assert through_glass.aberration_map.is_perfect  # that of the lens comes with the frame
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The correction without levels: the same as the cascade with carried detail."""
+"""The correction without levels: the same as coarse to fine with carried detail."""
 
 import math
 from dataclasses import replace
@@ -54,7 +54,7 @@ def test_it_equals_the_cascade_with_carried_detail(height, width, radius):
 
 
 def test_the_network_has_no_say_beyond_the_blur_that_it_is_trusted_with():
-    """One everywhere up to half the trusted radius, then less and less."""
+    """One everywhere up to half the valid radius, then less and less."""
     radius = np.tile(np.linspace(0, 60, 64, dtype=np.float32), (64, 1))
     picture = np.ones((64, 64, 3), np.float32)
     small = CoarseInput(64, 64, 10.0, 10.0)  # no halving, so that pixels stay what they are

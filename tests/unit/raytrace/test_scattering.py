@@ -75,10 +75,12 @@ def test_environment_maps_the_middle_ahead_and_the_first_row_up():
     texture[0] = torch.arange(8.0)
     texture[1] = torch.arange(5.0)[:, None]
     sky = Environment(texture=texture)
-    seen = sky.look_up(torch.tensor([[0.0, 0.0, 3.0], [2.0, 0, 0], [-1.0, 0, 0], [0, -1.0, 0], [0, 5.0, 0]]))
+    seen = sky.texture_lookup(
+        torch.tensor([[0.0, 0.0, 3.0], [2.0, 0, 0], [-1.0, 0, 0], [0, -1.0, 0], [0, 5.0, 0]])
+    )
     assert seen[:3, 0].tolist() == pytest.approx([3.5, 5.5, 1.5])
     assert seen[:, 1].tolist() == pytest.approx([2, 2, 2, 0, 4], abs=1e-4)
-    left, right = sky.look_up(torch.tensor([[-1e-4, 0.0, -1.0], [1e-4, 0.0, -1.0]]))[:, 0].tolist()
+    left, right = sky.texture_lookup(torch.tensor([[-1e-4, 0.0, -1.0], [1e-4, 0.0, -1.0]]))[:, 0].tolist()
     assert left == pytest.approx(right, abs=1e-2)
 
 

@@ -1,4 +1,4 @@
-"""Spoilt disparity: what is done to it stays within what disparity can be."""
+"""Augmented disparity: what is done to it stays within what disparity can be."""
 
 import numpy as np
 import pytest

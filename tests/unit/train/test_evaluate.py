@@ -86,7 +86,7 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
     line += ["--baseline", "scatter", "--noise-floor", "60", "60", "--json", file, "--markdown"]
     main([str(word) for word in line])
     out = capsys.readouterr().out
-    assert "| rays | corrupted |" in out
+    assert "| rays | degraded |" in out
     assert "**edge pixels, less scatter**" in out
     assert "excess_edge_psnr" in out
     scores = json.loads(file.read_text())
