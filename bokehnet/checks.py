@@ -1,4 +1,4 @@
-"""Checks at the public doors, for NumPy arrays and torch tensors alike.
+"""Checks at the public API, for NumPy arrays and torch tensors alike.
 
 None of these functions imports torch.
 """

@@ -1,4 +1,4 @@
-"""The neural half as ONNX operators: :mod:`bokehnet.cascade` with the sizes and loops of a graph.
+"""The neural half as ONNX operators: :mod:`bokehnet.coarse_to_fine` with the sizes and loops of a graph.
 
 The formulas are those of that module, called with values of the graph.
 """
@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import onnx
 
-from bokehnet.cascade import BLOCK, ask_arnet, find_change, lay_over
+from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
 
@@ -18,9 +18,9 @@ __all__ = ["render_neural"]
 _MOST_HALVINGS = 40
 
 
-def _count_halvings(g: Graph, defocus: Value, unit: float) -> Value:
-    """How often the picture must be halved until its largest blur is at most ``unit``, as a size."""
-    limits = g.constant(unit * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
+def _count_halvings(g: Graph, defocus: Value, network_max_radius: float) -> Value:
+    """How often the picture must be halved until no blur exceeds ``network_max_radius``, as a size."""
+    limits = g.constant(network_max_radius * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
     return (abs(defocus).max() > limits).astype(np.int64).sum()
 
 
@@ -41,29 +41,29 @@ def render_neural(
     image: Value,
     defocus: Value,
     classical: Value,
-    doubt: Value,
+    classical_error_map: Value,
     *,
     arnet: onnx.ModelProto,
-    unit: float,
-    trusted_radius: float,
+    network_max_radius: float,
+    max_valid_radius: float,
 ) -> tuple[Value, Value]:
-    """Render the neural half, as :func:`bokehnet.cascade.render_neural` without an IUNet.
+    """Render the neural half, as :func:`bokehnet.coarse_to_fine.render_neural` without an IUNet.
 
     Args:
         g: The open graph.
         image: All-in-focus picture, scene-linear, (3, H, W).
         defocus: Signed blur radius in pixels, (H, W).
         classical: Classical render, (3, H, W).
-        doubt: Its error map, (H, W).
+        classical_error_map: Its error map, (H, W).
         arnet: The network.
-        unit: Largest radius ``arnet`` was trained for, pixels.
-        trusted_radius: Largest blur radius that it may correct, pixels.
+        network_max_radius: Largest radius ``arnet`` was trained for, pixels.
+        max_valid_radius: Largest blur radius that it may correct, pixels.
 
     Returns:
         Bokeh (3, H, W) and error map (1, H, W).
     """
     height, width = defocus.size(0), defocus.size(1)
-    halvings = _count_halvings(g, defocus, unit)
+    halvings = _count_halvings(g, defocus, network_max_radius)
     factor = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64).take(halvings)
     scale = factor.astype(np.float32)
 
@@ -77,7 +77,7 @@ def render_neural(
         small(defocus.reshape(1, height, width)) / scale,
         low_classical,
         None,
-        trusted_radius / scale,
+        max_valid_radius / scale,
     )
     change = find_change(bokeh, low_classical)
 
@@ -87,4 +87,4 @@ def render_neural(
     change, learned = (
         x.cut(1, 0, height).cut(2, 0, width) for x in g.loop(climb, [change, learned], times=halvings)
     )
-    return lay_over(classical, change), learned * doubt.reshape(1, height, width)
+    return lay_over(classical, change), learned * classical_error_map.reshape(1, height, width)

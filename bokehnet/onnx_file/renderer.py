@@ -26,12 +26,12 @@ __all__ = ["PARITY", "build_model", "export_renderer"]
 PARITY = 50.0
 
 # Heights, widths, blurs and gammas at which they are compared: no side is a multiple of a block, one picture
-# has more rows than a band, one a blur that no table holds.
+# has more rows than a row block, one a blur that no table holds.
 _TRIALS = ((97, 131, 9.0, 1.0), (301, 154, 30.0, 1.0), (150, 203, 220.0, 1.0), (120, 90, 20.0, 2.2))
 
 
 def _read_network(weights: Path) -> tuple[onnx.ModelProto, float, float]:
-    """ARNet, checked, its unit and the largest blur radius that it is trusted with, pixels."""
+    """ARNet, checked, the largest radius that it was made for, and the largest that it may correct, pixels."""
     networks = load_networks(weights, threads=1)
     if networks.classical != "scatter" or networks.iunet is not None:
         found = networks.classical + ("" if networks.iunet is None else " and has an IUNet")
@@ -44,7 +44,7 @@ def _read_network(weights: Path) -> tuple[onnx.ModelProto, float, float]:
     versions = {item.domain: item.version for item in arnet.opset_import}
     if versions != {"": OPSET}:
         raise ModelFileError(f"{path}: expected operator set {OPSET}, found {versions}; export again")
-    return arnet, networks.unit, networks.trusted_radius
+    return arnet, networks.network_max_radius, networks.max_valid_radius
 
 
 def build_model(weights: Path | None = None) -> onnx.ModelProto:
@@ -61,7 +61,7 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
     Raises:
         ModelFileError: The network is missing or damaged, or does not correct the scatter by itself.
     """
-    arnet, unit, trusted_radius = _read_network(weights or WEIGHTS / "fast")
+    arnet, network_max_radius, max_valid_radius = _read_network(weights or WEIGHTS / "fast")
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])
@@ -75,9 +75,16 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
-        doubt = geometric_error_map(g, defocus)
+        classical_error_map = geometric_error_map(g, defocus)
         neural, error_map = render_neural(
-            g, image, defocus, classical, doubt, arnet=arnet, unit=unit, trusted_radius=trusted_radius
+            g,
+            image,
+            defocus,
+            classical,
+            classical_error_map,
+            arnet=arnet,
+            network_max_radius=network_max_radius,
+            max_valid_radius=max_valid_radius,
         )
         return fuse(classical, neural, error_map)
 

@@ -6,6 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from bokehnet.optics.character import Character
+from bokehnet.optics.fringes import Fringes
+from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.pencil import PencilMap
 
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, View, Vignette, Warp
 from bokehnet.errors import BokehnetError, LensError, ParameterError
@@ -13,11 +17,7 @@ from bokehnet.lenses import ThinLens
 from bokehnet.lenses.thick import ThickLens
 from bokehnet.lenses.tilt_shift import TiltShift
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
 from bokehnet.optics.focus_plane import FocusPlane
-from bokehnet.optics.fringes import Fringes
-from bokehnet.optics.light_draw import LightDraw
-from bokehnet.optics.pencil import PencilMap
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
 

@@ -1,15 +1,15 @@
 """One correction by networks, written four times: for torch, whole, in strips, as one file. All must agree.
 
-Authority: ``bokehnet.cascade.render_neural`` on the torch modules, which is what training validates.
+Authority: ``bokehnet.coarse_to_fine.render_neural`` on the torch modules, which is what training validates.
 """
 
 import numpy as np
 import pytest
 import torch
 
-from bokehnet.cascade import render_neural
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.strips import BYTES_PER_PIXEL
@@ -45,7 +45,7 @@ def arnet():
 @pytest.fixture(scope="module")
 def weights(arnet, tmp_path_factory):
     folder = tmp_path_factory.mktemp("arnet")
-    export_networks({"arnet": arnet}, folder, {"classical": "scatter", "trusted_radius": TRUSTED})
+    export_networks({"arnet": arnet}, folder, {"classical": "scatter", "max_valid_radius": TRUSTED})
     return folder
 
 
@@ -56,12 +56,13 @@ def one_file(weights):
 
 def in_torch(image, defocus, arnet, iunet=None):
     """Blend, error map and classical render, (H, W, C), of the way that training takes."""
-    classical, doubt = scatter(image, defocus), geometric_error_map(defocus)
+    classical, classical_error_map = scatter(image, defocus), geometric_error_map(defocus)
     batch = [
-        torch.from_numpy(np.atleast_3d(x)).permute(2, 0, 1)[None] for x in (image, defocus, classical, doubt)
+        torch.from_numpy(np.atleast_3d(x)).permute(2, 0, 1)[None]
+        for x in (image, defocus, classical, classical_error_map)
     ]
     with torch.no_grad():
-        found = render_neural(*batch, arnet=arnet, iunet=iunet, unit=10.0, trusted_radius=TRUSTED)
+        found = render_neural(*batch, arnet=arnet, iunet=iunet, unit=10.0, max_valid_radius=TRUSTED)
         blend = fuse(batch[2], found.steps[-1], found.error_map)
     bokeh, error_map = (x[0].permute(1, 2, 0).numpy() for x in (blend, found.error_map))
     return bokeh, error_map[..., 0], classical
@@ -93,7 +94,7 @@ def test_both_ways_with_an_iunet_agree(tmp_path, radius):
     """The renderer runs it in tiles. Strips and the one file refuse it."""
     arnet, iunet = random_networks()
     networks = {"arnet": arnet, "iunet": iunet}
-    export_networks(networks, tmp_path, {"classical": "scatter", "trusted_radius": TRUSTED})
+    export_networks(networks, tmp_path, {"classical": "scatter", "max_valid_radius": TRUSTED})
     image, defocus = picture(97, 131), steps(97, 131, radius, seed=4)
     wanted, error_map, _ = in_torch(image, defocus, arnet, iunet)
     renderer = BokehRenderer("fast", weights=tmp_path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bokehnet import rays
-from bokehnet.classical.layers import Layers
+from bokehnet.classical.layered.layers import Layers
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.raytrace.peeling import peel
@@ -41,7 +41,7 @@ def psnr(first, second):
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4])
-def test_true_hidden_layers_come_nearer_to_the_truth_than_filled_ones(seed):
+def test_true_layers_behind_come_nearer_to_the_truth_than_filled_ones(seed):
     """Authority: the ray tracer; what stands behind things is known to it and guessed by the fill."""
     scene = random_scene(np.random.default_rng(seed), CONFIG)
     blur, focus = 12.0, 0.25

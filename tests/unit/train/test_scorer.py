@@ -149,7 +149,7 @@ def test_depth_steps_are_those_of_a_plain_loop():
 
 def test_scores_agree_with_those_of_the_path_traced_set(shared):
     """Authority: the script that came with the path-traced scenes, on a scatter of one shot."""
-    from bokehnet.classical.scatter import scatter
+    from bokehnet.classical.scatter_renderer import scatter
     from train.evaluation_sets import list_pictures
 
     script = shared("cycles/score.py")
