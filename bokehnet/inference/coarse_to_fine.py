@@ -1,9 +1,8 @@
 """ARNet's correction: found once on a small copy of the picture, then laid over any rows of it.
 
 The same result as :func:`bokehnet.coarse_to_fine.render_neural` with
-:func:`bokehnet.coarse_to_fine.carry_detail`, without
-its levels: only what is small is kept, and only pixels where the classical render can be wrong are touched at
-full size.
+:func:`bokehnet.coarse_to_fine.carry_detail`, without its levels: only what is small is kept, and only pixels
+where the classical render can be wrong are touched at full size.
 """
 
 import math
