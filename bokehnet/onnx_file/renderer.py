@@ -26,12 +26,12 @@ __all__ = ["PARITY", "build_model", "export_renderer"]
 PARITY = 50.0
 
 # Heights, widths, blurs and gammas at which they are compared: no side is a multiple of a block, one picture
-# has more rows than a row block, one a blur that no table holds.
+# has more rows than a block, one a blur that no table holds.
 _TRIALS = ((97, 131, 9.0, 1.0), (301, 154, 30.0, 1.0), (150, 203, 220.0, 1.0), (120, 90, 20.0, 2.2))
 
 
 def _read_network(weights: Path) -> tuple[onnx.ModelProto, float, float]:
-    """ARNet, checked, the largest radius that it was made for, and the largest that it may correct, pixels."""
+    """ARNet, checked, the largest radius it was made for, and the largest that it may correct, pixels."""
     networks = load_networks(weights, threads=1)
     if networks.classical != "scatter" or networks.iunet is not None:
         found = networks.classical + ("" if networks.iunet is None else " and has an IUNet")

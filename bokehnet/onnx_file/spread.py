@@ -1,9 +1,9 @@
 """Spreading over discs as ONNX operators: ``classical.scatter.disc_scatter`` with arrays for loops.
 
-The picture is worked in row blocks of source rows, from the top down. A canvas holds a row block and what its
+The picture is worked in blocks of source rows, from the top down. A canvas holds a block and what its
 discs reach above and below; the ends of all discs are added to it by ``ScatterElements``, a few ends of every
-disc at a time, those with the most ends first in line. The uppermost rows, which no later row block can
-reach, leave the canvas as running sums. Memory beyond the picture is that of a row block.
+disc at a time, those with the most ends first in line. The uppermost rows, which no later block can
+reach, leave the canvas as running sums. Memory beyond the picture is that of a block.
 
 ``ScatterND`` would be faster, but in ONNX Runtime (1.31) several threads add at once, and where an index
 repeats some of it is lost.
@@ -29,7 +29,7 @@ _LARGE_STEP = 0.5
 # Ends of a disc that are added in one go.
 _PACK = 8
 
-# Fewest source rows of a row block; it has at least as many as its discs reach up and down, so that the
+# Fewest source rows of a block; it has at least as many as its discs reach up and down, so that the
 # canvas, of which every turn makes a copy, is at most twice as large.
 _BLOCK_ROWS = 64
 
@@ -90,14 +90,14 @@ def _find_step(g: Graph, radius: Value) -> tuple[Value, Value]:
 
 
 def _add_discs(g: Graph, canvas: list[Value], values: Value, defocus: Value, reach: Value) -> list[Value]:
-    """Add the ends of the discs of one row block to the canvas.
+    """Add the ends of the discs of one block to the canvas.
 
     Args:
         g: The open graph.
         canvas: For each channel the differences along the rows, flat, (rows + 2 reach, W + 1).
         values: What each pixel spreads, (4, rows, W).
         defocus: Its radius, (rows, W).
-        reach: Rows by which the canvas exceeds the row block at its top.
+        reach: Rows by which the canvas exceeds the block at its top.
     """
     packs, first, counts = (g.constant(x) for x in _packed_table())
     width = defocus.size(1)

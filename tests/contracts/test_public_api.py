@@ -24,7 +24,6 @@ PUBLIC = [
     "defocus_map",
     "disparity_from_depth",
     "occluded_background",
-    "occluded_background",
     "rays",
     "read_image",
     "scatter",

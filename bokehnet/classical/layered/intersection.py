@@ -7,8 +7,7 @@ neighbouring pixels a layer is one surface, a riser, when its defocus differs by
 surface and meet what lies hidden there.
 
 Where nothing is hidden and no depth discontinuity is near, a layer is one smooth surface, and the place where
-a ray meets it
-is found in a few looks: :func:`intersect_smooth`.
+a ray meets it is found in a few looks: :func:`intersect_smooth`.
 
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
 through layered height fields; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",

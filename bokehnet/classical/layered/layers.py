@@ -189,9 +189,9 @@ def split_layers(image: np.ndarray, defocus: np.ndarray, max_coc_radius: int | N
     Soft steps of the defocus are sharpened
     (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), the occluded
     background is filled (:func:`bokehnet.classical.layered.occluded_background.occluded_background`), and
-    pixels at an edge, whose colour
-    mixes both sides, are parted: the share of the nearer side follows from the pure colours beside the
-    edge, at least one half where the pixel's own depth is the nearer one, at most one half otherwise.
+    pixels at an edge, whose colour mixes both sides, are parted: the share of the nearer side follows from
+    the pure colours beside the edge, at least one half where the pixel's own depth is the nearer one, at most
+    one half otherwise.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).

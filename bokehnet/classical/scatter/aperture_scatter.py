@@ -11,9 +11,8 @@ that reach it in a fixed order: the result has the same bits for any number of t
 margin on both sides, so that nothing is cut at the picture's borders.
 
 The cat's-eye cuts each row of a shape to an interval and divides by the share that is left, so that there,
-too,
-a pixel keeps all its light: the loss of light itself is left out, for the sums are divided by the weights in
-the end.
+too, a pixel keeps all its light: the loss of light itself is left out, for the sums are divided by the
+weights in the end.
 
 Shapes beyond the tables' largest radius are scattered on pictures of every second row and column
 (:mod:`bokehnet.classical.scatter.pyramid_lattices`), four of them, so that no source moves, and come back by

@@ -7,9 +7,8 @@ row then fills the insides, so that a pixel costs O(r), not O(r^2). The adjoint 
 running sums of the gradient that come from the row's end.
 
 Destination rows are worked in blocks of a fixed height. One thread owns a block and visits all
-sources
-that reach it in a fixed order: the result has the same bits for any number of threads. A block is kept in
-float64, so that beyond a bright disc nothing is left of it but 1e-16 of its light.
+sources that reach it in a fixed order: the result has the same bits for any number of threads. A block is
+kept in float64, so that beyond a bright disc nothing is left of it but 1e-16 of its light.
 
 Rows hold four channels side by side, and one more pixel behind the last, which nobody looks at.
 

@@ -9,8 +9,7 @@ A radius table holds the spans for a series of radii; between two of them the pa
 Discs beyond its last radius are listed when they are asked for, as far as they can fall into the picture. The
 numbers are those of the other kernels: :mod:`bokehnet.classical.scatter.disc_table` for discs (beyond the
 radius table these are exact there, and within 2 in 10,000 of the light here),
-:mod:`bokehnet.classical.scatter.aperture_table` for
-all others.
+:mod:`bokehnet.classical.scatter.aperture_table` for all others.
 """
 
 from functools import lru_cache

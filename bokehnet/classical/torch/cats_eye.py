@@ -1,8 +1,7 @@
 """Optical vignetting on tensors: what part of each span passes the second pupil.
 
 The same disc and chords as in :mod:`bokehnet.classical.scatter.cats_eye`, where they are explained. The
-second
-pupil covers an interval of each row, the pixels at its two ends in part: a span of equal parts becomes
+second pupil covers an interval of each row, the pixels at its two ends in part: a span of equal parts becomes
 three, its first pixel, its last one and those between, which are covered whole.
 
 What passes is divided by its sum, so that a source keeps all its light. No table of such sums is needed:
