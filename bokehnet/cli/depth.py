@@ -50,8 +50,15 @@ def depth(
     elif convention is None:
         source = EmbeddedDepth()
     else:
-        raise ParameterError("--convention", expected="--model for it to act on", got=convention)
-    scene = read_scene(image, source=source)
+        expected, remedy = "--model for it to act on", "give that, or leave this out"
+        raise ParameterError("--convention", expected, convention, remedy)
+    try:
+        scene = read_scene(image, source=source)
+    except ParameterError as error:
+        if error.parameter != "input.disparity":
+            raise
+        expected = f"a network, since {image} holds no depth map"
+        raise ParameterError("--model", expected, shown="none", remedy="give its FILE.onnx") from error
     metric = scene.depth.kind == "metric"
     if metric and output.suffix.lower() != ".exr":
         raise ParameterError("--output", expected=".exr, which metric disparity needs", got=output.suffix)

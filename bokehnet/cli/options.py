@@ -91,7 +91,8 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
 
 def told(error: BokehnetError) -> str:
     """Return the message of an error in the words of the command line: fields by their options."""
-    if isinstance(error, ParameterError) and error.parameter in _flags():
+    # Only by its path: a bare "image" or "defocus" is an array of a room below.
+    if isinstance(error, ParameterError) and "." in error.parameter and error.parameter in _flags():
         error = error.renamed(_flags()[error.parameter])
     return _QUOTED.sub(lambda match: _flags().get(match[1], match[1]), str(error))
 

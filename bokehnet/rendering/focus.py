@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_rank
-from bokehnet.errors import ParameterError
+from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
 from bokehnet.lenses import ThinLens, defocus_map
 from bokehnet.optics.aberration_map import AberrationMap
@@ -321,7 +321,16 @@ def _leaning(
 def _thin_lens(camera: LensNumbers, focus: float) -> ThinLens:
     """The lens focused at a disparity in 1/mm."""
     distance = 1 / focus if focus > 0 else math.inf
-    return ThinLens(focal_length=camera.focal_length, f_number=camera.f_number, focus_distance=distance)
+    try:
+        return ThinLens(focal_length=camera.focal_length, f_number=camera.f_number, focus_distance=distance)
+    except LensError as error:
+        if error.parameter != "focus_distance":
+            raise
+        raise LensError(
+            f"cannot focus at {distance / 1000:g} m: expected more than {camera.focal_length:g} mm, the "
+            "`camera.focal_length`",
+            parameter="focus.distance",
+        ) from error
 
 
 def _middle(window: Window) -> tuple[float, float]:

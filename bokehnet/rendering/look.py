@@ -198,7 +198,9 @@ def _wavelength_sampling(color: ColorSettings) -> WavelengthSampling:
     if isinstance(gains, Path):
         gains = _read_gains(gains)
     with about("color"):
-        return WavelengthSampling(dispersion=color.dispersion or "continuous", equaliser=gains or (1.0,))
+        return WavelengthSampling(
+            dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains
+        )
 
 
 def _read_gains(path: Path) -> tuple[float, ...]:

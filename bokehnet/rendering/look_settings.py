@@ -263,7 +263,7 @@ class EffectSettings(Group):
         flag="distortion-brown",
         metavar="K1[,K2[,K3[,P1,P2]]]",
         parse=parse_numbers,
-        expected="K1[,K2[,K3[,P1,P2]]] such as -0.1,0.02",
+        expected="finite K1[,K2[,K3[,P1,P2]]] such as -0.1,0.02",
         accepts=lambda numbers: len(numbers) in (1, 2, 3, 5),
     )
     cos4: float = setting(

@@ -96,7 +96,7 @@ class BokehRenderer:
             shapes they correct what the classical half made of them.
         lens_response: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
             default a perfect lens.
-        character: Its earlier name.
+        lens_response: Its earlier name.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
@@ -293,7 +293,8 @@ class BokehRenderer:
             defocus.flags.writeable = False
         lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response}
         alpha = scene.alpha
-        with about("engine", {"gamma": "highlights.gamma", "engine": "name"}):
+        names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
+        with about("engine", names):
             if alpha is not None:
                 alpha = _spread_coverage(engine, alpha, defocus, lens, look.max_memory, image.nbytes)
             taken = PROGRAM + image.nbytes + defocus.nbytes
@@ -415,6 +416,16 @@ def _watched(progress: Progress | None, cancel: CancelSignal | None) -> Progress
             progress(done, total)
 
     return report
+
+
+def _leaning(settings: RenderSettings) -> dict[str, str]:
+    """What leans the plane of focus, for messages about its tilt."""
+    focus = settings.focus
+    if focus.plane is not None:
+        return {"tilt": "focus.plane"}
+    return (
+        {"tilt": "focus.tilt_x" if focus.tilt_x else "focus.tilt_y"} if focus.tilt_x or focus.tilt_y else {}
+    )
 
 
 def _spread_coverage(

@@ -75,14 +75,18 @@ class InputSettings(Group):
         if len(given) > 1:
             names = " and ".join(f"`input.{name}`" for name in given)
             raise ParameterError(
-                f"input.{given[1]}", expected=f"one of {names}", shown="both", remedy="leave one out"
+                f"input.{given[1]}",
+                expected=f"one of {names}",
+                shown="both" if len(given) == 2 else "all",
+                remedy="leave one out" if len(given) == 2 else "keep one",
             )
         check_needed(self, "depth_convention", "depth_model")
         if self.channel is not None and not (self.disparity or self.depth or self.defocus):
             raise ParameterError(
                 "input.channel",
-                expected="`input.disparity` or `input.depth` for it to act on",
+                expected="`input.disparity`, `input.depth` or `input.defocus` for it to act on",
                 got=self.channel,
+                remedy="give one of them, or leave this out",
             )
 
 
@@ -206,7 +210,10 @@ class FocusSettings(Group):
         if len(ways) > 1:
             names = " and ".join(f"`focus.{name}`" for name in ways)
             raise ParameterError(
-                f"focus.{ways[1]}", expected=f"one of {names}", shown="both", remedy="leave one out"
+                f"focus.{ways[1]}",
+                expected=f"one of {names}",
+                shown="both" if len(ways) == 2 else "all",
+                remedy="leave one out" if len(ways) == 2 else "keep one",
             )
         if self.plane is not None and (self.tilt_x or self.tilt_y):
             raise ParameterError(

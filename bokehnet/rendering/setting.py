@@ -216,6 +216,7 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
         expected=f"{wanted} for it to act on{f'; {why}' if why else ''}",
         got=value,
         remedy="give that, or leave this out",
+        shown="it alone" if value is True else None,
     )
 
 

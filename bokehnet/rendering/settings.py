@@ -157,12 +157,17 @@ _GROUPS: dict[str, type[Group]] = {
 def _check_across(settings: RenderSettings) -> None:
     """Raise ``ParameterError`` unless the groups fit together."""
     source, depth = settings.input, settings.depth
-    for name in ("invert", "value_range", "as_stored"):
+    needs = {"invert": "disparity", "value_range": "disparity", "as_stored": "disparity", "unit": "depth"}
+    for name, needed in needs.items():
         value = getattr(depth, name)
-        if value not in (None, False) and source.disparity is None:
-            raise ParameterError(f"depth.{name}", expected="`input.disparity` for it to act on", got=value)
-    if depth.unit is not None and source.depth is None:
-        raise ParameterError("depth.unit", expected="`input.depth` for it to act on", got=depth.unit)
+        if value not in (None, False) and getattr(source, needed) is None:
+            raise ParameterError(
+                f"depth.{name}",
+                expected=f"`input.{needed}` for it to act on",
+                got=value,
+                remedy="give that, or leave this out",
+                shown="it alone" if value is True else None,
+            )
     check_engine(settings, settings.engine.name)
 
 
@@ -184,8 +189,8 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
             got=engine,
         )
     parted = color.axial or color.lateral or lens.name is not None
-    for name in ("dispersion", "equaliser"):
-        if getattr(color, name) is not None and not parted:
+    for name, plain in (("dispersion", "continuous"), ("equaliser", (1.0,))):
+        if getattr(color, name) not in (None, plain) and not parted:
             raise ParameterError(
                 f"color.{name}",
                 expected="colours that part: `color.axial`, `color.lateral` or `lens.name`",

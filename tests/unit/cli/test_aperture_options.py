@@ -86,12 +86,21 @@ def test_the_rays_take_the_aperture_too(folder, cli):
     [
         (["--blades", 2], ["error: --blades: expected 0 (disc) or 3 to 16, got 2"]),
         (["--blades", 17], ["--blades", "got 17"]),
-        (["--blades", "six"], ["--blades", "valid"]),
+        (["--blades", "six"], ["--blades: expected 0 (disc) or 3 to 16, got 'six'"]),
         (["--blades", 5, "--blade-curvature", 1.1], ["--blade-curvature: expected 0 to 1, got 1.1"]),
         (["--blades", 5, "--blade-curvature", "nan"], ["--blade-curvature", "nan"]),
-        (["--blade-curvature", 0.5], ["--blade-curvature needs --blades"]),
-        (["--blades", 0, "--blade-curvature", 0], ["--blade-curvature needs --blades"]),
-        (["--aperture-rotation", 15], ["--aperture-rotation needs --blades or --aperture-image"]),
+        (
+            ["--blade-curvature", 0.5],
+            ["--blade-curvature: expected --blades for it to act on", "leave this out"],
+        ),
+        (
+            ["--blades", 0, "--blade-curvature", 0],
+            ["--blade-curvature: expected --blades for it to act on", "leave this out"],
+        ),
+        (
+            ["--aperture-rotation", 15],
+            ["--aperture-rotation: expected --blades or --aperture-image for it to act on", "no direction"],
+        ),
         (["--blades", 5, "--aperture-rotation", "inf"], ["--aperture-rotation", "finite"]),
         (["--squeeze", 0], ["--squeeze", "0.1 to 10", "got 0"]),
         (["--cats-eye", -0.1], ["--cats-eye", "0 to 1.5", "-0.1"]),
@@ -99,10 +108,13 @@ def test_the_rays_take_the_aperture_too(folder, cli):
         (["--obstruction", 1], ["--obstruction", "0 to 0.95", "got 1"]),
         (["--onion", 1.1], ["--onion: expected 0 to 1, got 1.1"]),
         (["--onion", 0.5, "--onion-rings", 50], ["--onion-rings: expected 1 to 40, got 50"]),
-        (["--onion-rings", 5], ["--onion-rings needs --onion"]),
+        (["--onion-rings", 5], ["--onion-rings: expected --onion for it to act on"]),
         (["--disc-grain", -1], ["--disc-grain: expected 0 to 1, got -1"]),
-        (["--disc-grain", 0.5, "--disc-grain-seed", -2], ["--disc-grain-seed", "from 0 up, got -2"]),
-        (["--disc-grain-seed", 2], ["--disc-grain-seed needs --disc-grain"]),
+        (
+            ["--disc-grain", 0.5, "--disc-grain-seed", -2],
+            ["--disc-grain-seed", "a whole number of at least 0, got -2"],
+        ),
+        (["--disc-grain-seed", 2], ["--disc-grain-seed: expected --disc-grain for it to act on"]),
         (["--aperture-image", "missing.png"], ["missing.png: no such file"]),
         (["--aperture-image", "."], ["."]),
     ],
@@ -111,7 +123,9 @@ def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
     fails([*SCATTER, *options], *words)
 
 
-@pytest.mark.parametrize(("value", "words"), [(0.0, ["found none"]), (-1.0, ["from 0 up"])])
+@pytest.mark.parametrize(
+    ("value", "words"), [(0.0, ["light inside the opening", "none"]), (-1.0, ["from 0 up"])]
+)
 def test_an_aperture_picture_without_light(fails, folder, value, words):
     write_image("dark.exr", np.full((8, 8, 3), value))
     fails([*SCATTER, "--aperture-image", "dark.exr"], "error: --aperture-image: expected", *words)

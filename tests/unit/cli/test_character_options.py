@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from bokehnet.cli.character_options import ChosenLens, choose_lens, make_character
-from bokehnet.cli.fringe_options import make_light
 from numpy.testing import assert_allclose
 
 from bokehnet.io.image import read_image
@@ -14,10 +12,8 @@ from bokehnet.lenses.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
 from bokehnet.lenses.thin import ThinLens
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.rendering.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
@@ -140,39 +136,26 @@ def test_frames_of_a_pull_take_the_lens_as_it_is_focused_then(folder, cli):
     assert np.abs(read_image("pull.1.exr") - read_image("pull.3.exr")).max() > 0.05
 
 
-def test_all_off_makes_no_character():
-    assert choose_lens(None) is None
-    assert make_character(engine="rays") is None
-    assert make_character(engine="scatter", light=make_light()) is None
-    assert make_character(engine="scatter", spherical=-0.0, coma=0.0) is None
-
-
-def test_a_character_holds_what_was_given():
-    fringes, light = ChromaticAberration(axial=2.0), WavelengthSampling(dispersion="rgb")
-    found = make_character(engine="hybrid", coma=2.0, fringes=fringes, light=light)
-    assert found is not None
-    assert (found.fringes, found.light) == (fringes, light)
-    assert_allclose(found.aberration_map.miss, AberrationSliders(coma=2.0).aberration_map().miss)
-    through_glass = make_character(engine="rays", lens=ChosenLens(name="petzval"), light=light)
-    assert through_glass is not None
-    assert through_glass.light == light
-    assert through_glass.aberration_map.is_perfect  # that of the lens comes with the frame
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--lens", "nikkor"], ["--lens: unknown lens 'nikkor'", ".toml", "double_gauss"]),
         (["--lens", "missing.toml"], ["missing.toml"]),
         (["--lens", "petzval", "--lens-f-number", 1.2], ["--lens: Petzval: f-number", "2.14 or more"]),
-        (["--lens", "petzval", "--lens-f-number", "nan"], ["--lens: Petzval: f-number", "nan"]),
+        (
+            ["--lens", "petzval", "--lens-f-number", "nan"],
+            ["--lens-f-number: expected a finite number above 0, got nan"],
+        ),
         (["--lens", "petzval", "--aberrations", "zemax"], ["--aberrations: expected one of seidel, traced"]),
-        (["--aberrations", "seidel"], ["--aberrations: expected a lens", "no --lens"]),
-        (["--lens-distortion", "--lens-f-number", 4], ["--lens-distortion and --lens-f-number"]),
+        (["--aberrations", "seidel"], ["--aberrations: expected --lens for it to act on", "leave this out"]),
+        (
+            ["--lens-distortion", "--lens-f-number", 4],
+            ["--lens-distortion: expected --lens for it to act on"],
+        ),
         (["--lens", "petzval", "--engine", "scatter"], ["--lens: expected --engine rays or hybrid"]),
         (["--coma", 3, "--engine", "scatter"], ["--coma: expected --engine rays or hybrid", "scatter"]),
         (["--spherical", 101], ["--spherical: expected -100 to 100 percent", "101"]),
-        (["--field-curvature", "inf"], ["--field-curvature: expected a finite number"]),
+        (["--field-curvature", "inf"], ["--field-curvature: expected -100 to 100 percent, got inf"]),
         (["--dispersion", "rgb", "--coma", 3], ["--dispersion", "--lens"]),
     ],
 )

@@ -91,8 +91,14 @@ def test_a_heic_photo_gives_its_own_map_or_that_of_a_network(cli, network, photo
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["photo.png", "-o", "out.exr"], ["photo.png holds no depth map", "--model"]),
-        (["photo.png", "-o", "out.exr", "--convention", "midas"], ["--convention needs --model"]),
+        (
+            ["photo.png", "-o", "out.exr"],
+            ["--model: expected a network", "photo.png holds no depth map", "FILE.onnx"],
+        ),
+        (
+            ["photo.png", "-o", "out.exr", "--convention", "midas"],
+            ["--convention: expected --model for it to act on"],
+        ),
         (["photo.png", "-o", "out.jpg", "--model", "tiny.onnx"], ["unknown extension '.jpg'"]),
         (["photo.png", "-o", "no/out.exr", "--model", "tiny.onnx"], ["does not exist"]),
         (["photo.png", "-o", "out.exr", "--model", "none.onnx"], ["none.onnx: expected an ONNX file"]),
@@ -104,7 +110,7 @@ def test_a_heic_photo_gives_its_own_map_or_that_of_a_network(cli, network, photo
         ),
         (
             ["photo.png", "-o", "out.png", "--model", "tiny.onnx", "--convention", "metric.toml"],
-            ["--output", "needs .exr"],
+            ["--output: expected .exr, which metric disparity needs, got '.png'"],
         ),
     ],
 )

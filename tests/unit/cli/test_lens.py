@@ -46,7 +46,7 @@ def test_a_file_is_described_and_drawn(cli, tmp_path):
         (["retrofocus", "--focus", "0.05"], ["Retrofocus", "cannot focus at 50 mm"]),
         (["double_gauss", "--f-number", "1"], ["f-number", "2.03"]),
         (["double_gauss", "--focal", "-5"], ["focal length above 0"]),
-        (["--focal", "50"], ["name of a lens"]),
+        (["--focal", "50"], ["NAME: expected a lens or a TOML file", "got none"]),
         (["biconvex", "--plot", "nowhere/out.png"], ["nowhere/out.png"]),
     ],
 )

@@ -68,13 +68,16 @@ def test_the_hybrid_takes_highlights(folder, cli, random_weights):
         (["--gamma", 0.1], ["error: --gamma: expected 0.2 to 5", "got 0.1"]),
         (["--gamma", 6], ["--gamma", "got 6"]),
         (["--gamma", "nan"], ["--gamma", "nan"]),
-        (["--gamma", "high"], ["--gamma", "valid"]),
+        (["--gamma", "high"], ["--gamma: expected 0.2 to 5, got 'high'"]),
         (["--highlights", 1], ["error: --highlights: expected at least 0 and below 1, got 1"]),
         (["--highlights", -0.5], ["--highlights", "-0.5"]),
         (["--highlights", "nan"], ["--highlights", "nan"]),
-        (["--highlights", 0.9, "--highlight-gain", 0.5], ["--highlight-gain: expected at least 1, got 0.5"]),
+        (
+            ["--highlights", 0.9, "--highlight-gain", 0.5],
+            ["--highlight-gain: expected a number of at least 1, got 0.5"],
+        ),
         (["--highlights", 0.9, "--highlight-gain", "inf"], ["--highlight-gain", "finite"]),
-        (["--highlight-gain", 4], ["--highlight-gain needs --highlights"]),
+        (["--highlight-gain", 4], ["--highlight-gain: expected --highlights for it to act on, got 4"]),
     ],
 )
 def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
@@ -84,5 +87,8 @@ def test_a_mistake_is_told_with_the_name_of_the_option(fails, options, words):
 def test_gamma_is_beyond_the_hybrid(fails, random_weights):
     hybrid = [*WORDS, "--engine", "hybrid", "--weights", random_weights]
     fails(
-        [*hybrid, "--gamma", 2.2, "--save-maps", "maps"], "--gamma: expected 1", "got 2.2", "--engine scatter"
+        [*hybrid, "--gamma", 2.2, "--save-maps", "maps"],
+        "--gamma: expected 1",
+        "got 2.2",
+        "use the engine scatter",
     )

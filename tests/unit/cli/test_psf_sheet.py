@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from bokehnet.cli import psf_sheet
 from bokehnet.io.image import read_image
 from bokehnet.lenses import psf_pairs as pairs_module
+from bokehnet.rendering import psf_sheet
 
 
 @pytest.fixture
@@ -51,4 +51,4 @@ def test_a_file_that_cannot_be_written_is_told_first(cli, tmp_path, name):
 def test_it_needs_a_lens(cli, tmp_path):
     outcome = cli("lens", "--psf-sheet", tmp_path / "out.png")
     assert (outcome.code, outcome.out) == (1, "")
-    assert "name of a lens" in outcome.err
+    assert "NAME: expected a lens or a TOML file" in outcome.err

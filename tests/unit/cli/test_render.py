@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from bokehnet.cli.memory_option import parse_bytes
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.cli import look
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
+from bokehnet.rendering import renderer
 from bokehnet.rendering.renderer import BokehRenderer
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
@@ -136,7 +135,7 @@ def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, ran
     wanted = BokehRenderer("hybrid", weights=random_weights).render(image, 6 * (disparity - np.float32(0.4)))
     assert_allclose(read_image("out.exr"), wanted.bokeh, rtol=HALF, atol=1e-5)
     maps = folder / "deep" / "maps"
-    names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png", "neural.png"}
+    names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png", "neural.png", "settings.toml"}
     assert {path.name for path in maps.iterdir()} == names
     assert_allclose(read_map(maps / "error_map.png"), wanted.error_map, atol=0.5 / 255 + 1e-6)
     grey = 0.5 + 0.5 * read_map(maps / "defocus.exr") / 3.6  # the largest radius is 6 * 0.6
@@ -145,7 +144,7 @@ def test_the_hybrid_writes_what_the_renderer_gives_and_all_maps(folder, cli, ran
 
 def test_max_memory_renders_in_strips_to_the_same_picture(folder, cli, monkeypatch):
     """Oracle: the whole picture at once, which needs 2 MB (70 bytes a pixel)."""
-    monkeypatch.setattr(look, "PROGRAM", 0)
+    monkeypatch.setattr(renderer, "PROGRAM", 0)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
     write_image("tall.png", tall)
     write_map("tall_map.png", np.linspace(0, 1, 600 * 48).reshape(600, 48))
@@ -170,7 +169,7 @@ def test_max_memory_renders_in_strips_to_the_same_picture(folder, cli, monkeypat
 
 def test_scatter_has_no_neural_half_to_save(folder, cli):
     assert cli(*RELATIVE, "--blur", 6, "--focus", 0, "-o", "a.jpg", *SCATTER, "--save-maps", "maps").code == 0
-    names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png"}
+    names = {"classical.png", "defocus.exr", "defocus.png", "error_map.png", "settings.toml"}
     assert {path.name for path in (folder / "maps").iterdir()} == names
 
 
@@ -184,7 +183,7 @@ def test_the_program_renders_in_a_process_of_its_own(folder, cli_process):
     outcome = cli_process(*words, "--engine", "magic")
     assert (outcome.code, outcome.out) == (1, "")
     assert (
-        outcome.err == "bokehnet: error: engine: expected one of fast, hybrid, rays, scatter, got 'magic'\n"
+        outcome.err == "bokehnet: error: --engine: expected one of fast, hybrid, rays, scatter, got 'magic'\n"
     )
 
 
@@ -199,11 +198,3 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
     for mode, values in (("off", given), ("on", refined), ("auto", refined)):
         _, defocus = rendered(*words, "--repair-disparity", mode)
         assert_allclose(defocus, 6 * (values - values[10, 10]), atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("text", "size"),
-    [("500", 500), ("20k", 20480), ("1.5G", 3 * 2**29), ("2 GiB", 2**31), ("3MB", 3 * 2**20)],
-)
-def test_sizes_are_read_as_people_write_them(text, size):
-    assert parse_bytes(text) == size

@@ -107,9 +107,15 @@ def test_a_focus_range_of_relative_disparity(folder, cli):
         (["--blur", 6, "--focus-range", "0.3"], ["--focus-range: expected two numbers", "'0.3'"]),
         (["--blur", 6, "--focus-range", "0.3,nan"], ["--focus-range: expected two numbers"]),
         (["--blur", 6, "--focus-range", "0.3,1.5"], ["--focus-range", "0..1", "1.5"]),
-        (["--blur", 6, "--focus-range", "0.3,0.5", "--focus", 0.4], ["found --focus and --focus-range"]),
+        (
+            ["--blur", 6, "--focus-range", "0.3,0.5", "--focus", 0.4],
+            ["expected one of --focus and --focus-range, got both"],
+        ),
         (["--blur", 6, "--focus", 0.4, "--disparity-range", "2,2"], ["two different numbers"]),
-        (["--blur", 6, "--focus", 0.4, "--depth-unit", "m"], ["--depth-unit needs --depth"]),
+        (
+            ["--blur", 6, "--focus", 0.4, "--depth-unit", "m"],
+            ["--depth-unit: expected --depth for it to act on", "leave this out"],
+        ),
         (["--blur", 6, "--focus", 0.4, "--mixed-depth", "maybe"], ["--mixed-depth", "auto, off, on"]),
     ],
 )
@@ -121,10 +127,13 @@ def test_mistakes_about_disparity(fails, arguments, words):
     ("arguments", "words"),
     [
         (["--focus-range", "0,2"], ["--focus-range: expected metres above 0"]),
-        (["--focus-range", "0.03,2"], ["focus distance > focal length"]),
+        (
+            ["--focus-range", "0.03,2"],
+            ["cannot focus at 0.03 m: expected more than 50 mm, the --focal-length"],
+        ),
         (["--focus-distance", 2, "--depth-unit", "miles"], ["--depth-unit: expected one of", "miles"]),
         (["--focus-distance", -2], ["--focus-distance: expected metres above 0, got -2"]),
-        (["--focus-distance", 2, "--invert"], ["--invert", "need --disparity"]),
+        (["--focus-distance", 2, "--invert"], ["--invert: expected --disparity for it to act on"]),
     ],
 )
 def test_mistakes_about_depth(fails, arguments, words):

@@ -9,12 +9,12 @@ import time
 
 import numpy as np
 import pytest
-from bokehnet.cli.look import Look
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.cli.workers import render_in_processes
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map
+from bokehnet.rendering.settings import EngineSettings, RenderSettings
 
 FRAMES = range(1, 5)
 FAST = ("--engine", "scatter", "--repair-disparity", "off", "--mixed-depth", "off")
@@ -196,7 +196,8 @@ class Deadly:
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_a_process_that_dies_fails_its_frame_alone(folder):
     jobs = {1: Deadly(), 2: object(), 3: Deadly()}
-    outcomes = dict(render_in_processes(jobs, Look(engine="scatter"), 2))
+    settings = RenderSettings(engine=EngineSettings(name="scatter"))
+    outcomes = dict(render_in_processes(jobs, settings, 2))
     assert set(outcomes) == {1, 2, 3}
     assert (
         outcomes[1] == outcomes[3] == "the process that rendered it died (killed by signal 9, out of memory?)"
