@@ -20,8 +20,8 @@ from benchmarks.cycles import read_shots, scene_folders
 from benchmarks.measurement import extra_memory, in_own_process, median_seconds, scene, time_in_turns
 from benchmarks.quality import Engine, Row, print_header, print_scores, score
 from benchmarks.rivals import double_loop, open_lens_blur
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture
@@ -150,7 +150,7 @@ SHAPES = {
     "5 curved blades": Aperture(blades=5, curvature=0.5, rotation=10),
     "squeeze 0.5": Aperture(squeeze=0.5),
     "obstruction": Aperture(obstruction=0.4),
-    "rim": Aperture(rim=0.7),
+    "rim": Aperture(spherical_profile=0.7),
     "picture": Aperture(picture=_heart()),
     "cat's-eye": Aperture(cats_eye=1.0),
 }

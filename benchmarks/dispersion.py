@@ -16,17 +16,17 @@ import numpy as np
 
 import bokehnet
 from benchmarks.measurement import time_in_turns
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses import PrescriptionLens, catalog_names
 from bokehnet.lenses.catalog import find_prescription
-from bokehnet.optics.character import Character
+from bokehnet.optics.chromatic_aberration import ChromaticAberration, achromat_curve, glass_curve
 from bokehnet.optics.field_maps import make_field_map
-from bokehnet.optics.fringes import Fringes, achromat_curve, glass_curve
-from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
 
 RECIPROCAL = make_field_map("inversion,reciprocal")
@@ -35,14 +35,26 @@ EQUALISER = (4.0, 0.2, 0.2, 4.0, 0.2, 0.2, 4.0)
 
 CHARACTERS = {
     "no fringes": None,
-    "rgb": Character(fringes=Fringes(axial=2, lateral=2), light=LightDraw(dispersion="rgb")),
-    "continuous": Character(fringes=Fringes(axial=2, lateral=2)),
-    "achromat": Character(fringes=Fringes(axial=2, lateral=2, curve=achromat_curve())),
-    "1 / (1 - t)": Character(
-        fringes=Fringes(axial=1, lateral=0.7, axial_map=RECIPROCAL, lateral_map=RECIPROCAL)
+    "rgb": LensResponse(
+        chromatic_aberration=ChromaticAberration(axial=2, lateral=2),
+        wavelength_sampling=WavelengthSampling(dispersion="rgb"),
     ),
-    "t^2 cos 2 theta": Character(fringes=Fringes(axial=2, lateral=5, axial_map=SECTORS, lateral_map=SECTORS)),
-    "equaliser": Character(fringes=Fringes(axial=2, lateral=2), light=LightDraw(equaliser=EQUALISER)),
+    "continuous": LensResponse(chromatic_aberration=ChromaticAberration(axial=2, lateral=2)),
+    "achromat": LensResponse(
+        chromatic_aberration=ChromaticAberration(axial=2, lateral=2, curve=achromat_curve())
+    ),
+    "1 / (1 - t)": LensResponse(
+        chromatic_aberration=ChromaticAberration(
+            axial=1, lateral=0.7, axial_map=RECIPROCAL, lateral_map=RECIPROCAL
+        )
+    ),
+    "t^2 cos 2 theta": LensResponse(
+        chromatic_aberration=ChromaticAberration(axial=2, lateral=5, axial_map=SECTORS, lateral_map=SECTORS)
+    ),
+    "equaliser": LensResponse(
+        chromatic_aberration=ChromaticAberration(axial=2, lateral=2),
+        wavelength_sampling=WavelengthSampling(equaliser=EQUALISER),
+    ),
 }
 
 Scene = tuple[np.ndarray, np.ndarray]
@@ -87,10 +99,11 @@ def demo() -> Scene:
     return bokehnet.read_image(ASSETS / "demo.png"), BLUR * (disparity - np.float32(FOCUS["middle"]))
 
 
-def noise(scene: Scene, character: Character | None) -> float:
+def noise(scene: Scene, lens_response: LensResponse | None) -> float:
     """Standard deviation between pictures of two seeds, of displayed values in 255ths."""
     shown = [
-        255 * np.clip(rays(*scene, character=character, seed=seed), 0, 1) ** (1 / 2.2) for seed in (0, 1)
+        255 * np.clip(rays(*scene, lens_response=lens_response, seed=seed), 0, 1) ** (1 / 2.2)
+        for seed in (0, 1)
     ]
     return float(np.std(shown[0] - shown[1]) / np.sqrt(2))
 
@@ -138,45 +151,47 @@ def show_draws() -> None:
     points = disc_from_square(np.stack([halton(9216, 2), halton(9216, 3)], -1)).reshape(144, 64, 2)
     angles = np.arange(24) * np.pi / 12
     covered = points @ np.stack([np.cos(angles), np.sin(angles)]) < 0
-    evenly = LightDraw().response(SHORTEST + (LONGEST - SHORTEST) * halton(9216, 5))
+    evenly = WavelengthSampling().response(SHORTEST + (LONGEST - SHORTEST) * halton(9216, 5))
     draws = {
         "all white": np.ones((9216, 3)),
-        "by importance": LightDraw().draw(9216)[1],
+        "by importance": WavelengthSampling().sample(9216)[1],
         "evenly spread": evenly,
-        "rgb": LightDraw(dispersion="rgb").draw(9216)[1],
+        "rgb": WavelengthSampling(dispersion="rgb").sample(9216)[1],
     }
     print("\nnoise of half-covered discs:   red   green    blue")
     for name, weights in draws.items():
         runs = weights.reshape(144, 64, 3)
         share = np.einsum("prc,pra->pac", runs, covered) / runs.sum(1)[:, None]
         print(f"{name:<25}", *(f"{value:7.4f}" for value in np.sqrt(np.mean((share - 0.5) ** 2, (0, 1)))))
-    wavelengths = np.unique(LightDraw(dispersion="rgb").draw(64)[0])
+    wavelengths = np.unique(WavelengthSampling(dispersion="rgb").sample(64)[0])
     print("wavelengths of rgb:", ", ".join(f"{value:.1f} nm" for value in wavelengths))
 
 
 def show_cost(scenes: dict[str, Scene], rounds: int) -> None:
-    """Print time and noise of each character."""
+    """Print time and noise of each lens response."""
     for title, scene in scenes.items():
         runs: dict[str, Callable[[], np.ndarray]] = {
-            name: (lambda scene=scene, character=character: rays(*scene, character=character))
-            for name, character in CHARACTERS.items()
+            name: (lambda scene=scene, lens_response=lens_response: rays(*scene, lens_response=lens_response))
+            for name, lens_response in CHARACTERS.items()
         }
         for run in runs.values():
             run()  # compiles
         rows = time_in_turns(runs, rounds)
         height, width = scene[1].shape
         print(f"\n{title}, {width} x {height}:        seconds   beside none   noise, 255ths")
-        for name, character in CHARACTERS.items():
+        for name, lens_response in CHARACTERS.items():
             seconds = statistics.median(row[name] for row in rows)
             ratio = statistics.median(row[name] / row["no fringes"] for row in rows)
-            print(f"{name:<30} {seconds:8.2f} {ratio:10.2f} x {noise(scene, character):12.2f}")
+            print(f"{name:<30} {seconds:8.2f} {ratio:10.2f} x {noise(scene, lens_response):12.2f}")
 
 
 def show_pictures(scenes: dict[str, Scene], folder: Path) -> None:
     """Write a sheet of each scene."""
     folder.mkdir(parents=True, exist_ok=True)
     for title, scene in scenes.items():
-        shown = [(name, rays(*scene, character=character)) for name, character in CHARACTERS.items()]
+        shown = [
+            (name, rays(*scene, lens_response=lens_response)) for name, lens_response in CHARACTERS.items()
+        ]
         shown.insert(0, ("all in focus", scene[0]))
         sheet = contact_sheet([shown[i : i + 2] for i in range(0, len(shown), 2)])
         bokehnet.write_image(folder / f"dispersion_{title}.jpg", sheet, quality=78)

@@ -40,7 +40,7 @@ def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
     """
     import torch
 
-    from bokehnet.cascade import render_neural
+    from bokehnet.coarse_to_fine import render_neural
     from bokehnet.models.arnet import ARNet, ARNetConfig
     from bokehnet.models.iunet import IUNet, IUNetConfig
 
@@ -49,13 +49,15 @@ def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
 
     def render(image: np.ndarray, defocus: np.ndarray) -> None:
         classical = double_loop(image, defocus)
-        doubt = geometric_error_map(defocus)
-        arrays = (image, defocus[..., None], classical, doubt[..., None])
+        classical_error_map = geometric_error_map(defocus)
+        arrays = (image, defocus[..., None], classical, classical_error_map[..., None])
         batch = [
             torch.from_numpy(np.ascontiguousarray(x.transpose(2, 0, 1), np.float32))[None] for x in arrays
         ]
         with torch.inference_mode():
-            render_neural(*batch, arnet=arnet, iunet=iunet, unit=arnet.config.unit)
+            render_neural(
+                *batch, arnet=arnet, iunet=iunet, network_max_radius=arnet.config.network_max_radius
+            )
 
     return render
 

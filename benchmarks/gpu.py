@@ -19,8 +19,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
 from benchmarks.measurement import median_seconds, scene
-from bokehnet.classical import levels
-from bokehnet.classical.torch_scatter import spread
+from bokehnet.classical.scatter import pyramid_levels
+from bokehnet.classical.torch.pyramid_levels import scatter_sums
 
 __all__ = ["Traffic", "main"]
 
@@ -112,11 +112,11 @@ def measure(width: int, height: int, blur: float, device: torch.device, repeats:
         torch.cuda.reset_peak_memory_stats(device)
     held = torch.cuda.memory_allocated(device) if device.type == "cuda" else 0
 
-    sums = spread(values, defocus)
+    sums = scatter_sums(values, defocus)
 
     def forward() -> None:
         with torch.no_grad():
-            spread(values, defocus)
+            scatter_sums(values, defocus)
 
     def backward() -> None:
         torch.autograd.grad(sums, (values, defocus), gradient, retain_graph=True)
@@ -137,8 +137,8 @@ def measure(width: int, height: int, blur: float, device: torch.device, repeats:
     if device.type == "cuda":
         used = torch.cuda.max_memory_allocated(device) - held
         print(f"memory    {used / 1e6:10.0f} MB beyond inputs, at most")
-    wanted = levels.spread_forward(picture, radii)
-    seconds = median_seconds(lambda: levels.spread_forward(picture, radii), max(1, repeats // 4))
+    wanted = pyramid_levels.scatter_forward(picture, radii)
+    seconds = median_seconds(lambda: pyramid_levels.scatter_forward(picture, radii), max(1, repeats // 4))
     print(
         f"numba     {1000 * seconds:10.2f} ms  forward on {numba.get_num_threads()} threads of this machine"
     )

@@ -1,4 +1,4 @@
-"""Pictures through real glass: ``rays`` with a pencil map against the ray tracer through the prescription.
+"""Pictures through real glass: ``rays`` with an aberration map against the ray tracer through the glass.
 
 The scene is of textured planes that lean, at several depths. What ``rays`` is given is what the lens stopped
 far down shows, and the depth there. What is traced is divided by the picture of a white scene, because
@@ -15,14 +15,14 @@ import numpy as np
 import torch
 
 from bokehnet.checks import Array
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import write_image
 from bokehnet.lenses import LensModel, PrescriptionLens, Rays, load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil
+from bokehnet.lenses.aberration_fit import fit_aberration_map
 from bokehnet.lenses.stop_rays import chief_rays
-from bokehnet.optics.character import Character
-from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.raytrace import Camera, Plane, Scene, Tracer, background_from, plane_texture, world_from_scene
 from bokehnet.raytrace.textures import checkers, dead_leaves, fractal_colours, glyph_page
 from train.metrics import edge_pixels, encode, psnr
@@ -139,7 +139,7 @@ def _camera(lens: LensModel, width: int, height: int, half_diagonal: float) -> C
 def _trace(scene: Scene, lens: PrescriptionLens, camera: Camera, samples: int, seed: int) -> np.ndarray:
     """What the lens shows of the scene, over what it shows of white; ``samples`` of each wavelength."""
     white = Scene(background=background_from(np.ones((2, 2, 3), np.float32), (1.0, 1.0)))
-    wavelengths, colors = LightDraw().draw(_WAVELENGTHS)
+    wavelengths, colors = WavelengthSampling().sample(_WAVELENGTHS)
     total = light = 0.0
     for number, (wavelength, color) in enumerate(zip(wavelengths, colors, strict=True)):
         one = dataclasses.replace(camera, lens=_OneColor(lens=lens, wavelength=float(wavelength)))
@@ -192,13 +192,15 @@ def main() -> None:
         defocus = (lens.coc_radius(disparity) / camera.pixel_pitch).astype(np.float32)
         first, second = (_trace(scene, lens, camera, arguments.samples, seed) for seed in (0, 1000))
         truth = (first + second) / 2
-        pencil = fit_pencil(lens)
+        aberration_map = fit_aberration_map(lens)
         pictures = {
             "rays, perfect lens": rays(image, defocus),
             "rays, one wavelength": rays(
-                image, defocus, character=Character(pencil=fit_pencil(lens, wavelengths=()))
+                image,
+                defocus,
+                lens_response=LensResponse(aberration_map=fit_aberration_map(lens, wavelengths=())),
             ),
-            "rays, lens": rays(image, defocus, character=Character(pencil=pencil)),
+            "rays, lens": rays(image, defocus, lens_response=LensResponse(aberration_map=aberration_map)),
         }
         inner = _inner(defocus, 0.012 * camera.width)
         noise = [score + 20 * math.log10(2) for score in _score(first, second, inner)]

@@ -1,4 +1,4 @@
-"""What the character of a lens costs: ``python -m benchmarks.looks [SHARED]``.
+"""What the response of a lens costs: ``python -m benchmarks.looks [SHARED]``.
 
 Each effect on picture 21 (1080x1350, largest radius 39 px) by the engine ``rays``, as a multiple of the plain
 disc in turns with it, on two cores at most; SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
@@ -12,31 +12,34 @@ import numba
 
 from benchmarks.classical import photograph
 from benchmarks.measurement import in_own_process, time_in_turns
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.lenses.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil
-from bokehnet.lenses.seidel_lens import seidel_pencil
+from bokehnet.lenses.seidel_lens import seidel_aberration_map
+from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
-from bokehnet.optics.fringes import Fringes
-from bokehnet.optics.light_draw import LightDraw
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 
-def effects() -> dict[str, tuple[Aperture, Character]]:
-    """Openings and characters by name."""
-    disc, plain = Aperture(), Character()
+def effects() -> dict[str, tuple[Aperture, LensResponse]]:
+    """Openings and lens responses by name."""
+    disc, plain = Aperture(), LensResponse()
     glass = {name: load_lens(name) for name in ("double_gauss", "petzval")}
 
-    def sliders(**strengths: float) -> Character:
-        return Character(pencil=AberrationSliders(**strengths).pencil())
+    def sliders(**strengths: float) -> LensResponse:
+        return LensResponse(aberration_map=AberrationSliders(**strengths).aberration_map())
 
-    nothing = PencilMap.perfect()
-    leaning = PencilMap(
-        wavelengths=nothing.wavelengths, miss=nothing.miss, bend=nothing.bend, tilt=(0.0, 0.1)
+    nothing = AberrationMap.perfect()
+    leaning = AberrationMap(
+        wavelengths=nothing.wavelengths,
+        transverse_aberration=nothing.transverse_aberration,
+        pupil_aberration=nothing.pupil_aberration,
+        tilt=(0.0, 0.1),
     )
-    both = Fringes(axial=0.5, lateral=0.5)
+    both = ChromaticAberration(axial=0.5, lateral=0.5)
     return {
         "onion rings": (Aperture(onion=0.5), plain),
         "grain in discs": (Aperture(grain=0.3), plain),
@@ -44,13 +47,25 @@ def effects() -> dict[str, tuple[Aperture, Character]]:
         "coma 1": (disc, sliders(coma=1.0)),
         "astigmatism 1.5": (disc, sliders(astigmatism=1.5)),
         "field curvature 1": (disc, sliders(field_curvature=1.0)),
-        "focus plane leans": (disc, Character(pencil=leaning)),
-        "fringes, continuous": (disc, Character(fringes=both)),
-        "fringes, rgb": (disc, Character(fringes=both, light=LightDraw(dispersion="rgb"))),
-        "petzval, one colour": (disc, Character(pencil=fit_pencil(glass["petzval"], wavelengths=()))),
-        "petzval, traced": (disc, Character(pencil=fit_pencil(glass["petzval"]))),
-        "double Gauss, traced": (disc, Character(pencil=fit_pencil(glass["double_gauss"]))),
-        "double Gauss, Seidel": (disc, Character(pencil=seidel_pencil(glass["double_gauss"]))),
+        "focus plane leans": (disc, LensResponse(aberration_map=leaning)),
+        "fringes, continuous": (disc, LensResponse(chromatic_aberration=both)),
+        "fringes, rgb": (
+            disc,
+            LensResponse(chromatic_aberration=both, wavelength_sampling=WavelengthSampling(dispersion="rgb")),
+        ),
+        "petzval, one colour": (
+            disc,
+            LensResponse(aberration_map=fit_aberration_map(glass["petzval"], wavelengths=())),
+        ),
+        "petzval, traced": (disc, LensResponse(aberration_map=fit_aberration_map(glass["petzval"]))),
+        "double Gauss, traced": (
+            disc,
+            LensResponse(aberration_map=fit_aberration_map(glass["double_gauss"])),
+        ),
+        "double Gauss, Seidel": (
+            disc,
+            LensResponse(aberration_map=seidel_aberration_map(glass["double_gauss"])),
+        ),
     }
 
 
@@ -59,11 +74,11 @@ def measure(shared: Path, threads: int, rounds: int) -> list[str]:
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     lines = []
-    for name, (aperture, character) in effects().items():
+    for name, (aperture, lens_response) in effects().items():
         runs = {
             "disc": lambda: rays(image, defocus),
-            name: lambda aperture=aperture, character=character: rays(
-                image, defocus, aperture=aperture, character=character
+            name: lambda aperture=aperture, lens_response=lens_response: rays(
+                image, defocus, aperture=aperture, lens_response=lens_response
             ),
         }
         for run in runs.values():

@@ -1,6 +1,6 @@
 """Time and memory of the renderer as one ONNX file: ``python -m benchmarks.one_file``.
 
-ONNX Runtime renders with the file that ``bokehnet export --full`` writes, beside it the package's own engine
+ONNX Runtime renders with the file that ``bokehnet export`` writes, beside it the package's own engine
 ``fast`` in the same run, each in a process of its own, warm; then both on one picture, for their PSNR.
 """
 

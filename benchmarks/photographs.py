@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
@@ -71,25 +71,25 @@ def main() -> None:
     parser.add_argument("--focus", type=float, default=90 / 255, help="of the crops")
     parser.add_argument("--rival", type=Path, help="another render of the photograph, shown beside the crops")
     arguments = parser.parse_args()
-    renderer, refiner = BokehRenderer(arguments.engine), DisparityRefiner()
+    renderer, repair = BokehRenderer(arguments.engine), DisparityRepair()
     for path in sorted(arguments.folder.glob("*.jpg")):
         if arguments.only and path.stem not in arguments.only:
             continue
         image, disparity = read_image(path), read_disparity(path.with_suffix(".png"))
-        refined = refiner(image, disparity, "auto")
+        repaired = repair(image, disparity, "auto")
         if not arguments.crop:
             write_image(
-                arguments.out / f"photograph_{path.stem}.jpg", blur_by_focus(image, refined, renderer)
+                arguments.out / f"photograph_{path.stem}.jpg", blur_by_focus(image, repaired, renderer)
             )
             continue
-        maps = {"as it is": disparity, "refined": refined}
-        wanted = [("scatter", "as it is"), ("rays", "as it is"), ("rays", "refined")]
+        maps = {"as it is": disparity, "repaired": repaired}
+        wanted = [("scatter", "as it is"), ("rays", "as it is"), ("rays", "repaired")]
         if arguments.engine not in ("scatter", "rays"):
-            wanted.append((arguments.engine, "refined"))
+            wanted.append((arguments.engine, "repaired"))
         renders = {}
         for engine, kind in wanted:
             defocus = defocus_from_disparity(maps[kind], arguments.blur, arguments.focus)
-            name = engine if kind == "as it is" else f"{engine}, refined"
+            name = engine if kind == "as it is" else f"{engine}, repaired"
             renders[name] = BokehRenderer(engine).render(image, defocus).bokeh
         if arguments.rival is not None:
             renders[arguments.rival.stem] = read_image(arguments.rival)

@@ -1,4 +1,4 @@
-"""Point-spread functions of catalog lenses: pencil maps against rays through the glass.
+"""Point-spread functions of catalog lenses: aberration maps against rays through the glass.
 
 Run it as ``python -m benchmarks.psf``.
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil, pencil_misfit
+from bokehnet.lenses.aberration_fit import aberration_misfit, fit_aberration_map
 from bokehnet.lenses.point_spread import correlation
 from bokehnet.lenses.psf_pairs import PsfPair, psf_pairs
 from bokehnet.rendering.psf_sheet import write_psf_sheet
@@ -48,16 +48,19 @@ def main() -> None:
     everything: list[list[float]] = []
     for name in arguments.lenses:
         lens = load_lens(name, focus_distance=_FOCUS * load_lens(name).focal_length)
-        pencil = fit_pencil(lens)
+        aberration_map = fit_aberration_map(lens)
         if arguments.sheets is None:
-            pairs = list(psf_pairs(lens, pencil))
+            pairs = list(psf_pairs(lens, aberration_map))
         else:
             arguments.sheets.mkdir(parents=True, exist_ok=True)
             pairs = write_psf_sheet(lens, arguments.sheets / f"psf_{name}.png")
         everything += [_print_pair(name, pair) for pair in pairs]
-        misfits = [pencil_misfit(lens, pencil, wavelength=nm)[0] for nm in (450.0, 546.07, 650.0)]
+        misfits = [aberration_misfit(lens, aberration_map, wavelength=nm)[0] for nm in (450.0, 546.07, 650.0)]
         worst = _PIXELS * max(misfits)
-        print(f"{name:15s}rms error of the fit, 450 to 650 nm: {worst:.3f} pixels; {len(pencil.rims)} rims")
+        print(
+            f"{name:15s}rms error of the fit, 450 to 650 nm: {worst:.3f} pixels; "
+            f"{len(aberration_map.vignetting_apertures)} rims"
+        )
     scores = np.array(everything)
     means, worst_ones = ("".join(f"{v:8.4f}" for v in row) for row in (scores.mean(0), scores.min(0)))
     print(f"{'mean':48s}{means}\n{'worst':48s}{worst_ones}")

@@ -18,9 +18,9 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.catalog import catalog_names, load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.seidel_lens import seidel_pencil
-from bokehnet.optics.character import Character
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.lenses.seidel_lens import seidel_aberration_map
+from bokehnet.optics.aberration_map import AberrationMap
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
@@ -83,12 +83,14 @@ def traced_spot(lens: PrescriptionLens, field: float, defocus: float = 0.0) -> n
     return spot
 
 
-def arrive(pencil: PencilMap, pupil: np.ndarray, place: np.ndarray, defocus: float = 0.0) -> np.ndarray:
-    """The same by a pencil map, for aperture coordinates (N, 2) and the place (2,) in the perfect picture."""
+def arrive(
+    aberration_map: AberrationMap, pupil: np.ndarray, place: np.ndarray, defocus: float = 0.0
+) -> np.ndarray:
+    """The same by an aberration map, for aperture coordinates (N, 2) and the place (2,)."""
     arrives = np.broadcast_to(place, pupil.shape)
     for _ in range(3):
-        miss, run, _ = pencil(pupil, arrives)
-        arrives = place + defocus * run + miss
+        transverse_aberration, run, _ = aberration_map(pupil, arrives)
+        arrives = place + defocus * run + transverse_aberration
     return arrives
 
 
@@ -102,9 +104,11 @@ def compare(name: str, stop: float, field: float) -> tuple[float, float]:
     fastest = load_lens(name).fastest
     lens = load_lens(name, f_number=None if stop == 1 else stop * fastest)
     lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
-    pencil = seidel_pencil(lens, distortion=True, wavelengths=[lens.prescription.design_wavelength])
+    aberration_map = seidel_aberration_map(
+        lens, distortion=True, wavelengths=[lens.prescription.design_wavelength]
+    )
     uncut, passing = traced_spot(open_rims(lens), field), traced_spot(lens, field)
-    theory = arrive(pencil, pupil_points(), np.array([field, 0.0]))
+    theory = arrive(aberration_map, pupil_points(), np.array([field, 0.0]))
     return size(theory) / size(uncut), 1 - len(passing) / len(uncut)
 
 
@@ -123,14 +127,14 @@ def print_table() -> None:
             print(f"| {name} | f/{stop * load_lens(name).fastest:.1f} | {' | '.join(cells)} |")
 
 
-def lights(pencil: PencilMap, defocus: float) -> np.ndarray:
+def lights(aberration_map: AberrationMap, defocus: float) -> np.ndarray:
     """Draw a grid of lights that all have one defocus, (HEIGHT, WIDTH); a plain disc of the sheet is grey."""
     half_diagonal = 0.5 * np.hypot(WIDTH, HEIGHT)
     pupil, picture = pupil_points(), np.zeros((HEIGHT, WIDTH))
     for y in (-0.75, 0.0, 0.75):
         for x in (-0.8, -0.4, 0.0, 0.4, 0.8):
             place = np.array([x * WIDTH, y * HEIGHT]) / (2 * half_diagonal)
-            arrives = arrive(pencil, pupil, place, defocus)
+            arrives = arrive(aberration_map, pupil, place, defocus)
             column, row = (arrives * half_diagonal + (WIDTH / 2, HEIGHT / 2)).T
             picture += np.histogram2d(row, column, (HEIGHT, WIDTH), ((0, HEIGHT), (0, WIDTH)))[0]
     full = COUNT / (np.pi * (half_diagonal * max(DEFOCUS)) ** 2)
@@ -143,7 +147,9 @@ def sheet() -> np.ndarray:
     for name, strength in SHOWN.items():
         cells = [
             np.pad(
-                lights(AberrationSliders(**{name: sign * strength}).pencil(), defocus), 1, constant_values=0.1
+                lights(AberrationSliders(**{name: sign * strength}).aberration_map(), defocus),
+                1,
+                constant_values=0.1,
             )
             for sign in (1, -1)
             for defocus in DEFOCUS
@@ -158,7 +164,9 @@ def lamps() -> np.ndarray:
     disparity = read_disparity(ASSETS / "demo_disparity.png")
     cells = []
     for sliders in LAMPS:
-        renderer = BokehRenderer("rays", character=Character(pencil=AberrationSliders(**sliders).pencil()))
+        renderer = BokehRenderer(
+            "rays", lens_response=LensResponse(aberration_map=AberrationSliders(**sliders).aberration_map())
+        )
         found = renderer.render(
             image,
             disparity=disparity,

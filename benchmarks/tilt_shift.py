@@ -14,11 +14,11 @@ import numpy as np
 import torch
 
 import bokehnet
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens, TiltShift
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.raytrace import Body, Camera, Material, Quad, Tracer, World, plane_texture
 from bokehnet.raytrace.textures import fractal_noise
 from bokehnet.rendering.demo import demo_scene
@@ -156,21 +156,21 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
     truth, sharp, depth = trace_wall(camera, samples)
     again, *_ = trace_wall(camera, samples, seed=1)
     lens, disparity = focused_lens(camera, tilt, depth)
-    defocus, pencil = lens.defocus(disparity), lens.aberration_map()
-    assert pencil is not None
+    defocus, aberration_map = lens.defocus(disparity), lens.aberration_map()
+    assert aberration_map is not None
     turned = abs(tilt[1]) > abs(tilt[0])
     bokeh, image, blur = (np.swapaxes(x, 0, 1) if turned else x for x in (truth, sharp, defocus))
     columns, rows = best_focus(bokeh, image, 6)
     apart = np.abs(rows - zero_line(blur, columns))
     border = math.ceil(1.5 * np.abs(defocus).max())
     pictures = {
-        "conic": rays(sharp, defocus, character=Character(pencil=pencil)),
+        "conic": rays(sharp, defocus, lens_response=LensResponse(aberration_map=aberration_map)),
         "round": rays(sharp, defocus),
         "scatter": scatter(sharp, defocus),
         "noise": again,
     }
     figures = "  ".join(f"{_psnr(picture, truth, border):7.2f}" for picture in pictures.values())
-    lean = math.hypot(*pencil.tilt)
+    lean = math.hypot(*aberration_map.tilt)
     print(f"{tilt[0]:6g} {tilt[1]:6g}  {apart.mean():6.2f} {apart.max():6.2f}  {lean:5.3f}  {figures}")
 
 

@@ -25,7 +25,7 @@ from bokehnet.raytrace import (
     render_disparity,
 )
 from bokehnet.synth import ClutterConfig, SynthConfig
-from bokehnet.synth.baked import View
+from bokehnet.synth.baked_scene import View
 from bokehnet.synth.clutter import random_clutter
 from bokehnet.synth.pairs import lens_for_view, make_sample
 from bokehnet.synth.scenes import random_scene
@@ -55,7 +55,7 @@ def print_pairs(device: torch.device, scenes: int) -> None:
 
 
 def _print_clutter(scenes: int) -> None:
-    """Training pairs per minute of scenes with things on the ground, in one process, and their noise."""
+    """Training pairs per minute of scenes with objects on the ground, in one process, and their noise."""
     variants: dict[str, dict[str, Any]] = {
         "thin lenses": {},
         "catalog lenses": {"catalog": _CATALOG, "catalog_share": 1.0},

@@ -8,13 +8,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what type checkers see of the lazy names
-    from bokehnet.classical.hidden import hidden_layer as hidden_layer
-    from bokehnet.classical.layers import Layers as Layers
-    from bokehnet.classical.layers import split_layers as split_layers
-    from bokehnet.classical.rays import rays as rays
-    from bokehnet.classical.scatter import scatter as scatter
+    from bokehnet.classical.layered.layers import Layers as Layers
+    from bokehnet.classical.layered.layers import split_layers as split_layers
+    from bokehnet.classical.layered.occluded_background import occluded_background as occluded_background
+    from bokehnet.classical.rays_renderer import rays as rays
+    from bokehnet.classical.scatter_renderer import scatter as scatter
     from bokehnet.errors import BokehnetError as BokehnetError
-    from bokehnet.inference.refine import DisparityRefiner as DisparityRefiner
+    from bokehnet.inference.disparity_repair import DisparityRepair as DisparityRepair
     from bokehnet.io.image import read_image as read_image
     from bokehnet.io.image import write_image as write_image
     from bokehnet.lenses.base import defocus_map as defocus_map
@@ -65,12 +65,12 @@ if TYPE_CHECKING:  # what type checkers see of the lazy names
 __version__ = "0.1.0"
 
 _HOMES = {
-    "bokehnet.classical.hidden": ("hidden_layer",),
-    "bokehnet.classical.layers": ("Layers", "split_layers"),
-    "bokehnet.classical.rays": ("rays",),
-    "bokehnet.classical.scatter": ("scatter",),
+    "bokehnet.classical.layered.occluded_background": ("occluded_background",),
+    "bokehnet.classical.layered.layers": ("Layers", "split_layers"),
+    "bokehnet.classical.rays_renderer": ("rays",),
+    "bokehnet.classical.scatter_renderer": ("scatter",),
     "bokehnet.errors": ("BokehnetError",),
-    "bokehnet.inference.refine": ("DisparityRefiner",),
+    "bokehnet.inference.disparity_repair": ("DisparityRepair",),
     "bokehnet.io.image": ("read_image", "write_image"),
     "bokehnet.lenses.base": ("defocus_map",),
     "bokehnet.lenses.catalog": ("catalog_names", "load_lens"),
@@ -111,6 +111,9 @@ _HOMES = {
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
+# Names of earlier versions, which still work.
+_OLD_NAMES = {"DisparityRefiner": "DisparityRepair", "hidden_layer": "occluded_background"}
+
 __all__ = [  # one list, above
     *_HOME,
     "__version__",
@@ -120,6 +123,7 @@ __all__ = [  # one list, above
 if not TYPE_CHECKING:  # a type checker that sees it accepts any name
 
     def __getattr__(name: str) -> Any:
+        name = _OLD_NAMES.get(name, name)
         if name in _HOME:
             return getattr(import_module(_HOME[name]), name)
         raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")

@@ -1,6 +1,6 @@
-"""Checks at the public doors, for NumPy arrays and torch tensors alike.
+"""Checks at the public API, for NumPy arrays and torch tensors alike.
 
-None of these functions imports torch: a tensor is recognised by the namespace it brings along.
+None of these functions imports torch.
 """
 
 import importlib
@@ -8,7 +8,6 @@ import math
 import sys
 from collections.abc import Collection
 from numbers import Real
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -38,16 +37,24 @@ __all__ = [
     "require_extra",
 ]
 
-# A NumPy array, a torch tensor or a float: whatever the operators of a formula accept.
+# A NumPy array, a torch tensor, a value of an ONNX graph or a float: whatever a formula's operators accept.
 Array = Any
 
 
-def array_namespace(x: Array) -> ModuleType:
-    """Return ``torch`` for a tensor and ``numpy`` for everything else; torch is never imported here."""
+def array_namespace(x: Array) -> Any:
+    """Return what holds the functions for ``x``.
+
+    That is ``torch`` for a tensor, never imported here; what ``x`` itself names, as values of an ONNX graph
+    do; ``numpy`` for everything else.
+
+    Source:
+        The method ``__array_namespace__`` of the Python array API standard, 2021.
+    """
     torch = sys.modules.get("torch")
     if torch is not None and isinstance(x, torch.Tensor):
         return torch
-    return np
+    own = getattr(x, "__array_namespace__", None)
+    return np if own is None or isinstance(x, np.ndarray) else own()
 
 
 def constant_like(values: np.ndarray, like: Array) -> Array:

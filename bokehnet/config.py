@@ -2,7 +2,8 @@
 
 A configuration is a frozen keyword-only dataclass beside the class that it configures. Fields may be
 ``bool``, ``int``, ``float``, ``str``, ``Literal[...]``, ``X | None``, ``tuple[X, ...]``, ``tuple[X, Y]``
-or another such dataclass, which is a table in the file. A missing key takes the default of its field.
+or another such dataclass, which is a table in the file. A missing key takes the default of its field; keys of
+earlier versions count as today's (``OLD_KEYS``).
 """
 
 import dataclasses
@@ -10,15 +11,32 @@ import json
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from bokehnet.errors import ConfigError
 
-__all__ = ["build_config", "check_same", "dump_json", "first_difference", "load_config", "to_dict"]
+__all__ = [
+    "OLD_KEYS",
+    "build_config",
+    "check_same",
+    "dump_json",
+    "first_difference",
+    "load_config",
+    "renamed",
+    "to_dict",
+]
 
 Config = TypeVar("Config")
+
+# What earlier versions called keys of configurations: TOML files, checkpoints, prepared sets.
+OLD_KEYS = {
+    "see_hints": "see_features",
+    "spoilt": "augmented",
+    "things": "objects",
+    "unit": "network_max_radius",
+}
 
 
 def load_config(path: str | Path, cls: type[Config], overrides: Mapping[str, Any] | None = None) -> Config:
@@ -52,6 +70,19 @@ def build_config(table: Mapping[str, Any], cls: type[Config], source: str = "con
         ConfigError: A key is unknown, absent without default, or has a value of the wrong type.
     """
     return typing.cast(Config, _dataclass_from(table, cls, source, ""))
+
+
+def renamed(table: Mapping[str, Any], today: Collection[str] = ()) -> dict[str, Any]:
+    """Return a table with today's keys in place of those of earlier versions (``OLD_KEYS``).
+
+    Args:
+        table: Plain values.
+        today: Keys that mean what they say, whatever earlier versions called by that name.
+    """
+    return {
+        key if key in today or OLD_KEYS.get(key) in table else OLD_KEYS.get(key, key): value
+        for key, value in table.items()
+    }
 
 
 def to_dict(config: Any) -> dict[str, Any]:
@@ -107,6 +138,7 @@ def _dataclass_from(table: Any, cls: Any, source: str, prefix: str) -> Any:
     if not isinstance(table, Mapping):
         raise ConfigError(f"{source}: {where}: expected a table, got {table!r}")
     fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    table = renamed(table, fields)
     for key in table:
         if key not in fields:
             valid = ", ".join(sorted(fields))

@@ -1,4 +1,4 @@
-"""How the classical and the neural half become one picture. Operators only: NumPy and torch."""
+"""How the classical and the neural half become one picture. Operators only: NumPy, torch and ONNX graphs."""
 
 from bokehnet.checks import Array
 

@@ -11,14 +11,14 @@ from bokehnet.checks import Array, array_namespace
 __all__ = ["count_halvings", "crop_to", "downsample2", "pad_to_multiple", "upsample2"]
 
 
-def count_halvings(max_radius: float, unit: float) -> int:
-    """How often a picture must be halved until its largest blur is at most ``unit`` pixels.
+def count_halvings(max_radius: float, network_max_radius: float) -> int:
+    """How often a picture must be halved until its largest blur is at most ``network_max_radius`` pixels.
 
     Args:
         max_radius: Largest |defocus|, pixels.
-        unit: Largest radius that a network was trained for, pixels.
+        network_max_radius: Largest radius that a network was trained for, pixels.
     """
-    return max(0, math.ceil(math.log2(max(max_radius, 1e-9) / unit)))
+    return max(0, math.ceil(math.log2(max(max_radius, 1e-9) / network_max_radius)))
 
 
 def downsample2(x: Array) -> Array:

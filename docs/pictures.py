@@ -17,7 +17,7 @@ from bokehnet.io.color import srgb_to_linear
 from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.maps import read_disparity
 from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
-from train.corruption import corrupt
+from train.degradation import degrade
 
 HERE = Path(__file__).parent
 PICTURE, DISPARITY = ASSETS / "demo.png", ASSETS / "demo_disparity.png"
@@ -65,10 +65,10 @@ def show_maps(image: np.ndarray, disparity: np.ndarray) -> None:
     """What goes in and what is made of it on the way."""
     with tempfile.TemporaryDirectory() as folder:
         render(DISPARITY, "middle", maps=Path(folder))
-        defocus, doubt = (
+        defocus, error_map = (
             bokehnet.read_image(Path(folder) / f"{name}.png") for name in ("defocus", "error_map")
         )
-    half = [x[::2, ::2] for x in (image, grey(disparity), defocus, doubt)]
+    half = [x[::2, ::2] for x in (image, grey(disparity), defocus, error_map)]
     names = ("picture", "disparity", "defocus, grey is sharp", "error map")
     shown = list(zip(names, half, strict=True))
     write("method_maps.jpg", [shown[:2], shown[2:]])
@@ -85,10 +85,10 @@ def show_engines(image: np.ndarray, truth: Path) -> None:
 def show_hidden(image: np.ndarray, disparity: np.ndarray) -> None:
     """The picture, and what is taken to stand behind it."""
     defocus = bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS["middle"])
-    hidden, _ = bokehnet.hidden_layer(image, defocus)
+    hidden, _ = bokehnet.occluded_background(image, defocus)
     left, top, width, height = BRANCH
     place = (slice(top, top + height), slice(left, left + width))
-    write("method_hidden.jpg", [[("picture", image[place]), ("hidden layer", hidden[place])]])
+    write("method_hidden.jpg", [[("picture", image[place]), ("occluded background", hidden[place])]])
 
 
 def show_repair() -> None:
@@ -105,7 +105,7 @@ def show_repair() -> None:
 
 
 def _eroded() -> np.ndarray:
-    return corrupt(read_disparity(DISPARITY), "eroded")[..., None].repeat(3, axis=-1)
+    return degrade(read_disparity(DISPARITY), "eroded")[..., None].repeat(3, axis=-1)
 
 
 def show_shapes() -> None:

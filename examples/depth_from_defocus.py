@@ -21,7 +21,7 @@ import torch
 import typer
 from torch import Tensor
 
-from bokehnet.classical.autograd import scatter
+from bokehnet.classical.torch.autograd import scatter
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity

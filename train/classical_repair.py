@@ -8,7 +8,7 @@ from bokehnet.io.color import linear_to_srgb
 
 __all__ = ["guided", "joint_bilateral"]
 
-# Half width of the windows, pixels: what the corruptions of the evaluation reach.
+# Half width of the windows, pixels: what the degradations of the evaluation reach.
 _RADIUS = 9
 _SIDE = 2 * _RADIUS + 1
 

@@ -28,12 +28,12 @@ class DataConfig:
         validation: Prepared examples for validation, of other scenes.
         batch_size: Examples a step.
         workers: Loader processes; 0 loads in the training process.
-        spoilt: Share of examples with a spoilt disparity, where the set holds such.
+        augmented: Share of examples with a augmented disparity, where the set holds such.
         max_exposure: Light is scaled by 2 ** u, u uniform in [-max_exposure, max_exposure].
         coarse_crop: Side of ARNet's crops, pixels at the size that it works at.
         fine_crop: Side of IUNet's crops, pixels at the full size.
         most_halvings: ARNet's crops are halved at most this often, so that they stay large enough; it then
-            sees somewhat more blur than one unit.
+            sees somewhat more blur than it is made for.
         extra_halvings: ARNet's crops are halved up to this many times more than their blur asks for: pictures
             of all sizes are seen at all sizes.
     """
@@ -42,7 +42,7 @@ class DataConfig:
     validation: str
     batch_size: int = 8
     workers: int = 0
-    spoilt: float = 0.5
+    augmented: float = 0.5
     max_exposure: float = 1.0
     coarse_crop: int = 96
     fine_crop: int = 192
@@ -58,10 +58,10 @@ def _halved(array: np.ndarray, times: int) -> np.ndarray:
 
 
 def _best_window(
-    doubt: np.ndarray, halvings: int, crop: int, rng: np.random.Generator
+    classical_error_map: np.ndarray, halvings: int, crop: int, rng: np.random.Generator
 ) -> tuple[slice, slice]:
-    """Of a few random windows of ``crop`` pixels at the halved size, the one with most to mend, full size."""
-    small = _halved(doubt, halvings)
+    """Of a few random windows of ``crop`` pixels at the halved size, the one with most errors, full size."""
+    small = _halved(classical_error_map, halvings)
     height, width = small.shape
     tops = rng.integers(max(1, height - crop + 1), size=TRIES)
     lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
@@ -76,18 +76,26 @@ class Examples(Dataset):
     """Example number i of an endless, fixed sequence: all that is random follows from (seed, i).
 
     Each is a dict of tensors: "image", "classical", "truth" (3, h, w), scene-linear; "defocus" (1, h, w),
-    pixels of that size; "hints" (5, h, w); "doubt" and "target" (1, h, w), where the classical render can be
-    wrong by its own account and by the true disparity. Crops at full size have "extra_halvings", 0 or 1.
+    pixels of that size; "features" (5, h, w); "doubt" and "target" (1, h, w), where the classical render can
+    be wrong by its own account and by the true disparity. Crops at full size have "extra_halvings", 0 or 1.
 
     Args:
         config: Data settings.
         seed: Seed of the sequence.
         length: Its length.
-        unit: Give crops at ARNet's size for this unit; ``None`` gives crops at full size.
+        network_max_radius: Give crops at the size at which blur is within this radius; ``None`` gives crops
+            at full size.
     """
 
-    def __init__(self, config: DataConfig, seed: int, length: int, unit: float | None = None) -> None:
-        self.config, self.seed, self.length, self.unit = config, seed, length, unit
+    def __init__(
+        self, config: DataConfig, seed: int, length: int, network_max_radius: float | None = None
+    ) -> None:
+        self.config, self.seed, self.length, self.network_max_radius = (
+            config,
+            seed,
+            length,
+            network_max_radius,
+        )
         self.sets = [PreparedSet(folder) for folder in (config.folder, *config.also)]
         if len(bases := {prepared.classical for prepared in self.sets}) > 1:
             raise DataFileError(
@@ -102,17 +110,19 @@ class Examples(Dataset):
         rng = np.random.default_rng([self.seed, index])
         prepared = self.sets[int(rng.integers(len(self.sets)))]
         view = int(rng.integers(len(prepared) // prepared.per_view))
-        spoilt = prepared.per_view > 1 and rng.random() < self.config.spoilt
-        other = int(rng.integers(1, prepared.per_view)) if spoilt else 0
+        augmented = prepared.per_view > 1 and rng.random() < self.config.augmented
+        other = int(rng.integers(1, prepared.per_view)) if augmented else 0
         arrays = prepared[view * prepared.per_view + other]
         halvings, crop = 0, self.config.fine_crop
-        if self.unit is not None:
+        if self.network_max_radius is not None:
             largest = float(np.abs(arrays[PLANES["defocus"]]).max())
-            halvings = count_halvings(largest, self.unit) + int(rng.integers(self.config.extra_halvings + 1))
+            halvings = count_halvings(largest, self.network_max_radius) + int(
+                rng.integers(self.config.extra_halvings + 1)
+            )
             halvings = min(halvings, self.config.most_halvings)
             crop = self.config.coarse_crop
-        doubt = arrays[PLANES["target"]][0].astype(np.float32)
-        rows, columns = _best_window(doubt, halvings, crop, rng)
+        classical_error_map = arrays[PLANES["target"]][0].astype(np.float32)
+        rows, columns = _best_window(classical_error_map, halvings, crop, rng)
         window = _halved(arrays[:, rows, columns].astype(np.float32), halvings)
         window[PLANES["defocus"]] /= 2**halvings
         turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
@@ -124,14 +134,20 @@ class Examples(Dataset):
             part = window[planes]
             colored = len(part) == 3
             example[name] = torch.from_numpy(gain * part[order] if colored else part)
-        example["hints"] = torch.cat([example.pop("hidden"), example.pop("guessed"), example["doubt"]])
-        if self.unit is None:
+        example["features"] = torch.cat(
+            [
+                example.pop("occluded_background"),
+                example.pop("disocclusion_weight"),
+                example["classical_error_map"],
+            ]
+        )
+        if self.network_max_radius is None:
             example["extra_halvings"] = torch.tensor(int(rng.integers(2)))
         return example
 
 
 def example_loader(
-    config: DataConfig, *, seed: int, steps: int, first_step: int, unit: float | None = None
+    config: DataConfig, *, seed: int, steps: int, first_step: int, network_max_radius: float | None = None
 ) -> DataLoader[Any]:
     """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen.
 
@@ -140,9 +156,9 @@ def example_loader(
         seed: Seed of the sequence.
         steps: Length of the whole run.
         first_step: Steps already done.
-        unit: As in :class:`Examples`.
+        network_max_radius: As in :class:`Examples`.
     """
-    examples = Examples(config, seed, steps * config.batch_size, unit)
+    examples = Examples(config, seed, steps * config.batch_size, network_max_radius)
     return DataLoader(
         examples,
         batch_size=config.batch_size,

@@ -1,9 +1,9 @@
 """Score ways to render on pictures with a known truth, given right and wrong disparity.
 
-``python -m train.evaluate --data cycles FOLDER --method rays --method hybrid:runs/best+refine``
+``python -m train.evaluate --data cycles FOLDER --method rays --method hybrid:runs/best+repair``
 
-A method is ``ENGINE[:FOLDER][+refine[:PATH]]``: the engine, the folder of its networks, and whether the
-disparity is mended first and by which network; the package's own by default. Whatever disparity a method
+A method is ``ENGINE[:FOLDER][+repair[:PATH]]``: the engine, the folder of its networks, and whether the
+disparity is repaired first and by which network; the package's own by default. Whatever disparity a method
 gets, edges and blur radii by which pixels are told apart are the true ones.
 """
 
@@ -23,29 +23,29 @@ from tqdm import tqdm
 from bokehnet.checks import check_choice, check_number, require_extra
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.inference.engine import ENGINES
-from train.corruption import CORRUPTIONS, EDGE_SHIFT, corrupt
+from train.degradation import DEGRADATIONS, EDGE_SHIFT, degrade
 from train.evaluation_sets import SETS, Picture, list_pictures
 from train.methods import Method, load_repair, parse_method
+from train.metrics import Scorer
 from train.report import TABLES, Row, as_json, differences, excess, format_table, mean_rows
-from train.scorer import Scorer
 
 __all__ = ["evaluate", "main", "score_picture"]
 
 
 def score_picture(
-    picture: Picture, methods: Sequence[Method], corruptions: Sequence[str], edge_shift: int = EDGE_SHIFT
+    picture: Picture, methods: Sequence[Method], degradations: Sequence[str], edge_shift: int = EDGE_SHIFT
 ) -> list[Row]:
     """Scores of every method on one picture with every kind of disparity."""
     shot = picture.read()
     scorer = Scorer(shot.truth, shot.defocus, shot.disparity)
     rows = []
-    for kind in corruptions:
-        given = corrupt(shot.defocus, kind, edge_shift)
-        mended = {None: given}
+    for kind in degradations:
+        given = degrade(shot.defocus, kind, edge_shift)
+        repaired = {None: given}
         for method in methods:
-            if method.repair not in mended:
-                mended[method.repair] = load_repair(*method.repair)(shot.image, given)
-            result = method.render(shot.image, mended[method.repair], shot.aperture)
+            if method.repair not in repaired:
+                repaired[method.repair] = load_repair(*method.repair)(shot.image, given)
+            result = method.render(shot.image, repaired[method.repair], shot.aperture)
             classical = None if result.neural is None else result.classical
             rows.append(Row(method=method.name, disparity=kind, scores=scorer(result.bokeh, classical)))
     return rows
@@ -54,7 +54,7 @@ def score_picture(
 def evaluate(
     pictures: Sequence[Picture],
     methods: Sequence[Method],
-    corruptions: Sequence[str] = CORRUPTIONS,
+    degradations: Sequence[str] = DEGRADATIONS,
     *,
     edge_shift: int = EDGE_SHIFT,
     jobs: int = 1,
@@ -65,7 +65,7 @@ def evaluate(
     Args:
         pictures: What to render.
         methods: How.
-        corruptions: Of ``train.corruption.CORRUPTIONS``.
+        degradations: Of ``train.degradation.DEGRADATIONS``.
         edge_shift: Pixels by which eroded and dilated disparity is off.
         jobs: Processes that share pictures and cores.
         progress: Called with the number of pictures done, once for each.
@@ -73,7 +73,7 @@ def evaluate(
     Returns:
         For each picture a row of each method and disparity.
     """
-    work = partial(score_picture, methods=methods, corruptions=corruptions, edge_shift=edge_shift)
+    work = partial(score_picture, methods=methods, degradations=degradations, edge_shift=edge_shift)
     rows = []
     if jobs == 1:
         _share_cores(1)
@@ -102,7 +102,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("--data", required=True, nargs=2, metavar=("KIND", "FOLDER"), help=f"a set; KIND: {', '.join(SETS)}")
     add("--method", action="append", metavar="METHOD", help=f"default: {', '.join(ENGINES)}")
-    add("--disparity", action="append", metavar="KIND", help=f"default: {', '.join(CORRUPTIONS)}")
+    add("--disparity", action="append", metavar="KIND", help=f"default: {', '.join(DEGRADATIONS)}")
     add("--edge-shift", type=int, default=EDGE_SHIFT, help="px, of eroded and dilated; default %(default)s")
     add("--limit", type=int, help="this many scenes only")
     add("--baseline", metavar="METHOD", help="also tell what the other methods have more than this one")
@@ -128,7 +128,7 @@ def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     if options.edge_shift < 0:
         raise ParameterError("--edge-shift", "at least 0", options.edge_shift)
     for kind in options.disparity or ():
-        check_choice("--disparity", kind, CORRUPTIONS)
+        check_choice("--disparity", kind, DEGRADATIONS)
     if options.baseline is not None:
         check_choice("--baseline", options.baseline, names)
     for floor in options.noise_floor or ():
@@ -150,7 +150,7 @@ def _run(options: argparse.Namespace) -> None:
         rows = evaluate(
             pictures,
             methods,
-            list(dict.fromkeys(options.disparity or CORRUPTIONS)),
+            list(dict.fromkeys(options.disparity or DEGRADATIONS)),
             edge_shift=options.edge_shift,
             jobs=options.jobs,
             progress=lambda done: bar.update(),

@@ -37,7 +37,12 @@ def main() -> None:
     )
     for name in ("arnet", "iunet", "repair"):
         parser.add_argument(f"--{name}", type=Path)
-    parser.add_argument("--trusted-radius", type=float, help="largest blur that ARNet may correct, pixels")
+    parser.add_argument(
+        "--max-valid-radius",
+        "--trusted-radius",  # as earlier versions called it
+        type=float,
+        help="largest blur that ARNet may correct, pixels",
+    )
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args()
     chosen = [name for name in ("arnet", "iunet", "repair") if getattr(arguments, name)]
@@ -56,9 +61,9 @@ def main() -> None:
                     f"and {bases['iunet']} for IUNet; train IUNet again on examples of {bases['arnet']}"
                 )
             manifest["classical"] = bases["arnet"]
-            if arguments.trusted_radius is not None:
-                check_at_least("--trusted-radius", arguments.trusted_radius, 1)
-                manifest["trusted_radius"] = arguments.trusted_radius
+            if arguments.max_valid_radius is not None:
+                check_at_least("--max-valid-radius", arguments.max_valid_radius, 1)
+                manifest["max_valid_radius"] = arguments.max_valid_radius
         differences = export_networks(networks, arguments.out, manifest)
     except BokehnetError as error:
         sys.exit(f"error: {error}")

@@ -1,4 +1,7 @@
-"""What the networks are trained to make small; all on the perceptual scale of ``models.blocks.encode``."""
+"""What the networks are trained to make small, and what the error map is to learn.
+
+All on the perceptual scale of :func:`bokehnet.optics.encoding.encode`.
+"""
 
 import torch
 import torch.nn.functional as F
@@ -7,7 +10,13 @@ from torch import Tensor
 from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import encode
 
-__all__ = ["arnet_loss", "iunet_loss"]
+__all__ = ["ERROR_TARGETS", "arnet_loss", "iunet_loss", "measured_error"]
+
+# From geometry, by the disparity alone; or from the pictures, by what the classical render got wrong.
+ERROR_TARGETS = ("geometric", "measured")
+
+# Errors that noise of the ray-traced truth explains, and errors that are plainly wrong.
+_NOISE, _WRONG = 0.01, 0.04
 
 # How much a pixel counts where the classical half is right and the network's answer is not used.
 OUTSIDE = 0.1
@@ -48,7 +57,7 @@ def arnet_loss(
         error_map: Its error map, (B, 1, H, W).
         classical: Classical render at the same size.
         truth: Ray-traced bokeh at the same size.
-        target: Geometric error map, (B, 1, H, W).
+        target: One of ``ERROR_TARGETS``, (B, 1, H, W).
 
     Returns:
         The sum, and its parts by name.
@@ -74,3 +83,19 @@ def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, di
         "gradient": 0.2 * _gradient_l1(neural, wanted, weight),
     }
     return torch.stack(list(parts.values())).sum(), parts
+
+
+def measured_error(classical: Tensor, truth: Tensor) -> Tensor:
+    """Error map of a classical render against the truth.
+
+    Args:
+        classical: Scene-linear, (B, 3, H, W).
+        truth: The same.
+
+    Returns:
+        0 where the mean of the colours' errors over 3x3 pixels is no more than noise, 1 where it is plainly
+        wrong, linear between, (B, 1, H, W).
+    """
+    error = (encode(classical) - encode(truth)).abs().mean(1, keepdim=True)
+    error = F.avg_pool2d(error, 3, stride=1, padding=1, count_include_pad=False)
+    return ((error - _NOISE) / (_WRONG - _NOISE)).clamp(0, 1)

@@ -1,4 +1,4 @@
-"""Ways to render that are held against each other: an engine, its networks, and what mends the disparity."""
+"""Ways to render that are held against each other: an engine, its networks, and a disparity repair."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,14 +9,17 @@ import numba
 import numpy as np
 
 from bokehnet.checks import check_choice
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import ENGINES
-from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.optics.aperture import Aperture
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.result import RenderResult
 from train.classical_repair import guided, joint_bilateral
 
 __all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]
+
+# What earlier versions called a repair.
+_OLD_REPAIRS = {"refine": "repair"}
 
 # (image (H, W, 3) scene-linear, disparity (H, W) on any scale) -> disparity on the same scale
 Repair = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -45,12 +48,12 @@ class Method:
             load_repair(*self.repair)
 
     def render(self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> RenderResult:
-        """Render with defocus that is mended already."""
+        """Render with defocus that is repaired already."""
         return _renderer(self.engine, aperture, self.weights, numba.get_num_threads()).render(image, defocus)
 
 
 def parse_method(text: str) -> Method:
-    """Read ``ENGINE[:FOLDER][+REPAIR[:PATH]]``, as in ``hybrid:runs/best/weights+refine``.
+    """Read ``ENGINE[:FOLDER][+REPAIR[:PATH]]``, as in ``hybrid:runs/best/weights+repair``.
 
     Raises:
         ParameterError: Unknown engine or repair.
@@ -60,6 +63,7 @@ def parse_method(text: str) -> Method:
     engine, _, weights = head.partition(":")
     check_choice("--method", engine, ENGINES)
     kind, _, path = repair.partition(":")
+    kind = _OLD_REPAIRS.get(kind, kind)
     if plus:
         check_choice("--method", kind, REPAIRS)
     return Method(
@@ -81,14 +85,14 @@ def load_repair(kind: str, path: Path | None) -> Repair:
     return REPAIRS[kind](path)
 
 
-def _refine(path: Path | None, mode: str) -> Repair:
-    refiner = DisparityRefiner(path, threads=numba.get_num_threads())
-    return lambda image, disparity: refiner(image, disparity, mode)
+def _disparity_repair(path: Path | None, mode: str) -> Repair:
+    repair = DisparityRepair(path, threads=numba.get_num_threads())
+    return lambda image, disparity: repair(image, disparity, mode)
 
 
 REPAIRS: dict[str, Callable[[Path | None], Repair]] = {
-    "refine": lambda path: _refine(path, "on"),
-    "auto": lambda path: _refine(path, "auto"),
+    "repair": lambda path: _disparity_repair(path, "on"),
+    "auto": lambda path: _disparity_repair(path, "auto"),
     "guided": lambda path: guided,
     "bilateral": lambda path: joint_bilateral,
 }

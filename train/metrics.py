@@ -1,14 +1,38 @@
-"""How close a render is to the truth: PSNR and SSIM on the clipped, sRGB-encoded picture."""
+"""How close a render is to the truth: on the clipped, sRGB-encoded picture unless a score says otherwise.
 
+:func:`compare` gives the few scores that are followed while a network trains, :class:`Scorer` all of them for
+many renders of one picture.
+"""
+
+import math
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 from skimage.metrics import structural_similarity
 
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.io.color import linear_to_srgb
 
-__all__ = ["compare", "edge_pixels", "encode", "mean_scores", "psnr", "similarity"]
+__all__ = [
+    "BANDS",
+    "Scorer",
+    "band_label",
+    "compare",
+    "depth_step_pixels",
+    "edge_pixels",
+    "encode",
+    "mean_scores",
+    "psnr",
+    "similarity",
+]
+
+# Ranges of the true blur radius, pixels.
+BANDS = ((0.0, 10.0), (10.0, 20.0), (20.0, 40.0), (40.0, math.inf))
+
+_DEPTH_STEP = 0.05  # of the larger depth
+_FEWEST = 100  # pixels; a score of fewer says nothing about a picture
+_SMALLEST = 160  # px; MS-SSIM halves the picture four times and needs eleven pixels after that
 
 
 def edge_pixels(defocus: np.ndarray) -> np.ndarray:
@@ -75,3 +99,136 @@ def compare(render: np.ndarray, truth: np.ndarray, defocus: np.ndarray) -> dict[
 def mean_scores(rows: list[dict[str, Any]]) -> dict[str, float]:
     """Mean of each score over all rows that have it."""
     return {key: float(np.nanmean([row[key] for row in rows])) for key in rows[0]}
+
+
+def band_label(band: tuple[float, float]) -> str:
+    """``0-10`` or ``>40``."""
+    return f"{band[0]:g}-{band[1]:g}" if math.isfinite(band[1]) else f">{band[0]:g}"
+
+
+def depth_step_pixels(disparity: np.ndarray, defocus: np.ndarray) -> np.ndarray:
+    """Pixels that a step in depth can reach: another rule for edges than :func:`edge_pixels`.
+
+    Two neighbours whose depths differ by more than 5 % of the larger are a step, also where both are blurred
+    alike; it reaches as far as the larger of their blur radii, a pixel at least.
+
+    Args:
+        disparity: True inverse depth, (H, W), any unit; 0 is infinitely far.
+        defocus: True defocus in pixels, (H, W).
+
+    Returns:
+        Mask (H, W) bool.
+    """
+    radius = np.maximum(np.abs(defocus), 1)
+    reach = np.zeros(disparity.shape)
+    ahead, behind = slice(None, -1), slice(1, None)
+    for a, b in (((ahead,), (behind,)), ((slice(None), ahead), (slice(None), behind))):
+        # |1/p - 1/q| > s max(1/p, 1/q) is |p - q| > s max(p, q), which holds for the sky too.
+        p, q = disparity[a], disparity[b]
+        step = np.abs(p - q) > _DEPTH_STEP * np.maximum(p, q)
+        far = np.where(step, np.ceil(np.maximum(radius[a], radius[b])), 0)
+        reach[a] = np.maximum(reach[a], far)
+        reach[b] = np.maximum(reach[b], far)
+    mask = np.zeros(disparity.shape, bool)
+    for distance in np.unique(reach[reach > 0]):
+        mask |= distance_transform_edt(reach != distance) <= distance
+    return mask
+
+
+def _multiscale_similarity(wanted: np.ndarray, got: np.ndarray) -> float:
+    """MS-SSIM of two encoded pictures; NaN where they are too small for it.
+
+    Source:
+        Wang, Simoncelli, Bovik, "Multi-scale structural similarity for image quality assessment",
+        Asilomar Conference on Signals, Systems and Computers 2003.
+    """
+    if min(wanted.shape[:2]) <= _SMALLEST:
+        return math.nan
+    import torch
+    from pytorch_msssim import ms_ssim
+
+    pair = (torch.from_numpy(x.transpose(2, 0, 1).astype(np.float32))[None] for x in (got, wanted))
+    return float(ms_ssim(*pair, data_range=1.0))
+
+
+def _flip_map(wanted: np.ndarray, got: np.ndarray) -> np.ndarray:
+    """How visible the differences of two encoded pictures are, (H, W) in [0, 1], 67 pixels a degree.
+
+    Source:
+        Andersson et al., "FLIP: A difference evaluator for alternating images", Proceedings of the ACM on
+        Computer Graphics and Interactive Techniques 2020.
+    """
+    from flip_evaluator import evaluate
+
+    pair = (picture.astype(np.float32) for picture in (wanted, got))
+    return np.asarray(evaluate(*pair, "LDR", applyMagma=False)[0])[..., 0]
+
+
+class Scorer:
+    """Scores renders of one picture.
+
+    Args:
+        truth: Scene-linear, (H, W, 3).
+        defocus: True defocus in pixels, (H, W).
+        disparity: True inverse depth, (H, W), any unit; 0 is infinitely far; without it ``step_psnr`` is NaN.
+    """
+
+    def __init__(self, truth: np.ndarray, defocus: np.ndarray, disparity: np.ndarray | None = None) -> None:
+        self._truth = encode(truth)
+        self._log_truth = np.log1p(np.maximum(truth, 0).astype(np.float64))
+        self._log_peak = max(float(self._log_truth.max()), 1e-6)
+        self._near = edge_pixels(defocus)
+        nowhere = np.zeros(defocus.shape, bool)
+        self._step = nowhere if disparity is None else depth_step_pixels(disparity, defocus)
+        radius = np.abs(defocus)
+        self._bands = {band_label(band): (band[0] <= radius) & (radius < band[1]) for band in BANDS}
+
+    def __call__(self, render: np.ndarray, classical: np.ndarray | None = None) -> dict[str, float]:
+        """Scores of one render.
+
+        Args:
+            render: Scene-linear, (H, W, 3).
+            classical: The classical half of a hybrid, scene-linear, (H, W, 3).
+
+        Returns:
+            dB, NaN where fewer than 100 pixels count: ``psnr``; ``edge_psnr`` over
+            :func:`edge_pixels`; ``step_psnr`` over :func:`depth_step_pixels`; ``flat_psnr``
+            over all but edge pixels, ``flat_psnr_gain``, what that is above the same of ``classical``, and
+            ``flat_psnr_like``, the same with ``classical`` as the truth;
+            ``psnr_B`` and ``edge_psnr_B`` over pixels of each of ``BANDS``, labelled B; ``log_psnr`` of
+            log(1 + x) of unclipped light, where the peak is the truth's.
+            In [0, 1]: ``ssim`` and ``edge_ssim``; ``ms_ssim``; ``flip`` and ``edge_flip``, 0 is best.
+        """
+        got = encode(render)
+        squared = ((got - self._truth) ** 2).mean(axis=2)
+        ssim, ssim_map = similarity(self._truth, got)
+        flip_map = _flip_map(self._truth, got)
+        log_squared = (np.log1p(np.maximum(render, 0).astype(np.float64)) - self._log_truth) ** 2
+        near = self._near
+        scores = {
+            "psnr": psnr(squared),
+            "ssim": ssim,
+            "ms_ssim": _multiscale_similarity(self._truth, got),
+            "flip": float(flip_map.mean()),
+            "log_psnr": psnr(log_squared, self._log_peak),
+            "edge_psnr": _part(squared, near),
+            "edge_ssim": float(ssim_map[near].mean()) if near.any() else math.nan,
+            "edge_flip": float(flip_map[near].mean()) if near.any() else math.nan,
+            "step_psnr": _part(squared, self._step),
+            "flat_psnr": _part(squared, ~near),
+            "flat_psnr_gain": math.nan,
+            "flat_psnr_like": math.nan,
+        }
+        if classical is not None:
+            base = encode(classical)
+            of_classical = _part(((base - self._truth) ** 2).mean(axis=2), ~near)
+            scores["flat_psnr_gain"] = scores["flat_psnr"] - of_classical
+            scores["flat_psnr_like"] = _part(((got - base) ** 2).mean(axis=2), ~near)
+        for label, band in self._bands.items():
+            scores[f"psnr_{label}"] = _part(squared, band)
+            scores[f"edge_psnr_{label}"] = _part(squared, band & near)
+        return scores
+
+
+def _part(squared: np.ndarray, mask: np.ndarray) -> float:
+    return psnr(squared[mask]) if np.count_nonzero(mask) >= _FEWEST else math.nan

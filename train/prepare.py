@@ -2,8 +2,8 @@
 
 ``python -m train.prepare --config configs/prepare_rays.toml --out data/rays``
 
-Each view of each scene gives one example with its true disparity and, where ``spoilt`` asks for them, more
-with a spoilt one; most of those are repaired by a trained RepairNet first, as they are when people use it.
+Each view of each scene gives one example with its true disparity and, where ``augmented`` asks for them, more
+with a augmented one; most of those are repaired by a trained RepairNet first, as they are when people use it.
 A killed run goes on where it stopped and gives the same bytes.
 """
 
@@ -21,14 +21,14 @@ from tqdm import tqdm
 
 from bokehnet.classical.base import make_classical
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.config import check_same, load_config, to_dict
+from bokehnet.config import check_same, load_config, renamed, to_dict
 from bokehnet.errors import BokehnetError, ConfigError, DataFileError
-from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.shards import ShardSet, TrainingSample
+from train.augmentation import augment_disparity
 from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
-from train.spoil import spoil_disparity
 
 __all__ = ["PrepareConfig", "main", "prepare", "prepare_view"]
 
@@ -40,16 +40,16 @@ class PrepareConfig:
     Attributes:
         folder: Shards of ``bokehnet synth``.
         classical: The classical renderer whose result the networks will correct.
-        spoilt: Examples with a spoilt disparity for each view, beside the one with the true one.
-        repair: Folder of the disparity repair's weights; empty leaves spoilt disparity as it is.
-        repaired: Share of the spoilt disparity maps that are repaired.
-        seed: Of what is spoilt and how.
+        augmented: Examples with a augmented disparity for each view, beside the one with the true one.
+        repair: Folder of the disparity repair's weights; empty leaves augmented disparity as it is.
+        repaired: Share of the augmented disparity maps that are repaired.
+        seed: Of what is augmented and how.
         scenes_per_part: Scenes in one file.
     """
 
     folder: str
     classical: str = "rays"
-    spoilt: int = 1
+    augmented: int = 1
     repair: str = ""
     repaired: float = 0.7
     seed: int = 0
@@ -70,10 +70,12 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
         "image": image,
         "classical": result.bokeh,
         "truth": sample.bokeh[view],
-        "hidden": image if result.hidden is None else result.hidden,
+        "occluded_background": image if result.occluded_background is None else result.occluded_background,
         "defocus": defocus[..., None],
-        "guessed": np.zeros_like(target)[..., None] if result.guessed is None else result.guessed[..., None],
-        "doubt": result.error_map[..., None],
+        "disocclusion_weight": np.zeros_like(target)[..., None]
+        if result.disocclusion_weight is None
+        else result.disocclusion_weight[..., None],
+        "classical_error_map": result.error_map[..., None],
         "target": target[..., None],
     }
     planes = np.empty((NUM_PLANES, *defocus.shape), np.float16)
@@ -83,8 +85,8 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
 
 
 @functools.lru_cache(maxsize=1)
-def _refiner(folder: str) -> DisparityRefiner:
-    return DisparityRefiner(Path(folder), threads=1)
+def _load_repair(folder: str) -> DisparityRepair:
+    return DisparityRepair(Path(folder), threads=1)
 
 
 def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray]:
@@ -93,11 +95,11 @@ def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> lis
     views = []
     for view in range(len(sample.blur)):
         views.append(prepare_view(sample, view, sample.disparity, config.classical))
-        for _ in range(config.spoilt):
-            spoilt = spoil_disparity(sample.disparity, rng)
+        for _ in range(config.augmented):
+            augmented = augment_disparity(sample.disparity, rng)
             if config.repair and rng.random() < config.repaired:
-                spoilt = _refiner(config.repair)(sample.image.astype(np.float32), spoilt)
-            views.append(prepare_view(sample, view, spoilt, config.classical))
+                augmented = _load_repair(config.repair)(sample.image.astype(np.float32), augmented)
+            views.append(prepare_view(sample, view, augmented, config.classical))
     return views
 
 
@@ -161,6 +163,7 @@ def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
         return
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
+        there = {**there, "config": renamed(there["config"])}
     except ValueError as error:
         raise ConfigError(f"{path}: expected a description as JSON: {error}") from error
     check_same(f"{out}: holds examples", there, wanted, "choose another folder")

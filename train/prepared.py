@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bokehnet.config import renamed
 from bokehnet.errors import DataFileError
 
 __all__ = ["DESCRIPTION", "NUM_PLANES", "PLANES", "PreparedSet", "part_name"]
@@ -15,10 +16,10 @@ PLANES = {
     "image": slice(0, 3),
     "classical": slice(3, 6),
     "truth": slice(6, 9),
-    "hidden": slice(9, 12),
+    "occluded_background": slice(9, 12),
     "defocus": slice(12, 13),
-    "guessed": slice(13, 14),
-    "doubt": slice(14, 15),
+    "disocclusion_weight": slice(13, 14),
+    "classical_error_map": slice(14, 15),
     "target": slice(15, 16),
 }
 NUM_PLANES = 16
@@ -41,7 +42,7 @@ class PreparedSet:
     """All examples of a folder, by number. Can be pickled.
 
     Attributes:
-        per_view: Examples of one view: one with the true disparity, then those with a spoilt one.
+        per_view: Examples of one view: one with the true disparity, then those with a augmented one.
         classical: Name of the renderer that made them.
 
     Args:
@@ -56,8 +57,9 @@ class PreparedSet:
         description = self.folder / DESCRIPTION
         try:
             told = json.loads(description.read_text(encoding="utf-8"))
-            parts, self.per_view = int(told["parts"]), 1 + int(told["config"]["spoilt"])
-            self.classical = str(told["config"]["classical"])
+            config = renamed(told["config"])
+            parts, self.per_view = int(told["parts"]), 1 + int(config["augmented"])
+            self.classical = str(config["classical"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataFileError(
                 f"{description}: expected the description of prepared examples ({error}); "

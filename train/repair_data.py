@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from bokehnet.synth.shards import ShardSet
-from train.spoil import spoil_disparity
+from train.augmentation import augment_disparity
 
 __all__ = ["RepairDataConfig", "RepairExamples", "repair_loader", "repair_pair"]
 
@@ -34,7 +34,7 @@ class RepairDataConfig:
         batch_size: Examples a step.
         workers: Loader processes; 0 loads in the training process.
         clean: Share of examples whose disparity stays as it is.
-        bent: Share whose disparity, true and spoilt alike, goes through a power first, as relative
+        bent: Share whose disparity, true and augmented alike, goes through a power first, as relative
             disparity of unknown scale does.
         crop: Side of the crops, pixels.
         part: Largest side of what counts as a picture: of larger ones a random piece of that size does.
@@ -66,14 +66,14 @@ def repair_pair(
     true = np.ascontiguousarray((disparity - low) / max(high - low, 1e-6), np.float32)
     if rng.random() < config.bent:
         true = true ** np.float32(2.0 ** rng.uniform(-1, 1))
-    spoilt = true if rng.random() < config.clean else spoil_disparity(true, rng)
-    span = max(float(spoilt.max() - spoilt.min()), 1e-6)
+    augmented = true if rng.random() < config.clean else augment_disparity(true, rng)
+    span = max(float(augmented.max() - augmented.min()), 1e-6)
     window = _busy_window(true, config.crop, rng)
     gain = np.float32(2.0 ** rng.uniform(-1, 1))
     colors = gain * image[window].astype(np.float32)[..., rng.permutation(3)]
     return {
         "image": np.ascontiguousarray(colors.transpose(2, 0, 1)),
-        "disparity": np.ascontiguousarray(spoilt[window])[None],
+        "disparity": np.ascontiguousarray(augmented[window])[None],
         "truth": np.ascontiguousarray(true[window])[None],
         "span": np.full((1, 1, 1), span, np.float32),
     }

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from train.corruption import CORRUPTED
-from train.scorer import BANDS, band_label
+from train.degradation import DEGRADED
+from train.metrics import BANDS, band_label
 
 __all__ = ["TABLES", "Row", "as_json", "differences", "excess", "format_table", "mean_rows"]
 
@@ -40,15 +40,15 @@ def _mean(scores: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def mean_rows(rows: Sequence[Row]) -> list[Row]:
-    """Means over all renders of each method and disparity, and ``corrupted``: over three ways to be wrong."""
+    """Means over all renders of each method and disparity, and ``degraded``: over three ways to be wrong."""
     groups: dict[tuple[str, str], list[dict[str, float]]] = {}
     for row in rows:
         groups.setdefault((row.method, row.disparity), []).append(row.scores)
     means = {key: _mean(scores) for key, scores in groups.items()}
     for method in dict.fromkeys(row.method for row in rows):
-        wrong = [means[method, kind] for kind in CORRUPTED if (method, kind) in means]
-        if len(wrong) == len(CORRUPTED):
-            means[method, "corrupted"] = _mean(wrong)
+        wrong = [means[method, kind] for kind in DEGRADED if (method, kind) in means]
+        if len(wrong) == len(DEGRADED):
+            means[method, "degraded"] = _mean(wrong)
     kinds = list(dict.fromkeys(kind for _, kind in means))
     return [
         Row(method=method, disparity=kind, scores=scores)

@@ -6,16 +6,14 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from bokehnet.cascade import carry_detail
 from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.checkpoint import load_network
 from train.command import run_command
 from train.data import DataConfig, example_loader
-from train.error_target import ERROR_TARGETS, measured_error
 from train.loop import OptimConfig, train
-from train.losses import arnet_loss
-from train.validation import held_out_examples, score_cascade
+from train.losses import ERROR_TARGETS, arnet_loss, measured_error
+from train.validation import held_out_examples, score_coarse_to_fine
 
 __all__ = ["ARNetRun", "main"]
 
@@ -48,7 +46,7 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
     held_out = held_out_examples(config.data.validation, config.held_out)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-        bokeh, error_map = network(batch["image"], batch["defocus"], batch["classical"], batch["hints"])
+        bokeh, error_map = network(batch["image"], batch["defocus"], batch["classical"], batch["features"])
         classical, truth, target = batch["classical"], batch["truth"], batch["target"]
         if config.error_target == "measured":
             target = measured_error(classical, truth)
@@ -68,10 +66,12 @@ def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -
             seed=config.optim.seed,
             steps=config.optim.steps,
             first_step=step,
-            unit=config.model.unit,
+            network_max_radius=config.model.network_max_radius,
         ),
         loss_of=loss_of,
-        validate=lambda network: score_cascade(network, carry_detail, config.model.unit, held_out, device),
+        validate=lambda network: score_coarse_to_fine(
+            network, None, config.model.network_max_radius, held_out, device
+        ),
         max_minutes=max_minutes,
     )
 

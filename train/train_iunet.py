@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from bokehnet.cascade import render_neural
+from bokehnet.coarse_to_fine import render_neural
 from bokehnet.models.checkpoint import load_network
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.pyramid import downsample2
@@ -17,7 +17,7 @@ from train.command import run_command
 from train.data import DataConfig, example_loader
 from train.loop import OptimConfig, train
 from train.losses import iunet_loss
-from train.validation import held_out_examples, score_cascade
+from train.validation import held_out_examples, score_coarse_to_fine
 
 __all__ = ["IUNetRun", "main"]
 
@@ -47,16 +47,16 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         # At least one step up; starting a size lower than needed, half of the time, teaches two in a row.
-        small = float(batch["defocus"].abs().max()) <= config.model.unit
+        small = float(batch["defocus"].abs().max()) <= config.model.network_max_radius
         result = render_neural(
             batch["image"],
             batch["defocus"],
             batch["classical"],
-            batch["doubt"],
-            hints=batch["hints"],
+            batch["classical_error_map"],
+            features=batch["features"],
             arnet=arnet,
             iunet=network,
-            unit=config.model.unit,
+            network_max_radius=config.model.network_max_radius,
             extra_halvings=1 if small else int(batch["extra_halvings"][0]),
         )
         losses = []
@@ -77,7 +77,9 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
             config.data, seed=config.optim.seed, steps=config.optim.steps, first_step=step
         ),
         loss_of=loss_of,
-        validate=lambda network: score_cascade(arnet, network, config.model.unit, held_out, device),
+        validate=lambda network: score_coarse_to_fine(
+            arnet, network, config.model.network_max_radius, held_out, device
+        ),
         max_minutes=max_minutes,
     )
 

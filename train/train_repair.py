@@ -89,9 +89,9 @@ def run(config: RepairRun, out: Path, device: torch.device, max_minutes: float) 
 
     @functools.cache
     def held_out() -> dict[str, list[dict[str, Tensor]]]:
-        """Whole held-out examples, spoilt and clean."""
+        """Whole held-out examples, augmented and clean."""
         found = {}
-        for kind, clean in (("spoilt", 0.0), ("clean", 1.0)):
+        for kind, clean in (("augmented", 0.0), ("clean", 1.0)):
             data = replace(config.data, clean=clean, crop=256)
             examples = RepairExamples([config.data.validation], data, seed=5, length=config.held_out)
             found[kind] = [examples[i] for i in range(config.held_out)]

@@ -4,13 +4,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bokehnet.cascade import RefineNetwork, render_neural
+from bokehnet.coarse_to_fine import RefineNetwork, render_neural
 from bokehnet.fusion import fuse
 from bokehnet.io.color import linear_to_srgb
 from train.metrics import compare, mean_scores
 from train.prepared import PLANES, PreparedSet
 
-__all__ = ["held_out_examples", "score_cascade"]
+__all__ = ["held_out_examples", "score_coarse_to_fine"]
 
 
 def held_out_examples(folder: str, limit: int) -> list[dict[str, Tensor]]:
@@ -21,7 +21,10 @@ def held_out_examples(folder: str, limit: int) -> list[dict[str, Tensor]]:
     for index in chosen:
         planes = torch.from_numpy(prepared[int(index)].astype(np.float32))[None]
         example = {name: planes[:, place] for name, place in PLANES.items()}
-        example["hints"] = torch.cat([example["hidden"], example["guessed"], example["doubt"]], dim=1)
+        example["features"] = torch.cat(
+            [example["occluded_background"], example["disocclusion_weight"], example["classical_error_map"]],
+            dim=1,
+        )
         examples.append(example)
     return examples
 
@@ -31,21 +34,28 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 @torch.no_grad()
-def score_cascade(
+def score_coarse_to_fine(
     arnet: nn.Module,
-    iunet: RefineNetwork,
-    unit: float,
+    iunet: RefineNetwork | None,
+    network_max_radius: float,
     held_out: list[dict[str, Tensor]],
     device: torch.device,
 ) -> tuple[dict[str, float], dict[str, Tensor]]:
     """Render all examples with the hybrid; mean scores beside the classical ones, and pictures of a few."""
     rows, pictures = [], {}
     for number, example in enumerate(held_out):
-        keys = ("image", "defocus", "classical", "doubt", "hints")
-        image, radius, classical, doubt, hints = (example[key].to(device) for key in keys)
+        keys = ("image", "defocus", "classical", "classical_error_map", "features")
+        image, radius, classical, classical_error_map, features = (example[key].to(device) for key in keys)
         defocus = example["defocus"][0, 0].numpy()
         result = render_neural(
-            image, radius, classical, doubt, hints=hints, arnet=arnet, iunet=iunet, unit=unit
+            image,
+            radius,
+            classical,
+            classical_error_map,
+            features=features,
+            arnet=arnet,
+            iunet=iunet,
+            network_max_radius=network_max_radius,
         )
         hybrid = fuse(classical, result.steps[-1], result.error_map)
         truth = _array(example["truth"])

@@ -1,21 +1,23 @@
 """What every classical renderer takes and gives, and the table of their names."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 
 __all__ = [
     "ALIGNED",
     "CLASSICAL_RENDERERS",
     "ClassicalRenderer",
     "ClassicalResult",
+    "Frame",
     "Strip",
     "check_inputs",
     "make_classical",
@@ -33,15 +35,34 @@ class Strip:
         first: Row of the picture at which the arrays begin; a multiple of ``ALIGNED``.
         last: Row at which they end.
         height: Rows of the whole picture.
-        reach: Its largest blur radius, rounded up to whole pixels.
+        max_coc_radius: Its largest blur radius, rounded up to whole pixels.
         wanted: Rows of the arrays whose result is asked for; the others are there to be looked at.
     """
 
     first: int
     last: int
     height: int
-    reach: int
+    max_coc_radius: int
     wanted: slice
+
+
+class Frame(NamedTuple):
+    """Where rows and columns lie in the full-size picture.
+
+    Attributes:
+        column: Middle of the picture.
+        row: The same, down, counted from the first row that is there.
+        scale: One over the half-diagonal in pixels, so that corners are at field position 1.
+    """
+
+    column: float
+    row: float
+    scale: float
+
+    @classmethod
+    def of(cls, height: int, width: int, above: int = 0) -> "Frame":
+        """Frame of a full-size picture of which ``above`` rows are not there."""
+        return cls(0.5 * (width - 1), 0.5 * (height - 1) - above, 2 / math.hypot(width, height))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -51,31 +72,36 @@ class ClassicalResult:
     Attributes:
         bokeh: The rendered picture, scene-linear, (H, W, 3).
         error_map: Where it can be wrong, (H, W) in [0, 1]; 1 = trust a network.
-        hidden: Colours taken to stand behind each pixel, scene-linear, (H, W, 3); ``None`` if it has none.
-        guessed: Share of each pixel's light that comes from there or from beyond the border, (H, W) in
-            [0, 1]; ``None`` if it guesses nothing.
+        occluded_background: Colours taken to stand behind each pixel, scene-linear, (H, W, 3); ``None`` if it
+            has none.
+        disocclusion_weight: Share of each pixel's light that comes from there or from beyond the border, (H,
+            W) in [0, 1]; ``None`` if it guesses nothing.
     """
 
     bokeh: np.ndarray
     error_map: np.ndarray
-    hidden: np.ndarray | None = None
-    guessed: np.ndarray | None = None
+    occluded_background: np.ndarray | None = None
+    disocclusion_weight: np.ndarray | None = None
 
     def rows(self, wanted: slice) -> "ClassicalResult":
         """Some of the rows."""
         return ClassicalResult(
             bokeh=self.bokeh[wanted],
             error_map=self.error_map[wanted],
-            hidden=None if self.hidden is None else self.hidden[wanted],
-            guessed=None if self.guessed is None else self.guessed[wanted],
+            occluded_background=None
+            if self.occluded_background is None
+            else self.occluded_background[wanted],
+            disocclusion_weight=None
+            if self.disocclusion_weight is None
+            else self.disocclusion_weight[wanted],
         )
 
     @property
-    def hints(self) -> np.ndarray | None:
-        """Hidden colours, guessed share and error map as one array, (H, W, 5), for the networks."""
-        if self.hidden is None or self.guessed is None:
+    def features(self) -> np.ndarray | None:
+        """Occluded background, disocclusion weight and error map as one array, (H, W, 5), for networks."""
+        if self.occluded_background is None or self.disocclusion_weight is None:
             return None
-        return np.dstack([self.hidden, self.guessed, self.error_map])
+        return np.dstack([self.occluded_background, self.disocclusion_weight, self.error_map])
 
 
 class ClassicalRenderer(Protocol):
@@ -87,7 +113,7 @@ class ClassicalRenderer(Protocol):
         defocus: np.ndarray,
         aperture: Aperture | None = None,
         strip: Strip | None = None,
-        character: Character | None = None,
+        lens_response: LensResponse | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -97,15 +123,15 @@ class ClassicalRenderer(Protocol):
             aperture: Shape of the lens opening; default a plain disc.
             strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
                 the result mean anything.
-            character: What the lens does beyond focusing; default a perfect lens.
+            lens_response: What the lens does beyond focusing; default a perfect lens.
         """
         ...
 
 
 # Name -> "module:function"; loaded on first use, so that a name costs nothing.
 CLASSICAL_RENDERERS = {
-    "rays": "bokehnet.classical.rays:render_rays",
-    "scatter": "bokehnet.classical.scatter:render_scatter",
+    "rays": "bokehnet.classical.rays_renderer:render_rays",
+    "scatter": "bokehnet.classical.scatter_renderer:render_scatter",
 }
 
 
@@ -118,7 +144,7 @@ def make_classical(classical: str) -> ClassicalRenderer:
 
 
 def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Check a picture and its defocus map at a public door; both come back contiguous.
+    """Check a picture and its defocus map at the public API; both come back contiguous.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.

@@ -5,13 +5,10 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.checks import check_map
 from bokehnet.classical.parallel import parallel_region
 
-__all__ = ["boundary_threshold", "conservative_mask", "geometric_error_map", "measured_error_map"]
-
-# Light below this counts little in a relative difference.
-_DARK = 0.1
+__all__ = ["boundary_threshold", "geometric_error_map"]
 
 
 @njit(cache=True, parallel=True)
@@ -110,42 +107,3 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
         _sum_rows(counts)
         softened: np.ndarray = _soften(counts[:, :-1], softness)
     return softened
-
-
-def conservative_mask(defocus: np.ndarray) -> np.ndarray:
-    """Pixels at which a classical renderer can be wrong at all: the support of the geometric error map.
-
-    Beyond it the scatter and a lens differ by no more than slopes bend the blur. Costs O(H W).
-
-    Args:
-        defocus: Signed blur radius in pixels, (H, W).
-
-    Returns:
-        Mask (H, W) bool.
-
-    Raises:
-        ShapeError, ParameterError: ``defocus`` is not (H, W) or not finite.
-    """
-    return np.asarray(geometric_error_map(defocus) > 0)
-
-
-def measured_error_map(classical: np.ndarray, truth: np.ndarray, full: float = 0.1) -> np.ndarray:
-    """Return how wrong a classical render is, as a target for training.
-
-    Args:
-        classical: The render, scene-linear, (H, W, 3).
-        truth: What a lens sees, scene-linear, (H, W, 3).
-        full: Relative difference that counts as 1.
-
-    Returns:
-        Map (H, W) float32 in [0, 1]: the largest ``|classical - truth| / (truth + 0.1)`` of the three
-        channels, over ``full``, at most 1.
-
-    Raises:
-        ShapeError, ParameterError: Not (H, W, 3) of one size, or not finite.
-    """
-    check_image("classical", classical)
-    check_image("truth", truth)
-    check_same_size("classical", classical, "truth", truth)
-    relative = np.abs(classical - truth) / (np.maximum(truth, 0) + _DARK)
-    return np.minimum(relative.max(axis=2) / full, 1).astype(np.float32)

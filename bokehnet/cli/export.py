@@ -5,31 +5,21 @@ from typing import Annotated
 
 import typer
 
-from bokehnet.errors import ParameterError
-
 __all__ = ["export"]
 
 
 def export(
     output: Annotated[Path, typer.Option("--output", "-o", help="The ONNX file to write.")],
-    full: Annotated[
-        bool,
-        typer.Option("--full", help="The whole renderer: scatter, both networks and what joins them."),
-    ] = False,
     weights: Annotated[
-        Path | None, typer.Option(help="Folder with other networks; they must correct the scatter.")
+        Path | None, typer.Option(help="Folder with another network; it must correct the scatter.")
     ] = None,
+    full: Annotated[bool, typer.Option("--full", hidden=True)] = False,  # older scripts; changes nothing
 ) -> None:
     """Write the engine fast as one ONNX file (image, disparity, K, focus, gamma to bokeh)."""
     from bokehnet.checks import require_extra  # after parsing, so --help stays fast
     from bokehnet.errors import ModelFileError
     from bokehnet.io.atomic import check_target
 
-    if not full:
-        raise ParameterError(
-            "expected --full, the whole renderer in one file; the networks alone are ONNX files already, "
-            "in bokehnet/weights"
-        )
     check_target(output, error=ModelFileError)
     require_extra("onnx", "train")
     from bokehnet.onnx_file.renderer import export_renderer

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_finite, check_kind, check_range, check_rank
-from bokehnet.effects.bands import in_bands
+from bokehnet.effects.row_blocks import in_row_blocks
 from bokehnet.effects.view import View, cast_like
 from bokehnet.effects.warp import Warp
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.optics.coefficient import is_absent
 from bokehnet.optics.distortion import Distortion
 from bokehnet.optics.grain import Grain
+from bokehnet.optics.scalars import is_absent
 from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor
 
 __all__ = ["CameraEffects"]
@@ -120,7 +120,7 @@ class CameraEffects:
             light, alpha = image[..., rows, :, :3], image[..., rows, :, 3:]
             return xp.concatenate([light / factor if undo else light * factor, alpha], -1)
 
-        return in_bands(shade, image, _ROWS)
+        return in_row_blocks(shade, image, _ROWS)
 
     def _take(self, image: Array, grain: Grain, view: View, frame: int) -> Array:
         """Add grain to light."""
@@ -132,7 +132,7 @@ class CameraEffects:
                 return grain.add(light, **place)
             return array_namespace(image).concatenate([grain.add(light, alpha, **place), alpha], -1)
 
-        return in_bands(take, image, _ROWS)
+        return in_row_blocks(take, image, _ROWS)
 
     def _factor(self, field: Array, view: View) -> Array:
         factor = cos4_factor(field, self.cos4) * rim_factor(field, self.optical_vignetting)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_kind, check_range
-from bokehnet.effects.bands import in_bands
+from bokehnet.effects.row_blocks import in_row_blocks
 from bokehnet.effects.view import View, cast_like
 from bokehnet.errors import ParameterError
-from bokehnet.optics.coefficient import is_absent, value_of
 from bokehnet.optics.distortion import BrownConrady, Distortion, DivisionModel
 from bokehnet.optics.resampling import inside, sample
+from bokehnet.optics.scalars import is_absent, value_of
 
 __all__ = ["Warp"]
 
@@ -148,7 +148,7 @@ class Warp:
                 )
             return xp.concatenate(drawn, -1)
 
-        return in_bands(draw, image, _ROWS)
+        return in_row_blocks(draw, image, _ROWS)
 
     def _source(self, field: Array, magnification: Array, scale: Array, undo: bool) -> Array:
         """Where the light at ``field`` comes from."""

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from bokehnet.cascade import render_neural
 from bokehnet.checks import check_choice, check_kind, check_number
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
@@ -17,15 +16,16 @@ from bokehnet.classical.base import (
     check_inputs,
     make_classical,
 )
+from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
-from bokehnet.inference.correction import SmallCopy
+from bokehnet.inference.coarse_to_fine import CoarseInput
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.inference.strips import Gathered, cut_strips
+from bokehnet.inference.strips import StripAccumulator, cut_strips
 from bokehnet.inference.tiling import refine_in_tiles
-from bokehnet.io.banded import in_bands
+from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
 __all__ = ["ENGINES", "Engine", "EngineResult", "Progress"]
@@ -62,7 +62,7 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
-def _reach(defocus: np.ndarray) -> float:
+def _max_coc_radius(defocus: np.ndarray) -> float:
     """Largest blur radius, pixels."""
     return max(float(defocus.max()), -float(defocus.min()))
 
@@ -76,7 +76,7 @@ class _Lens:
     """What one picture is rendered through."""
 
     aperture: Aperture
-    character: Character
+    lens_response: LensResponse
 
 
 class Engine:
@@ -120,7 +120,7 @@ class Engine:
         progress: Progress | None = None,
         *,
         aperture: Aperture | None = None,
-        character: Character | None = None,
+        lens_response: LensResponse | None = None,
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
@@ -135,7 +135,7 @@ class Engine:
             progress: Called with (steps done, steps in all); what it raises ends the rendering.
             aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with
                 other shapes they correct what the classical half made of them.
-            character: What the lens does beyond focusing; default a perfect lens.
+            lens_response: What the lens does beyond focusing; default a perfect lens.
             gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
                 :func:`bokehnet.optics.tone.gamma_curve`.
             highlights: How clipped lights get their brightness back before blurring. The result keeps
@@ -153,8 +153,8 @@ class Engine:
                 ``max_memory`` too small, or with a cat's-eye or with networks that cannot work in strips.
         """
         check_kind("aperture", aperture, Aperture, optional=True)
-        check_kind("character", character, Character, optional=True)
-        lens = _Lens(aperture or Aperture(), character or Character())
+        check_kind("lens_response", lens_response, LensResponse, optional=True)
+        lens = _Lens(aperture or Aperture(), lens_response or LensResponse())
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
@@ -168,7 +168,7 @@ class Engine:
             )
         check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
-            image = in_bands(highlights.expand, image, out=over)
+            image = in_row_blocks(highlights.expand, image, out=over)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         if max_memory is not None:
             check_number("max_memory", max_memory)
@@ -180,15 +180,15 @@ class Engine:
     def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
         height, width = defocus.shape
-        reach = math.ceil(_reach(defocus))
+        max_coc_radius = math.ceil(_max_coc_radius(defocus))
         crossed = None
-        if self._classical_name == "rays" and not lens.character.is_plain:
-            from bokehnet.classical.lanes import LANES
-            from bokehnet.classical.lens_rays import lens_table
+        if self._classical_name == "rays" and not lens.lens_response.is_plain:
+            from bokehnet.classical.layered.aberrated_rays import lens_table
+            from bokehnet.classical.simd.float8 import LANES
 
-            crossed = lens_table(lens.character, width, height, LANES, rows=0).reach(reach)
+            crossed = lens_table(lens.lens_response, width, height, LANES, rows=0).reach(max_coc_radius)
         strips: list[Strip | None] = [
-            *cut_strips(height, width, reach, self._classical_name, memory, taken, crossed)
+            *cut_strips(height, width, max_coc_radius, self._classical_name, memory, taken, crossed)
         ]
         if len(strips) <= 1:
             return [None]
@@ -213,15 +213,15 @@ class Engine:
         classical = self._render_classical(image, defocus, lens, curve)
         report(1, steps)
         if self._networks is None:
-            bokeh, doubt = classical.bokeh, classical.error_map
-            return EngineResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=doubt)
+            bokeh, classical_error_map = classical.bokeh, classical.error_map
+            return EngineResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=classical_error_map)
         if self._networks.iunet is not None:
-            result = self._render_cascade(image, defocus, classical)
+            result = self._render_coarse_to_fine(image, defocus, classical)
         else:
             height, width = defocus.shape
-            small = SmallCopy(height, width, _reach(defocus), self._networks.unit)
+            small = CoarseInput(height, width, _max_coc_radius(defocus), self._networks.network_max_radius)
             small.add(0, image, defocus, classical)
-            correction = small.correct(self._networks.arnet, self._networks.trusted_radius)
+            correction = small.correct(self._networks.arnet, self._networks.max_valid_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
             result = EngineResult(
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
@@ -241,10 +241,14 @@ class Engine:
     ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
-        results = [Gathered(array, overwrite) for array in (image, defocus)]
+        results = [StripAccumulator(array, overwrite) for array in (image, defocus)]
         bokeh, error_map = (result.array for result in results)
         height, width = defocus.shape
-        small = None if networks is None else SmallCopy(height, width, _reach(defocus), networks.unit)
+        small = (
+            None
+            if networks is None
+            else CoarseInput(height, width, _max_coc_radius(defocus), networks.network_max_radius)
+        )
         steps = len(strips) + (networks is not None)
         for done, strip in enumerate(strips):
             assert strip is not None
@@ -261,7 +265,7 @@ class Engine:
                 result.add(first, array, height if later is None else later.first)
         if networks is not None and small is not None:
             report(len(strips), steps)
-            correction = small.correct(networks.arnet, networks.trusted_radius)
+            correction = small.correct(networks.arnet, networks.max_valid_radius)
             for strip in strips:
                 assert strip is not None
                 inner = slice(strip.first + strip.wanted.start, strip.first + strip.wanted.stop)
@@ -280,11 +284,11 @@ class Engine:
         strip: Strip | None = None,
     ) -> ClassicalResult:
         if curve is None:
-            return self._classical(image, defocus, lens.aperture, strip, lens.character)
-        result = self._classical(curve.encode(image), defocus, lens.aperture, strip, lens.character)
+            return self._classical(image, defocus, lens.aperture, strip, lens.lens_response)
+        result = self._classical(curve.encode(image), defocus, lens.aperture, strip, lens.lens_response)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
-    def _render_cascade(
+    def _render_coarse_to_fine(
         self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
     ) -> EngineResult:
         """The way of networks with an IUNet: level by level, at full size as well."""
@@ -293,10 +297,11 @@ class Engine:
         batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
         result = render_neural(
             *batches,
-            hints=None if classical.hints is None else _to_batch(classical.hints),
+            features=None if classical.features is None else _to_batch(classical.features),
             arnet=self._networks.arnet,
             iunet=self._networks.iunet,
-            unit=self._networks.unit,
+            network_max_radius=self._networks.network_max_radius,
+            max_valid_radius=self._networks.max_valid_radius,
             refine=refine_in_tiles,
         )
         neural = np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0))

@@ -61,7 +61,7 @@ class DepthEstimator:
         """Return the disparity of a picture; near is large.
 
         The network's map is brought to the picture's size by cubic interpolation: its soft edges stay soft
-        there, which is what ``DisparityRefiner`` sharpens.
+        there, which is what ``DisparityRepair`` sharpens.
 
         Args:
             image: Scene-linear, (H, W, 3).

@@ -21,6 +21,9 @@ WEIGHTS = Path(__file__).parent.parent / "weights"
 
 _FORMAT = 1
 
+# What earlier versions called keys of a manifest and inputs of a network.
+_OLD_KEYS = {"unit": "network_max_radius", "trusted_radius": "max_valid_radius"}
+_OLD_INPUTS = {"hints": "features"}
 
 _CPU = ("CPUExecutionProvider",)
 
@@ -57,7 +60,9 @@ class OnnxNetwork:
         Inputs that the network does not take are left out and may be ``None``.
         """
         fed = dict(zip(self._input_names, arrays, strict=True))
-        contiguous = {key: np.ascontiguousarray(fed[key], np.float32) for key in self._taken}
+        contiguous = {
+            key: np.ascontiguousarray(fed[_OLD_INPUTS.get(key, key)], np.float32) for key in self._taken
+        }
         results = self._session.run(None, contiguous)
         return results[0] if len(results) == 1 else tuple(results)
 
@@ -67,19 +72,19 @@ class Networks:
     """Networks that belong together.
 
     Attributes:
-        arnet: Takes image, defocus, classical, hints; gives bokeh and error map.
-        iunet: Takes image, defocus, classical, coarse, hints; gives bokeh. ``None`` where the classical
+        arnet: Takes image, defocus, classical, features; gives bokeh and error map.
+        iunet: Takes image, defocus, classical, coarse, features; gives bokeh. ``None`` where the classical
             render's detail is carried over instead.
-        unit: Largest radius that ``arnet`` was trained for, pixels.
+        network_max_radius: Largest radius that ``arnet`` was trained for, pixels.
         classical: Name of the classical renderer whose result they correct.
-        trusted_radius: Largest blur radius that they may correct, pixels.
+        max_valid_radius: Largest blur radius that they may correct, pixels.
     """
 
     arnet: OnnxNetwork
     iunet: OnnxNetwork | None
-    unit: float
+    network_max_radius: float
     classical: str
-    trusted_radius: float = math.inf
+    max_valid_radius: float = math.inf
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -96,23 +101,23 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     found = manifest.get("format") if isinstance(manifest, dict) else None
     if found != _FORMAT:
         raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {found}; export again")
-    return manifest
+    return {_OLD_KEYS.get(key, key): value for key, value in manifest.items()}
 
 
 def _check_pair(folder: Path, manifest: dict[str, Any]) -> None:
     path = folder / "manifest.json"
-    if not isinstance(manifest.get("unit"), int | float):
-        raise ModelFileError(f"{path}: expected a number called unit; export again")
+    if not isinstance(manifest.get("network_max_radius"), int | float):
+        raise ModelFileError(f"{path}: expected a number called network_max_radius; export again")
     classical = manifest.get("classical")
     if classical not in CLASSICAL_RENDERERS:
         raise ModelFileError(
             f"{path}: expected classical to be one of {', '.join(CLASSICAL_RENDERERS)}, found {classical}; "
             f"export again"
         )
-    trusted = manifest.get("trusted_radius", 1)
+    trusted = manifest.get("max_valid_radius", 1)
     if not isinstance(trusted, int | float) or not trusted > 0:
         raise ModelFileError(
-            f"{path}: expected trusted_radius to be above 0, found {trusted!r}; export again"
+            f"{path}: expected max_valid_radius to be above 0, found {trusted!r}; export again"
         )
 
 
@@ -163,15 +168,15 @@ def load_networks(
     _check_pair(folder, manifest)
     inputs = ("image", "defocus", "classical")
     settings = (threads, providers, options)
-    arnet = OnnxNetwork(_read_model(folder, "arnet", manifest), (*inputs, "hints"), *settings)
+    arnet = OnnxNetwork(_read_model(folder, "arnet", manifest), (*inputs, "features"), *settings)
     iunet = None
     if "iunet" in manifest["networks"]:
         model = _read_model(folder, "iunet", manifest)
-        iunet = OnnxNetwork(model, (*inputs, "coarse", "hints"), *settings)
+        iunet = OnnxNetwork(model, (*inputs, "coarse", "features"), *settings)
     return Networks(
         arnet=arnet,
         iunet=iunet,
-        unit=float(manifest["unit"]),
+        network_max_radius=float(manifest["network_max_radius"]),
         classical=manifest["classical"],
-        trusted_radius=float(manifest.get("trusted_radius", math.inf)),
+        max_valid_radius=float(manifest.get("max_valid_radius", math.inf)),
     )

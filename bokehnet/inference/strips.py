@@ -8,7 +8,7 @@ import numpy as np
 from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.errors import ParameterError
 
-__all__ = ["Gathered", "cut_strips"]
+__all__ = ["StripAccumulator", "cut_strips"]
 
 # Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
 BYTES_PER_PIXEL = {"rays": 125, "scatter": 45}
@@ -26,7 +26,7 @@ def _aligned(row: int) -> int:
 def cut_strips(
     height: int,
     width: int,
-    reach: int,
+    max_coc_radius: int,
     classical: str,
     memory: int,
     taken: int = 0,
@@ -37,16 +37,16 @@ def cut_strips(
     Args:
         height: Of the picture.
         width: Of the picture.
-        reach: Its largest blur radius, pixels.
+        max_coc_radius: Its largest blur radius, pixels.
         classical: Name of the classical renderer.
         memory: Bytes that rendering a strip may take beyond input and output, and that are taken already.
         taken: Those that are taken already.
-        crossed: Pixels within which rays stay, where a lens sends them beyond ``reach``.
+        crossed: Pixels within which rays stay, where a lens sends them beyond ``max_coc_radius``.
 
     Raises:
         ParameterError: Not even the narrowest strip fits.
     """
-    halo = _HALO[classical] * min(max(reach, crossed or 0), height) + _FEW
+    halo = _HALO[classical] * min(max(max_coc_radius, crossed or 0), height) + _FEW
     most = max(0, memory - taken) // (BYTES_PER_PIXEL[classical] * width)
     rows = height if most >= height else _aligned(most - 2 * halo - ALIGNED)
     if rows < ALIGNED and rows < height:
@@ -55,7 +55,7 @@ def cut_strips(
         raise ParameterError(
             "max_memory",
             f"at least {math.ceil((taken + least) / 1e6)} MB {which}, for a "
-            f"width of {width} and blur of {reach} pixels",
+            f"width of {width} and blur of {max_coc_radius} pixels",
             memory,
             shown=f"{memory / 1e6:.0f} MB",
         )
@@ -66,12 +66,12 @@ def cut_strips(
             first=first,
             last=min(height, bottom + halo),
             height=height,
-            reach=reach,
+            max_coc_radius=max_coc_radius,
             wanted=slice(top - first, bottom - first),
         )
 
 
-class Gathered:
+class StripAccumulator:
     """What strips give, gathered row by row in an array of the whole picture.
 
     Args:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bokehnet.cascade import Level, RefineNetwork
+from bokehnet.coarse_to_fine import Level, RefineNetwork
 from bokehnet.pyramid import upsample2
 
 __all__ = ["refine_in_tiles"]
@@ -47,9 +47,9 @@ def refine_in_tiles(
             if not error_map[window].any():
                 continue
             half = np.s_[..., y0 // 2 : y1 // 2, x0 // 2 : x1 // 2]
-            hints = None if level.hints is None else level.hints[window]
+            features = None if level.features is None else level.features[window]
             refined = iunet(
-                level.image[window], level.defocus[window], level.classical[window], coarse[half], hints
+                level.image[window], level.defocus[window], level.classical[window], coarse[half], features
             )
             result[..., top:bottom, left:right] = refined[..., top - y0 : bottom - y0, left - x0 : right - x0]
     return result

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_atomic
-from bokehnet.io.banded import make_in_bands
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.png import write_png
+from bokehnet.io.row_blocks import make_in_row_blocks
 
 __all__ = ["check_readable", "encode"]
 
@@ -80,7 +80,7 @@ def _make_band(
     def make(rows: slice) -> NDArray[Any]:
         return stored(slice(top + rows.start, top + rows.stop))
 
-    return make_in_bands(make, shape, dtype)
+    return make_in_row_blocks(make, shape, dtype)
 
 
 def check_readable(path: Path, part: int = 0) -> None:

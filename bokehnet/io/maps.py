@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
-from bokehnet.io.banded import in_bands
 from bokehnet.io.pixels import ImageFile, Part
+from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.io.window import Window
 
 __all__ = [
@@ -91,7 +91,7 @@ def read_disparity(
         values = np.clip(values, 0, 1)
     elif normalise:
         # In double precision, where the range of any float32 map is finite.
-        values = in_bands(lambda rows: (rows.astype(np.float64) - lowest) / (highest - lowest), values)
+        values = in_row_blocks(lambda rows: (rows.astype(np.float64) - lowest) / (highest - lowest), values)
     return 1 - values if invert else values
 
 

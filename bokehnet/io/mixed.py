@@ -4,9 +4,10 @@ A renderer that filters depth as it filters colour writes, where an edge crosses
 lies on both sides. Blur of such a pixel is that of a surface which is not there: it can even be in focus
 between a blurred foreground and a blurred background. Colour may be mixed, depth may not.
 
-The steps that :mod:`bokehnet.classical.gaps` sharpens are measured in pixels of blur, which a file does not
-know yet, and are split in the middle of the disparity, which is not the middle of the pixel when depth was
-filtered. So this is another rule, for narrow ramps only: what is wider than filters make is left alone.
+The steps that :mod:`bokehnet.classical.layered.depth_discontinuities` sharpens are measured in pixels of
+blur, which a file does not know yet, and are split in the middle of the disparity, which is not the middle of
+the pixel when depth was filtered. So this is another rule, for narrow ramps only: what is wider than filters
+make is left alone.
 """
 
 from itertools import product

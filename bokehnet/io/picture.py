@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.banded import in_bands
 from bokehnet.io.color import srgb_to_linear
 from bokehnet.io.pixels import ImageFile, Part, as_stored
+from bokehnet.io.row_blocks import in_row_blocks
 
 __all__ = ["Picture", "find_picture", "read_light", "read_light_and_alpha"]
 
@@ -128,10 +128,10 @@ def _light(colour: NDArray[np.float32], alpha: NDArray[np.float32], part: Part) 
     if part.linear:
         return colour if part.premultiplied or not alpha.shape[-1] else colour * alpha
     if not alpha.shape[-1]:
-        return in_bands(srgb_to_linear, colour)
+        return in_row_blocks(srgb_to_linear, colour)
     if part.premultiplied:  # in encoded values: undo, decode, multiply again
         colour = np.divide(colour, np.where(alpha > 0, alpha, 1), dtype=np.float32)
-    light: NDArray[np.float32] = in_bands(srgb_to_linear, colour) * alpha
+    light: NDArray[np.float32] = in_row_blocks(srgb_to_linear, colour) * alpha
     return light
 
 

@@ -1,4 +1,4 @@
-"""Point-spread functions: traced through the glass, and of the pencil map that stands for it.
+"""Point-spread functions: traced through the glass, and of the aberration map that stands for it.
 
 Both are pictures of one point of the scene, around the place where the lens stopped far down shows it.
 """
@@ -12,14 +12,15 @@ from bokehnet.errors import LensError, ShapeError
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.stop_rays import chief_rays
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.sampling import disc_from_square, halton
 
-__all__ = ["correlation", "pencil_psf", "psf_reach", "traced_psf"]
+__all__ = ["aberration_psf", "correlation", "psf_reach", "traced_psf"]
 
 # Half-side of the square in the entrance pupil that is searched for light, in its radii, and rays along it.
 _SEARCH, _COARSE = 3.0, 96
-# Rounds of the search for where light arrives; each leaves the gradient of the miss, a few per cent.
+# Rounds of the search for where light arrives; each leaves the gradient of the transverse aberration, a few
+# per cent.
 _ROUNDS = 5
 # How near to the middle of the stop its ray passes, in radii, and heights of rays that found no surface.
 _CENTRED, _LOST = 1e-3, 1e5
@@ -79,8 +80,8 @@ def traced_psf(
     return collected.normalised()
 
 
-def pencil_psf(
-    pencil: PencilMap,
+def aberration_psf(
+    aberration_map: AberrationMap,
     *,
     defocus: float,
     field: tuple[float, float],
@@ -90,7 +91,7 @@ def pencil_psf(
     size: int,
     rays: int = 40_000,
 ) -> np.ndarray:
-    """Send light of a point along the pencils of a map; evenly spread over the pupil.
+    """Send light of a point along the rays of a map; evenly spread over the pupil.
 
     Lengths are in half-diagonals of the picture: ``defocus`` (signed, + in front of focus) and ``pitch``.
     Other arguments, result and errors are those of :func:`traced_psf`. The light of the aperture coordinate
@@ -107,13 +108,13 @@ def pencil_psf(
         pupil = disc_from_square(np.stack([halton(rays, 2, start), halton(rays, 3, start)], -1))
 
         def away(at: np.ndarray, pupil: np.ndarray = pupil, nm: float = float(wavelength)) -> np.ndarray:
-            miss, bent, _ = pencil(pupil, at, nm)
-            return np.asarray(defocus * bent + miss)
+            transverse_aberration, bent, _ = aberration_map(pupil, at, nm)
+            return np.asarray(defocus * bent + transverse_aberration)
 
         at = np.broadcast_to(place, pupil.shape)
         for _ in range(_ROUNDS):
             at = place + away(at)
-        light = pencil(pupil, at, float(wavelength))[2] / _crowding(away, at)
+        light = aberration_map(pupil, at, float(wavelength))[2] / _crowding(away, at)
         collected.add((at - place) / pitch, light, number)
     return collected.normalised()
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.lenses.pencil_fit import fit_pencil
-from bokehnet.lenses.point_spread import correlation, pencil_psf, psf_reach, traced_psf
+from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.point_spread import aberration_psf, correlation, psf_reach, traced_psf
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.optics.light_draw import LightDraw
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.aberration_map import AberrationMap
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 __all__ = ["FIELDS", "PsfPair", "psf_depths", "psf_pairs"]
 
@@ -34,7 +34,7 @@ class PsfPair:
         blur_radius: By Gaussian optics, signed, in half-diagonals of the picture.
         width: Of the pictures, in half-diagonals.
         traced: Through the glass, (64, 64, 3), linear light.
-        reduced: Of the pencil map, the same.
+        reduced: Of the aberration map, the same.
     """
 
     depth: float
@@ -69,9 +69,9 @@ def psf_depths(lens: PrescriptionLens) -> tuple[float, float, float]:
 
 def psf_pairs(
     lens: PrescriptionLens,
-    pencil: PencilMap | None = None,
+    aberration_map: AberrationMap | None = None,
     rays: int = 12_000,
-    light: LightDraw | None = None,
+    wavelength_sampling: WavelengthSampling | None = None,
 ) -> Iterator[PsfPair]:
     """Yield the pairs of three depths (:func:`psf_depths`) at three fields each.
 
@@ -80,13 +80,13 @@ def psf_pairs(
 
     Args:
         lens: The lens; its picture is the one that it is made for.
-        pencil: Its map without distortion; None is made.
+        aberration_map: Its map without distortion; None is made.
         rays: Of each of 24 wavelengths.
-        light: How wavelengths are seen; default: evenly lit.
+        wavelength_sampling: How wavelengths are seen; default: evenly lit.
     """
-    pencil = fit_pencil(lens) if pencil is None else pencil
+    aberration_map = fit_aberration_map(lens) if aberration_map is None else aberration_map
     half_diagonal = lens.prescription.image_radius
-    wavelengths, colors = (light or LightDraw()).draw(_WAVELENGTHS)
+    wavelengths, colors = (wavelength_sampling or WavelengthSampling()).sample(_WAVELENGTHS)
     for depth in psf_depths(lens):
         blur_radius = float(lens.coc_radius(1 / depth)) / half_diagonal
         for distance in FIELDS:
@@ -102,8 +102,8 @@ def psf_pairs(
                 size=_SIZE,
                 rays=rays,
             )
-            reduced = pencil_psf(
-                pencil,
+            reduced = aberration_psf(
+                aberration_map,
                 defocus=blur_radius,
                 field=field,
                 wavelengths=wavelengths,

@@ -4,10 +4,10 @@ import dataclasses
 import math
 
 from bokehnet.lenses.depth_of_field import depth_of_field
-from bokehnet.lenses.pass_share import pass_share
 from bokehnet.lenses.plot import sharp_radius
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.pupils import traced_focal_length, traced_pupils
+from bokehnet.lenses.unvignetted_fraction import unvignetted_fraction
 
 __all__ = ["describe_lens"]
 
@@ -37,7 +37,7 @@ def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
     near, far = (_metres(depth) for depth in depth_of_field(lens, limit))
     exit_only = dataclasses.replace(lens, pupil_sampling="exit")
     shares = [
-        f"{100 * pass_share(one, field * design.image_radius):.0f}"
+        f"{100 * unvignetted_fraction(one, field * design.image_radius):.0f}"
         for one in (exit_only, lens)
         for field in (0.0, 0.7, 1.0)
     ]

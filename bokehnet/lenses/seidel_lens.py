@@ -3,8 +3,8 @@
 Seven parameters are Gaussian optics: focal length, two principal planes, place and radius of two pupils. They
 move and scale the picture and the pupil from wavelength to wavelength. Seidel's five coefficients tell how
 rays miss at the sensor, and five more how those through a place in the stop miss its image, the entrance
-pupil. Together they make a pencil map that is exact up to the third order in a and h; its unit disc is the
-stop. What the rims of other surfaces cut off, and all higher orders, only traced rays know.
+pupil. Together they make an aberration map that is exact up to the third order in a and h; its unit disc is
+the stop. What the rims of other surfaces cut off, and all higher orders, only traced rays know.
 
 Source: Welford, "Aberrations of optical systems", 1986, ch. 8 and 10; the parameters per wavelength after
 Asberg, "Parametrically replicating bokeh using Seidel aberration", 2020.
@@ -20,12 +20,12 @@ from bokehnet.errors import ParameterError
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
 from bokehnet.lenses.surface_trace import Surface
+from bokehnet.optics.aberration_map import AberrationMap, term
 from bokehnet.optics.paraxial import focused_rays
-from bokehnet.optics.pencil import PencilMap, term
-from bokehnet.optics.seidel import SeidelCoefficients, SeidelSums, even_light, surface_sums
+from bokehnet.optics.seidel import SeidelCoefficients, SeidelSums, surface_sums, uniform_irradiance
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_pencil"]
+__all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_aberration_map"]
 
 # Of the visible spectrum, evenly spread, nm.
 WAVELENGTHS = tuple(float(wavelength) for wavelength in np.linspace(SHORTEST, LONGEST, 64))
@@ -48,12 +48,13 @@ class SeidelLens:
         exit_radius: As of the entrance pupil.
         image: Where rays miss at the sensor, half-diagonals of the picture.
         pupil: Where rays miss the entrance pupil, in its radii, with the parts of a and h exchanged.
-        blur: Miss E per a by Gaussian optics, half-diagonals: axial colour, 0 at the design wavelength.
+        blur: Transverse aberration E per a by Gaussian optics, half-diagonals: axial colour, 0 at the design
+            wavelength.
         shift: The same per h: lateral colour.
         pupil_size: Coordinate A per a by Gaussian optics, 1 at the design wavelength.
         pupil_shift: The same per h, 0 there.
-        rise: The light that places in the stop send to the sensor is ``1 + rise a.a + lean a.h``.
-        lean: As told at ``rise``.
+        rise: The light that places in the stop send to the sensor is ``1 + rise a.a + tilt a.h``.
+        tilt: As told at ``rise``.
     """
 
     wavelengths: np.ndarray
@@ -71,10 +72,10 @@ class SeidelLens:
     pupil_size: np.ndarray
     pupil_shift: np.ndarray
     rise: np.ndarray
-    lean: np.ndarray
+    tilt: np.ndarray
 
-    def pencil(self, picture: "SeidelLens | None" = None) -> PencilMap:
-        """Return the pencil map.
+    def aberration_map(self, picture: "SeidelLens | None" = None) -> AberrationMap:
+        """Return the aberration map.
 
         Args:
             picture: The same lens at one wavelength. A picture taken by its middle rays, distortion and all,
@@ -84,11 +85,17 @@ class SeidelLens:
             value[:, None, None] for value in (self.blur, self.shift, self.pupil_size, self.pupil_shift)
         )
         # A ray of third order is the one that Gaussian optics sends from h - E through a + (A - a).
-        third, moved = self.image.miss(), self.pupil.bend() - even_light(self.rise, self.lean)
-        miss, bend = (1 - shift) * third + blur * moved, size * moved - pupil_shift * third
+        third, moved = (
+            self.image.transverse_aberration(),
+            self.pupil.pupil_aberration() - uniform_irradiance(self.rise, self.tilt),
+        )
+        transverse_aberration, pupil_aberration = (
+            (1 - shift) * third + blur * moved,
+            size * moved - pupil_shift * third,
+        )
         for table, per_pupil, per_field in (
-            (miss, self.blur, self.shift),
-            (bend, self.pupil_size - 1, self.pupil_shift),
+            (transverse_aberration, self.blur, self.shift),
+            (pupil_aberration, self.pupil_size - 1, self.pupil_shift),
         ):
             table[:, 0, term(0, 0, 0)] += per_pupil
             table[:, 1, term(0, 0, 0)] += per_field
@@ -97,13 +104,17 @@ class SeidelLens:
             # derivatives of its distortion, and A and E with it.
             shown, entry = float(picture.image.distortion[0]), float(picture.pupil.spherical[0])
             for table, per_pupil, per_field, middle in (
-                (miss, self.blur, self.shift, shown),
-                (bend, self.pupil_size, self.pupil_shift, entry),
+                (transverse_aberration, self.blur, self.shift, shown),
+                (pupil_aberration, self.pupil_size, self.pupil_shift, entry),
             ):
                 table[:, 0, term(0, 0, 1)] += shown * per_pupil
                 table[:, 1, term(0, 1, 0)] += 2 * shown * per_pupil
                 table[:, 1, term(0, 0, 1)] += 3 * shown * per_field - middle
-        return PencilMap(wavelengths=self.wavelengths, miss=miss, bend=bend)
+        return AberrationMap(
+            wavelengths=self.wavelengths,
+            transverse_aberration=transverse_aberration,
+            pupil_aberration=pupil_aberration,
+        )
 
 
 def reduce_lens(
@@ -156,7 +167,7 @@ def reduce_lens(
     marginal_place, chief_place = radius + distance * marginal_slope, distance * chief_slope
     scale = lens.thick.sensor_distance / corner
     nearness = 1 / lens.focus_distance
-    rise, lean = _light(gauss, SeidelCoefficients.from_sums(rear, -lagrange), lens.sensor_position, corner)
+    rise, tilt = _light(gauss, SeidelCoefficients.from_sums(rear, -lagrange), lens.sensor_position, corner)
 
     def each(value: Array) -> np.ndarray:
         return np.broadcast_to(np.asarray(value, float), colours.shape)
@@ -177,18 +188,18 @@ def reduce_lens(
         pupil_size=each(marginal_place / abs(design.radius)),
         pupil_shift=each(chief_place / abs(design.radius)),
         rise=each(rise),
-        lean=each(lean),
+        tilt=each(tilt),
     )
 
 
-def seidel_pencil(
+def seidel_aberration_map(
     lens: PrescriptionLens,
     *,
     half_diagonal: float | None = None,
     distortion: bool = False,
     wavelengths: Sequence[float] = WAVELENGTHS,
-) -> PencilMap:
-    """Return the pencil map of a lens by third-order theory, with the first-order change of colour.
+) -> AberrationMap:
+    """Return the aberration map of a lens by third-order theory, with the first-order change of colour.
 
     Args:
         lens: The lens, as it is focused and stopped down.
@@ -202,9 +213,9 @@ def seidel_pencil(
     """
     reduced = reduce_lens(lens, half_diagonal=half_diagonal, wavelengths=wavelengths)
     if distortion:
-        return reduced.pencil()
+        return reduced.aberration_map()
     design = [lens.prescription.design_wavelength]
-    return reduced.pencil(reduce_lens(lens, half_diagonal=half_diagonal, wavelengths=design))
+    return reduced.aberration_map(reduce_lens(lens, half_diagonal=half_diagonal, wavelengths=design))
 
 
 def _sums(
@@ -232,7 +243,7 @@ def _sums(
 def _light(
     gauss: ParaxialLens, exit_pupil: SeidelCoefficients, sensor: float, corner: float
 ) -> tuple[Array, Array]:
-    """``rise`` and ``lean`` of :class:`SeidelLens`: how areas of the stop grow on their way, times cos^4.
+    """``rise`` and ``tilt`` of :class:`SeidelLens`: how areas of the stop grow on their way, times cos^4.
 
     ``exit_pupil`` tells where rays miss the exit pupil, in its radii.
     """
@@ -240,5 +251,5 @@ def _light(
     upright = np.sign(gauss.exit.radius * gauss.entrance.radius)
     pupil, field = upright * abs(gauss.exit.radius) / distance, corner / distance
     rise = 4 * exit_pupil.distortion - 2 * pupil * pupil
-    lean = 6 * exit_pupil.astigmatism + 2 * exit_pupil.field_curvature + 4 * pupil * field
-    return rise, lean
+    tilt = 6 * exit_pupil.astigmatism + 2 * exit_pupil.field_curvature + 4 * pupil * field
+    return rise, tilt

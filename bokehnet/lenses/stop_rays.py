@@ -9,7 +9,8 @@ from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
 
 __all__ = ["StopRays", "chief_rays", "stop_rays"]
 
-# Steps towards the middle of the stop; each leaves the pupil's aberration, a few per cent, of the miss.
+# Steps towards the middle of the stop; each leaves the pupil's aberration, a few per cent, of the transverse
+# aberration.
 _STEPS = 20
 
 

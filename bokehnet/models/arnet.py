@@ -1,4 +1,4 @@
-"""ARNet: coarse bokeh and error map at a size where the largest blur is one unit."""
+"""ARNet: coarse bokeh and error map at a size where the largest blur is one that it was trained for."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.blocks import encode_hints, make_backbone
+from bokehnet.models.blocks import encode_features, make_backbone
 from bokehnet.optics.encoding import decode, encode
 
 __all__ = ["ARNet", "ARNetConfig"]
@@ -21,29 +21,30 @@ class ARNetConfig:
         num_blocks: Residual blocks.
         unet: Channels at 1/2, 1/4 and 1/8 of the size of a U-Net that takes the place of the published
             row of residual blocks; empty for that row.
-        unit: Largest blur radius it is made for, pixels.
+        network_max_radius: Largest blur radius it is made for, pixels.
         see_classical: Whether it sees and corrects the classical render; the published network sees the
             all-in-focus picture alone.
-        see_hints: Whether it sees what the classical renderer knows besides (``bokehnet.cascade.Level``).
+        see_features: Whether it sees what the classical renderer knows besides
+            (``bokehnet.coarse_to_fine.Level``).
     """
 
     width: int = 128
     num_blocks: int = 3
     unet: tuple[int, ...] = ()
-    unit: float = 10.0
+    network_max_radius: float = 10.0
     see_classical: bool = True
-    see_hints: bool = False
+    see_features: bool = False
 
 
 class ARNet(nn.Module):
     """Adaptive rendering network: what a lens would have seen, and where that beats the classical render.
 
     Shape:
-        image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels, at most one unit;
-        H and W even, multiples of 8 for a U-Net. With ``see_hints``, hints (B, 5, H, W): hidden colours,
-        guessed share, where the render can be wrong. Returns bokeh (B, 3, H, W), scene-linear, unclipped in
-        training and at least 0 in evaluation, and the error map (B, 1, H, W) in [0, 1], which can be
-        exactly 0 and 1.
+        image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels, at most
+        ``network_max_radius``; H and W even, multiples of 8 for a U-Net. With ``see_features``, features (B,
+        5, H, W): occluded background, disocclusion weight, error map. Returns bokeh (B, 3, H, W),
+        scene-linear, unclipped in training and at least 0 in evaluation, and the error map (B, 1, H, W) in
+        [0, 1], which can be exactly 0 and 1.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022. Changed: light
@@ -55,20 +56,25 @@ class ARNet(nn.Module):
     def __init__(self, config: ARNetConfig) -> None:
         super().__init__()
         self.config = config
-        channels = 4 + 3 * config.see_classical + 5 * config.see_hints
+        channels = 4 + 3 * config.see_classical + 5 * config.see_features
         self.backbone = make_backbone(4 * channels, 4, config.width, config.num_blocks, config.unet)
 
     def forward(
-        self, image: Tensor, defocus: Tensor, classical: Tensor, hints: Tensor | None = None
+        self, image: Tensor, defocus: Tensor, classical: Tensor, features: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Return bokeh and error map."""
         pictures = [encode(image)]
         if self.config.see_classical:
             pictures.append(encode(classical))
-        features = torch.cat(
-            [*pictures, defocus / self.config.unit, *encode_hints(hints, self.config.see_hints)], dim=1
+        stacked = torch.cat(
+            [
+                *pictures,
+                defocus / self.config.network_max_radius,
+                *encode_features(features, self.config.see_features),
+            ],
+            dim=1,
         )
-        output = self.backbone(F.pixel_unshuffle(features, 2)).float()
+        output = self.backbone(F.pixel_unshuffle(stacked, 2)).float()
         correction, logit = output.split([3, 1], dim=1)
         bokeh = decode(pictures[-1].float() + correction)
         error_map = (1.1 * logit.sigmoid() - 0.05).clamp(0, 1)

@@ -7,15 +7,15 @@ from torch import Tensor, nn
 from bokehnet.errors import ParameterError
 from bokehnet.optics.encoding import encode
 
-__all__ = ["Backbone", "ResidualBlock", "UNet", "encode_hints", "make_backbone"]
+__all__ = ["Backbone", "ResidualBlock", "UNet", "encode_features", "make_backbone"]
 
 
-def encode_hints(hints: Tensor | None, seen: bool) -> list[Tensor]:
-    """What to append to a network's inputs: hints (B, 5, H, W) with their colours encoded, or nothing."""
+def encode_features(features: Tensor | None, seen: bool) -> list[Tensor]:
+    """What to append to a network's inputs: features (B, 5, H, W) with their colours encoded, or nothing."""
     if not seen:
         return []
-    assert hints is not None, "this network was trained with hints"
-    return [encode(hints[:, :3]), hints[:, 3:]]
+    assert features is not None, "this network was trained with features"
+    return [encode(features[:, :3]), features[:, 3:]]
 
 
 # How strongly a fresh residual block changes what passes through it: without normalisation, full strength in

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.blocks import encode_hints, make_backbone
+from bokehnet.models.blocks import encode_features, make_backbone
 from bokehnet.optics.encoding import decode, encode
 
 __all__ = ["IUNet", "IUNetConfig"]
@@ -20,20 +20,20 @@ class IUNetConfig:
         width: Channels of the hidden layers.
         num_blocks: Residual blocks.
         unet: As in ARNet.
-        unit: Defocus is clamped to this many pixels, ARNet's unit.
+        network_max_radius: Defocus is clamped to this many pixels, as for ARNet.
         see_classical: Whether it also sees the classical render.
-        see_hints: Whether it also sees what the classical renderer knows besides.
+        see_features: Whether it also sees what the classical renderer knows besides.
         carry_detail: Whether what is finer than ``coarse`` is taken over from the classical render, and
             corrected everywhere. The published network interpolates ``coarse`` and corrects where no blur
-            nearby exceeds one unit.
+            nearby exceeds that.
     """
 
     width: int = 64
     num_blocks: int = 3
     unet: tuple[int, ...] = ()
-    unit: float = 10.0
+    network_max_radius: float = 10.0
     see_classical: bool = True
-    see_hints: bool = False
+    see_features: bool = False
     carry_detail: bool = False
 
 
@@ -42,7 +42,7 @@ class IUNet(nn.Module):
 
     Shape:
         image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels of this size; coarse
-        (B, 3, H/2, W/2), the bokeh at half the size; with ``see_hints``, hints (B, 5, H, W) as ARNet's.
+        (B, 3, H/2, W/2), the bokeh at half the size; with ``see_features``, features (B, 5, H, W) as ARNet's.
         H and W even, multiples of 8 for a U-Net. Returns bokeh (B, 3, H, W), unclipped in training and at
         least 0 in evaluation.
 
@@ -55,29 +55,37 @@ class IUNet(nn.Module):
     def __init__(self, config: IUNetConfig) -> None:
         super().__init__()
         self.config = config
-        channels = 4 + 3 * config.see_classical + 5 * config.see_hints
+        channels = 4 + 3 * config.see_classical + 5 * config.see_features
         self.backbone = make_backbone(4 * channels + 3, 3, config.width, config.num_blocks, config.unet)
 
     def keep_mask(self, defocus: Tensor) -> Tensor:
-        """1 where all blur nearby is below one unit, feathered to 0 where there is nothing sharp to gain."""
+        """1 where all blur nearby is below ``network_max_radius``, feathered to 0 elsewhere."""
         near = F.max_pool2d(defocus.abs(), 5, stride=1, padding=2)
         return F.avg_pool2d(
-            (near < self.config.unit).to(near.dtype), 5, 1, padding=2, count_include_pad=False
+            (near < self.config.network_max_radius).to(near.dtype), 5, 1, padding=2, count_include_pad=False
         )
 
     def forward(
-        self, image: Tensor, defocus: Tensor, classical: Tensor, coarse: Tensor, hints: Tensor | None = None
+        self,
+        image: Tensor,
+        defocus: Tensor,
+        classical: Tensor,
+        coarse: Tensor,
+        features: Tensor | None = None,
     ) -> Tensor:
         """Return the bokeh at the size of ``image``."""
         encoded = [encode(image)]
         if self.config.see_classical:
             encoded.append(encode(classical))
-        encoded += [(defocus / self.config.unit).clamp(-1, 1), *encode_hints(hints, self.config.see_hints)]
+        encoded += [
+            (defocus / self.config.network_max_radius).clamp(-1, 1),
+            *encode_features(features, self.config.see_features),
+        ]
         small = encode(coarse)
         if self.config.carry_detail:
             small = small - encode(F.avg_pool2d(classical, 2))
-        features = torch.cat([F.pixel_unshuffle(torch.cat(encoded, dim=1), 2), small], dim=1)
-        correction = self.backbone(features).float()
+        stacked = torch.cat([F.pixel_unshuffle(torch.cat(encoded, dim=1), 2), small], dim=1)
+        correction = self.backbone(stacked).float()
         start = F.interpolate(small.float(), scale_factor=2, mode="bilinear", align_corners=False)
         if self.config.carry_detail:
             start = start + encode(classical).float()

@@ -47,11 +47,15 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
         return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
-    inputs = {"image": noise(3), "defocus": config.unit * (2 * noise(1) - 1), "classical": noise(3)}
+    inputs = {
+        "image": noise(3),
+        "defocus": config.network_max_radius * (2 * noise(1) - 1),
+        "classical": noise(3),
+    }
     if isinstance(network, IUNet):
         inputs["coarse"] = noise(3, height // 2, width // 2)
-    if config.see_hints:
-        inputs["hints"] = noise(5)
+    if config.see_features:
+        inputs["features"] = noise(5)
     return inputs
 
 
@@ -108,7 +112,8 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, or ``arnet`` and ``iunet`` with the same unit.
+        networks: Trained networks by name: ``repair``, or ``arnet`` and ``iunet`` with the same
+            ``network_max_radius``.
         folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
         manifest: What else to write into the manifest: how the networks were made, and for a pair the
             name of the classical renderer whose result they correct, as ``classical``.
@@ -117,12 +122,14 @@ def export_networks(
         Largest difference between torch and ONNX Runtime for each network.
 
     Raises:
-        ModelFileError: The units differ, or a difference exceeds ``PARITY``; the manifest is not written.
+        ModelFileError: The radii differ, or a difference exceeds ``PARITY``; the manifest is not written.
     """
-    units = {name: x.config.unit for name, x in networks.items() if isinstance(x, ARNet | IUNet)}
-    if len(set(units.values())) > 1:
+    radii = {
+        name: x.config.network_max_radius for name, x in networks.items() if isinstance(x, ARNet | IUNet)
+    }
+    if len(set(radii.values())) > 1:
         raise ModelFileError(
-            f"both networks must share one unit, got {units['arnet']} and {units['iunet']}; "
+            f"both networks must share one network_max_radius, got {radii['arnet']} and {radii['iunet']}; "
             f"train IUNet behind this ARNet"
         )
     folder.mkdir(parents=True, exist_ok=True)
@@ -143,7 +150,7 @@ def export_networks(
         write_atomic(path, write, error=ModelFileError)
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         entries[name] = {"file": path.name, "sha256": digest, "config": to_dict(network.config)}
-    unit = {"unit": units["arnet"]} if "arnet" in units else {}
-    content = {"format": 1, **unit, **manifest, "networks": entries}
+    radius = {"network_max_radius": radii["arnet"]} if "arnet" in radii else {}
+    content = {"format": 1, **radius, **manifest, "networks": entries}
     write_text(folder / "manifest.json", json.dumps(content, indent=2) + "\n", error=ModelFileError)
     return differences

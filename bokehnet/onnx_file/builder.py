@@ -1,7 +1,8 @@
 """Writing ONNX graphs like array code: values with operators, loops and branches as Python functions.
 
-The nodes go into the graph that is open: the body of a loop while that is written, else the main graph.
-Constants and sizes are values as well. Sizes are int64 of shape (1,).
+A :class:`Value` is a named result of a :class:`Graph`. Each operator on it adds a node to that graph, so both
+stand in one file. Nodes go into the graph that is open: the body of a loop while that is written, else the
+main graph. Constants and sizes are values as well. Sizes are int64 of shape (1,).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -12,13 +13,164 @@ import numpy as np
 import onnx
 from onnx import NodeProto, TensorProto, helper, numpy_helper
 
-from bokehnet.onnx_file.values import TYPES, Operand, Value
-
-__all__ = ["OPSET", "Graph"]
+__all__ = ["END", "OPSET", "Graph", "Operand", "Value"]
 
 OPSET = 20
 
 _IR_VERSION = 10
+
+# As the end of a cut: whatever the length.
+END = 2**62
+
+# Numbers stand for constants of the other operand's type.
+Operand = Any
+
+_TYPES = {
+    np.dtype(np.float32): TensorProto.FLOAT,
+    np.dtype(np.float64): TensorProto.DOUBLE,
+    np.dtype(np.int16): TensorProto.INT16,
+    np.dtype(np.int64): TensorProto.INT64,
+    np.dtype(np.bool_): TensorProto.BOOL,
+}
+
+
+class Value:
+    """A named result of a graph.
+
+    Attributes:
+        name: Unique in the whole file.
+        dtype: Of its elements.
+        sequence: Whether it is a sequence of arrays.
+    """
+
+    def __init__(self, graph: "Graph", name: str, dtype: Any, sequence: bool = False) -> None:
+        self.graph, self.name, self.dtype, self.sequence = graph, name, np.dtype(dtype), sequence
+
+    def _with(self, op: str, other: Operand, dtype: Any = None) -> "Value":
+        return self.graph.op(op, self, self.graph.constant(other, self.dtype), dtype=dtype)
+
+    def _after(self, op: str, other: Operand) -> "Value":
+        return self.graph.op(op, self.graph.constant(other, self.dtype), self)
+
+    def __add__(self, other: Operand) -> "Value":
+        return self._with("Add", other)
+
+    def __sub__(self, other: Operand) -> "Value":
+        return self._with("Sub", other)
+
+    def __rsub__(self, other: Operand) -> "Value":
+        return self._after("Sub", other)
+
+    def __mul__(self, other: Operand) -> "Value":
+        return self._with("Mul", other)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, other: Operand) -> "Value":
+        return self._with("Div", other)
+
+    def __rtruediv__(self, other: Operand) -> "Value":
+        return self._after("Div", other)
+
+    def __floordiv__(self, other: Operand) -> "Value":
+        """Of sizes, which are not negative: there the operator truncates, and that is the same."""
+        assert self.dtype == np.int64
+        return self._with("Div", other)
+
+    def __mod__(self, other: Operand) -> "Value":
+        return self._with("Mod", other)
+
+    def __pow__(self, other: Operand) -> "Value":
+        return self._with("Pow", other)
+
+    def __neg__(self) -> "Value":
+        return self.graph.op("Neg", self)
+
+    def __abs__(self) -> "Value":
+        return self.graph.op("Abs", self)
+
+    def __gt__(self, other: Operand) -> "Value":
+        return self._with("Greater", other, bool)
+
+    def __ge__(self, other: Operand) -> "Value":
+        return self._with("GreaterOrEqual", other, bool)
+
+    def __lt__(self, other: Operand) -> "Value":
+        return self._with("Less", other, bool)
+
+    def __le__(self, other: Operand) -> "Value":
+        return self._with("LessOrEqual", other, bool)
+
+    def equals(self, other: Operand) -> "Value":
+        """Where it equals ``other``; ``==`` keeps its meaning in Python."""
+        return self._with("Equal", other, bool)
+
+    def __and__(self, other: "Value") -> "Value":
+        return self._with("And", other)
+
+    def __or__(self, other: "Value") -> "Value":
+        return self._with("Or", other)
+
+    def __invert__(self) -> "Value":
+        return self.graph.op("Not", self)
+
+    def __array_namespace__(self) -> "Graph":
+        """The graph holds the functions of its values: :func:`bokehnet.checks.array_namespace`."""
+        return self.graph
+
+    def clip(self, min: Operand = None, max: Operand = None) -> "Value":
+        """Not below ``min``, not above ``max``."""
+        result = self if min is None else self.graph.maximum(self, min)
+        return result if max is None else self.graph.minimum(result, max)
+
+    def astype(self, dtype: Any) -> "Value":
+        """Cast; to integers it cuts towards 0."""
+        return self.graph.op("Cast", self, dtype=dtype, to=_TYPES[np.dtype(dtype)])
+
+    def size(self, axis: int) -> "Value":
+        """Length of an axis, counted from 0."""
+        return self.graph.op("Shape", self, dtype=np.int64, start=axis, end=axis + 1)
+
+    def reshape(self, *sizes: Operand) -> "Value":
+        """Sizes are numbers or values; -1 stands for the rest."""
+        # An axis of length 0 is kept as such, not copied from the input.
+        return self.graph.op("Reshape", self, self.graph.sizes(*sizes), allowzero=int(-1 not in sizes))
+
+    def cut(self, axis: int, start: Operand, end: Operand, step: int = 1) -> "Value":
+        """Part of an axis, as ``[start:end:step]``; what lies beyond the ends is left out."""
+        places = [self.graph.sizes(place) for place in (start, end, axis, step)]
+        return self.graph.op("Slice", self, *places)
+
+    def take(self, indices: "Value", axis: int = 0) -> "Value":
+        """Elements at ``indices`` along an axis."""
+        return self.graph.op("Gather", self, indices, axis=axis)
+
+    def transpose(self, *axes: int) -> "Value":
+        """Axes in a new order."""
+        return self.graph.op("Transpose", self, perm=list(axes))
+
+    def _reduce(self, op: str, axes: Sequence[int], keep: bool) -> "Value":
+        return self.graph.op(op, self, self.graph.sizes(*axes), keepdims=int(keep))
+
+    def max(self, *axes: int, keep: bool = False) -> "Value":
+        """Largest along axes; over all of them as shape (1,)."""
+        return self._reduce("ReduceMax", axes, keep) if axes else self.reshape(-1).max(0, keep=True)
+
+    def min(self, *axes: int, keep: bool = False) -> "Value":
+        """Smallest along axes; over all of them as shape (1,)."""
+        return self._reduce("ReduceMin", axes, keep) if axes else self.reshape(-1).min(0, keep=True)
+
+    def sum(self, *axes: int, keep: bool = False) -> "Value":
+        """Sum along axes; over all of them as shape (1,)."""
+        return self._reduce("ReduceSum", axes, keep) if axes else self.reshape(-1).sum(0, keep=True)
+
+    def mean(self, *axes: int) -> "Value":
+        """Mean along axes, which go."""
+        return self._reduce("ReduceMean", axes, False)
+
+    def any(self) -> "Value":
+        """Whether one is true, as shape (1,)."""
+        return self.astype(np.float32).max() > 0
 
 
 class Graph:
@@ -57,7 +209,7 @@ class Graph:
 
     def input(self, name: str, dtype: Any, shape: Sequence[str | int] | None) -> Value:
         """An input of the file; without a shape it takes any."""
-        self._inputs.append(helper.make_tensor_value_info(name, TYPES[np.dtype(dtype)], shape))
+        self._inputs.append(helper.make_tensor_value_info(name, _TYPES[np.dtype(dtype)], shape))
         return Value(self, name, dtype)
 
     def ops(self, op: str, *inputs: Value, dtypes: Sequence[Any], **attributes: Any) -> list[Value]:
@@ -83,6 +235,14 @@ class Graph:
     def maximum(self, a: Value, b: Operand) -> Value:
         """The larger one."""
         return self.op("Max", a, self.constant(b, a.dtype))
+
+    def log1p(self, x: Value) -> Value:
+        """Logarithm of 1 + x."""
+        return self.op("Log", x + 1)
+
+    def expm1(self, x: Value) -> Value:
+        """Exponential of x, less 1."""
+        return self.op("Exp", x) - 1
 
     def concat(self, values: Sequence[Value], axis: int = 0) -> Value:
         """Join along an axis."""
@@ -224,7 +384,7 @@ class Graph:
         nodes, infos = self._open[0], []
         for name, (value, shape) in outputs.items():
             nodes.append(helper.make_node("Identity", [value.name], [name]))
-            infos.append(helper.make_tensor_value_info(name, TYPES[value.dtype], shape))
+            infos.append(helper.make_tensor_value_info(name, _TYPES[value.dtype], shape))
         graph = helper.make_graph(nodes, "bokehnet", self._inputs, infos, self._initializers)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)])
         model.ir_version = _IR_VERSION
@@ -234,7 +394,7 @@ class Graph:
 
 def _info(value: Value) -> onnx.ValueInfoProto:
     """Name and type of a value, of any shape."""
-    kind = TYPES[value.dtype]
+    kind = _TYPES[value.dtype]
     if value.sequence:
         return helper.make_tensor_sequence_value_info(value.name, kind, None)
     return helper.make_tensor_value_info(value.name, kind, None)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from bokehnet.onnx_file.builder import Graph
-from bokehnet.onnx_file.values import Value
+from bokehnet.onnx_file.builder import Graph, Value
 
 __all__ = ["geometric_error_map"]
 

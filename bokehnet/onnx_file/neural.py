@@ -1,13 +1,16 @@
-"""The neural half as ONNX operators: what :mod:`bokehnet.inference.correction` does."""
+"""The neural half as ONNX operators: :mod:`bokehnet.coarse_to_fine` with the sizes and loops of a graph.
+
+The formulas are those of that module, called with values of the graph.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
 import onnx
 
-from bokehnet.cascade import BLOCK
-from bokehnet.onnx_file.builder import Graph
+from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over
+from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
-from bokehnet.onnx_file.tone import decode, encode
-from bokehnet.onnx_file.values import Value
 
 __all__ = ["render_neural"]
 
@@ -15,16 +18,22 @@ __all__ = ["render_neural"]
 _MOST_HALVINGS = 40
 
 
-def _count_halvings(g: Graph, defocus: Value, unit: float) -> Value:
-    """How often the picture must be halved until its largest blur is at most ``unit``, as a size."""
-    limits = g.constant(unit * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
+def _count_halvings(g: Graph, defocus: Value, network_max_radius: float) -> Value:
+    """How often the picture must be halved until no blur exceeds ``network_max_radius``, as a size."""
+    limits = g.constant(network_max_radius * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
     return (abs(defocus).max() > limits).astype(np.int64).sum()
 
 
-def _run(g: Graph, network: onnx.ModelProto, inputs: dict[str, Value]) -> list[Value]:
-    """Run a network, which wants batches, on arrays (C, H, W)."""
-    results = g.inline(network, {name: g.op("Unsqueeze", x, g.sizes(0)) for name, x in inputs.items()})
-    return [g.op("Squeeze", x, g.sizes(0)) for x in results]
+def _written_in(g: Graph, network: onnx.ModelProto) -> Callable[..., tuple[Value, Value]]:
+    """An ARNet, which wants batches, as part of the graph: a :class:`CoarseNetwork` for (C, H, W)."""
+
+    def call(image: Value, defocus: Value, classical: Value, _: None) -> tuple[Value, Value]:
+        inputs = {"image": image, "defocus": defocus, "classical": classical}
+        results = g.inline(network, {name: g.op("Unsqueeze", x, g.sizes(0)) for name, x in inputs.items()})
+        bokeh, error_map = (g.op("Squeeze", x, g.sizes(0)) for x in results)
+        return bokeh, error_map
+
+    return call
 
 
 def render_neural(
@@ -32,40 +41,45 @@ def render_neural(
     image: Value,
     defocus: Value,
     classical: Value,
-    doubt: Value,
+    classical_error_map: Value,
     *,
     arnet: onnx.ModelProto,
-    unit: float,
+    network_max_radius: float,
+    max_valid_radius: float,
 ) -> tuple[Value, Value]:
-    """Render the neural half, as :class:`bokehnet.inference.correction.Correction`, on every pixel.
+    """Render the neural half, as :func:`bokehnet.coarse_to_fine.render_neural` without an IUNet.
 
     Args:
         g: The open graph.
         image: All-in-focus picture, scene-linear, (3, H, W).
         defocus: Signed blur radius in pixels, (H, W).
         classical: Classical render, (3, H, W).
-        doubt: Its error map, (H, W).
+        classical_error_map: Its error map, (H, W).
         arnet: The network.
-        unit: Largest radius ``arnet`` was trained for, pixels.
+        network_max_radius: Largest radius ``arnet`` was trained for, pixels.
+        max_valid_radius: Largest blur radius that it may correct, pixels.
 
     Returns:
         Bokeh (3, H, W) and error map (1, H, W).
     """
     height, width = defocus.size(0), defocus.size(1)
-    halvings = _count_halvings(g, defocus, unit)
-    powers = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64)
-    factor = powers.take(halvings)
+    halvings = _count_halvings(g, defocus, network_max_radius)
+    factor = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64).take(halvings)
+    scale = factor.astype(np.float32)
 
     def small(x: Value) -> Value:
         return shrink(pad_to_multiple(g, x, factor * BLOCK), factor)
 
-    inputs = {
-        "image": small(image),
-        "defocus": small(defocus.reshape(1, height, width)) / factor.astype(np.float32),
-        "classical": small(classical),
-    }
-    bokeh, learned = _run(g, arnet, inputs)
-    change = encode(g, bokeh) - encode(g, inputs["classical"])
+    low_classical = small(classical)
+    bokeh, learned = ask_arnet(
+        _written_in(g, arnet),
+        small(image),
+        small(defocus.reshape(1, height, width)) / scale,
+        low_classical,
+        None,
+        max_valid_radius / scale,
+    )
+    change = find_change(bokeh, low_classical)
 
     def climb(_: Value, change: Value, learned: Value) -> tuple[list[Value], list[Value]]:
         return [double(g, change), double(g, learned)], []
@@ -73,5 +87,4 @@ def render_neural(
     change, learned = (
         x.cut(1, 0, height).cut(2, 0, width) for x in g.loop(climb, [change, learned], times=halvings)
     )
-    neural = decode(g, encode(g, classical) + change)
-    return neural, learned * doubt.reshape(1, height, width)
+    return lay_over(classical, change), learned * classical_error_map.reshape(1, height, width)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from bokehnet.onnx_file.builder import Graph
-from bokehnet.onnx_file.values import END, Value
+from bokehnet.onnx_file.builder import END, Graph, Value
 
 __all__ = ["double", "pad_to_multiple", "repeat", "shrink"]
 

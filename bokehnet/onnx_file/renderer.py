@@ -13,12 +13,11 @@ from bokehnet.fusion import fuse
 from bokehnet.inference.engine import Engine
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.atomic import write_atomic
-from bokehnet.onnx_file.builder import OPSET, Graph
+from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.scatter import scatter
 from bokehnet.onnx_file.tone import gamma_curve
-from bokehnet.onnx_file.values import Value
 from bokehnet.optics.coc import defocus_from_disparity
 
 __all__ = ["PARITY", "build_model", "export_renderer"]
@@ -27,12 +26,12 @@ __all__ = ["PARITY", "build_model", "export_renderer"]
 PARITY = 50.0
 
 # Heights, widths, blurs and gammas at which they are compared: no side is a multiple of a block, one picture
-# has more rows than a band, one a blur that no table holds.
+# has more rows than a block, one a blur that no table holds.
 _TRIALS = ((97, 131, 9.0, 1.0), (301, 154, 30.0, 1.0), (150, 203, 220.0, 1.0), (120, 90, 20.0, 2.2))
 
 
-def _read_network(weights: Path) -> tuple[onnx.ModelProto, float]:
-    """ARNet, checked, and its unit in pixels."""
+def _read_network(weights: Path) -> tuple[onnx.ModelProto, float, float]:
+    """ARNet, checked, the largest radius it was made for, and the largest that it may correct, pixels."""
     networks = load_networks(weights, threads=1)
     if networks.classical != "scatter" or networks.iunet is not None:
         found = networks.classical + ("" if networks.iunet is None else " and has an IUNet")
@@ -45,7 +44,7 @@ def _read_network(weights: Path) -> tuple[onnx.ModelProto, float]:
     versions = {item.domain: item.version for item in arnet.opset_import}
     if versions != {"": OPSET}:
         raise ModelFileError(f"{path}: expected operator set {OPSET}, found {versions}; export again")
-    return arnet, networks.unit
+    return arnet, networks.network_max_radius, networks.max_valid_radius
 
 
 def build_model(weights: Path | None = None) -> onnx.ModelProto:
@@ -62,7 +61,7 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
     Raises:
         ModelFileError: The network is missing or damaged, or does not correct the scatter by itself.
     """
-    arnet, unit = _read_network(weights or WEIGHTS / "fast")
+    arnet, network_max_radius, max_valid_radius = _read_network(weights or WEIGHTS / "fast")
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])
@@ -76,8 +75,17 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
     classical = g.branch(linear, lambda: blurred, lambda: gamma_curve(g, image, gamma).decode(blurred))
 
     def corrected() -> Value:
-        doubt = geometric_error_map(g, defocus)
-        neural, error_map = render_neural(g, image, defocus, classical, doubt, arnet=arnet, unit=unit)
+        classical_error_map = geometric_error_map(g, defocus)
+        neural, error_map = render_neural(
+            g,
+            image,
+            defocus,
+            classical,
+            classical_error_map,
+            arnet=arnet,
+            network_max_radius=network_max_radius,
+            max_valid_radius=max_valid_radius,
+        )
         return fuse(classical, neural, error_map)
 
     bokeh = g.branch(linear, corrected, lambda: classical).transpose(1, 2, 0)

@@ -1,8 +1,8 @@
-"""The scatter as ONNX operators: what ``bokehnet.classical.levels`` and ``merging`` do, without numba.
+"""The scatter as ONNX operators: ``classical.scatter.pyramid_levels`` and ``pyramid_merging`` without numba.
 
-Large discs are spread on pictures of half, a quarter, ... of the size; which pixels go there is decided as
-in :mod:`bokehnet.classical.merging`. Besides, discs that the table lacks always go, also those of bright
-lights and of pixels at jumps, so that no loop grows with the largest blur.
+Large discs are scattered on pictures of half, a quarter, ... of the size; which pixels go there is decided as
+in :mod:`bokehnet.classical.scatter.pyramid_merging`. Besides, discs that the table lacks always go, also
+those of bright lights and of pixels at jumps, so that no loop grows with the largest blur.
 """
 
 import numpy as np
@@ -10,10 +10,9 @@ import numpy as np
 from bokehnet.classical.kernels import LARGEST_RADIUS
 from bokehnet.classical.levels import CONTRAST, DISC, TOLERANCE
 from bokehnet.classical.merging import TILE
-from bokehnet.onnx_file.builder import Graph
+from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, repeat
 from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs
-from bokehnet.onnx_file.values import END, Value
 
 __all__ = ["scatter"]
 
@@ -108,7 +107,7 @@ def _spread(g: Graph, values: Value, defocus: Value) -> Value:
 
 
 def scatter(g: Graph, image: Value, defocus: Value) -> Value:
-    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter.scatter` with a plain disc.
+    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter_renderer.scatter` with a plain disc.
 
     Args:
         g: The open graph.

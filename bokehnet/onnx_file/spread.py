@@ -1,9 +1,9 @@
-"""Spreading over discs as ONNX operators: what ``bokehnet.classical.kernels`` does, with arrays for loops.
+"""Spreading over discs as ONNX operators: ``classical.scatter.disc_scatter`` with arrays for loops.
 
-The picture is worked in bands of source rows, from the top down. A canvas holds a band and what its discs
-reach above and below; the ends of all discs are added to it by ``ScatterElements``, a few ends of every disc
-at a time, those with the most ends first in line. The uppermost rows, which no later band can reach, leave
-the canvas as running sums. Memory beyond the picture is that of a band.
+The picture is worked in blocks of source rows, from the top down. A canvas holds a block and what its
+discs reach above and below; the ends of all discs are added to it by ``ScatterElements``, a few ends of every
+disc at a time, those with the most ends first in line. The uppermost rows, which no later block can
+reach, leave the canvas as running sums. Memory beyond the picture is that of a block.
 
 ``ScatterND`` would be faster, but in ONNX Runtime (1.31) several threads add at once, and where an index
 repeats some of it is lost.
@@ -15,8 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from bokehnet.classical.disc import SMALLEST_RADIUS, disc_table, list_row
-from bokehnet.onnx_file.builder import Graph
-from bokehnet.onnx_file.values import END, Value
+from bokehnet.onnx_file.builder import END, Graph, Value
 
 __all__ = ["CHANNELS", "TABLE_RADIUS", "spread_discs"]
 
@@ -30,11 +29,12 @@ _LARGE_STEP = 0.5
 # Ends of a disc that are added in one go.
 _PACK = 8
 
-# Fewest source rows of a band; it has at least as many as its discs reach up and down, so that the canvas, of
-# which every turn makes a copy, is at most twice as large.
-_BAND_ROWS = 64
+# Fewest source rows of a block; it has at least as many as its discs reach up and down, so that the
+# canvas, of which every turn makes a copy, is at most twice as large.
+_BLOCK_ROWS = 64
 
-# How much farther than its radius a disc of the table can reach, as in ``bokehnet.classical.kernels``.
+# How much farther than its radius a disc of the table can reach, as in
+# ``bokehnet.classical.scatter.disc_scatter``.
 _MARGIN = 1.5
 
 
@@ -46,7 +46,7 @@ def _radii() -> np.ndarray:
 
 
 def _ends(radius: float) -> np.ndarray:
-    """Weights of the ends of a disc by row and column, see :mod:`bokehnet.classical.disc`."""
+    """Weights of the ends of a disc by row and column, see :mod:`bokehnet.classical.scatter.disc_table`."""
     size = int(radius) + 3
     dense = np.zeros((size, size))
     places, weights = np.empty((2 * size, 2), np.int32), np.empty((2 * size, 2))
@@ -90,14 +90,14 @@ def _find_step(g: Graph, radius: Value) -> tuple[Value, Value]:
 
 
 def _add_discs(g: Graph, canvas: list[Value], values: Value, defocus: Value, reach: Value) -> list[Value]:
-    """Add the ends of the discs of one band to the canvas.
+    """Add the ends of the discs of one block to the canvas.
 
     Args:
         g: The open graph.
         canvas: For each channel the differences along the rows, flat, (rows + 2 reach, W + 1).
         values: What each pixel spreads, (4, rows, W).
         defocus: Its radius, (rows, W).
-        reach: Rows by which the canvas exceeds the band at its top.
+        reach: Rows by which the canvas exceeds the block at its top.
     """
     packs, first, counts = (g.constant(x) for x in _packed_table())
     width = defocus.size(1)
@@ -144,7 +144,7 @@ def _add_discs(g: Graph, canvas: list[Value], values: Value, defocus: Value, rea
 
 
 def spread_discs(g: Graph, values: Value, defocus: Value) -> Value:
-    """Spread every pixel over its disc and add up, as :func:`bokehnet.classical.spread.spread_forward`.
+    """Scatter every pixel over its disc and add up, as ``bokehnet.classical.scatter.disc_scatter`` does.
 
     Args:
         g: The open graph.
@@ -156,7 +156,7 @@ def spread_discs(g: Graph, values: Value, defocus: Value) -> Value:
     """
     height, width = defocus.size(0), defocus.size(1)
     reach = (abs(defocus).max() + _MARGIN).astype(np.int64)
-    rows = g.maximum(reach * 2, _BAND_ROWS)
+    rows = g.maximum(reach * 2, _BLOCK_ROWS)
     leaving = rows * (width + 1)
     canvas = [g.zeros(np.float64, (rows + reach * 2) * (width + 1)) for _ in range(CHANNELS)]
 

@@ -1,4 +1,4 @@
-"""Scales of light as ONNX operators: :func:`bokehnet.optics.tone.gamma_curve`, and what networks see.
+"""Bright pixels prevail, as ONNX operators: :func:`bokehnet.optics.tone.gamma_curve`.
 
 A gamma out of range is brought back into it, as a file cannot refuse it.
 """
@@ -7,22 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.onnx_file.builder import Graph
-from bokehnet.onnx_file.values import END, Value
+from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.optics import tone
-from bokehnet.optics.encoding import STEEPNESS, WHITE
 
-__all__ = ["GammaCurve", "decode", "encode", "gamma_curve"]
-
-
-def encode(g: Graph, light: Value) -> Value:
-    """:func:`bokehnet.optics.encoding.encode`."""
-    return g.op("Log", g.maximum(light, 0) * STEEPNESS + 1) / WHITE
-
-
-def decode(g: Graph, encoded: Value) -> Value:
-    """:func:`bokehnet.optics.encoding.decode`, values below 0 as 0."""
-    return g.maximum((g.op("Exp", encoded * WHITE) - 1) / STEEPNESS, 0)
+__all__ = ["GammaCurve", "gamma_curve"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -29,7 +29,7 @@ _RANGES = {
     "curvature": (0.0, 1.0),
     "squeeze": (0.1, 10.0),
     "cats_eye": (0.0, 1.5),
-    "rim": (-1.0, 1.0),
+    "spherical_profile": (-1.0, 1.0),
     "obstruction": (0.0, 0.95),
     "onion": (0.0, 1.0),
     "onion_rings": (1.0, 40.0),
@@ -53,8 +53,8 @@ class Aperture:
         rotation: Turn of blades and picture in degrees, counter-clockwise as seen.
         squeeze: Width over height of the blur disc, 0.1 to 10; the longer one keeps its size.
         cats_eye: Displacement, in pupil radii, of the second pupil disc in the picture's corner, 0 to 1.5.
-        rim: Radial profile of the light, -1 to 1: 1 + rim * (2 rho^2 - 1) behind focus (above 0: bright
-            rims) and 1 - rim * (2 rho^2 - 1) in front of it, as spherical aberration gives.
+        spherical_profile: Radial profile s of the light, -1 to 1: 1 + s * (2 rho^2 - 1) behind focus (above
+            0: bright rims) and 1 - s * (2 rho^2 - 1) in front of it, as spherical aberration gives.
         obstruction: Radius of the central hole of a mirror lens, 0 to 0.95.
         picture: Any grey picture (H, W), values from 0 up: the transmission. Its longer side spans the
             pupil's diameter; what lies outside the disc is cut off.
@@ -74,7 +74,7 @@ class Aperture:
     rotation: float = 0.0
     squeeze: float = 1.0
     cats_eye: float = 0.0
-    rim: float = 0.0
+    spherical_profile: float = 0.0
     obstruction: float = 0.0
     picture: np.ndarray | None = None
     onion: float = 0.0
@@ -94,7 +94,7 @@ class Aperture:
             check_range(name, getattr(self, name), lowest, highest)
         check_whole("grain_seed", self.grain_seed, 0)
         key: tuple[Any, ...] = (self.blades, self.curvature, self.rotation, self.squeeze)
-        key += (self.cats_eye, self.rim, self.obstruction)
+        key += (self.cats_eye, self.spherical_profile, self.obstruction)
         key += (self.onion, self.onion and self.onion_rings, self.grain, self.grain and self.grain_seed)
         if self.picture is not None:
             picture = array_of_numbers("picture", self.picture, np.float32)
@@ -123,7 +123,7 @@ class Aperture:
     @property
     def is_disc(self) -> bool:
         """Whether this is a plain disc, evenly lit, the same all over the picture."""
-        evenly_lit = self.rim == 0 and self.onion == 0 and self.grain == 0
+        evenly_lit = self.spherical_profile == 0 and self.onion == 0 and self.grain == 0
         return self.is_round and evenly_lit and self.cats_eye == 0
 
     @property
@@ -173,7 +173,7 @@ def _picture_at(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray
 
 def _profile(aperture: Aperture, u: np.ndarray, v: np.ndarray, rho2: np.ndarray, side: int) -> np.ndarray:
     """Light on an open disc, 1 on average, at (u, v) in the disc's own radii."""
-    light = 1 - side * aperture.rim * (2 * rho2 - 1)
+    light = 1 - side * aperture.spherical_profile * (2 * rho2 - 1)
     if aperture.onion and side:
         light = light * (1 - side * aperture.onion * onion_rings(np.sqrt(rho2), aperture.onion_rings))
     if aperture.grain:

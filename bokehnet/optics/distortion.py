@@ -16,7 +16,7 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_numbers, check_range
 from bokehnet.errors import ParameterError
-from bokehnet.optics.coefficient import value_of, without_gradient
+from bokehnet.optics.scalars import value_of, without_gradient
 
 __all__ = ["BrownConrady", "Distortion", "DivisionModel"]
 

@@ -1,4 +1,4 @@
-"""The scale on which networks see light. Operators only: NumPy arrays and torch tensors."""
+"""The scale on which networks see light. Operators only: NumPy, torch and ONNX graphs."""
 
 import math
 

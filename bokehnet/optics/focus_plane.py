@@ -18,15 +18,15 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_number, check_numbers, check_rank
 from bokehnet.errors import LensError, ParameterError
-from bokehnet.optics.pencil import DESIGN_WAVELENGTH, TERMS, PencilMap
+from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, TERMS, AberrationMap
 
 __all__ = [
     "STEEPEST",
     "FocusPlane",
     "check_tilt",
     "distance_to_sensor",
+    "plane_aberration_map",
     "plane_defocus",
-    "plane_pencil",
     "relative_plane",
     "tilted_lens",
 ]
@@ -92,7 +92,7 @@ def plane_defocus(
     """Signed blur radius in pixels, positive in front of the plane of focus: ``blur * (disparity - focus)``.
 
     The plane for which it is 0 is the one in focus. Behind a lens a disc is cut out of a cone by a sensor
-    that leans, too: its outline is that of :func:`plane_pencil`.
+    that leans, too: its outline is that of :func:`plane_aberration_map`.
 
     Args:
         disparity: Inverse depth, (H, W), array or tensor; 1/mm with a lens, else in any unit.
@@ -109,8 +109,8 @@ def plane_defocus(
     return blur * (disparity - plane.at(columns + corner[0], rows[:, None] + corner[1]))
 
 
-def plane_pencil(plane: FocusPlane, blur: float) -> PencilMap:
-    """Return the pencil map that makes the discs of :func:`plane_defocus` conic.
+def plane_aberration_map(plane: FocusPlane, blur: float) -> AberrationMap:
+    """Return the aberration map that makes the discs of :func:`plane_defocus` conic.
 
     All rays of the pixel p meet where it is in focus: at the disparity D the ray through a runs over the
     place ``q = p - s a`` of the picture with ``s = blur * (D - focus(p))``. The map tells the defocus d
@@ -120,10 +120,10 @@ def plane_pencil(plane: FocusPlane, blur: float) -> PencilMap:
     is tilted by an angle b looks smaller, by 1 - cos(b) and, off the axis, by up to sin(b) times the slope t.
     """
     nothing = np.zeros((1, 2, len(TERMS)))
-    return PencilMap(
+    return AberrationMap(
         wavelengths=np.array([DESIGN_WAVELENGTH]),
-        miss=nothing,
-        bend=nothing,
+        transverse_aberration=nothing,
+        pupil_aberration=nothing,
         tilt=(blur * plane.slope[0], blur * plane.slope[1]),
     )
 

@@ -1,4 +1,4 @@
-"""Third-order aberrations: what each surface adds to them, and the pencil map that they make.
+"""Third-order aberrations: what each surface adds to them, and the aberration map that they make.
 
 The sum over the surfaces is one function of the aperture coordinate a and the field position h, the wavefront
 
@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.checks import Array
-from bokehnet.optics.pencil import TERMS, term
+from bokehnet.optics.aberration_map import TERMS, term
 
-__all__ = ["SeidelCoefficients", "SeidelSums", "even_light", "surface_sums"]
+__all__ = ["SeidelCoefficients", "SeidelSums", "surface_sums", "uniform_irradiance"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +68,14 @@ def surface_sums(
     (y, nu), (y_chief, nu_chief) = marginal, chief
     power = (behind - before) * curvature
     angle, angle_chief = nu + before * curvature * y, nu_chief + before * curvature * y_chief  # n i
-    bend = (nu - power * y) / behind**2 - nu / before**2  # change of u / n
+    pupil_aberration = (nu - power * y) / behind**2 - nu / before**2  # change of u / n
     lagrange = nu_chief * y - nu * y_chief
     flattening = 1 / behind - 1 / before
     aspheric = conic * curvature**3 * (behind - before)
     return SeidelSums(
-        spherical=-angle * angle * y * bend + aspheric * y**4,
-        coma=-angle * angle_chief * y * bend + aspheric * y**3 * y_chief,
-        astigmatism=-angle_chief * angle_chief * y * bend + aspheric * y**2 * y_chief**2,
+        spherical=-angle * angle * y * pupil_aberration + aspheric * y**4,
+        coma=-angle * angle_chief * y * pupil_aberration + aspheric * y**3 * y_chief,
+        astigmatism=-angle_chief * angle_chief * y * pupil_aberration + aspheric * y**2 * y_chief**2,
         petzval=-(lagrange**2) * curvature * flattening,
         distortion=angle_chief
         * (
@@ -128,15 +128,15 @@ class SeidelCoefficients:
             distortion=half * sums.distortion,
         )
 
-    def miss(self) -> np.ndarray:
-        """Coefficients of the pencil map's E, (..., 2, 20)."""
+    def transverse_aberration(self) -> np.ndarray:
+        """Coefficients of the aberration map's E, (..., 2, 20)."""
         return _table(
             along_pupil=(self.spherical, 2 * self.coma, self.field_curvature),
             along_field=(self.coma, 2 * self.astigmatism, self.distortion),
         )
 
-    def bend(self) -> np.ndarray:
-        """Coefficients of the pencil map's A - a, (..., 2, 20), where these are those of the pupil.
+    def pupil_aberration(self) -> np.ndarray:
+        """Coefficients of the aberration map's A - a, (..., 2, 20), where these are those of the pupil.
 
         The pupil is imaged with the parts of a and h exchanged.
         """
@@ -146,20 +146,20 @@ class SeidelCoefficients:
         )
 
 
-def even_light(rise: Array, lean: Array) -> np.ndarray:
+def uniform_irradiance(rise: Array, tilt: Array) -> np.ndarray:
     """Move places in the stop so that equal areas send equal light, and leave the rim where it is.
 
     Args:
-        rise: The light of places is ``1 + rise a.a + lean a.h``, numbers or (L,), small.
-        lean: The same.
+        rise: The light of places is ``1 + rise a.a + tilt a.h``, numbers or (L,), small.
+        tilt: The same.
 
     Returns:
-        What is added to places, as coefficients of a polynomial of the pencil map, (..., 2, 20). Its
+        What is added to places, as coefficients of a polynomial of the aberration map, (..., 2, 20). Its
         divergence is the light less its mean, and on the unit circle it has no part across.
     """
-    table = _table(along_pupil=(rise / 4, lean / 4, 0.0), along_field=(lean / 8, 0.0, 0.0))
+    table = _table(along_pupil=(rise / 4, tilt / 4, 0.0), along_field=(tilt / 8, 0.0, 0.0))
     table[..., 0, term(0, 0, 0)] = -rise / 4
-    table[..., 1, term(0, 0, 0)] = -3 * lean / 8
+    table[..., 1, term(0, 0, 0)] = -3 * tilt / 8
     return table
 
 

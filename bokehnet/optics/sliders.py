@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from bokehnet.checks import check_number, check_range
-from bokehnet.optics.pencil import DESIGN_WAVELENGTH, PencilMap
+from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, AberrationMap
 from bokehnet.optics.seidel import SeidelCoefficients
 
 __all__ = ["AberrationSliders"]
@@ -65,7 +65,11 @@ class AberrationSliders:
             field_curvature=(self.field_curvature - self.astigmatism) / 100,
         )
 
-    def pencil(self) -> PencilMap:
-        """Return the pencil map; all 0 gives the perfect one."""
-        miss = self.coefficients.miss()[None]
-        return PencilMap(wavelengths=np.array([DESIGN_WAVELENGTH]), miss=miss, bend=np.zeros_like(miss))
+    def aberration_map(self) -> AberrationMap:
+        """Return the aberration map; all 0 gives the perfect one."""
+        transverse_aberration = self.coefficients.transverse_aberration()[None]
+        return AberrationMap(
+            wavelengths=np.array([DESIGN_WAVELENGTH]),
+            transverse_aberration=transverse_aberration,
+            pupil_aberration=np.zeros_like(transverse_aberration),
+        )

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from bokehnet.checks import check_at_least
 from bokehnet.errors import ShapeError
-from bokehnet.raytrace.materials import Color, look_up
+from bokehnet.raytrace.materials import Color, texture_lookup
 from bokehnet.raytrace.scene import Vector
 from bokehnet.raytrace.space import dot
 
@@ -113,7 +113,7 @@ class Environment:
             shape = tuple(self.texture.shape)
             raise ShapeError(f"environment texture: expected shape (3, Ht, Wt), got {shape}")
 
-    def look_up(self, directions: Tensor) -> Tensor:
+    def texture_lookup(self, directions: Tensor) -> Tensor:
         """Radiance (N, 3) from ``directions`` (N, 3) of any length."""
         texture = self.texture.to(directions)
         if texture[0].numel() == 1:
@@ -123,4 +123,4 @@ class Environment:
         latitude = torch.atan2(torch.hypot(x, z), -y) / math.pi
         width = texture.shape[2]
         around = torch.cat([texture[..., -1:], texture, texture[..., :1]], -1)  # first and last column meet
-        return look_up(around, torch.stack([(longitude * width + 1) / (width + 2), latitude], -1))
+        return texture_lookup(around, torch.stack([(longitude * width + 1) / (width + 2), latitude], -1))

@@ -10,7 +10,7 @@ from torch.nn.functional import grid_sample
 from bokehnet.checks import check_at_least, check_range
 from bokehnet.errors import ParameterError, ShapeError
 
-__all__ = ["Color", "Material", "look_up"]
+__all__ = ["Color", "Material", "texture_lookup"]
 
 Color = tuple[float, float, float]
 
@@ -28,7 +28,7 @@ class Material:
     Attributes:
         color: Share of light that is scattered evenly, scene-linear RGB.
         specular: Share of light that is reflected by the glossy lobe, as metals do: at all angles alike.
-        roughness: Width of the lobe, 0.001 to 1; small is like a mirror (:mod:`bokehnet.raytrace.gloss`).
+        roughness: Width of the lobe, 0.001 to 1; small is like a mirror (:mod:`bokehnet.raytrace.ggx`).
         emission: Radiance that the surface gives off.
         texture: Scene-linear RGB times alpha, and alpha, (4, Ht, Wt); multiplies ``color`` and
             ``emission``. Light passes where alpha is below 1. Interpolated linearly, the texture ends at
@@ -71,14 +71,14 @@ class Material:
         """Whether all of the surface has the same radiance."""
         return any(self.emission) and self.texture[0].numel() == 1 and self.opaque
 
-    def look_up(self, uv: Tensor) -> Tensor:
+    def texture_lookup(self, uv: Tensor) -> Tensor:
         """RGB times alpha, and alpha, (N, 4), at places (N, 2) in [0, 1]."""
         if self.texture[0].numel() == 1:
             return self.texture[:, 0, 0].to(uv).expand(len(uv), 4)
-        return look_up(self.texture, uv)
+        return texture_lookup(self.texture, uv)
 
 
-def look_up(texture: Tensor, uv: Tensor) -> Tensor:
+def texture_lookup(texture: Tensor, uv: Tensor) -> Tensor:
     """Values (N, C) of a texture (C, Ht, Wt) at places (N, 2) in [0, 1], interpolated linearly."""
     grid = (2 * uv - 1).to(texture)[None, None]
     return grid_sample(texture[None], grid, padding_mode="border", align_corners=False)[0, :, 0].T

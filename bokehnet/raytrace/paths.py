@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from bokehnet.raytrace.frames import cosine_directions
-from bokehnet.raytrace.gloss import gloss_reflectance, sample_gloss
+from bokehnet.raytrace.ggx import ggx_reflectance, sample_ggx
 from bokehnet.raytrace.space import SpaceRays, dot, unit
 from bokehnet.raytrace.tables import join, pick
-from bokehnet.raytrace.world import Met, World
+from bokehnet.raytrace.world import SurfaceHit, World
 
 __all__ = ["DIMENSIONS_PER_BOUNCE", "Numbers", "Traced", "trace_paths"]
 
@@ -47,7 +47,7 @@ class _Paths:
         row: Which result they belong to, (M,).
         rays: Their last leg.
         weight: Share of the light at their end that arrives, (M, 3).
-        beyond: See ``World.meet``, as is ``last``.
+        beyond: See ``World.intersect``, as is ``last``.
         last: (M,).
         bounce: How often they were scattered, (M,).
         lit: Whether lights were gathered where the last leg starts, (M,).
@@ -100,7 +100,7 @@ def trace_paths(
         rays: N rays from the lens.
         numbers: Random numbers.
         bounces: How often light may be scattered; with 0 only what shines is seen.
-        start: ``beyond`` and ``last`` of :meth:`World.meet` for the first step.
+        start: ``beyond`` and ``last`` of :meth:`World.intersect` for the first step.
         first_only: Stop rays that pass the first surface; ``coverage`` is then its alpha.
 
     Source:
@@ -121,16 +121,16 @@ def trace_paths(
         chance=numbers(torch.full_like(row, _ALPHA), row),
     )
     while True:
-        met = world.meet(paths.rays, paths.beyond, paths.last)
-        gone = pick(paths, met.body < 0)
+        hit = world.intersect(paths.rays, paths.beyond, paths.last)
+        gone = pick(paths, hit.body < 0)
         color[gone.row] += gone.weight * world.sky(gone.rays, gone.bounce > 0)
         direct = gone.bounce == 0
         coverage[gone.row[direct]] = 0 if first_only else 1 - gone.weight[direct, 0]
         if len(gone.row) == len(paths.row):
             break
-        there = met.body >= 0
-        paths, met = pick(paths, there), pick(met, there)
-        shading = _shade(world, paths.rays, met)
+        there = hit.body >= 0
+        paths, hit = pick(paths, there), pick(hit, there)
+        shading = _shade(world, paths.rays, hit)
         counted = ~(paths.lit & shading.light)
         color[paths.row] += paths.weight * shading.emission * counted[:, None]
         stopped = shading.reflects & (paths.chance < shading.alpha)
@@ -142,24 +142,24 @@ def trace_paths(
             direct = paths.bounce == 0
             coverage[paths.row[direct]] = shading.alpha[direct]
             passing &= ~direct
-        paths = join(pick(_pass(paths, met, shading), passing), leaving)
+        paths = join(pick(_pass(paths, hit, shading), passing), leaving)
         paths = pick(paths, (paths.weight > 0).any(-1))
     return Traced(color=color, coverage=coverage)
 
 
-def _shade(world: World, rays: SpaceRays, met: Met) -> _Shading:
+def _shade(world: World, rays: SpaceRays, hit: SurfaceHit) -> _Shading:
     """Gather the materials of all bodies that were met."""
-    normal, texture = world.surfaces(rays, met)
+    normal, texture = world.surfaces(rays, hit)
     towards = dot(normal, rays.direction) < 0
     materials = [body.material for body in world.bodies]
 
     def constants(name: str) -> Tensor:
         values = [getattr(material, name) for material in materials]
-        return torch.tensor(values, device=normal.device)[met.body]
+        return torch.tensor(values, device=normal.device)[hit.body]
 
     pure = texture[:, :3] / texture[:, 3:].clamp_min(1e-6)
     return _Shading(
-        point=rays.at(met.hits.distance),
+        point=rays.at(hit.hits.distance),
         normal=torch.where(towards[:, None], normal, -normal),
         diffuse=pure * constants("color"),
         specular=constants("specular"),
@@ -167,19 +167,19 @@ def _shade(world: World, rays: SpaceRays, met: Met) -> _Shading:
         alpha=texture[:, 3],
         roughness=constants("roughness"),
         reflects=constants("reflects"),
-        light=torch.isin(met.body, met.body.new_tensor([light.body for light in world.lights])),
+        light=torch.isin(hit.body, hit.body.new_tensor([light.body for light in world.lights])),
     )
 
 
-def _pass(paths: _Paths, met: Met, shading: _Shading) -> _Paths:
+def _pass(paths: _Paths, hit: SurfaceHit, shading: _Shading) -> _Paths:
     """The same rays beyond the surface; what was left to chance is not taken from their weight."""
     clear = 1 - shading.alpha
     rest = ((paths.chance - shading.alpha) / clear.clamp_min(1e-6)).clamp(0, 1)
     return replace(
         paths,
         weight=paths.weight * torch.where(shading.reflects, 1, clear)[:, None],
-        beyond=met.hits.distance,
-        last=met.body,
+        beyond=hit.hits.distance,
+        last=hit.body,
         chance=torch.where(shading.reflects, rest, paths.chance),
     )
 
@@ -196,7 +196,7 @@ def _scatter(world: World, paths: _Paths, shading: _Shading, numbers: Numbers) -
     share = even / (even + gloss).clamp_min(1e-12)
     glossy = draw(_LOBE) >= share
     square = torch.stack([draw(dimension) for dimension in _LOBE_UV], -1)
-    mirrored, reflectance = sample_gloss(view, shading.normal, shading.roughness, square)
+    mirrored, reflectance = sample_ggx(view, shading.normal, shading.roughness, square)
     direction = torch.where(glossy[:, None], mirrored, cosine_directions(shading.normal, square))
     lobe = shading.specular * (reflectance / (1 - share))[:, None]
     factor = torch.where(glossy[:, None], lobe, shading.diffuse / share.clamp_min(1e-12)[:, None])
@@ -231,7 +231,7 @@ def _gather(
         towards = unit(way)
         reflectance = here.diffuse / math.pi
         if lamp.body < 0:  # no scattered ray ever hits a lamp without size, so its gloss is found here
-            gloss = gloss_reflectance(view[rows], towards, here.normal, here.roughness)
+            gloss = ggx_reflectance(view[rows], towards, here.normal, here.roughness)
             reflectance = reflectance + here.specular * gloss[:, None]
         cosine = dot(towards, here.normal).clamp_min(0)
         clear = world.transmittance(SpaceRays(origin=origin, direction=way, time=time), lamp.body)

@@ -13,7 +13,7 @@ from bokehnet.raytrace.paths import trace_paths
 from bokehnet.raytrace.space import SpaceRays, dot
 from bokehnet.raytrace.tables import pick
 from bokehnet.raytrace.tracer import lens_rays
-from bokehnet.raytrace.world import Met, World
+from bokehnet.raytrace.world import SurfaceHit, World
 
 __all__ = ["Peeled", "peel"]
 
@@ -76,7 +76,7 @@ def peel(
     ended = torch.zeros_like(last, dtype=torch.bool)
     found: list[tuple[Tensor, Tensor, Tensor]] = []
     for layer in range(layers):
-        met, beyond, last = _meet_front(world, rays, beyond, last)
+        hit, beyond, last = _intersect_front(world, rays, beyond, last)
         color = torch.zeros(len(sensor), 3, device=device)
         alpha = torch.zeros_like(beyond)
         for sample in range(samples):
@@ -89,16 +89,16 @@ def peel(
             seen = trace_paths(world, rays, numbers, bounces, start=(beyond, last), first_only=True)
             color += seen.color / samples
             alpha = seen.coverage
-        sky = met.body < 0
+        sky = hit.body < 0
         alpha = torch.where(sky, 1, alpha)
         color = torch.where(alpha[:, None] > 0, color / alpha.clamp_min(1e-6)[:, None], 0)
         color, alpha = torch.where(ended[:, None], 0, color), torch.where(ended, 0, alpha)
-        depth = torch.where(sky, behind, met.hits.distance)
+        depth = torch.where(sky, behind, hit.hits.distance)
         if found:
             depth = torch.maximum(depth, found[-1][1])  # bodies beyond the backdrop cover it
         found.append((color, depth, alpha))
         ended |= sky
-        beyond, last = torch.where(sky, beyond, met.hits.distance), met.body
+        beyond, last = torch.where(sky, beyond, hit.hits.distance), hit.body
         if progress is not None:
             progress(layer + 1, layers)
     size = (camera.height, camera.width)
@@ -110,16 +110,18 @@ def peel(
     )
 
 
-def _meet_front(world: World, rays: SpaceRays, beyond: Tensor, last: Tensor) -> tuple[Met, Tensor, Tensor]:
+def _intersect_front(
+    world: World, rays: SpaceRays, beyond: Tensor, last: Tensor
+) -> tuple[SurfaceHit, Tensor, Tensor]:
     """Return the next surface that is not a closed body's inner side, and from where it is the next."""
     closed = torch.tensor([*(body.shape.closed for body in world.bodies), False], device=beyond.device)
     while True:
-        met = world.meet(rays, beyond, last)
-        inner = closed[met.body]  # -1, which is nothing, is the last entry
+        hit = world.intersect(rays, beyond, last)
+        inner = closed[hit.body]  # -1, which is nothing, is the last entry
         rows = inner.nonzero()[:, 0]
-        normal, _ = world.surfaces(pick(rays, rows), pick(met, rows))
+        normal, _ = world.surfaces(pick(rays, rows), pick(hit, rows))
         inner[rows] = dot(normal, rays.direction[rows]) > 0
         if not bool(inner.any()):
-            return met, beyond, last
-        beyond = torch.where(inner, met.hits.distance, beyond)
-        last = torch.where(inner, met.body, last)
+            return hit, beyond, last
+        beyond = torch.where(inner, hit.hits.distance, beyond)
+        last = torch.where(inner, hit.body, last)

@@ -190,16 +190,16 @@ class Tracer:
         row = torch.arange(self._pixels, device=self._device)
         beyond, last = torch.zeros_like(still), body.clone()
         while len(row):
-            met = self.world.meet(pick(rays, row), beyond, last)
-            there = met.body >= 0
-            row, met = row[there], pick(met, there)
-            seen, texture = self.world.surfaces(pick(rays, row), met)
+            hit = self.world.intersect(pick(rays, row), beyond, last)
+            there = hit.body >= 0
+            row, hit = row[there], pick(hit, there)
+            seen, texture = self.world.surfaces(pick(rays, row), hit)
             solid = texture[:, 3] >= 0.5
             ends = row[solid]
-            depth[ends], body[ends] = met.hits.distance[solid], met.body[solid]
+            depth[ends], body[ends] = hit.hits.distance[solid], hit.body[solid]
             towards = (seen * rays.direction[row]).sum(-1, keepdim=True) < 0
             normal[ends] = torch.where(towards, seen, -seen)[solid]
-            row, beyond, last = row[~solid], met.hits.distance[~solid], met.body[~solid]
+            row, beyond, last = row[~solid], hit.hits.distance[~solid], hit.body[~solid]
         return Maps(depth=depth.reshape(size), normal=normal.reshape(*size, 3), body=body.reshape(size))
 
 

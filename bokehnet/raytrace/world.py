@@ -17,7 +17,7 @@ from bokehnet.raytrace.space import Hits, Shape, SpaceRays
 from bokehnet.raytrace.spheres import Sphere
 from bokehnet.raytrace.tables import pick
 
-__all__ = ["Body", "Met", "World", "world_from_scene"]
+__all__ = ["Body", "SurfaceHit", "World", "world_from_scene"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class Body:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Met:
+class SurfaceHit:
     """What rays meet first.
 
     Attributes:
@@ -76,7 +76,7 @@ class World:
         ]
         return (*self.lamps, *shining)
 
-    def meet(self, rays: SpaceRays, beyond: Tensor, last: Tensor) -> Met:
+    def intersect(self, rays: SpaceRays, beyond: Tensor, last: Tensor) -> SurfaceHit:
         """Return the first body of each ray.
 
         Args:
@@ -96,18 +96,18 @@ class World:
             distance = torch.where(nearer, hits.distance, distance)
             element = torch.where(nearer, hits.element, element)
             index = torch.where(nearer, number, index)
-        return Met(hits=Hits(distance=distance, element=element), body=index)
+        return SurfaceHit(hits=Hits(distance=distance, element=element), body=index)
 
-    def surfaces(self, rays: SpaceRays, met: Met) -> tuple[Tensor, Tensor]:
+    def surfaces(self, rays: SpaceRays, hit: SurfaceHit) -> tuple[Tensor, Tensor]:
         """Normals (N, 3), to either side, and textures (N, 4), RGB times alpha and alpha, where rays end."""
         normal = torch.zeros_like(rays.origin)
         texture = normal.new_zeros(len(normal), 4)
-        for number in met.body.unique().tolist():
+        for number in hit.body.unique().tolist():
             body = self.bodies[number]
-            rows = (met.body == number).nonzero()[:, 0]
-            surface = body.shape.surface(pick(rays, rows).seen_from(body.velocity), pick(met.hits, rows))
+            rows = (hit.body == number).nonzero()[:, 0]
+            surface = body.shape.surface(pick(rays, rows).seen_from(body.velocity), pick(hit.hits, rows))
             normal[rows] = surface.normal
-            texture[rows] = body.material.look_up(surface.uv)
+            texture[rows] = body.material.texture_lookup(surface.uv)
         return normal, texture
 
     def transmittance(self, rays: SpaceRays, own: int) -> Tensor:
@@ -130,13 +130,13 @@ class World:
             else:
                 rows = between.nonzero()[:, 0]
                 surface = body.shape.surface(pick(seen, rows), pick(hits, rows))
-                alpha = body.material.look_up(surface.uv)[:, 3]
+                alpha = body.material.texture_lookup(surface.uv)[:, 3]
                 share[rows] *= 1 - alpha
         return share
 
     def sky(self, rays: SpaceRays, scattered: Tensor) -> Tensor:
         """Radiance (N, 3) that rays find beyond all bodies; ``scattered`` (N,): those that left a body."""
-        light = self.environment.look_up(rays.direction)
+        light = self.environment.texture_lookup(rays.direction)
         if self.backdrop is None:
             return light
         lens_rays = Rays(origin=rays.origin[None, :, :2], slope=rays.direction[None, :, :2])

@@ -15,17 +15,17 @@ from bokehnet.checks import check_rank
 from bokehnet.errors import LensError, ParameterError
 from bokehnet.io.window import Window
 from bokehnet.lenses import ThinLens, defocus_map
+from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.focus_plane import (
     FocusPlane,
     distance_to_sensor,
+    plane_aberration_map,
     plane_defocus,
-    plane_pencil,
     relative_plane,
     tilted_lens,
 )
 from bokehnet.optics.focus_range import defocus_outside_range
-from bokehnet.optics.pencil import PencilMap
 from bokehnet.rendering.camera import LensNumbers, complete_camera
 from bokehnet.rendering.depth_source import DepthMap
 from bokehnet.rendering.naming import about
@@ -82,9 +82,9 @@ class FocusedLens:
         defocus: Array = defocus_outside_range(near, self._focused(disparity, self.far))
         return defocus
 
-    def aberration_map(self) -> PencilMap | None:
+    def aberration_map(self) -> AberrationMap | None:
         """Return what a plane of focus that leans does to the rays; None where it does not lean."""
-        return None if self.plane is None else plane_pencil(*self.plane(self.near))
+        return None if self.plane is None else plane_aberration_map(*self.plane(self.near))
 
     def _focused(self, disparity: Array, focus: float) -> Array:
         """Defocus with the focus at one disparity."""

@@ -8,18 +8,18 @@ from bokehnet.errors import ConfigError, LensError, ParameterError
 from bokehnet.io.color import luminance
 from bokehnet.io.image import read_image
 from bokehnet.io.window import Window
+from bokehnet.lenses.aberration_cache import cached_aberration_map
 from bokehnet.lenses.catalog import load_lens
-from bokehnet.lenses.pencil_cache import cached_pencil
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.seidel_lens import seidel_pencil
+from bokehnet.lenses.seidel_lens import seidel_aberration_map
+from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.chromatic_aberration import ChromaticAberration, make_curve
 from bokehnet.optics.field_maps import make_field_map
-from bokehnet.optics.fringes import Fringes, make_curve
-from bokehnet.optics.light_draw import LightDraw
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.rendering.focus import FocusedLens
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.settings import (
@@ -65,14 +65,14 @@ def make_aperture(settings: ApertureSettings) -> Aperture:
         ImageFileError: Its picture cannot be read.
     """
     picture = None if settings.image is None else luminance(read_image(settings.image))
-    with about("aperture", {"picture": "image", "rim": "spherical_profile"}):
+    with about("aperture", {"picture": "image"}):
         return Aperture(
             blades=settings.blades,
             curvature=settings.curvature or 0.0,
             rotation=settings.rotation or 0.0,
             squeeze=settings.squeeze,
             cats_eye=settings.cats_eye,
-            rim=settings.spherical_profile,
+            spherical_profile=settings.spherical_profile,
             obstruction=settings.obstruction,
             picture=picture,
             onion=settings.onion,
@@ -152,7 +152,7 @@ def _grain(settings: EffectSettings) -> Grain:
         )
 
 
-def make_lens_response(lens: LensSettings, color: ColorSettings) -> Character:
+def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse:
     """Return what the lens of all pictures does; glass adds to it what :func:`picture_aberrations` gives.
 
     Raises:
@@ -166,10 +166,14 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> Character:
             astigmatism=lens.astigmatism,
             field_curvature=lens.field_curvature,
         )
-    return Character(pencil=sliders.pencil(), fringes=_fringes(color), light=_light(color))
+    return LensResponse(
+        aberration_map=sliders.aberration_map(),
+        chromatic_aberration=_chromatic_aberration(color),
+        wavelength_sampling=_wavelength_sampling(color),
+    )
 
 
-def _fringes(color: ColorSettings) -> Fringes | None:
+def _chromatic_aberration(color: ColorSettings) -> ChromaticAberration | None:
     """Chromatic aberration by sliders; None where both strengths are 0."""
     if color.axial == color.lateral == 0:
         return None
@@ -183,18 +187,20 @@ def _fringes(color: ColorSettings) -> Fringes | None:
         known = str(error).partition("; others")[0]
         raise ParameterError("color.glass", remedy=f"{known}; or achromat, linear") from error
     with about("color"):
-        return Fringes(
+        return ChromaticAberration(
             axial=color.axial, lateral=color.lateral, axial_map=axial, lateral_map=lateral, curve=curve
         )
 
 
-def _light(color: ColorSettings) -> LightDraw:
+def _wavelength_sampling(color: ColorSettings) -> WavelengthSampling:
     """Which wavelengths stand for the light."""
     gains = color.equaliser
     if isinstance(gains, Path):
         gains = _read_gains(gains)
     with about("color"):
-        return LightDraw(dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains)
+        return WavelengthSampling(
+            dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains
+        )
 
 
 def _read_gains(path: Path) -> tuple[float, ...]:
@@ -247,7 +253,7 @@ def prescription_lens(
         raise LensError(f"`lens.name`: {error}{hint if settings.f_number is None else ''}") from error
 
 
-def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Window) -> PencilMap | None:
+def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Window) -> AberrationMap | None:
     """Return what the glass of a lens, and a plane of focus that leans, do to the rays of one picture.
 
     With metric depth the lens is scaled to the camera's focal length, focused where the camera is, and its
@@ -276,7 +282,7 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         )
     if lens is None:
         return leaning
-    make = seidel_pencil if settings.aberrations == "seidel" else cached_pencil
+    make = seidel_aberration_map if settings.aberrations == "seidel" else cached_aberration_map
     try:
         found = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
     except LensError as error:

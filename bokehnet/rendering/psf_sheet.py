@@ -1,4 +1,4 @@
-"""A sheet of point-spread functions: each traced one beside the one of the lens's pencil map."""
+"""A sheet of point-spread functions: each traced one beside the one of the lens's aberration map."""
 
 from collections.abc import Callable
 from pathlib import Path

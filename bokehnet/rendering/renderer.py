@@ -12,13 +12,13 @@ import numpy.typing as npt
 from bokehnet.checks import check_at_least, check_number
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine, Progress
-from bokehnet.inference.refine import DisparityRefiner
 from bokehnet.io.frame import Frame
 from bokehnet.io.window import Window
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import Highlights
 from bokehnet.rendering.focus import FocusedLens, check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import (
@@ -94,8 +94,9 @@ class BokehRenderer:
         engine: What renders: "rays" (the default), "scatter", "hybrid" or "fast".
         aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
             shapes they correct what the classical half made of them.
-        character: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
+        lens_response: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
             default a perfect lens.
+        lens_response: Its earlier name.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
@@ -124,7 +125,8 @@ class BokehRenderer:
         engine: EngineName | None = None,
         *,
         aperture: Aperture | None = None,
-        character: Character | None = None,
+        lens_response: LensResponse | None = None,
+        character: LensResponse | None = None,
         weights: Path | str | None = None,
         threads: int = 0,
         providers: Sequence[str] = ("CPUExecutionProvider",),
@@ -132,7 +134,7 @@ class BokehRenderer:
     ) -> None:
         self.engine: str = "rays" if engine is None else engine
         self.aperture = aperture or Aperture()
-        self.character = character or Character()
+        self.lens_response = lens_response or character or LensResponse()
         self._weights = None if weights is None else Path(weights)
         self._threads, self._providers, self._options = threads, tuple(providers), session_options
         self._lock = threading.RLock()
@@ -252,7 +254,7 @@ class BokehRenderer:
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
         elif settings.depth.repair != "off":
-            repairer = self._keep("repair", lambda: DisparityRefiner(threads=self._threads))
+            repairer = self._keep("repair", lambda: DisparityRepair(threads=self._threads))
             values = repairer(scene.image, values, settings.depth.repair)
         if scene.depth.kind != "defocus":
             lens = focus_lens(
@@ -276,12 +278,12 @@ class BokehRenderer:
         """Blur, and let the camera take the picture."""
         look = settings.engine
         engine = self._engine(look.name or self.engine, look.weights or self._weights)
-        aperture, character, effects = self._look(settings)
+        aperture, lens_response, effects = self._look(settings)
         aberrations = None
         if scene.lens is not None:
             aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
         if aberrations is not None and engine.name in RAY_ENGINES:
-            character = replace(character, pencil=character.pencil + aberrations)
+            lens_response = replace(lens_response, aberration_map=lens_response.aberration_map + aberrations)
         overwrite = overwrite and look.max_memory is not None
         defocus, image = scene.defocus, scene.image
         largest = max(float(defocus.max()), -float(defocus.min()), 0.0)
@@ -289,7 +291,7 @@ class BokehRenderer:
         if keep and overwrite:  # the error map is not to take its place
             defocus = defocus.view()
             defocus.flags.writeable = False
-        lens: dict[str, Any] = {"aperture": aperture, "character": character}
+        lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response}
         alpha = scene.alpha
         names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
         with about("engine", names):
@@ -352,7 +354,7 @@ class BokehRenderer:
             defocus,
             report,
             aperture=self.aperture,
-            character=self.character,
+            lens_response=self.lens_response,
             overwrite=overwrite,
             **options,
         )
@@ -369,15 +371,15 @@ class BokehRenderer:
             ),
         )
 
-    def _look(self, settings: RenderSettings) -> tuple[Aperture, Character, CameraEffects | None]:
+    def _look(self, settings: RenderSettings) -> tuple[Aperture, LensResponse, CameraEffects | None]:
         """Aperture, lens and effects of the settings, made once."""
 
-        def make() -> tuple[Aperture, Character, CameraEffects | None]:
+        def make() -> tuple[Aperture, LensResponse, CameraEffects | None]:
             aperture, lens, color = settings.aperture, settings.lens, settings.color
             plain = lens == LensSettings() and color == ColorSettings()
             return (
                 self.aperture if aperture == ApertureSettings() else make_aperture(aperture),
-                self.character if plain else make_lens_response(lens, color),
+                self.lens_response if plain else make_lens_response(lens, color),
                 make_effects(settings.effects),
             )
 
@@ -421,7 +423,9 @@ def _leaning(settings: RenderSettings) -> dict[str, str]:
     focus = settings.focus
     if focus.plane is not None:
         return {"tilt": "focus.plane"}
-    return {"tilt": "focus.tilt_x" if focus.tilt_x else "focus.tilt_y"} if focus.tilt_x or focus.tilt_y else {}
+    return (
+        {"tilt": "focus.tilt_x" if focus.tilt_x else "focus.tilt_y"} if focus.tilt_x or focus.tilt_y else {}
+    )
 
 
 def _spread_coverage(

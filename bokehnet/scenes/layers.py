@@ -1,33 +1,13 @@
-"""Peeled scenes as layered EXR files and as layers for the classical rays renderer."""
+"""Peeled scenes as layered EXR files."""
 
 from pathlib import Path
 
-import numpy as np
-
-from bokehnet.classical.layers import Layers
 from bokehnet.io.channels import write_channels
-from bokehnet.lenses import LensModel
 from bokehnet.raytrace.peeling import Peeled
 
-__all__ = ["layers_from", "save_layers"]
+__all__ = ["save_layers"]
 
 _MM_PER_M = 1000.0
-
-
-def layers_from(peeled: Peeled, lens: LensModel, pixel_pitch: float) -> Layers:
-    """Return what ``bokehnet.rays(..., layers=...)`` takes.
-
-    Args:
-        peeled: From :func:`bokehnet.raytrace.peeling.peel`.
-        lens: The lens whose blur is wanted.
-        pixel_pitch: Distance between the centres of two pixels, mm.
-    """
-    disparity = 1 / peeled.depth.cpu().numpy().astype(np.float64)
-    return Layers(
-        colors=peeled.colors.cpu().numpy(),
-        defocus=lens.coc_radius(disparity) / pixel_pitch,
-        coverage=peeled.coverage.cpu().numpy().clip(0, 1),
-    )
 
 
 def save_layers(path: Path, peeled: Peeled) -> None:

@@ -1,4 +1,4 @@
-"""Random scenes with things on the ground: tables, rooms and open land, before a camera that looks at them.
+"""Random scenes with objects on the ground: tables, rooms and open land, before a camera that looks at them.
 
 A world has the ground in y = 0 and the camera one metre above its origin; what comes out is in the space of
 the camera, in mm.
@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bokehnet.raytrace.textures import fractal_colours, fractal_noise, random_colour
-from bokehnet.synth.baked import BakedScene, make_soup, pack
-from bokehnet.synth.baking import KeyLight, Lighting, bake, place_grid
+from bokehnet.synth.baked_lighting import KeyLight, Lighting, bake, place_grid
+from bokehnet.synth.baked_scene import BakedScene, make_soup, pack
 from bokehnet.synth.config import SynthConfig
+from bokehnet.synth.grid_mesh import GridMesh, moved
 from bokehnet.synth.lamps import Lamp, lamp_body
-from bokehnet.synth.paint import paint
-from bokehnet.synth.patches import Patch, moved
-from bokehnet.synth.things import FOREGROUND, SOLID, THIN, turn_about
+from bokehnet.synth.objects import FOREGROUND, SOLID, THIN, turn_about
+from bokehnet.synth.surface_textures import surface_texture
 
 __all__ = ["Clutter", "random_clutter"]
 
@@ -63,7 +63,7 @@ class _Maker:
 
     rng: np.random.Generator
     config: SynthConfig
-    patches: list[Patch] = field(default_factory=list)
+    meshes: list[GridMesh] = field(default_factory=list)
     textures: list[np.ndarray] = field(default_factory=list)
     pitch: float = 0.0
     farthest: float = 0.0
@@ -81,10 +81,10 @@ class _Maker:
             self.add_texture(self.surface())
         place = ("table", "room", "land")[rng.choice(3, p=_shares(recipe.places))]
         lit = {"table": self.table, "room": self.room, "land": self.land}[place]()
-        for _ in range(rng.integers(recipe.things[0], recipe.things[1] + 1)):
+        for _ in range(rng.integers(recipe.objects[0], recipe.objects[1] + 1)):
             self.put_thing()
         turn = turn_about(2, rng.normal(0, 0.03)) @ turn_about(0, self.pitch)
-        self.patches = moved(self.patches, _MM * turn, _MM * turn @ [0, 1, 0])
+        self.meshes = moved(self.meshes, _MM * turn, _MM * turn @ [0, 1, 0])
         if rng.random() < recipe.foreground_probability:
             for _ in range(rng.integers(1, 3)):
                 self.put_foreground()
@@ -92,20 +92,20 @@ class _Maker:
         lamps = self.lamps() if rng.random() < recipe.lamp_probability else ()
         if lamps:
             black = self.add_texture(np.zeros((1, 1, 3), np.float32))
-            self.patches += [lamp_body(lamp, black) for lamp in lamps]
+            self.meshes += [lamp_body(lamp, black) for lamp in lamps]
         return Clutter(scene=self.finish(lighting), lamps=lamps)
 
     def finish(self, lighting: Lighting) -> BakedScene:
-        soup = make_soup(self.patches, _NEAREST)
+        soup = make_soup(self.meshes, _NEAREST)
         pixel = self.config.pixel_pitch / self.config.sensor_distance
-        grids = [place_grid(patch, _LIGHT_PIXELS * pixel, _LIGHT_MOST) for patch in self.patches]
+        grids = [place_grid(mesh, _LIGHT_PIXELS * pixel, _LIGHT_MOST) for mesh in self.meshes]
         half = self.reach * self.rng.uniform(1.0, 1.3)
         sky = self.sky() * np.float32(lighting.above.mean() * self.rng.uniform(0.7, 2.0))
         return BakedScene(
             soup=soup,
             albedo=pack(self.textures),
             light=pack(bake(grids, lighting, soup.tree, self.rng)),
-            texture=np.array([patch.texture for patch in self.patches], np.int64),
+            texture=np.array([mesh.texture for mesh in self.meshes], np.int64),
             sky=np.ascontiguousarray(sky, np.float32),
             sky_half=(float(half[0]), float(half[1])),
         )
@@ -116,14 +116,14 @@ class _Maker:
         return len(self.textures) - 1
 
     def draw(self) -> int:
-        """Number of one of the textures that things may wear."""
+        """Number of one of the textures that objects may wear."""
         return int(self.rng.integers(len(self.textures)))
 
     def surface(self) -> np.ndarray:
         """Colours of a thing: painted, or plain with a little grain."""
         rng = self.rng
         if rng.random() < 0.55:
-            return paint(self.config.scene, _TEXTURE, _TEXTURE, rng, 0.6)
+            return surface_texture(self.config.scene, _TEXTURE, _TEXTURE, rng, 0.6)
         grain = fractal_noise(64, 64, rng, rng.uniform(0.7, 1.6))[..., None] - 0.5
         plain: np.ndarray = random_colour(rng) * (1 + rng.uniform(0.05, 0.6) * grain)
         return plain
@@ -132,7 +132,7 @@ class _Maker:
         """What is infinitely far, (h, w, 3), of mean 1."""
         rng = self.rng
         if rng.random() < 0.6:
-            colours = paint(self.config.scene, 384, 384, rng, 0.9)
+            colours = surface_texture(self.config.scene, 384, 384, rng, 0.9)
         else:
             height = np.linspace(0, 1, 256)[:, None, None]
             low, high = random_colour(rng), random_colour(rng)
@@ -140,7 +140,9 @@ class _Maker:
         return colours / max(float(colours.mean()), 1e-3)
 
     def ground_texture(self) -> int:
-        return self.add_texture(paint(self.config.scene, _GROUND_TEXTURE, _GROUND_TEXTURE, self.rng, 0.55))
+        return self.add_texture(
+            surface_texture(self.config.scene, _GROUND_TEXTURE, _GROUND_TEXTURE, self.rng, 0.55)
+        )
 
     def strip(
         self, texture: int, ends: tuple[Point, Point], depth: float, tile: float, fan: float = 0.0
@@ -156,7 +158,7 @@ class _Maker:
             y = y + self.height_of(x, z)
         across = x if y0 == y1 else y
         uv = np.stack([z, across], -1) / tile
-        self.patches.append(Patch(points=np.stack([x, y, z], -1), uv=uv, texture=texture, open=True))
+        self.meshes.append(GridMesh(points=np.stack([x, y, z], -1), uv=uv, texture=texture, open=True))
 
     def height_of(self, x: np.ndarray | float, z: np.ndarray | float) -> np.ndarray:
         """Height y of the ground."""
@@ -212,7 +214,7 @@ class _Maker:
         half = 1.0 + 1.2 * z
         points = np.stack([half * u, half * v, z + half * u * np.sin(turn)], -1)
         uv = np.stack([half * (v + 1), half * (u + 1)], -1) / tile
-        self.patches.append(Patch(points=points, uv=uv, texture=self.ground_texture(), open=True))
+        self.meshes.append(GridMesh(points=points, uv=uv, texture=self.ground_texture(), open=True))
 
     def put_thing(self) -> None:
         """Put something on the ground, at any disparity alike."""
@@ -229,8 +231,8 @@ class _Maker:
         place = (x, float(self.height_of(x, z)), z)
         # Things keep clear of the camera: what is behind the lens cannot be in front of it.
         limit = 0.55 * nearest
-        patches = moved(thing, size * np.eye(3), place)
-        self.patches += [patch for patch in patches if patch.points[..., 2].min() > limit]
+        meshes = moved(thing, size * np.eye(3), place)
+        self.meshes += [mesh for mesh in meshes if mesh.points[..., 2].min() > limit]
 
     def put_foreground(self) -> None:
         """Something near that comes in over the border of the picture, in the space of the camera."""
@@ -244,8 +246,8 @@ class _Maker:
         upright = turn_about(2, np.arctan2(-outwards[0], outwards[1]) + rng.normal(0, 0.3))
         size = depth * self.reach.min() * rng.uniform(0.5, 1.3)
         thing = FOREGROUND[rng.integers(len(FOREGROUND))](rng, self.draw)
-        patches = moved(thing, size * upright, (*root, depth))
-        self.patches += [patch for patch in patches if patch.points[..., 2].min() > 0.5 * depth]
+        meshes = moved(thing, size * upright, (*root, depth))
+        self.meshes += [mesh for mesh in meshes if mesh.points[..., 2].min() > 0.5 * depth]
 
     def lighting(self, turn: np.ndarray, lit: Box) -> Lighting:
         """The sun, or up to three lamps somewhere in the box ``lit``, and even light from above."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 from bokehnet.checks import check_at_least, check_range
 from bokehnet.errors import ParameterError
-from bokehnet.synth.glass import covered_slope
+from bokehnet.synth.training_lenses import covered_slope
 
 __all__ = ["ClutterConfig", "SceneConfig", "SynthConfig"]
 
@@ -47,18 +47,18 @@ class SceneConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ClutterConfig:
-    """How random scenes with things on the ground are drawn; exposure and photographs are SceneConfig's.
+    """How random scenes with objects on the ground are drawn; exposure and photographs are SceneConfig's.
 
     Attributes:
         places: How often a scene is a table, a room and open land, relative to each other.
-        things: Fewest and most things on the ground.
-        thin_probability: Share of things with thin forms: poles, fences, twigs with leaves, grass, hair.
+        objects: Fewest and most objects on the ground.
+        thin_probability: Share of objects with thin forms: poles, fences, twigs with leaves, grass, hair.
         foreground_probability: Share of scenes with something near that comes in over the border.
         lamp_probability: Share of scenes with small HDR lamps.
     """
 
     places: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    things: tuple[int, int] = (4, 14)
+    objects: tuple[int, int] = (4, 14)
     thin_probability: float = 0.35
     foreground_probability: float = 0.5
     lamp_probability: float = 0.2
@@ -68,8 +68,8 @@ class ClutterConfig:
             check_at_least("places", weight, 0)
         if not sum(self.places):
             raise ParameterError("places", "at least one weight above 0", self.places, shown="none")
-        if not 0 <= self.things[0] <= self.things[1]:
-            raise ParameterError("things", "two rising counts", self.things)
+        if not 0 <= self.objects[0] <= self.objects[1]:
+            raise ParameterError("objects", "two rising counts", self.objects)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -78,7 +78,7 @@ class SynthConfig:
 
     Attributes:
         seed: Seed of the set; scene i depends on (seed, i) alone.
-        kind: "planes" are cards at all depths that only shine; "clutter" are things on the ground, with
+        kind: "planes" are cards at all depths that only shine; "clutter" are objects on the ground, with
             light, shades and shadows.
         scenes: Number of scenes.
         scenes_per_shard: Scenes in one file.

@@ -6,9 +6,9 @@ import numpy as np
 
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
-from bokehnet.synth.baked import BakedScene, View, sensor_xy
-from bokehnet.synth.patches import Patch, revolve
-from bokehnet.synth.things import turn_about
+from bokehnet.synth.baked_scene import BakedScene, View, sensor_xy
+from bokehnet.synth.grid_mesh import GridMesh, revolve
+from bokehnet.synth.objects import turn_about
 
 __all__ = ["Lamp", "add_lamps", "lamp_body"]
 
@@ -31,11 +31,11 @@ class Lamp:
     radiance: np.ndarray
 
 
-def lamp_body(lamp: Lamp, texture: int) -> Patch:
+def lamp_body(lamp: Lamp, texture: int) -> GridMesh:
     """The disc itself, to be black: it hides what is behind it."""
     disc = revolve(np.array([[0.0, 0.0], [lamp.radius, 0.0]]), texture, 12)
     points = disc.points @ turn_about(0, np.pi / 2).T + lamp.centre
-    return Patch(points=points, uv=disc.uv, texture=texture, open=True)
+    return GridMesh(points=points, uv=disc.uv, texture=texture, open=True)
 
 
 def add_lamps(

@@ -9,14 +9,14 @@ import numpy as np
 from bokehnet.errors import LensError
 from bokehnet.lenses import LensModel, ThinLens
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
-from bokehnet.synth.baked import View
+from bokehnet.synth.baked_scene import View
 from bokehnet.synth.clutter import random_clutter
 from bokehnet.synth.config import SynthConfig
-from bokehnet.synth.glass import make_glass
 from bokehnet.synth.lamps import add_lamps
-from bokehnet.synth.paint import MIDDLE_GREY
 from bokehnet.synth.scenes import random_scene
 from bokehnet.synth.shards import TrainingSample
+from bokehnet.synth.surface_textures import MIDDLE_GREY
+from bokehnet.synth.training_lenses import make_training_lens
 
 __all__ = ["lens_for_view", "make_sample"]
 
@@ -81,7 +81,7 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
 
 
 def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np.ndarray]:
-    """A scene of things, and a seed for each view."""
+    """A scene of objects, and a seed for each view."""
     clutter = random_clutter(rng, config)
     seeds = rng.integers(2**62, size=config.views + 1)
     stops = rng.uniform(*config.scene.exposure_stops)
@@ -145,7 +145,7 @@ def _draw_lens(blur: float, focus: float, config: SynthConfig, seed: int) -> Len
         return thin
     name, stops = config.catalog[rng.integers(len(config.catalog))], rng.uniform(0, _MOST_STOPS)
     try:
-        return make_glass(name, thin.pupil_radius, thin.focus_distance, stops, config.sensor_distance)
+        return make_training_lens(name, thin.pupil_radius, thin.focus_distance, stops, config.sensor_distance)
     except LensError:
         return thin
 

@@ -12,7 +12,7 @@ from bokehnet.raytrace.scene import Background, Plane, Scene, background_from, p
 from bokehnet.raytrace.shapes import OPEN_SHAPES, SOLID_SHAPES, THIN_SHAPES, draw_shape
 from bokehnet.raytrace.textures import light_points
 from bokehnet.synth.config import SynthConfig
-from bokehnet.synth.paint import paint
+from bokehnet.synth.surface_textures import surface_texture
 
 __all__ = ["random_scene"]
 
@@ -67,7 +67,7 @@ class _SceneMaker:
             half_width * rng.uniform(1.0, 1.3),
             half_width * config.height / config.width * rng.uniform(1.0, 1.3),
         )
-        rgb = self.paint(*self.texture_size(*half), photograph=0.85)
+        rgb = self.surface_texture(*self.texture_size(*half), photograph=0.85)
         return background_from(rgb, half, far / config.nearest_distance)
 
     def plane(self, disparity: float) -> Plane:
@@ -82,7 +82,7 @@ class _SceneMaker:
         middle = rng.uniform(-1.0, 1.0, 2) * reach
         height, width = self.texture_size(*half)
         kinds = THIN_SHAPES if thin else SOLID_SHAPES if rng.random() < 0.6 else OPEN_SHAPES
-        texture = plane_texture(self.paint(height, width), draw_shape(kinds, height, width, rng))
+        texture = plane_texture(self.surface_texture(height, width), draw_shape(kinds, height, width, rng))
         depth = config.nearest_distance / disparity
         turn = self.rotation(0.3 if thin else np.pi)
         centre = np.array([*middle, 1.0]) * depth
@@ -110,7 +110,7 @@ class _SceneMaker:
             distant = min(distant, max(1.2 * near, config.nearest_distance / far))
         below = near * field * rng.uniform(0.7, 1.2)
         side = distant * field * 1.6
-        texture = plane_texture(self.paint(384, 384))
+        texture = plane_texture(self.surface_texture(384, 384))
         # Texture rows run away from the camera; the plane is then rolled about the optical axis.
         roll = rng.normal(0, 0.12) + rng.choice([0, 0, 0, np.pi / 2, -np.pi / 2, np.pi])
         turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
@@ -154,9 +154,9 @@ class _SceneMaker:
         )
         return height, width
 
-    def paint(self, height: int, width: int, photograph: float = 0.65) -> np.ndarray:
+    def surface_texture(self, height: int, width: int, photograph: float = 0.65) -> np.ndarray:
         """Colours (H, W, 3), about as bright as each other; with that probability a ``photograph``."""
-        return paint(self.config.scene, height, width, self.rng, photograph)
+        return surface_texture(self.config.scene, height, width, self.rng, photograph)
 
 
 def _expose(scene: Scene, rng: np.random.Generator, stops: tuple[float, float]) -> Scene:

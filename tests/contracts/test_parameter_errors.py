@@ -12,14 +12,14 @@ from bokehnet.errors import BokehnetError, LensError, ParameterError
 from bokehnet.lenses import ThinLens
 from bokehnet.lenses.thick import ThickLens
 from bokehnet.lenses.tilt_shift import TiltShift
+from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
+from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.focus_plane import FocusPlane
-from bokehnet.optics.fringes import Fringes
-from bokehnet.optics.light_draw import LightDraw
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 THIN = ThinLens(focal_length=50.0, f_number=2.0)
 
@@ -33,11 +33,11 @@ GOOD = [
     DivisionModel(strength=0.1),
     BrownConrady(),
     AberrationSliders(),
-    Fringes(),
-    LightDraw(),
-    Character(),
+    ChromaticAberration(),
+    WavelengthSampling(),
+    LensResponse(),
     FocusPlane(level=0.5),
-    PencilMap.perfect(),
+    AberrationMap.perfect(),
     View(width=4, height=3),
     THIN,
     ThickLens(focal_length=50.0, f_number=2.0),
@@ -63,7 +63,7 @@ NEVER = [
 
 # What some fields take.
 TAKEN = {
-    None: ("picture", "distortion", "vignette", "grain", "fringes"),
+    None: ("picture", "distortion", "vignette", "grain", "chromatic_aberration"),
     True: ("monochrome",),
     math.inf: ("focus_distance",),
 }
@@ -75,7 +75,7 @@ BEYOND = {
         "curvature": (1.1, -0.1),
         "squeeze": (11, 0),
         "cats_eye": (1.6, -0.1),
-        "rim": (1.1, -1.1),
+        "spherical_profile": (1.1, -1.1),
         "obstruction": (0.96, -0.1),
         "onion": (1.1, -0.1),
         "onion_rings": (41, 0),
@@ -97,11 +97,11 @@ BEYOND = {
     DivisionModel: {"strength": (0.91, -0.91)},
     BrownConrady: {"radial": ((0.0,) * 4, ()), "decentring": ((0.0,) * 3, (0.0, math.inf))},
     AberrationSliders: dict.fromkeys(("spherical", "coma", "astigmatism", "field_curvature"), (101, -101)),
-    Fringes: dict.fromkeys(("axial", "lateral"), (101, -101)),
-    LightDraw: {"equaliser": ((1.0,) * 65, ()), "dispersion": ("prism", ["rgb"])},
+    ChromaticAberration: dict.fromkeys(("axial", "lateral"), (101, -101)),
+    WavelengthSampling: {"equaliser": ((1.0,) * 65, ()), "dispersion": ("prism", ["rgb"])},
     FocusPlane: {"slope": ((0.0,) * 3, ())},
     View: {"width": (4.5, 0), "height": (4.5, 0), "left": (0.5, 0.1), "top": (0.5, 0.1)},
-    PencilMap: {"tilt": ((0.0,) * 3, ()), "rims": (((0.1, -1.0),), ((0.1,),))},
+    AberrationMap: {"tilt": ((0.0,) * 3, ()), "vignetting_apertures": (((0.1, -1.0),), ((0.1,),))},
     ThinLens: {"focal_length": (math.inf, 0), "f_number": (math.inf, 0), "focus_distance": (50, -1)},
     ThickLens: {"focal_length": (math.inf, 0), "f_number": (math.inf, 0), "focus_distance": (50, -1)},
 }

@@ -14,7 +14,7 @@ PUBLIC = [
     "Aperture",
     "BokehRenderer",
     "BokehnetError",
-    "DisparityRefiner",
+    "DisparityRepair",
     "Highlights",
     "Layers",
     "RenderResult",
@@ -23,7 +23,7 @@ PUBLIC = [
     "defocus_from_disparity",
     "defocus_map",
     "disparity_from_depth",
-    "hidden_layer",
+    "occluded_background",
     "rays",
     "read_image",
     "scatter",
@@ -54,17 +54,23 @@ def test_public_names_are_pinned_and_exist():
         _ = bokehnet.nonsense
 
 
+def test_old_public_names_still_work_but_are_not_offered():
+    assert bokehnet.hidden_layer is bokehnet.occluded_background
+    assert bokehnet.DisparityRefiner is bokehnet.DisparityRepair
+    assert not set(bokehnet._OLD_NAMES) & set(bokehnet.__all__)
+
+
 @pytest.mark.parametrize(
     "module",
     [
-        "bokehnet.cascade",
+        "bokehnet.coarse_to_fine",
         "bokehnet.checks",
-        "bokehnet.classical.autograd",
+        "bokehnet.classical.torch.autograd",
         "bokehnet.classical.base",
         "bokehnet.classical.error_map",
-        "bokehnet.classical.kernels",
-        "bokehnet.classical.rays",
-        "bokehnet.classical.scatter",
+        "bokehnet.classical.scatter.disc_scatter",
+        "bokehnet.classical.rays_renderer",
+        "bokehnet.classical.scatter_renderer",
         "bokehnet.config",
         "bokehnet.errors",
         "bokehnet.inference.engine",
@@ -106,7 +112,7 @@ def test_a_render_never_needs_torch(engine):
         "import numpy as np, bokehnet\n"
         "image = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32)\n"
         "defocus = np.where(np.arange(50) < 20, 8, -1).astype(np.float32)[None].repeat(40, 0)\n"
-        "defocus = bokehnet.DisparityRefiner()(image, defocus)\n"
+        "defocus = bokehnet.DisparityRepair()(image, defocus)\n"
         f"result = bokehnet.BokehRenderer('{engine}').render(image, defocus)\n"
         f"assert (result.neural is None) == ('{engine}' == 'rays') and np.isfinite(result.bokeh).all()\n"
         "assert 'torch' not in sys.modules\n"

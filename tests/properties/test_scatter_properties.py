@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.levels import MERGE_ABOVE, spread_forward
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter.pyramid_levels import MERGE_ABOVE, scatter_forward
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.errors import ParameterError
 
 few = settings(max_examples=25, deadline=None)
@@ -33,7 +33,7 @@ def test_light_is_kept_as_far_as_it_falls_into_the_picture(seed, height, width, 
     margin = int(largest * 1.3) + 8
     pad = ((margin, margin), (margin, margin))
     values = np.pad(image, (*pad, (0, 0)))
-    sums = spread_forward(values, np.pad(defocus, pad))
+    sums = scatter_forward(values, np.pad(defocus, pad))
     assert_allclose(sums.sum(axis=(0, 1)), image.sum(axis=(0, 1)), rtol=1e-9)
 
 
@@ -83,7 +83,7 @@ def test_the_disc_of_a_light_grows_with_its_radius(smaller, growth, strength):
     for radius in (smaller, smaller + growth):
         values = np.zeros((size, size, 4))
         values[size // 2, size // 2] = strength
-        sums = spread_forward(values, np.full((size, size), radius))[..., 0]
+        sums = scatter_forward(values, np.full((size, size), radius))[..., 0]
         y, x = np.mgrid[:size, :size] - size // 2
         lit.append(sums > 1e-9 * sums.max())
         assert not lit[-1][np.maximum(np.hypot(x, y) - 0.75, 0) > radius + 0.25].any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from skimage.data import coffee
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 from bokehnet.lenses import ThinLens, defocus_map
 from bokehnet.raytrace import (

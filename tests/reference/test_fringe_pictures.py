@@ -1,4 +1,4 @@
-"""Fringes in pictures of the rays, against what the strengths of the wavelengths say of an edge.
+"""ChromaticAberration in pictures of the rays, against what the strengths of the wavelengths say of an edge.
 
 The authority is the integral over the spectrum, by the response of each channel: of the mean shift for
 lateral, of the variance of discs (r^2 / 4 across) for axial fringes.
@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.rays import rays
-from bokehnet.optics.character import Character
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.field_maps import inversion
-from bokehnet.optics.fringes import Fringes
-from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 HEIGHT, WIDTH = 96, 240
 HALF_DIAGONAL = 0.5 * np.hypot(HEIGHT, WIDTH)
@@ -21,9 +21,9 @@ BRIGHT, DARK = 0.8, 0.1
 ROWS = slice(40, 56)
 SPECTRUM = SHORTEST + (LONGEST - SHORTEST) * (np.arange(600) + 0.5) / 600
 LIGHT = {
-    "continuous": LightDraw(),
-    "rgb": LightDraw(dispersion="rgb"),
-    "equaliser": LightDraw(equaliser=(4, 0.2, 0.2, 4, 0.2, 0.2, 4)),
+    "continuous": WavelengthSampling(),
+    "rgb": WavelengthSampling(dispersion="rgb"),
+    "equaliser": WavelengthSampling(equaliser=(4, 0.2, 0.2, 4, 0.2, 0.2, 4)),
 }
 
 
@@ -34,10 +34,12 @@ def edge(column):
     return image
 
 
-def render(column, defocus, fringes, light=None, seed=0):
-    character = Character(fringes=fringes, light=light or LightDraw())
+def render(column, defocus, chromatic_aberration, light=None, seed=0):
+    lens_response = LensResponse(
+        chromatic_aberration=chromatic_aberration, wavelength_sampling=light or WavelengthSampling()
+    )
     level = np.full((HEIGHT, WIDTH), defocus, np.float32)
-    return rays(edge(column), level, character=character, seed=seed)
+    return rays(edge(column), level, lens_response=lens_response, seed=seed)
 
 
 def moments(picture):
@@ -57,12 +59,14 @@ def spectral_mean(values, light):
 @pytest.mark.parametrize("name", LIGHT)
 def test_lateral_fringes_shift_each_channel_as_its_light_says(name):
     """An edge in focus, off the axis: its place moves by h s1, in the mean over the channel's wavelengths."""
-    fringes, light = Fringes(lateral=30), LIGHT[name]
+    chromatic_aberration, light = ChromaticAberration(lateral=30), LIGHT[name]
     column = 180
-    found, _ = moments(render(column, 0.0, fringes, light))
-    shift = HALF_DIAGONAL * fringes.strengths(SPECTRUM)[:, 1] * (column - WIDTH / 2) / HALF_DIAGONAL
+    found, _ = moments(render(column, 0.0, chromatic_aberration, light))
+    shift = (
+        HALF_DIAGONAL * chromatic_aberration.strengths(SPECTRUM)[:, 1] * (column - WIDTH / 2) / HALF_DIAGONAL
+    )
     # The field position is that of the receiving pixel, beyond the edge by the shift.
-    shift = shift / (1 - fringes.strengths(SPECTRUM)[:, 1])
+    shift = shift / (1 - chromatic_aberration.strengths(SPECTRUM)[:, 1])
     wanted = column + spectral_mean(shift, light)
     assert np.ptp(wanted) > 5
     # Three wavelengths meet whole pixels of a sharp picture, and the curve of a mean is not the mean's.
@@ -73,9 +77,9 @@ def test_lateral_fringes_shift_each_channel_as_its_light_says(name):
 @pytest.mark.parametrize("name", ["continuous", "equaliser"])
 def test_axial_fringes_blur_each_channel_as_its_light_says(defocus, name):
     """Discs of the radius d + s0: red ones are the larger in front of focus, blue ones behind it."""
-    fringes, light = Fringes(axial=3), LIGHT[name]
-    place, found = moments(render(WIDTH // 2, defocus, fringes, light))
-    radius = defocus + HALF_DIAGONAL * fringes.strengths(SPECTRUM)[:, 0]
+    chromatic_aberration, light = ChromaticAberration(axial=3), LIGHT[name]
+    place, found = moments(render(WIDTH // 2, defocus, chromatic_aberration, light))
+    radius = defocus + HALF_DIAGONAL * chromatic_aberration.strengths(SPECTRUM)[:, 0]
     wanted = spectral_mean(radius**2 / 4, light)
     assert_allclose(found, wanted, rtol=0.08)
     assert (found[0] > found[2]) == (defocus > 0)
@@ -85,17 +89,17 @@ def test_axial_fringes_blur_each_channel_as_its_light_says(defocus, name):
 def test_on_the_axis_lateral_fringes_are_none():
     """An edge through the middle, in and out of focus: all channels are alike but for the noise."""
     for defocus in (0.0, -6.0):
-        place, _ = moments(render(WIDTH // 2, defocus, Fringes(lateral=10)))
+        place, _ = moments(render(WIDTH // 2, defocus, ChromaticAberration(lateral=10)))
         assert_allclose(place, WIDTH / 2, atol=0.1)
 
 
 def test_in_focus_axial_fringes_shift_no_color():
     """All that is left there is a blur around the same point; an even picture keeps its colour."""
-    picture = render(180, 0.0, Fringes(axial=6))
+    picture = render(180, 0.0, ChromaticAberration(axial=6))
     place, found = moments(picture)
     assert_allclose(place, 180, atol=0.1)
-    radius = HALF_DIAGONAL * Fringes(axial=6).strengths(SPECTRUM)[:, 0]
-    wanted = spectral_mean(radius**2 / 4, LightDraw())
+    radius = HALF_DIAGONAL * ChromaticAberration(axial=6).strengths(SPECTRUM)[:, 0]
+    wanted = spectral_mean(radius**2 / 4, WavelengthSampling())
     averaged = 2 / 3  # what the mean of 3x3 pixels adds where surfaces are blurred
     assert (found > wanted - 0.1).all()
     assert (found < wanted + averaged + 0.25).all()
@@ -105,7 +109,8 @@ def test_in_focus_axial_fringes_shift_no_color():
 def test_the_thesis_decay_leaves_no_axial_fringe_in_the_corner():
     """Authority: equation 4.7 with A = t, the difference of focus by 1 - t: at t = 0.95 a twentieth."""
     plain, decayed = (
-        moments(render(column, 9.0, Fringes(axial=3, axial_map=inversion)))[1] for column in (120, 214)
+        moments(render(column, 9.0, ChromaticAberration(axial=3, axial_map=inversion)))[1]
+        for column in (120, 214)
     )
     assert np.ptp(decayed) < 0.35 * np.ptp(plain)
 
@@ -113,4 +118,6 @@ def test_the_thesis_decay_leaves_no_axial_fringe_in_the_corner():
 def test_strength_0_is_the_identity():
     level = np.full((HEIGHT, WIDTH), 5, np.float32)
     wanted = rays(edge(150), level)
-    assert_array_equal(rays(edge(150), level, character=Character(fringes=Fringes())), wanted)
+    assert_array_equal(
+        rays(edge(150), level, lens_response=LensResponse(chromatic_aberration=ChromaticAberration())), wanted
+    )

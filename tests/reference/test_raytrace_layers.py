@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bokehnet import rays
+from bokehnet.classical.layered.layers import Layers
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.raytrace.peeling import peel
 from bokehnet.raytrace.world import world_from_scene
-from bokehnet.scenes.layers import layers_from
 from bokehnet.synth import SceneConfig, SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
@@ -26,12 +26,22 @@ CONFIG = SynthConfig(
 )
 
 
+def layers_from(peeled, lens, pixel_pitch):
+    """A peeled scene as layers of the rays; ``pixel_pitch`` in mm."""
+    disparity = 1 / peeled.depth.cpu().numpy().astype(np.float64)
+    return Layers(
+        colors=peeled.colors.cpu().numpy(),
+        defocus=lens.coc_radius(disparity) / pixel_pitch,
+        coverage=peeled.coverage.cpu().numpy().clip(0, 1),
+    )
+
+
 def psnr(first, second):
     return -10 * math.log10(float(((first.clip(0, 1) - second.clip(0, 1)) ** 2).mean()))
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4])
-def test_true_hidden_layers_come_nearer_to_the_truth_than_filled_ones(seed):
+def test_true_layers_behind_come_nearer_to_the_truth_than_filled_ones(seed):
     """Authority: the ray tracer; what stands behind things is known to it and guessed by the fill."""
     scene = random_scene(np.random.default_rng(seed), CONFIG)
     blur, focus = 12.0, 0.25

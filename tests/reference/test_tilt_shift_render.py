@@ -17,16 +17,16 @@ from benchmarks.tilt_shift import (
     trace_wall,
     zero_line,
 )
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.lenses import ThinLens, TiltShift
-from bokehnet.optics.character import Character
 from bokehnet.optics.focus_plane import (
     FocusPlane,
     distance_to_sensor,
+    plane_aberration_map,
     plane_defocus,
-    plane_pencil,
     tilted_lens,
 )
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.raytrace import Camera
 
@@ -102,7 +102,7 @@ def test_on_any_tilted_and_shifted_sensor_three_pixels_tell_the_plane():
 
 @pytest.mark.parametrize("tilt", [*TILTS, (30.0, 0.0), (0.0, -30.0)])
 def test_discs_are_the_cones_of_traced_rays(tilt):
-    """Light of a point arrives at ``q + d A``: traced, A is the pencil map's for the aperture as it is seen.
+    """Light of a point arrives at ``q + d A``: traced, A is the aberration map's.
 
     The aperture stands upright in the lens, tilted against the sensor: seen from the pixel p its point
     (x, y, z), in the sensor's axes, is at (x, y) - z t with t the slope of p.
@@ -114,7 +114,7 @@ def test_discs_are_the_cones_of_traced_rays(tilt):
         tilt, CENTRE, 1 / focus_of(camera), focal_length=50.0, pixel_pitch=pitch, centre=CENTRE
     )
     blur = radius * distance / pitch
-    pencil = plane_pencil(plane, blur)
+    aberration_map = plane_aberration_map(plane, blur)
     slopes = (PIXELS - CENTRE) * pitch / distance
     axes = sensor_axes(lens)
     strongest = 0.0
@@ -127,10 +127,10 @@ def test_discs_are_the_cones_of_traced_rays(tilt):
                 1 + radius * through[2] * plane.at(*PIXELS.T)[:, None]
             )
             defocus = blur * (disparity - plane.at(place[:, 0], place[:, 1]))
-            run = seen / (1 + seen @ pencil.tilt)[:, None]
+            run = seen / (1 + seen @ aberration_map.tilt)[:, None]
             assert_allclose(place + defocus[:, None] * run, PIXELS, atol=1e-6)
             # The map itself takes the aperture as parallel to the sensor, which is off by so much:
-            taken = pencil(np.tile(a, (len(PIXELS), 1)), np.zeros_like(PIXELS))[1]
+            taken = aberration_map(np.tile(a, (len(PIXELS), 1)), np.zeros_like(PIXELS))[1]
             angle = math.acos(axes[2, 2])
             allowed = 1 - math.cos(angle) + math.sin(angle) * (np.abs(slopes).max() + radius / 350)
             assert np.linalg.norm(taken - run, axis=-1).max() <= 1.5 * allowed
@@ -177,11 +177,11 @@ def test_rays_follow_the_cones(slope):
             places = y - radius * v, x - radius * u
             wanted[..., channel] += map_coordinates(image[..., channel], places, order=1, mode="nearest")
     wanted /= len(pupil)
-    pencil = plane_pencil(plane, blur)
+    aberration_map = plane_aberration_map(plane, blur)
     inside = slice(25, -25)
     error = {}
-    for name, character in (("conic", Character(pencil=pencil)), ("round", None)):
-        found = rays(image, defocus, character=character)
+    for name, lens_response in (("conic", LensResponse(aberration_map=aberration_map)), ("round", None)):
+        found = rays(image, defocus, lens_response=lens_response)
         error[name] = float(((found - wanted)[inside, inside] ** 2).mean()) ** 0.5
     assert error["conic"] < 0.005
     assert error["conic"] < 0.5 * error["round"]

@@ -3,7 +3,7 @@ from typing import Literal
 
 import pytest
 
-from bokehnet.config import build_config, dump_json, load_config, to_dict
+from bokehnet.config import OLD_KEYS, build_config, dump_json, load_config, renamed, to_dict
 from bokehnet.errors import ConfigError
 
 
@@ -65,3 +65,25 @@ def test_missing_file_and_impossible_override_are_config_errors(tmp_path):
         load_config(tmp_path / "none.toml", Outer)
     with pytest.raises(ConfigError, match="steps is not a table"):
         load_config(write(tmp_path, "steps = 1"), Outer, {"steps.x": 2})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Network:
+    network_max_radius: float = 10.0
+    see_features: bool = False
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Run:
+    model: Network = dataclasses.field(default_factory=Network)
+    augmented: float = 0.5
+
+
+def test_keys_of_earlier_versions_are_read(tmp_path):
+    path = write(tmp_path, "spoilt = 0.25\n[model]\nunit = 8\nsee_hints = true\n")
+    wanted = Run(model=Network(network_max_radius=8.0, see_features=True), augmented=0.25)
+    assert load_config(path, Run) == wanted
+    assert set(to_dict(wanted)["model"]) <= set(OLD_KEYS.values())
+    assert renamed({"spoilt": 1, "other": 2}) == {"augmented": 1, "other": 2}
+    with pytest.raises(ConfigError, match="unknown key 'spoilt'"):
+        build_config({"spoilt": 0.1, "augmented": 0.2}, Run)

@@ -29,4 +29,4 @@ bokehnet.make_scene(image, image)  # 16
 bokehnet.RelativeDisparity(image)  # 17
 blades: str = RenderSettings().aperture.blades  # 18
 bokehnet.scatter(image, "defocus")  # 19
-bokehnet.no_such_name  # 20
+name = bokehnet.no_such_name  # 20

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.color import luminance
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
@@ -47,11 +47,14 @@ def assert_rendered_with(cli, options, aperture):
         (["--blades", 5, "--aperture-rotation", -30], Aperture(blades=5, rotation=-30)),
         (["--squeeze", 0.5], Aperture(squeeze=0.5)),
         (["--cats-eye", 0.8], Aperture(cats_eye=0.8)),
-        (["--rim", 0.9], Aperture(rim=0.9)),
+        (["--rim", 0.9], Aperture(spherical_profile=0.9)),
         (["--obstruction", 0.5], Aperture(obstruction=0.5)),
         (["--onion", 0.8, "--onion-rings", 3], Aperture(onion=0.8, onion_rings=3)),
         (["--disc-grain", 1, "--disc-grain-seed", 5], Aperture(grain=1, grain_seed=5)),
-        (["--blades", 7, "--rim", -0.5, "--squeeze", 1.5], Aperture(blades=7, rim=-0.5, squeeze=1.5)),
+        (
+            ["--blades", 7, "--rim", -0.5, "--squeeze", 1.5],
+            Aperture(blades=7, spherical_profile=-0.5, squeeze=1.5),
+        ),
     ],
 )
 def test_each_option_sets_its_part_of_the_aperture(folder, cli, options, aperture):

@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
+from bokehnet.lenses.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil
-from bokehnet.lenses.seidel_lens import seidel_pencil
+from bokehnet.lenses.seidel_lens import seidel_aberration_map
 from bokehnet.lenses.thin import ThinLens
-from bokehnet.optics.character import Character
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.rendering.renderer import BokehRenderer
 
@@ -29,13 +29,17 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
-def assert_rendered_through(cli, words, defocus, pencil):
-    """Oracle: the renderer, which has its own tests, with that pencil map."""
+def assert_rendered_through(cli, words, defocus, aberration_map):
+    """Oracle: the renderer, which has its own tests, with that aberration map."""
     outcome = cli(*words, "-o", "out.exr")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image = read_image(words[1])
     plain = BokehRenderer("rays").render(image, defocus).bokeh
-    bokeh = BokehRenderer("rays", character=Character(pencil=pencil)).render(image, defocus).bokeh
+    bokeh = (
+        BokehRenderer("rays", lens_response=LensResponse(aberration_map=aberration_map))
+        .render(image, defocus)
+        .bokeh
+    )
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 
@@ -55,8 +59,8 @@ def photo_defocus():
     ],
 )
 def test_sliders_set_their_aberration(folder, cli, options, sliders):
-    pencil = AberrationSliders(**sliders).pencil()
-    assert_rendered_through(cli, [*PHOTO, *options], photo_defocus(), pencil)
+    aberration_map = AberrationSliders(**sliders).aberration_map()
+    assert_rendered_through(cli, [*PHOTO, *options], photo_defocus(), aberration_map)
 
 
 def test_sliders_at_0_change_no_bit(folder, cli):
@@ -71,25 +75,27 @@ def test_sliders_at_0_change_no_bit(folder, cli):
 @pytest.mark.parametrize(
     ("options", "make", "load", "fit"),
     [
-        ([], fit_pencil, {}, {}),
-        (["--aberrations", "traced"], fit_pencil, {}, {}),
-        (["--aberrations", "seidel"], seidel_pencil, {}, {}),
-        (["--lens-f-number", 4], fit_pencil, {"f_number": 4.0}, {}),
-        (["--lens-distortion", "--aberrations", "seidel"], seidel_pencil, {}, {"distortion": True}),
+        ([], fit_aberration_map, {}, {}),
+        (["--aberrations", "traced"], fit_aberration_map, {}, {}),
+        (["--aberrations", "seidel"], seidel_aberration_map, {}, {}),
+        (["--lens-f-number", 4], fit_aberration_map, {"f_number": 4.0}, {}),
+        (["--lens-distortion", "--aberrations", "seidel"], seidel_aberration_map, {}, {"distortion": True}),
     ],
 )
 def test_with_disparity_the_lens_is_the_one_designed(folder, cli, options, make, load, fit):
-    pencil = make(load_lens("double_gauss", **load), **fit)
-    assert_rendered_through(cli, [*PHOTO, "--lens", "double_gauss", *options], photo_defocus(), pencil)
+    aberration_map = make(load_lens("double_gauss", **load), **fit)
+    assert_rendered_through(
+        cli, [*PHOTO, "--lens", "double_gauss", *options], photo_defocus(), aberration_map
+    )
 
 
 @pytest.mark.parametrize(("options", "f_number"), [([], 2.2), (["--lens-f-number", 2.5], 2.5)])
 def test_with_depth_the_lens_has_the_numbers_of_the_camera(folder, cli, read_metres, options, f_number):
     lens = load_lens("petzval", focal_length=50.0, f_number=f_number, focus_distance=2000.0)
-    pencil = fit_pencil(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
+    aberration_map = fit_aberration_map(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
     thin = ThinLens(focal_length=50.0, f_number=2.2, focus_distance=2000.0)
     defocus = (thin.coc_radius(1 / (1000 * read_metres())) / (12 / 64)).astype(np.float32)
-    assert_rendered_through(cli, [*SCENE, "--lens", "petzval", *options], defocus, pencil)
+    assert_rendered_through(cli, [*SCENE, "--lens", "petzval", *options], defocus, aberration_map)
 
 
 @pytest.fixture

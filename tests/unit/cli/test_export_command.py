@@ -8,12 +8,13 @@ import pytest
 from tests.unit.onnx_file.running import picture, start, steps
 
 
-def test_one_file_is_written_that_renders(cli, tmp_path, random_weights):
+@pytest.mark.parametrize("flag", [[], ["--full"]], ids=["plain", "as older scripts say it"])
+def test_one_file_is_written_that_renders(cli, tmp_path, random_weights, flag):
     import numpy as np
     import onnx
 
     path = tmp_path / "out file.onnx"
-    outcome = cli("export", "--full", "-o", path, "--weights", random_weights)
+    outcome = cli("export", *flag, "-o", path, "--weights", random_weights)
     assert (outcome.code, outcome.err) == (0, "")
     assert re.fullmatch(
         rf"wrote {re.escape(str(path))}: \d+\.\d MB, \d+ dB or more to the engine fast\n", outcome.out
@@ -26,10 +27,9 @@ def test_one_file_is_written_that_renders(cli, tmp_path, random_weights):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["-o", "out.onnx"], ["--full"]),
-        (["--full", "-o", "nowhere/out.onnx"], ["nowhere", "does not exist"]),
-        (["--full", "-o", "out.onnx", "--weights", "nowhere"], ["nowhere/manifest.json"]),
-        (["--full"], ["--output"]),
+        (["-o", "nowhere/out.onnx"], ["nowhere", "does not exist"]),
+        (["-o", "out.onnx", "--weights", "nowhere"], ["nowhere/manifest.json"]),
+        ([], ["--output"]),
     ],
 )
 def test_mistakes_are_one_line(cli, tmp_path, monkeypatch, arguments, words):
@@ -45,13 +45,13 @@ def test_mistakes_are_one_line(cli, tmp_path, monkeypatch, arguments, words):
 
 def test_without_onnx_the_extra_is_named(cli, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnx", None)
-    outcome = cli("export", "--full", "-o", tmp_path / "out.onnx")
+    outcome = cli("export", "-o", tmp_path / "out.onnx")
     assert outcome.code == 1
     assert "needs onnx: pip install 'bokehnet[train]'" in outcome.err
 
 
 def test_the_command_needs_no_torch(python_process, tmp_path):
     source = "import sys; sys.modules['torch'] = None; from bokehnet.cli.app import main; main()"
-    outcome = python_process(source, "export", "--full", "-o", tmp_path / "out.onnx")
+    outcome = python_process(source, "export", "-o", tmp_path / "out.onnx")
     assert outcome.code == 0, outcome.err
     assert (tmp_path / "out.onnx").stat().st_size > 4e6

@@ -7,12 +7,12 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
-from bokehnet.optics.character import Character
-from bokehnet.optics.focus_plane import FocusPlane, plane_pencil
+from bokehnet.optics.focus_plane import FocusPlane, plane_aberration_map
+from bokehnet.optics.lens_response import LensResponse
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
@@ -145,7 +145,7 @@ def test_pixels_are_those_of_the_shown_picture(folder, defocus):
 
 
 def test_rays_make_the_discs_conic_and_the_scatter_leaves_them_round(folder, cli, steps):
-    """Oracles: the engines called directly, the rays with the pencil map of the plane."""
+    """Oracles: the engines called directly, the rays with the aberration map of the plane."""
     lean = ("--focus", 0.5, "--tilt-y", 60)
     plane = FocusPlane.around((31.5, 19.5), 0.5, (math.tan(math.radians(60)) / WIDTH, 0))
     picture = read_image("photo.png")
@@ -155,7 +155,7 @@ def test_rays_make_the_discs_conic_and_the_scatter_leaves_them_round(folder, cli
         assert cli(*MAP, "--blur", 18, *lean, "--engine", engine, "-o", "out.exr").code == 0
         pictures[engine] = read_image("out.exr")
     assert_allclose(pictures["scatter"], scatter(picture, defocus), rtol=HALF, atol=1e-4)
-    conic = rays(picture, defocus, character=Character(pencil=plane_pencil(plane, 18)))
+    conic = rays(picture, defocus, lens_response=LensResponse(aberration_map=plane_aberration_map(plane, 18)))
     assert_allclose(pictures["rays"], conic, rtol=HALF, atol=1e-4)
     assert np.abs(conic - rays(picture, defocus)).max() > 0.02
 

@@ -6,10 +6,10 @@ from numpy.testing import assert_allclose
 
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
-from bokehnet.optics.character import Character
+from bokehnet.optics.chromatic_aberration import ChromaticAberration, make_curve
 from bokehnet.optics.field_maps import inversion, square
-from bokehnet.optics.fringes import Fringes, make_curve
-from bokehnet.optics.light_draw import LightDraw
+from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.rendering.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
@@ -21,10 +21,12 @@ RAYS = [*WORDS, "--engine", "rays"]
 @pytest.mark.parametrize(
     ("options", "character"),
     [
-        (["--axial-fringe", 5], Character(fringes=Fringes(axial=5))),
+        (["--axial-fringe", 5], LensResponse(fringes=ChromaticAberration(axial=5))),
         (
             ["--lateral-fringe", -4, "--lateral-map", "square", "--fringe-glass", "achromat"],
-            Character(fringes=Fringes(lateral=-4, lateral_map=square, curve=make_curve("achromat"))),
+            LensResponse(
+                fringes=ChromaticAberration(lateral=-4, lateral_map=square, curve=make_curve("achromat"))
+            ),
         ),
         (
             [
@@ -37,21 +39,21 @@ RAYS = [*WORDS, "--engine", "rays"]
                 "--equaliser",
                 "1,0.2,3",
             ],
-            Character(
-                fringes=Fringes(axial=5, axial_map=inversion),
-                light=LightDraw(dispersion="rgb", equaliser=(1, 0.2, 3)),
+            LensResponse(
+                fringes=ChromaticAberration(axial=5, axial_map=inversion),
+                light=WavelengthSampling(dispersion="rgb", equaliser=(1, 0.2, 3)),
             ),
         ),
     ],
 )
-def test_options_are_those_of_the_renderer(folder, cli, options, character):
+def test_options_are_those_of_the_renderer(folder, cli, options, lens_response):
     """Oracle: BokehRenderer, which has its own tests, called directly."""
     outcome = cli(*RAYS, *options, "-o", "out.exr")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
     defocus = 9 * (disparity - np.float32(0.4))
     plain = BokehRenderer("rays").render(image, defocus).bokeh
-    bokeh = BokehRenderer("rays", character=character).render(image, defocus).bokeh
+    bokeh = BokehRenderer("rays", lens_response=lens_response).render(image, defocus).bokeh
     assert_allclose(read_image("out.exr"), bokeh, rtol=HALF, atol=1e-5)
     assert np.abs(bokeh - plain).max() > 0.02
 

@@ -14,7 +14,7 @@ from bokehnet.rendering import psf_sheet
 def quick(monkeypatch):
     """Few rays."""
     monkeypatch.setattr(
-        psf_sheet, "psf_pairs", lambda lens: pairs_module.psf_pairs(lens, pencil=None, rays=2000)
+        psf_sheet, "psf_pairs", lambda lens: pairs_module.psf_pairs(lens, aberration_map=None, rays=2000)
     )
 
 

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.classical.scatter import scatter
-from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.rendering import renderer
@@ -193,7 +193,7 @@ def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rend
     write_map("soft.exr", soft)
     words = ("render", "photo.png", "--disparity", "soft.exr", "--blur", 6, "--focus-at", "10,10")
     given = read_disparity("soft.exr")
-    refined = DisparityRefiner()(read_image("photo.png"), given)
+    refined = DisparityRepair()(read_image("photo.png"), given)
     assert np.abs(refined - given).max() > 0.1
     for mode, values in (("off", given), ("on", refined), ("auto", refined)):
         _, defocus = rendered(*words, "--repair-disparity", mode)

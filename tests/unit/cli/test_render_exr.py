@@ -5,7 +5,7 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity, read_map
 

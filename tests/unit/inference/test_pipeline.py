@@ -5,10 +5,10 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cascade import Level, refine_whole, render_neural
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.rays import rays
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.coarse_to_fine import Level, refine_whole, render_neural
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.fusion import fuse
 from bokehnet.inference import tiling
@@ -50,7 +50,9 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
     everywhere = torch.ones(1, 1, height, width)
     with torch.no_grad():
-        wanted = render_neural(*tensors, everywhere, arnet=arnet.eval(), iunet=iunet.eval(), unit=10.0)
+        wanted = render_neural(
+            *tensors, everywhere, arnet=arnet.eval(), iunet=iunet.eval(), network_max_radius=10.0
+        )
     error_map = wanted.error_map * torch.from_numpy(geometric_error_map(defocus))
     fused = fuse(tensors[2], wanted.steps[-1], error_map)
     assert_allclose(result.bokeh, fused[0].permute(1, 2, 0).numpy(), atol=1e-4)
@@ -67,7 +69,7 @@ def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):
         image=rng.random((1, 3, 152, 208), dtype=np.float32),
         defocus=rng.uniform(-12, 12, (1, 1, 152, 208)).astype(np.float32),
         classical=rng.random((1, 3, 152, 208), dtype=np.float32),
-        doubt=np.ones((1, 1, 152, 208), np.float32),
+        classical_error_map=np.ones((1, 1, 152, 208), np.float32),
     )
     coarse = rng.random((1, 3, 76, 104), dtype=np.float32)
     everywhere = np.ones((1, 1, 152, 208), np.float32)
@@ -91,10 +93,10 @@ def test_skipped_tiles_change_no_pixel_that_is_used(pair, monkeypatch):
         ran.append(arrays[0].shape)
         return loaded.iunet(*arrays)
 
-    doubt = geometric_error_map(defocus)[None, None]
-    shared = {"arnet": loaded.arnet, "unit": loaded.unit}
-    whole = render_neural(*batches, doubt, iunet=loaded.iunet, **shared)
-    tiled = render_neural(*batches, doubt, iunet=iunet, refine=tiling.refine_in_tiles, **shared)
+    classical_error_map = geometric_error_map(defocus)[None, None]
+    shared = {"arnet": loaded.arnet, "network_max_radius": loaded.network_max_radius}
+    whole = render_neural(*batches, classical_error_map, iunet=loaded.iunet, **shared)
+    tiled = render_neural(*batches, classical_error_map, iunet=iunet, refine=tiling.refine_in_tiles, **shared)
     used = (whole.error_map > 0)[0, 0]
     assert 0.05 < used.mean() < 0.6
     assert len(ran) < 7 * 10 + 4 * 5
@@ -110,7 +112,7 @@ def test_tiles_without_error_are_not_refined(pair):
         image=np.zeros((1, 3, 32, 32), np.float32),
         defocus=np.zeros((1, 1, 32, 32), np.float32),
         classical=np.zeros((1, 3, 32, 32), np.float32),
-        doubt=np.zeros((1, 1, 32, 32), np.float32),
+        classical_error_map=np.zeros((1, 1, 32, 32), np.float32),
     )
     coarse = np.full((1, 3, 16, 16), 0.5, np.float32)
     assert_array_equal(tiling.refine_in_tiles(never, level, coarse, np.zeros((1, 1, 32, 32))), 0.5)

@@ -76,7 +76,7 @@ def test_session_options_are_handed_on(tmp_path):
 
 def test_warm_up_runs_every_part():
     """Nothing of it is left for the first picture: kernels are compiled once for all sizes."""
-    from bokehnet.classical.ray_kernels import _march
+    from bokehnet.classical.layered.ray_marching import _march
 
     renderer = BokehRenderer("hybrid")
     renderer.warm_up()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.rays import rays
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.config import load_config
-from bokehnet.inference.refine import DisparityRefiner
+from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.rendering.renderer import BokehRenderer
@@ -77,13 +77,13 @@ def test_the_package_stays_small():
 )
 def test_the_repair_pays_on_spoilt_maps_and_leaves_true_ones_alone(shared, kind, least):
     """Authority: a path-traced shot; gain of the rays near edges through "auto", dB."""
-    from train.corruption import corrupt
+    from train.degradation import degrade
     from train.evaluation_sets import list_pictures
 
     folder = shared("cycles/s1_still_life/scene.json").parents[1]
     shot = list_pictures("cycles", folder)[4].read()
-    given = corrupt(shot.defocus, kind)
-    repaired = DisparityRefiner()(shot.image, given, "auto")
+    given = degrade(shot.defocus, kind)
+    repaired = DisparityRepair()(shot.image, given, "auto")
     before, after = (
         compare(rays(shot.image, d, aperture=shot.aperture), shot.truth, shot.defocus)["edge_psnr"]
         for d in (given, repaired)

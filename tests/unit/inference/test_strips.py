@@ -7,10 +7,10 @@ import pytest
 
 from bokehnet.classical.base import ALIGNED
 from bokehnet.errors import ParameterError
-from bokehnet.inference.strips import BYTES_PER_PIXEL, Gathered, cut_strips
+from bokehnet.inference.strips import BYTES_PER_PIXEL, StripAccumulator, cut_strips
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.character import Character
-from bokehnet.optics.fringes import Fringes
+from bokehnet.optics.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.rendering.renderer import BokehRenderer
 
@@ -38,26 +38,26 @@ def test_strips_cover_every_row_once():
         assert (strip.last - strip.first) <= 600
 
 
-GLASS = AberrationSliders(coma=3.0, field_curvature=2.0).pencil()
+GLASS = AberrationSliders(coma=3.0, field_curvature=2.0).aberration_map()
 
 
 @pytest.mark.parametrize(
-    ("engine", "character", "bound"),
+    ("engine", "lens_response", "bound"),
     [
         ("rays", None, 60),
         ("scatter", None, 60),
         ("hybrid", None, 60),
-        ("rays", Character(pencil=GLASS), 60),
-        ("hybrid", Character(pencil=replace(GLASS, tilt=(0.1, 0.05))), 60),
-        ("rays", Character(fringes=Fringes(axial=1.0)), 60),
+        ("rays", LensResponse(aberration_map=GLASS), 60),
+        ("hybrid", LensResponse(aberration_map=replace(GLASS, tilt=(0.1, 0.05))), 60),
+        ("rays", LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0)), 60),
         # All lights of a strip share what their discs may cost: with fewer, these are finer.
-        ("rays", Character(fringes=Fringes(axial=1.0, lateral=1.0)), 50),
+        ("rays", LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0, lateral=1.0)), 50),
     ],
 )
-def test_strips_give_the_whole_picture(engine, character, bound):
+def test_strips_give_the_whole_picture(engine, lens_response, bound):
     """Decibels; each strip ends inside posts, slope and lights' discs."""
     image, defocus = tall_picture()
-    renderer = BokehRenderer(engine, character=character)
+    renderer = BokehRenderer(engine, lens_response=lens_response)
     memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter" if engine == "scatter" else "rays"]
     whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > bound
@@ -141,7 +141,7 @@ def test_memory_that_is_taken_counts():
 def test_rows_wait_until_no_later_strip_reads_them():
     """Three strips of 4 rows that read two rows more on either side."""
     read = np.arange(12.0)[:, None].repeat(2, 1)
-    gathered = Gathered(read, overwrite=True)
+    gathered = StripAccumulator(read, overwrite=True)
     for first, read_from in ((0, 2), (4, 6), (8, 12)):
         gathered.add(first, np.full((4, 2), -1.0 - first), read_from)
         assert (read[read_from:] == np.arange(12.0)[read_from:, None]).all()

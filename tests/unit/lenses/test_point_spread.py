@@ -7,10 +7,10 @@ import pytest
 
 from bokehnet.errors import LensError, ParameterError, ShapeError
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil
-from bokehnet.lenses.point_spread import correlation, pencil_psf, psf_reach, traced_psf
+from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.point_spread import aberration_psf, correlation, psf_reach, traced_psf
 from bokehnet.lenses.psf_pairs import psf_depths, psf_pairs
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.aberration_map import AberrationMap
 
 GREEN = {"wavelengths": np.array([587.56]), "colors": np.ones((1, 1))}
 
@@ -33,8 +33,8 @@ def test_stopped_down_blur_is_a_disc_of_the_paraxial_radius(depth, field):
     radius = float(lens.coc_radius(1 / depth))
     pitch = abs(radius) / 20
     traced = traced_psf(lens, depth=depth, field=field, pitch=pitch, size=60, **GREEN)
-    reduced = pencil_psf(
-        fit_pencil(lens, wavelengths=()),
+    reduced = aberration_psf(
+        fit_aberration_map(lens, wavelengths=()),
         defocus=radius / half_diagonal,
         field=field,
         pitch=pitch / half_diagonal,
@@ -52,7 +52,9 @@ def test_stopped_down_blur_is_a_disc_of_the_paraxial_radius(depth, field):
 
 def test_the_perfect_map_gives_a_disc():
     """Reference: pi r^2 cells, evenly lit."""
-    psf = pencil_psf(PencilMap.perfect(), defocus=0.02, field=(0.4, 0.3), pitch=0.001, size=50, **GREEN)
+    psf = aberration_psf(
+        AberrationMap.perfect(), defocus=0.02, field=(0.4, 0.3), pitch=0.001, size=50, **GREEN
+    )
     lit = psf[..., 0] > 0.5 / (math.pi * 20**2)
     assert lit.sum() == pytest.approx(math.pi * 20**2, rel=0.02)
     assert psf[20:30, 20:30].mean() * math.pi * 20**2 == pytest.approx(1, rel=0.03)
@@ -77,8 +79,8 @@ def test_reduced_and_traced_agree_over_depth_and_field(name):
     assert found.min() > 0.93
     # They are no perfect discs, which would be enough otherwise.
     corner = pairs[2]
-    disc = pencil_psf(
-        PencilMap.perfect(),
+    disc = aberration_psf(
+        AberrationMap.perfect(),
         defocus=corner.blur_radius,
         field=(corner.field, 0.0),
         pitch=corner.width / len(corner.traced),
@@ -123,4 +125,4 @@ def test_mistakes_are_told():
     with pytest.raises(ShapeError, match="colors"):
         traced_psf(lens, **fine, wavelengths=np.array([500.0, 600.0]), colors=np.ones((1, 3)))
     with pytest.raises(ParameterError, match="defocus"):
-        pencil_psf(PencilMap.perfect(), defocus=math.nan, field=(0, 0), pitch=0.01, size=8, **GREEN)
+        aberration_psf(AberrationMap.perfect(), defocus=math.nan, field=(0, 0), pitch=0.01, size=8, **GREEN)

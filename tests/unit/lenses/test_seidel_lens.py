@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 from benchmarks.printed_seidel import born_and_wolf, focal_length, in_half_diagonals
 from benchmarks.seidel import compare
 from bokehnet.errors import ParameterError
+from bokehnet.lenses.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import catalog_names, load_lens
-from bokehnet.lenses.pencil_fit import fit_pencil
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, SurfaceRow
-from bokehnet.lenses.seidel_lens import WAVELENGTHS, reduce_lens, seidel_pencil
+from bokehnet.lenses.seidel_lens import WAVELENGTHS, reduce_lens, seidel_aberration_map
 from bokehnet.lenses.stop_rays import stop_rays
 from bokehnet.optics.sampling import disc_from_square
 
@@ -46,7 +46,7 @@ def make_lens(name, focus=30.0, f_number=None):
 
 
 def traced_lines(lens, field, aim, wavelength):
-    """Places in the stop, miss E and coordinates A of traced rays, by the definition of the pencil map."""
+    """Places in the stop, E and coordinates A of traced rays, by the definition of the aberration map."""
     corner = lens.prescription.image_radius
     rays = stop_rays(lens, corner * field, abs(lens.paraxial.exit.radius) * aim, wavelength)
     place = lens.thick.sensor_distance / corner * (rays.slope + rays.origin / lens.focus_distance)
@@ -62,14 +62,16 @@ def test_what_theory_leaves_of_traced_rays_is_of_the_fifth_order(name, focus, wa
     used = wavelength or lens.prescription.design_wavelength
     reduced = reduce_lens(lens, wavelengths=[used])
     # Places in the stop as they are, not made even.
-    pencil = dataclasses.replace(reduced, rise=0 * reduced.rise, lean=0 * reduced.lean).pencil()
+    aberration_map = dataclasses.replace(
+        reduced, rise=0 * reduced.rise, tilt=0 * reduced.tilt
+    ).aberration_map()
     rng = np.random.default_rng(0)
     field, aim = rng.uniform(-0.7, 0.7, (2, 200, 2))
     left = []
     for scale in (0.2, 0.1):
-        stop, miss, run = traced_lines(lens, scale * field, scale * aim, wavelength)
-        found_miss, found_run, _ = pencil(stop, scale * field, used)
-        left.append([np.abs(found_miss - miss).max(), np.abs(found_run - run).max()])
+        stop, transverse_aberration, run = traced_lines(lens, scale * field, scale * aim, wavelength)
+        found_miss, found_run, _ = aberration_map(stop, scale * field, used)
+        left.append([np.abs(found_miss - transverse_aberration).max(), np.abs(found_run - run).max()])
     found_miss, found_run = np.array(left[0]) / left[1]
     assert found_miss == pytest.approx(32, rel=0.06)
     if name == "biconvex":  # its stop is the first surface: A is a
@@ -81,11 +83,11 @@ def test_what_theory_leaves_of_traced_rays_is_of_the_fifth_order(name, focus, wa
 @pytest.mark.parametrize("distortion", [False, True])
 @pytest.mark.parametrize("name", catalog_names())
 def test_a_stopped_down_lens_has_the_pencil_map_that_is_fitted_to_traced_rays(name, distortion):
-    """Oracle: ``fit_pencil``, in both its frames, with its even coordinates, over the spectrum."""
+    """Oracle: ``fit_aberration_map``, in both its frames, with its even coordinates, over the spectrum."""
     lens = make_lens(name, f_number=16.0)
     half = 0.3 * lens.prescription.image_radius
-    fitted = fit_pencil(lens, half_diagonal=half, distortion=distortion, wavelengths=(420.0, 680.0))
-    theory = seidel_pencil(lens, half_diagonal=half, distortion=distortion)
+    fitted = fit_aberration_map(lens, half_diagonal=half, distortion=distortion, wavelengths=(420.0, 680.0))
+    theory = seidel_aberration_map(lens, half_diagonal=half, distortion=distortion)
     rng = np.random.default_rng(0)
     pupil = disc_from_square(rng.random((300, 2)))
     field = rng.uniform(-0.7, 0.7, (300, 2))
@@ -130,11 +132,11 @@ def test_sums_with_the_half_before_the_first_term_only_are_not_those_of_traced_r
     right, printed = (in_half_diagonals(lens, born_and_wolf(lens, braces=braces)) for braces in (True, False))
     assert abs(printed["D"] / right["D"] - 1) > 0.5
     aim, field = np.array([[0.0, 0.1]]), np.array([[0.1, 0.0]])
-    stop, miss, _ = traced_lines(lens, field, aim, None)
+    stop, transverse_aberration, _ = traced_lines(lens, field, aim, None)
     zero, middle, _ = traced_lines(lens, field, 0 * aim, None)
     # Across the field at the same h: B a^3 + D h^2 a, where B is known.
     a = stop[0, 1] - zero[0, 1]
-    found = ((miss - middle)[0, 1] / a - right["B"] * a * a) / 0.1**2
+    found = ((transverse_aberration - middle)[0, 1] / a - right["B"] * a * a) / 0.1**2
     assert found == pytest.approx(right["D"], rel=0.06)
 
 
@@ -188,8 +190,8 @@ def test_without_distortion_the_middle_ray_of_the_design_wavelength_hits_at_ever
     field = np.linspace(0, 1, 9)[:, None] * [0.8, -0.6]
     # Made even, coordinates of the middle ray are not 0 away from the axis.
     reduced = reduce_lens(lens, wavelengths=[design])
-    raw = dataclasses.replace(reduced, lean=0 * reduced.lean)
-    kept, left_out = (raw.pencil(picture)(0 * field, field, design) for picture in (None, raw))
+    raw = dataclasses.replace(reduced, tilt=0 * reduced.tilt)
+    kept, left_out = (raw.aberration_map(picture)(0 * field, field, design) for picture in (None, raw))
     assert np.abs(kept[0]).max() > 0.02
     assert np.abs(kept[1]).max() > 0.02
     assert_allclose(left_out[0], 0, atol=1e-15)
@@ -208,4 +210,4 @@ def test_without_distortion_the_middle_ray_of_the_design_wavelength_hits_at_ever
 )
 def test_what_is_no_picture_or_no_light_is_told(options, words):
     with pytest.raises(ParameterError, match=words):
-        seidel_pencil(make_lens("biconvex"), **options)
+        seidel_aberration_map(make_lens("biconvex"), **options)

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import torch
 
@@ -12,15 +13,16 @@ from bokehnet.errors import ModelFileError
 from bokehnet.inference.session import load_networks
 from bokehnet.models import onnx_export
 from bokehnet.models.arnet import ARNet, ARNetConfig
+from bokehnet.models.checkpoint import load_network
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import PARITY, export_networks
 
 # Names of shapes, and what makes their ARNet and IUNet.
 SHAPES: dict[str, tuple[dict, dict]] = {
     "published": ({}, {}),
-    "hints": (
-        {"unet": (8, 8, 8), "see_hints": True},
-        {"see_hints": True, "carry_detail": True},
+    "features": (
+        {"unet": (8, 8, 8), "see_features": True},
+        {"see_features": True, "carry_detail": True},
     ),
 }
 
@@ -60,16 +62,16 @@ def test_sessions_equal_torch_at_sizes_never_exported(exported, size):
     height, width = size
     image, classical = (rng.random((1, 3, height, width), dtype=np.float32) for _ in range(2))
     defocus = rng.uniform(-10, 10, (1, 1, height, width)).astype(np.float32)
-    hints = rng.random((1, 5, height, width), dtype=np.float32)
+    features = rng.random((1, 5, height, width), dtype=np.float32)
     coarse = rng.random((1, 3, height // 2, width // 2), dtype=np.float32)
     tensors = [torch.from_numpy(x) for x in (image, defocus, classical)]
     with torch.no_grad():
-        wanted, wanted_map = arnet(*tensors, torch.from_numpy(hints))
-        wanted_fine = iunet(*tensors, torch.from_numpy(coarse), torch.from_numpy(hints))
-    got, got_map = loaded.arnet(image, defocus, classical, hints)
+        wanted, wanted_map = arnet(*tensors, torch.from_numpy(features))
+        wanted_fine = iunet(*tensors, torch.from_numpy(coarse), torch.from_numpy(features))
+    got, got_map = loaded.arnet(image, defocus, classical, features)
     np.testing.assert_allclose(got, wanted.numpy(), atol=PARITY)
     np.testing.assert_allclose(got_map, wanted_map.numpy(), atol=PARITY)
-    got_fine = loaded.iunet(image, defocus, classical, coarse, hints)
+    got_fine = loaded.iunet(image, defocus, classical, coarse, features)
     np.testing.assert_allclose(got_fine, wanted_fine.numpy(), atol=PARITY)
 
 
@@ -80,6 +82,42 @@ def test_manifest_holds_the_hash_of_each_file(exported):
         entry = manifest["networks"][name]
         assert entry["sha256"] == hashlib.sha256((folder / entry["file"]).read_bytes()).hexdigest()
     assert manifest["notes"] == {"why": "test"}
+
+
+def test_manifests_and_networks_of_earlier_versions_still_load(tmp_path):
+    """Format 1 with the old keys, and ONNX files whose input is called hints."""
+    networks = random_networks("features")
+    export_networks(networks, tmp_path, {"classical": "rays", "max_valid_radius": 26.0})
+    wanted = load_networks(tmp_path)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    manifest["unit"] = manifest.pop("network_max_radius")
+    manifest["trusted_radius"] = manifest.pop("max_valid_radius")
+    for entry in manifest["networks"].values():
+        path = tmp_path / entry["file"]
+        model = onnx.load(path)
+        for item in [*model.graph.input, *model.graph.value_info]:
+            item.name = "hints" if item.name == "features" else item.name
+        for node in model.graph.node:
+            node.input[:] = ["hints" if name == "features" else name for name in node.input]
+        onnx.save(model, path)
+        entry["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    loaded = load_networks(tmp_path)
+    assert (loaded.network_max_radius, loaded.max_valid_radius) == (10.0, 26.0)
+    rng = np.random.default_rng(0)
+    arrays = [rng.random((1, channels, 32, 48), dtype=np.float32) for channels in (3, 1, 3, 5)]
+    for got, value in zip(loaded.arnet(*arrays), wanted.arnet(*arrays), strict=True):
+        np.testing.assert_array_equal(got, value)
+
+
+def test_checkpoints_of_earlier_versions_still_load(tmp_path):
+    """Their configuration has the old keys."""
+    config = ARNetConfig(width=8, num_blocks=1, network_max_radius=8.0, see_features=True)
+    network = ARNet(config)
+    old = {"width": 8, "num_blocks": 1, "unit": 8.0, "see_hints": True}
+    torch.save({"name": "arnet", "config": old, "network": network.state_dict()}, tmp_path / "last.pt")
+    loaded = load_network(tmp_path / "last.pt", "arnet")
+    assert loaded.config == config
 
 
 def test_files_tell_nothing_of_the_machine_that_exported(exported):
@@ -96,9 +134,12 @@ def test_an_export_that_differs_is_refused_and_leaves_no_manifest(tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_networks_with_different_units_do_not_go_together(tmp_path):
-    networks = {"arnet": ARNet(ARNetConfig(width=8)), "iunet": IUNet(IUNetConfig(width=8, unit=8.0))}
-    with pytest.raises(ModelFileError, match=r"share one unit, got 10\.0 and 8\.0"):
+def test_networks_with_different_radii_do_not_go_together(tmp_path):
+    networks = {
+        "arnet": ARNet(ARNetConfig(width=8)),
+        "iunet": IUNet(IUNetConfig(width=8, network_max_radius=8.0)),
+    }
+    with pytest.raises(ModelFileError, match=r"share one network_max_radius, got 10\.0 and 8\.0"):
         export_networks(networks, tmp_path, {})
 
 
@@ -111,19 +152,26 @@ def test_networks_with_different_units_do_not_go_together(tmp_path):
             lambda f: (f / "manifest.json").write_text('{"format": 99}'),
             "expected manifest format 1, found 99",
         ),
-        (lambda f: (f / "manifest.json").write_text('{"format": 1}'), "expected a number called unit"),
         (
-            lambda f: (f / "manifest.json").write_text('{"format": 1, "unit": 9, "classical": "magic"}'),
+            lambda f: (f / "manifest.json").write_text('{"format": 1}'),
+            "expected a number called network_max_radius",
+        ),
+        (
+            lambda f: (f / "manifest.json").write_text(
+                '{"format": 1, "network_max_radius": 9, "classical": "magic"}'
+            ),
             "expected classical to be one of rays, scatter, found magic",
         ),
         (
             lambda f: (f / "manifest.json").write_text(
-                '{"format": 1, "unit": 9, "classical": "rays", "trusted_radius": -1}'
+                '{"format": 1, "network_max_radius": 9, "classical": "rays", "max_valid_radius": -1}'
             ),
-            "expected trusted_radius to be above 0, found -1",
+            "expected max_valid_radius to be above 0, found -1",
         ),
         (
-            lambda f: (f / "manifest.json").write_text('{"format": 1, "unit": 9, "classical": "rays"}'),
+            lambda f: (f / "manifest.json").write_text(
+                '{"format": 1, "network_max_radius": 9, "classical": "rays"}'
+            ),
             "an entry for arnet",
         ),
         (lambda f: (f / "arnet.onnx").unlink(), "weights missing"),

@@ -55,11 +55,11 @@ def test_a_fresh_iunet_interpolates():
 def test_a_fresh_iunet_that_carries_detail_takes_it_from_the_classical_render():
     """A coarse bokeh that is the halved classical render gives the classical render back."""
     image, defocus, classical = inputs()
-    hints = torch.rand(2, 5, 12, 16)
-    network = IUNet(IUNetConfig(width=8, see_hints=True, carry_detail=True)).eval()
+    features = torch.rand(2, 5, 12, 16)
+    network = IUNet(IUNetConfig(width=8, see_features=True, carry_detail=True)).eval()
     coarse = nn.functional.avg_pool2d(classical, 2)
-    torch.testing.assert_close(network(image, defocus, classical, coarse, hints), classical)
-    brighter = network(image, defocus, classical, 2 * coarse, hints)
+    torch.testing.assert_close(network(image, defocus, classical, coarse, features), classical)
+    brighter = network(image, defocus, classical, 2 * coarse, features)
     assert (brighter > classical).all()
 
 
@@ -76,7 +76,7 @@ def test_features_keep_their_size_through_a_fresh_unet():
 
 
 def test_a_unet_takes_the_place_of_the_row_of_blocks():
-    network = ARNet(ARNetConfig(unet=(8, 12, 16), see_hints=True)).eval()
+    network = ARNet(ARNetConfig(unet=(8, 12, 16), see_features=True)).eval()
     image, defocus, classical = inputs(24, 32)
     bokeh, error_map = network(image, defocus, classical, torch.rand(2, 5, 24, 32))
     torch.testing.assert_close(bokeh, classical)

@@ -5,8 +5,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from bokehnet.onnx_file.builder import OPSET, Graph
-from bokehnet.onnx_file.values import END
+from bokehnet.onnx_file.builder import END, OPSET, Graph
+from bokehnet.optics.encoding import decode, encode
 from tests.unit.onnx_file.running import compiled, start
 
 X = np.array([[-1.5, 2.0, 0.25], [4.0, -3.0, 1.0]], np.float32)
@@ -22,6 +22,8 @@ X = np.array([[-1.5, 2.0, 0.25], [4.0, -3.0, 1.0]], np.float32)
         lambda x: x.transpose(1, 0),
         lambda x: x.reshape(3, -1),
         lambda x: (abs(x).astype(np.int64) // 2 % 2).astype(np.float32),
+        lambda x: x.clip(min=0) + x.clip(-1, 2) + x.clip(max=1),
+        lambda x: encode(x) + decode(x),
     ],
 )
 def test_operators_mean_what_they_mean_in_numpy(formula):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.scatter import scatter as package_scatter
+from bokehnet.classical.scatter_renderer import scatter as package_scatter
 from bokehnet.onnx_file.scatter import scatter
 from tests.unit.onnx_file.running import compiled, decibels, picture, steps
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.reference import disc_weights, scatter_reference
-from bokehnet.classical.spread import spread_forward
+from bokehnet.classical.scatter.disc_scatter import scatter_forward
+from bokehnet.classical.scatter.oracle import disc_weights, scatter_reference
 from bokehnet.onnx_file.spread import spread_discs
 from tests.unit.onnx_file.running import compiled, decibels, picture, steps
 
@@ -57,7 +57,7 @@ def test_a_picture_is_spread_as_by_the_double_loop(spread):
 def test_every_size_gives_what_the_kernels_give(spread, height, width, radius):
     """Authority: the numba kernels, which use the same table; bands of 64 rows, canvases of other heights."""
     values, defocus = weighted(picture(height, width)), steps(height, width, radius)
-    np.testing.assert_allclose(spread(values, defocus), spread_forward(values, defocus), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(spread(values, defocus), scatter_forward(values, defocus), rtol=0, atol=1e-6)
 
 
 def test_beside_a_very_bright_disc_nothing_is_left_of_it(spread):

@@ -20,10 +20,10 @@ LETTER = np.array([[1, 1, 1], [1, 0, 0], [1, 1, 0], [1, 0, 0], [1, 0, 0]])
 SHAPES = {
     "disc": Aperture(),
     "blades": Aperture(blades=5, curvature=0.3, rotation=10),
-    "oval ring": Aperture(squeeze=0.5, obstruction=0.4, rim=0.5),
+    "oval ring": Aperture(squeeze=0.5, obstruction=0.4, spherical_profile=0.5),
     "wide": Aperture(squeeze=1.7, blades=7),
-    "letter": Aperture(picture=LETTER, rim=-0.4),
-    "bright rim": Aperture(rim=1.0),
+    "letter": Aperture(picture=LETTER, spherical_profile=-0.4),
+    "bright rim": Aperture(spherical_profile=1.0),
     "onion": Aperture(onion=1.0, onion_rings=2.5, grain=0.5),
     "onion blades": Aperture(onion=0.5, blades=6, grain=1.0, grain_seed=3),
 }
@@ -78,11 +78,11 @@ def test_squeeze_is_width_over_height_and_the_longer_axis_stays(squeeze):
 @pytest.mark.parametrize("rim", [-1.0, 0.3, 1.0])
 def test_rim_moves_light_but_keeps_it(rim):
     """The mean of 2 rho^2 - 1 over the unit disc is 0; behind focus it is added, in front taken off."""
-    behind, front = (transmission(Aperture(rim=rim), U, V, side) for side in (-1, 1))
+    behind, front = (transmission(Aperture(spherical_profile=rim), U, V, side) for side in (-1, 1))
     assert behind.sum() * CELL == pytest.approx(math.pi, rel=1e-3)
     assert front.sum() * CELL == pytest.approx(math.pi, rel=1e-3)
-    assert_allclose(behind + front, 2 * transmission(Aperture(rim=rim), U, V), atol=1e-12)
-    assert transmission(Aperture(rim=rim), 0.0, 0.999, -1) == pytest.approx(1 + rim, abs=0.005)
+    assert_allclose(behind + front, 2 * transmission(Aperture(spherical_profile=rim), U, V), atol=1e-12)
+    assert transmission(Aperture(spherical_profile=rim), 0.0, 0.999, -1) == pytest.approx(1 + rim, abs=0.005)
 
 
 @pytest.mark.parametrize("rings", [1.0, 2.3, 12.0, 40.0])
@@ -123,7 +123,10 @@ def test_grain_has_no_jumps():
 
 
 def test_without_strength_rings_and_seed_change_nothing():
-    plain, idle = Aperture(rim=0.3), Aperture(rim=0.3, onion_rings=5, grain_seed=9)
+    plain, idle = (
+        Aperture(spherical_profile=0.3),
+        Aperture(spherical_profile=0.3, onion_rings=5, grain_seed=9),
+    )
     assert plain == idle
     assert Aperture(onion_rings=5, grain_seed=9).is_disc
     assert not Aperture(onion=0.01).is_disc
@@ -152,8 +155,8 @@ def test_picture_is_upright_and_its_longer_side_spans_the_pupil():
 def test_parts_of_the_opening_multiply():
     picture = np.linspace(0.2, 1, 30).reshape(5, 6)
     product = transmission(Aperture(picture=picture), U, V) * transmission(Aperture(blades=5), U, V)
-    product *= transmission(Aperture(obstruction=0.3, rim=0.5), U, V, -1)
-    both = Aperture(picture=picture, blades=5, obstruction=0.3, rim=0.5)
+    product *= transmission(Aperture(obstruction=0.3, spherical_profile=0.5), U, V, -1)
+    both = Aperture(picture=picture, blades=5, obstruction=0.3, spherical_profile=0.5)
     assert_allclose(transmission(both, U, V, -1), product)
 
 
@@ -231,7 +234,7 @@ def test_strata_of_the_square_stay_strata():
         ("rotation", math.inf, "rotation: expected a finite number"),
         ("squeeze", 0.0, "squeeze: expected 0.1 to 10, got 0"),
         ("cats_eye", -0.1, "cats_eye: expected 0 to 1.5, got -0.1"),
-        ("rim", math.nan, "rim: expected -1 to 1, got nan"),
+        ("spherical_profile", math.nan, "spherical_profile: expected -1 to 1, got nan"),
         ("onion", 1.1, "onion: expected 0 to 1, got 1.1"),
         ("onion_rings", 0.5, "onion_rings: expected 1 to 40, got 0.5"),
         ("grain", -0.1, "grain: expected 0 to 1, got -0.1"),

@@ -13,8 +13,8 @@ from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.focus_plane import (
     FocusPlane,
     distance_to_sensor,
+    plane_aberration_map,
     plane_defocus,
-    plane_pencil,
     relative_plane,
     tilted_lens,
 )
@@ -99,7 +99,7 @@ def test_light_arrives_where_rays_in_space_say():
         disparity = rng.uniform(0.0005, 0.002)
         wanted = space_arrival(place, disparity, pupil, slopes, level, focal_scale, radius)
         defocus = blur * (disparity - plane.at(*place))
-        _, run, _ = plane_pencil(plane, blur)(pupil, np.zeros(2))
+        _, run, _ = plane_aberration_map(plane, blur)(pupil, np.zeros(2))
         assert_allclose(place + defocus * run, wanted, rtol=1e-9, atol=1e-9)
         # The other way: from the pixel that receives it, the ray of this pupil point runs over the place.
         assert_allclose(wanted - defocus * run, place, rtol=1e-9, atol=1e-9)
@@ -108,8 +108,8 @@ def test_light_arrives_where_rays_in_space_say():
 
 
 def test_a_plane_that_does_not_lean_bends_no_ray():
-    assert plane_pencil(FocusPlane(level=0.3), 50.0).is_perfect
-    assert not plane_pencil(PLANE, 50.0).is_perfect
+    assert plane_aberration_map(FocusPlane(level=0.3), 50.0).is_perfect
+    assert not plane_aberration_map(PLANE, 50.0).is_perfect
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_the_conic_of_a_tilted_lens_is_half_the_sine_over_the_f_number():
     """Authority: blur * slope = R d / pitch * sin(tilt) pitch / (f d) = sin(tilt) / (2 N)."""
     plane, distance = tilted_lens((0.0, 20.0), LENS["centre"], 1 / 700, **LENS)
     blur = 50 / 1.4 / 2 * distance / 0.05
-    assert plane_pencil(plane, blur).tilt == pytest.approx((math.sin(math.radians(20)) / 2.8, 0))
+    assert plane_aberration_map(plane, blur).tilt == pytest.approx((math.sin(math.radians(20)) / 2.8, 0))
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), *TILTS, (-30.0, 10.0)])

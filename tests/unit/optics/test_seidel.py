@@ -1,12 +1,12 @@
-"""Seidel sums of single surfaces against what is known in closed form, and the pencil map made of them."""
+"""Seidel sums of single surfaces against what is known in closed form, and the map made of them."""
 
 import numpy as np
 import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from bokehnet.optics.pencil import DESIGN_WAVELENGTH, PencilMap
-from bokehnet.optics.seidel import SeidelCoefficients, SeidelSums, even_light, surface_sums
+from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, AberrationMap
+from bokehnet.optics.seidel import SeidelCoefficients, SeidelSums, surface_sums, uniform_irradiance
 
 EXACT = {"rtol": 1e-12, "atol": 1e-15}
 NAMES = ("spherical", "coma", "astigmatism", "petzval", "distortion")
@@ -16,8 +16,12 @@ def as_rows(sums):
     return np.array([getattr(sums, name) for name in NAMES])
 
 
-def pencil_of(miss):
-    return PencilMap(wavelengths=np.array([DESIGN_WAVELENGTH]), miss=miss[None], bend=0 * miss[None])
+def pencil_of(transverse_aberration):
+    return AberrationMap(
+        wavelengths=np.array([DESIGN_WAVELENGTH]),
+        transverse_aberration=transverse_aberration[None],
+        pupil_aberration=0 * transverse_aberration[None],
+    )
 
 
 def miss_of(table, pupil, field):
@@ -52,9 +56,9 @@ def test_a_surface_images_its_centre_without_spherical_aberration_and_distorts_w
     def welford(height):
         nu, c = -2.0 / radius, 1 / radius
         a, a_chief = nu + c * height, chief[1] + c * chief[0]
-        bend = (nu - (behind - before) * c * height) / behind**2 - nu / before**2
+        pupil_aberration = (nu - (behind - before) * c * height) / behind**2 - nu / before**2
         lagrange = chief[1] * height - nu * chief[0]
-        both = a_chief**2 * height * bend + lagrange**2 * c * (1 / behind - 1 / before)
+        both = a_chief**2 * height * pupil_aberration + lagrange**2 * c * (1 / behind - 1 / before)
         return -a_chief / a * both
 
     assert sums(2.0).spherical == pytest.approx(0, abs=1e-15)
@@ -135,30 +139,30 @@ def test_rays_miss_by_the_gradient_of_the_wavefront():
         ],
         -1,
     )
-    found = miss_of(SeidelCoefficients.from_sums(sums, lagrange).miss(), pupil, field)
+    found = miss_of(SeidelCoefficients.from_sums(sums, lagrange).transverse_aberration(), pupil, field)
     assert_allclose(found, -gradient / lagrange, rtol=1e-6, atol=1e-8)
 
 
 def test_bend_is_the_same_with_pupil_and_field_exchanged():
-    """Oracle: exchanging the arguments of the miss turns its vector along a into one along h."""
+    """Oracle: exchanging the arguments of E turns its vector along a into one along h."""
     coefficients = SeidelCoefficients(0.1, 0.2, -0.3, 0.4, 0.5)
     pupil, field = random_points()
-    expected = miss_of(coefficients.miss(), field, pupil)
-    assert_allclose(miss_of(coefficients.bend(), pupil, field), expected, rtol=1e-12, atol=1e-14)
+    expected = miss_of(coefficients.transverse_aberration(), field, pupil)
+    assert_allclose(miss_of(coefficients.pupil_aberration(), pupil, field), expected, rtol=1e-12, atol=1e-14)
 
 
 def test_coefficients_of_several_wavelengths_make_a_table_each():
     coma = np.array([0.1, 0.2, 0.4])
-    table = SeidelCoefficients(coma=coma).miss()
+    table = SeidelCoefficients(coma=coma).transverse_aberration()
     assert table.shape == (3, 2, 20)
     for row, value in zip(table, coma, strict=True):
-        assert_allclose(row, SeidelCoefficients(coma=value).miss(), **EXACT)
+        assert_allclose(row, SeidelCoefficients(coma=value).transverse_aberration(), **EXACT)
 
 
 def test_even_light_sends_the_same_light_through_equal_areas_and_keeps_the_rim():
     """Authority: areas grow by the divergence, here by differences; its mean over the disc is 0."""
-    rise, lean = 0.08, -0.05
-    table = even_light(rise, lean)
+    rise, tilt = 0.08, -0.05
+    table = uniform_irradiance(rise, tilt)
     angle = np.linspace(0, 2 * np.pi, 9)
     rim = np.stack([np.cos(angle), np.sin(angle)], -1)
     field = np.broadcast_to([0.6, -0.4], rim.shape)
@@ -169,5 +173,5 @@ def test_even_light_sends_the_same_light_through_equal_areas_and_keeps_the_rim()
         (miss_of(table, pupil + step * e, field) - miss_of(table, pupil - step * e, field)) @ e / (2 * step)
         for e in np.eye(2)
     )
-    light = rise * ((pupil**2).sum(-1) - 0.5) + lean * (pupil * field).sum(-1)
+    light = rise * ((pupil**2).sum(-1) - 0.5) + tilt * (pupil * field).sum(-1)
     assert_allclose(growth, light, atol=1e-8)

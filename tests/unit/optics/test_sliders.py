@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.pencil import PencilMap
+from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.sliders import AberrationSliders
 
 NAMES = [field.name for field in dataclasses.fields(AberrationSliders)]
@@ -16,9 +16,11 @@ CORNER = np.array([0.6, -0.8])
 ACROSS = np.array([0.8, 0.6])
 
 
-def miss(pupil, field, **sliders):
+def transverse_aberration(pupil, field, **sliders):
     pupil = np.asarray(pupil, float)
-    found, run, passes = AberrationSliders(**sliders).pencil()(pupil, np.broadcast_to(field, pupil.shape))
+    found, run, passes = AberrationSliders(**sliders).aberration_map()(
+        pupil, np.broadcast_to(field, pupil.shape)
+    )
     assert_allclose(run, pupil)
     assert passes.all()
     return found
@@ -26,28 +28,34 @@ def miss(pupil, field, **sliders):
 
 def disc_radii(defocus, pupil, field, **sliders):
     """Where rays of a light arrive, as distance from where a perfect lens sends it."""
-    return np.linalg.norm(defocus * pupil + miss(pupil, field, **sliders), axis=-1)
+    return np.linalg.norm(defocus * pupil + transverse_aberration(pupil, field, **sliders), axis=-1)
 
 
 def test_all_at_zero_is_the_perfect_lens():
-    pencil = AberrationSliders().pencil()
-    assert pencil.is_perfect
-    assert_allclose(pencil.miss, PencilMap.perfect().miss)
+    aberration_map = AberrationSliders().aberration_map()
+    assert aberration_map.is_perfect
+    assert_allclose(aberration_map.transverse_aberration, AberrationMap.perfect().transverse_aberration)
 
 
 def test_sliders_add_up_and_are_proportional_to_their_number():
-    pencils = [AberrationSliders(**{name: 2.5}).pencil().miss for name in NAMES]
-    assert all(np.abs(pencil).max() > 0 for pencil in pencils)
-    all_four = AberrationSliders(**dict.fromkeys(NAMES, 2.5)).pencil().miss
-    assert_allclose(sum(pencils), all_four, rtol=1e-14)
-    assert_allclose(AberrationSliders(**dict.fromkeys(NAMES, -5.0)).pencil().miss, -2 * all_four, rtol=1e-14)
+    aberration_maps = [
+        AberrationSliders(**{name: 2.5}).aberration_map().transverse_aberration for name in NAMES
+    ]
+    assert all(np.abs(aberration_map).max() > 0 for aberration_map in aberration_maps)
+    all_four = AberrationSliders(**dict.fromkeys(NAMES, 2.5)).aberration_map().transverse_aberration
+    assert_allclose(sum(aberration_maps), all_four, rtol=1e-14)
+    assert_allclose(
+        AberrationSliders(**dict.fromkeys(NAMES, -5.0)).aberration_map().transverse_aberration,
+        -2 * all_four,
+        rtol=1e-14,
+    )
 
 
 @pytest.mark.parametrize("field", [(0.0, 0.0), tuple(CORNER)])
 def test_spherical_is_the_blur_of_the_rim_all_over_the_picture(field):
     """Authority: Born and Wolf 5.3, B rho^3."""
-    assert_allclose(miss(RIM, field, spherical=3.0), 0.03 * RIM)
-    assert_allclose(miss(0.5 * RIM, field, spherical=3.0), 0.03 / 8 * RIM)
+    assert_allclose(transverse_aberration(RIM, field, spherical=3.0), 0.03 * RIM)
+    assert_allclose(transverse_aberration(0.5 * RIM, field, spherical=3.0), 0.03 / 8 * RIM)
 
 
 def test_overcorrected_discs_behind_focus_have_a_bright_rim_and_those_in_front_fade_out():
@@ -73,20 +81,23 @@ def test_least_blur_in_focus_is_at_minus_two_thirds_of_the_spherical_slider():
 def test_coma_draws_a_tail_outwards_of_the_given_length_and_a_third_as_wide_to_each_side():
     """Authority: Born and Wolf 5.3: circles of radius F rho^2 around 2 F rho^2; here 3 F is the slider."""
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    tail = miss(np.stack([np.cos(angle), np.sin(angle)], -1), CORNER, coma=9.0)
+    tail = transverse_aberration(np.stack([np.cos(angle), np.sin(angle)], -1), CORNER, coma=9.0)
     along, across = tail @ CORNER, tail @ ACROSS
     assert (along.max(), along.min()) == (pytest.approx(0.09, rel=1e-4), pytest.approx(0.03, rel=1e-4))
     assert across.max() == pytest.approx(0.03, rel=1e-4)
-    assert_allclose(miss([[0.0, 0.0]], CORNER, coma=9.0), 0)
-    assert_allclose(miss(RIM, (0, 0), coma=9.0), 0)
-    assert (miss(RIM, CORNER, coma=-9.0) @ CORNER < 0).all()
+    assert_allclose(transverse_aberration([[0.0, 0.0]], CORNER, coma=9.0), 0)
+    assert_allclose(transverse_aberration(RIM, (0, 0), coma=9.0), 0)
+    assert (transverse_aberration(RIM, CORNER, coma=-9.0) @ CORNER < 0).all()
 
 
 def test_astigmatism_leaves_a_disc_in_focus_and_draws_discs_behind_focus_around_the_middle():
     """Authority: Born and Wolf 5.3; the medial image is round."""
-    found = miss(np.stack([CORNER, ACROSS]), CORNER, astigmatism=4.0)
+    found = transverse_aberration(np.stack([CORNER, ACROSS]), CORNER, astigmatism=4.0)
     assert_allclose(found, [0.04 * CORNER, -0.04 * ACROSS])
-    assert_allclose(miss(RIM, 0.5 * CORNER, astigmatism=4.0), miss(RIM, CORNER, astigmatism=1.0))
+    assert_allclose(
+        transverse_aberration(RIM, 0.5 * CORNER, astigmatism=4.0),
+        transverse_aberration(RIM, CORNER, astigmatism=1.0),
+    )
     for defocus, around in ((-0.1, True), (0.1, False)):
         along, across = disc_radii(defocus, np.stack([CORNER, ACROSS]), CORNER, astigmatism=4.0)
         assert (across > along) == around
@@ -94,8 +105,8 @@ def test_astigmatism_leaves_a_disc_in_focus_and_draws_discs_behind_focus_around_
 
 def test_field_curvature_is_a_defocus_that_grows_towards_the_corner():
     """Above 0 the corner looks as if in front of focus, so that what is sharp there is farther away."""
-    assert_allclose(miss(RIM, CORNER, field_curvature=5.0), 0.05 * RIM)
-    assert_allclose(miss(RIM, 0.5 * CORNER, field_curvature=5.0), 0.0125 * RIM)
+    assert_allclose(transverse_aberration(RIM, CORNER, field_curvature=5.0), 0.05 * RIM)
+    assert_allclose(transverse_aberration(RIM, 0.5 * CORNER, field_curvature=5.0), 0.0125 * RIM)
     assert_allclose(disc_radii(-0.05, RIM, CORNER, field_curvature=5.0), 0, atol=1e-15)
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.scatter import scatter
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.errors import ParameterError
 from bokehnet.optics.tone import Highlights, gamma_curve
 

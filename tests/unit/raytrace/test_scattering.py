@@ -6,7 +6,7 @@ import torch
 
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.raytrace.frames import cosine_directions, from_frame, to_frame
-from bokehnet.raytrace.gloss import gloss_reflectance, sample_gloss
+from bokehnet.raytrace.ggx import ggx_reflectance, sample_ggx
 from bokehnet.raytrace.lights import Environment
 from bokehnet.raytrace.materials import Material
 from bokehnet.raytrace.space import dot, unit
@@ -49,10 +49,10 @@ def test_drawn_gloss_has_the_integral_and_the_mean_direction_of_its_reflectance(
     normal = torch.tensor([[0.0, 0.0, 1.0]]).expand(COUNT, 3)
     view = torch.tensor([[np.sin(tilt), 0, np.cos(tilt)]], dtype=torch.float32).expand(COUNT, 3)
     rough = torch.full((COUNT,), roughness)
-    drawn, factor = sample_gloss(view, normal, rough, squares())
+    drawn, factor = sample_ggx(view, normal, rough, squares())
     even = directions(COUNT, 5)
     even[:, 2] = even[:, 2].abs()
-    weight = 2 * np.pi * gloss_reflectance(view, even, normal, rough) * even[:, 2]
+    weight = 2 * np.pi * ggx_reflectance(view, even, normal, rough) * even[:, 2]
     assert float(factor.mean()) == pytest.approx(float(weight.mean()), rel=0.04)
     assert float(factor.max()) <= 1
     for axis in (0, 2):
@@ -63,7 +63,7 @@ def test_drawn_gloss_has_the_integral_and_the_mean_direction_of_its_reflectance(
 def test_a_smooth_surface_reflects_like_a_mirror():
     view = unit(torch.tensor([[0.3, -0.2, 0.9]])).expand(1000, 3)
     normal = torch.tensor([[0.0, 0.0, 1.0]]).expand(1000, 3)
-    drawn, factor = sample_gloss(view, normal, torch.full((1000,), 0.001), squares(1000))
+    drawn, factor = sample_ggx(view, normal, torch.full((1000,), 0.001), squares(1000))
     error = (drawn - view * torch.tensor([-1.0, -1.0, 1.0])).norm(dim=-1)
     assert float(error.quantile(0.95)) < 0.02
     assert float(factor.min()) > 0.999
@@ -75,10 +75,12 @@ def test_environment_maps_the_middle_ahead_and_the_first_row_up():
     texture[0] = torch.arange(8.0)
     texture[1] = torch.arange(5.0)[:, None]
     sky = Environment(texture=texture)
-    seen = sky.look_up(torch.tensor([[0.0, 0.0, 3.0], [2.0, 0, 0], [-1.0, 0, 0], [0, -1.0, 0], [0, 5.0, 0]]))
+    seen = sky.texture_lookup(
+        torch.tensor([[0.0, 0.0, 3.0], [2.0, 0, 0], [-1.0, 0, 0], [0, -1.0, 0], [0, 5.0, 0]])
+    )
     assert seen[:3, 0].tolist() == pytest.approx([3.5, 5.5, 1.5])
     assert seen[:, 1].tolist() == pytest.approx([2, 2, 2, 0, 4], abs=1e-4)
-    left, right = sky.look_up(torch.tensor([[-1e-4, 0.0, -1.0], [1e-4, 0.0, -1.0]]))[:, 0].tolist()
+    left, right = sky.texture_lookup(torch.tensor([[-1e-4, 0.0, -1.0], [1e-4, 0.0, -1.0]]))[:, 0].tolist()
     assert left == pytest.approx(right, abs=1e-2)
 
 

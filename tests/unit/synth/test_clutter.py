@@ -42,7 +42,7 @@ def test_samples_keep_their_promises(config, places):
 
 
 def test_sharp_regions_of_the_bokeh_equal_the_all_in_focus_picture(config):
-    """Authority: a point with no blur images to a point; only noise and nearer things may differ."""
+    """Authority: a point with no blur images to a point; only noise and nearer objects may differ."""
     recipe = dataclasses.replace(config.clutter, foreground_probability=0.0, thin_probability=0.0)
     config = dataclasses.replace(
         config, clutter=recipe, bokeh_samples=64, image_samples=64, defocus=(2.0, 3.0)
@@ -105,4 +105,4 @@ def test_lamps_and_places_follow_the_recipe(config):
     with pytest.raises(ParameterError, match="at least one weight"):
         ClutterConfig(places=(0.0, 0.0, 0.0))
     with pytest.raises(ParameterError, match="two rising counts"):
-        ClutterConfig(things=(4, 2))
+        ClutterConfig(objects=(4, 2))

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from bokehnet.lenses import ThinLens
-from bokehnet.synth.baked import BakedScene, View, make_soup, pack
+from bokehnet.synth.baked_scene import BakedScene, View, make_soup, pack
+from bokehnet.synth.grid_mesh import plate
 from bokehnet.synth.lamps import Lamp, add_lamps, lamp_body
-from bokehnet.synth.patches import plate
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'bokehnet[trace]'")
 
@@ -15,12 +15,12 @@ PIXEL = PITCH / 50
 WHITE = np.ones(3)
 
 
-def scene_of(patches):
+def scene_of(meshes):
     return BakedScene(
-        soup=make_soup(patches, 1.0),
+        soup=make_soup(meshes, 1.0),
         albedo=pack([np.zeros((1, 1, 3))]),
-        light=pack([np.ones((2, 2, 3))] * len(patches)),
-        texture=np.zeros(len(patches), np.int64),
+        light=pack([np.ones((2, 2, 3))] * len(meshes)),
+        texture=np.zeros(len(meshes), np.int64),
         sky=np.zeros((2, 2, 3), np.float32),
         sky_half=(1.0, 1.0),
     )

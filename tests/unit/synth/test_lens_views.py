@@ -8,7 +8,7 @@ from bokehnet.config import load_config
 from bokehnet.errors import LensError, ParameterError
 from bokehnet.optics.sampling import disc_from_square
 from bokehnet.synth import SynthConfig
-from bokehnet.synth.glass import covered_slope, make_glass
+from bokehnet.synth.training_lenses import covered_slope, make_training_lens
 
 FOCUS, PUPIL, DISTANCE = 3000.0, 40.0, 100.0
 
@@ -29,7 +29,7 @@ def mean_slope(rays, depth):
 @pytest.mark.parametrize("name", ["cooke_triplet", "double_gauss", "retrofocus"])
 def test_what_is_sharp_stands_where_a_pinhole_shows_it(name):
     """Authority: the pinhole's perspective; what is left is coma, under 0.7 pixels of 256."""
-    lens = make_glass(name, PUPIL, FOCUS, 1.0, DISTANCE)
+    lens = make_training_lens(name, PUPIL, FOCUS, 1.0, DISTANCE)
     sensor = np.array([[0.0, 0.0], [9.0, 0.0], [-12.0, 12.0], [18.0, 18.0]])
     found = mean_slope(beams(lens, sensor), FOCUS)
     assert np.abs(found + sensor / DISTANCE).max() < 0.7 * 36 / 256 / DISTANCE
@@ -38,7 +38,7 @@ def test_what_is_sharp_stands_where_a_pinhole_shows_it(name):
 @pytest.mark.parametrize("depth", [1500.0, 8000.0])
 def test_blur_is_that_of_the_wanted_pupil(depth):
     """Authority: the blur formula; two stops closed, aberrations change it by a few percent."""
-    lens = make_glass("double_gauss", PUPIL, FOCUS, 2.0, DISTANCE)
+    lens = make_training_lens("double_gauss", PUPIL, FOCUS, 2.0, DISTANCE)
     rays = beams(lens, [[0.0, 0.0]])
     place = (rays.origin / depth + rays.slope)[0]
     passing = rays.weight[0] > 0
@@ -62,4 +62,4 @@ def test_sets_refuse_lenses_that_do_not_cover_the_picture_or_do_not_exist():
     with pytest.raises(LensError, match="unknown lens 'glass'"):
         dataclasses.replace(config, catalog=("glass",))
     with pytest.raises(LensError, match="cannot focus"):
-        make_glass("retrofocus", 500.0, 1000.0, 0.0, 50.0)
+        make_training_lens("retrofocus", 500.0, 1000.0, 0.0, 50.0)

@@ -45,7 +45,7 @@ def test_samples_keep_their_promises(config):
 
 
 def test_sharp_regions_of_the_bokeh_equal_the_all_in_focus_picture():
-    """Authority: a point with no blur images to a point; only noise and nearer things may differ."""
+    """Authority: a point with no blur images to a point; only noise and nearer objects may differ."""
     scene = SceneConfig(planes=(0, 1), ground_probability=0.0, light_probability=0.0)
     config = SynthConfig(seed=3, scenes=1, width=64, height=64, views=2, defocus=(2.0, 4.0), scene=scene)
     compared = 0

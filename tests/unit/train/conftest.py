@@ -15,7 +15,7 @@ def tiny_pairs(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def tiny_prepared(tiny_pairs, tmp_path_factory):
-    """Their renders with true and with spoilt disparity."""
+    """Their renders with true and with augmented disparity."""
     from train.prepare import PrepareConfig, prepare
 
     folder = tmp_path_factory.mktemp("prepared")

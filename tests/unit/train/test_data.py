@@ -8,7 +8,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.classical.rays import render_rays
+from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
 from train.data import DataConfig, Examples, example_loader
@@ -22,7 +22,7 @@ def config_for(folder, **values) -> DataConfig:
 
 
 def test_a_prepared_example_is_the_pair_and_its_render(tiny_pairs, tiny_prepared):
-    """Examples stand in the order of scenes, then views, then the true disparity before spoilt ones."""
+    """Examples stand in the order of scenes, then views, then the true disparity before augmented ones."""
     sample, planes = ShardSet(tiny_pairs)[1], PreparedSet(tiny_prepared)[6].astype(np.float32)
     image = sample.image.astype(np.float32)
     defocus = sample.blur[1] * (sample.disparity - sample.focus[1])
@@ -31,18 +31,29 @@ def test_a_prepared_example_is_the_pair_and_its_render(tiny_pairs, tiny_prepared
     assert_array_equal(planes[PLANES["truth"]].transpose(1, 2, 0), sample.bokeh[1].astype(np.float32))
     assert_allclose(planes[PLANES["defocus"]][0], defocus, atol=4e-3)
     assert_allclose(planes[PLANES["classical"]].transpose(1, 2, 0), render.bokeh, rtol=1e-3, atol=1e-3)
-    assert_allclose(planes[PLANES["guessed"]][0], render.guessed, atol=1e-3)
+    assert_allclose(planes[PLANES["disocclusion_weight"]][0], render.disocclusion_weight, atol=1e-3)
     assert_allclose(planes[PLANES["target"]][0], render.error_map, atol=1e-3)
 
 
-def test_a_spoilt_example_keeps_truth_and_true_edges(tiny_prepared):
+def test_an_augmented_example_keeps_truth_and_true_edges(tiny_prepared):
     prepared = PreparedSet(tiny_prepared)
     assert len(prepared) == 4 * 2 * 2
     for number in range(0, len(prepared), 2):
-        clean, spoilt = prepared[number], prepared[number + 1]
-        assert_array_equal(clean[PLANES["truth"]], spoilt[PLANES["truth"]])
-        assert (spoilt[PLANES["target"]] >= clean[PLANES["target"]]).all()
+        clean, augmented = prepared[number], prepared[number + 1]
+        assert_array_equal(clean[PLANES["truth"]], augmented[PLANES["truth"]])
+        assert (augmented[PLANES["target"]] >= clean[PLANES["target"]]).all()
     assert any((prepared[i][12] != prepared[i + 1][12]).any() for i in range(0, len(prepared), 2))
+
+
+def test_a_prepared_set_of_an_earlier_version_is_read(tiny_pairs, tiny_prepared, tmp_path):
+    """Its description calls augmented examples spoilt."""
+    folder = tmp_path / "old"
+    shutil.copytree(tiny_prepared, folder)
+    told = json.loads((folder / DESCRIPTION).read_text())
+    told["config"]["spoilt"] = told["config"].pop("augmented")
+    (folder / DESCRIPTION).write_text(json.dumps(told))
+    assert PreparedSet(folder).per_view == 2
+    prepare(PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2), folder)  # nothing is missing
 
 
 def test_preparing_goes_on_where_it_stopped_and_gives_the_same_bytes(tiny_pairs, tiny_prepared, tmp_path):
@@ -84,7 +95,7 @@ def test_coarse_examples_are_halved_towards_one_unit_of_blur(tiny_prepared):
         example = examples[index]
         assert example["defocus"].abs().max() <= 4.0
         assert example["image"].shape == example["truth"].shape == (3, 32, 32)
-        assert example["hints"].shape == (5, 32, 32)
+        assert example["features"].shape == (5, 32, 32)
 
 
 def test_turns_and_gains_are_the_same_for_all_parts(tiny_prepared):
@@ -104,7 +115,7 @@ def marked(tiny_prepared, tmp_path):
     shutil.copytree(tiny_prepared, folder)
     for part in folder.glob("*.npy"):
         planes = np.load(part)
-        planes[:, PLANES["guessed"]] = 1
+        planes[:, PLANES["disocclusion_weight"]] = 1
         np.save(part, planes)
     return folder
 
@@ -112,7 +123,7 @@ def marked(tiny_prepared, tmp_path):
 def test_several_sets_are_drawn_alike(tiny_prepared, marked):
     """Of 60 examples about half are of each: within four standard deviations."""
     examples = Examples(config_for(tiny_prepared, also=(str(marked),)), 0, 60, 10.0)
-    of_the_second = sum(bool((examples[i]["hints"][3] == 1).all()) for i in range(60))
+    of_the_second = sum(bool((examples[i]["features"][3] == 1).all()) for i in range(60))
     assert 15 <= of_the_second <= 45
 
 

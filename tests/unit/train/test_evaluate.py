@@ -7,7 +7,7 @@ import pytest
 from bokehnet.errors import ParameterError
 from bokehnet.rendering.renderer import BokehRenderer
 from train import methods
-from train.corruption import corrupt
+from train.degradation import degrade
 from train.evaluate import evaluate, main
 from train.evaluation_sets import list_pictures
 from train.methods import parse_method
@@ -16,14 +16,15 @@ from train.metrics import compare, edge_pixels, encode, psnr
 
 def test_methods_are_read_as_they_are_written():
     assert parse_method("rays").repair is None
-    method = parse_method("hybrid:runs/x/weights+refine:runs/r")
+    method = parse_method("hybrid:runs/x/weights+repair:runs/r")
     assert (method.engine, method.weights, method.repair) == (
         "hybrid",
         Path("runs/x/weights"),
-        ("refine", Path("runs/r")),
+        ("repair", Path("runs/r")),
     )
-    assert parse_method("rays+refine").repair == ("refine", None)
-    for wrong in ("lens", "rays+mend", "+refine", "rays+", ""):
+    assert parse_method("rays+repair").repair == ("repair", None)
+    assert parse_method("rays+refine").repair == ("repair", None)  # as earlier versions called it
+    for wrong in ("lens", "rays+mend", "+repair", "rays+", ""):
         with pytest.raises(ParameterError, match="expected one of"):
             parse_method(wrong)
 
@@ -33,7 +34,7 @@ def test_scores_are_of_the_corrupted_render_by_the_true_edges(tiny_pairs):
     picture = list_pictures("shards", tiny_pairs)[0]
     shot = picture.read()
     ((clean, eroded),) = evaluate([picture], [parse_method("rays")], ["clean", "eroded"])
-    for row, defocus in ((clean, shot.defocus), (eroded, corrupt(shot.defocus, "eroded"))):
+    for row, defocus in ((clean, shot.defocus), (eroded, degrade(shot.defocus, "eroded"))):
         render = BokehRenderer("rays").render(shot.image, defocus).bokeh
         for key, value in compare(render, shot.truth, shot.defocus).items():
             assert row.scores[key] == pytest.approx(value), key
@@ -56,7 +57,7 @@ def test_the_disparity_is_mended_once_for_all_methods(tiny_pairs, monkeypatch):
     assert scores["scatter+perfect", "dilated"] == scores["scatter", "clean"]
     assert scores["scatter", "dilated"] != scores["scatter", "clean"]
     assert len(calls) == 2
-    np.testing.assert_array_equal(calls[1], corrupt(true, "dilated"))
+    np.testing.assert_array_equal(calls[1], degrade(true, "dilated"))
 
 
 def test_the_hybrid_is_held_against_its_classical_half(tiny_pairs, random_weights):
@@ -85,12 +86,12 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
     line += ["--baseline", "scatter", "--noise-floor", "60", "60", "--json", file, "--markdown"]
     main([str(word) for word in line])
     out = capsys.readouterr().out
-    assert "| rays | corrupted |" in out
+    assert "| rays | degraded |" in out
     assert "**edge pixels, less scatter**" in out
     assert "excess_edge_psnr" in out
     scores = json.loads(file.read_text())
     assert len(scores["pictures"]) == 2
-    assert {row["disparity"] for row in scores["means"]} >= {"clean", "quantised", "corrupted"}
+    assert {row["disparity"] for row in scores["means"]} >= {"clean", "quantised", "degraded"}
     rows = [row for picture in scores["pictures"] for row in picture["rows"]]
     of_rays = [row["psnr"] for row in rows if row["method"] == "rays" and row["disparity"] == "clean"]
     (mean,) = [row for row in scores["means"] if (row["method"], row["disparity"]) == ("rays", "clean")]
@@ -107,7 +108,7 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
         (["--data", "cycles", ".", "--method", "lens"], "method 'lens': expected one of"),
         (["--data", "cycles", ".", "--disparity", "wet"], "--disparity: expected one of"),
         (["--data", "blb", "BLB", "--method", "hybrid:nowhere"], "network weights missing"),
-        (["--data", "blb", "BLB", "--method", "rays+refine:nowhere"], "network weights missing"),
+        (["--data", "blb", "BLB", "--method", "rays+repair:nowhere"], "network weights missing"),
         (["--data", "cycles", ".", "--limit", "0"], "--limit: expected at least 1, got 0"),
         (["--data", "cycles", ".", "--baseline", "lens"], "--baseline: expected one of"),
         (["--data", "cycles", ".", "--noise-floor", "nan", "1"], "--noise-floor: expected a finite number"),

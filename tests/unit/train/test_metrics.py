@@ -1,7 +1,10 @@
+import kornia
 import numpy as np
 import pytest
+import torch
+from numpy.testing import assert_allclose
 
-from train.metrics import compare, edge_pixels
+from train.metrics import compare, edge_pixels, similarity
 
 
 def test_psnr_of_a_known_error():
@@ -34,3 +37,19 @@ def test_a_perfect_render_scores_best_and_no_edges_give_no_edge_score():
     assert scores["ssim"] == pytest.approx(1)
     assert scores["psnr"] == 100
     assert np.isnan(scores["edge_psnr"])
+
+
+def test_similarity_is_the_published_one():
+    """Oracle: kornia's SSIM, on borders mirrored as here; the mean leaves out half a window around."""
+    rng = np.random.default_rng(2)
+    wanted = rng.random((40, 50, 3))
+    wanted[:20, :20] = 0
+    got = np.clip(wanted + 0.1 * rng.standard_normal(wanted.shape), 0, 1)
+    pair = (np.pad(x, ((5, 5), (5, 5), (0, 0)), mode="symmetric") for x in (wanted, got))
+    tensors = (torch.from_numpy(x.transpose(2, 0, 1).copy())[None] for x in pair)
+    oracle = (
+        kornia.metrics.ssim(*tensors, window_size=11, eps=0.0, padding="valid")[0].permute(1, 2, 0).numpy()
+    )
+    ssim, ssim_map = similarity(wanted, got)
+    assert_allclose(ssim_map, oracle, atol=1e-12)
+    assert ssim == pytest.approx(oracle[5:-5, 5:-5].mean(), abs=1e-12)

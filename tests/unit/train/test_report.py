@@ -19,10 +19,10 @@ def _rows():
 def test_means_are_over_pictures_and_corrupted_over_three_kinds():
     means = {(row.method, row.disparity): row.scores["psnr"] for row in mean_rows(_rows())}
     assert means["rays", "clean"] == 40
-    assert means["rays", "corrupted"] == pytest.approx(33)
-    assert means["hybrid", "corrupted"] == pytest.approx(35)
+    assert means["rays", "degraded"] == pytest.approx(33)
+    assert means["hybrid", "degraded"] == pytest.approx(35)
     order = [row.disparity for row in mean_rows(_rows())]
-    assert order == [kind for kind in ("clean", "blurred", "eroded", "dilated", "corrupted") for _ in "ab"]
+    assert order == [kind for kind in ("clean", "blurred", "eroded", "dilated", "degraded") for _ in "ab"]
 
 
 def test_pictures_without_a_score_do_not_count():
@@ -33,7 +33,7 @@ def test_pictures_without_a_score_do_not_count():
 
 def test_corrupted_needs_all_three():
     rows = [row for row in _rows() if row.disparity != "eroded"]
-    assert "corrupted" not in {row.disparity for row in mean_rows(rows)}
+    assert "degraded" not in {row.disparity for row in mean_rows(rows)}
 
 
 def test_excess_takes_the_noise_of_the_truth_off():

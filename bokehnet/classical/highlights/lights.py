@@ -1,0 +1,204 @@
+"""Bright lights apart from the rest: found in the picture, and laid out as whole aperture shapes.
+
+A small light fills a wide disc evenly, but only a few of a pixel's rays would find it. So lights that
+stand far above their surroundings are taken out of what the rays gather, and each is added to every pixel
+of its disc from which it can be seen: its PSF image (:mod:`bokehnet.classical.highlights.psf_images`, or
+behind an aberrated lens :mod:`bokehnet.classical.highlights.aberrated_psf`) is splatted
+(:mod:`bokehnet.classical.highlights.psf_splatting`).
+
+Source: "Efficient and expressive rendering for real-time defocus blur and bokeh" (dissertation), chapter 5,
+for lights apart from the rest, their merging, and visibility of their own; rectangles are ours.
+"""
+
+import math
+
+import numpy as np
+
+from bokehnet.classical.base import Frame
+from bokehnet.classical.highlight_detection import brightest, light_limit
+from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
+from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
+from bokehnet.classical.highlights.psf_splatting import splat_psf_images
+from bokehnet.classical.layered.defocus_bins import DefocusBins
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.lens_response import LensResponse
+
+__all__ = ["add_lights", "separate_lights"]
+
+# Sharper lights stay in the picture; from this radius to one pixel more they leave it by and by.
+_SMALLEST_RADIUS = 3.0
+
+# At most this share of the pixels are lights, the brightest ones, so that their discs stay affordable.
+_MOST = 1 / 20
+
+# Lights are gathered in cells of this share of their radius.
+_CELL = 1 / 16
+
+# Numbers of PSF images in memory together.
+_FLOATS = 16_000_000
+
+
+def separate_lights(
+    layers: Layers, max_coc_radius: int | None = None, faintest: float = 0.0, *, overwrite: bool = False
+) -> tuple[Layers, np.ndarray]:
+    """Part layers into lights and the rest.
+
+    A light is what a pixel has above the limit of its window; the limit's worth stays in the picture. So a
+    light that fades goes over into the picture without a step, whichever way the limit moves. Where nearer
+    layers cover a part of its pixel, only the share that they leave is its light; where they cover all, it
+    stays in its layer.
+
+    Args:
+        layers: As split from a picture, or true ones.
+        max_coc_radius: Half-width in pixels of the window that a light outshines; default: the largest
+            radius.
+        faintest: Energy, over the blur radius in pixels, that is left in the picture of each light as it will
+            be gathered. What rays that find a light by chance add in noise grows with that ratio.
+        overwrite: Whether the lights may be taken out of the colours of ``layers`` itself.
+
+    Returns:
+        Layers without lights, and the lights as rows (x, y, defocus, red, green, blue, width, height).
+        Lights of like defocus in one small cell are gathered into one, a rectangle of even brightness with
+        their energy, their centre and their variance along either axis; of one pixel it is 1 wide and high.
+        If more than a twentieth of the pixels are lights, the limit is raised until they are not.
+    """
+    if max_coc_radius is None:
+        max_coc_radius = math.ceil(float(np.abs(layers.defocus).max()))
+    limit = light_limit(layers.colors[:, :, 0], max_coc_radius)
+    places, lights = [], []
+    transmittance: np.ndarray = np.ones(limit.shape, np.float32)
+    for layer in range(layers.defocus.shape[2]):
+        brightness, coverage = brightest(layers.colors[:, :, layer]), layers.coverage[:, :, layer]
+        share = transmittance * coverage
+        blurred = np.abs(layers.defocus[:, :, layer]) > _SMALLEST_RADIUS
+        y, x = np.nonzero((share > 0) & (brightness > limit) & blurred)
+        amount = share[y, x]
+        excess = 1.0 - limit[y, x] / brightness[y, x]
+        bound = int(_MOST * limit.size)
+        if len(y) > bound:
+            value = amount * excess * brightness[y, x]
+            ranked = np.argsort(-value, kind="stable")
+            kept = ranked[:bound]
+            excess *= 1.0 - value[ranked[bound]] / value
+            y, x, amount, excess = y[kept], x[kept], amount[kept], excess[kept]
+        excess *= _fade(np.abs(layers.defocus[y, x, layer]) - _SMALLEST_RADIUS)
+        color = layers.colors[y, x, layer] * excess[:, None]
+        places.append(np.column_stack([y, x, np.full_like(y, layer)]))
+        lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color, excess]))
+        transmittance = transmittance * (1.0 - coverage)
+    place, light = np.concatenate(places), np.concatenate(lights).astype(np.float64)
+    if faintest > 0:
+        light[:, 3:] *= _beyond(light, faintest)[:, None]
+    colors = layers.colors if overwrite else layers.colors.copy()
+    y, x, layer = place.T
+    colors[y, x, layer] -= colors[y, x, layer] * light[:, 6:].astype(np.float32)
+    rest = Layers(colors=colors, defocus=layers.defocus, coverage=layers.coverage)
+    return rest, _gather(light[:, :6])
+
+
+def _beyond(lights: np.ndarray, faintest: float) -> np.ndarray:
+    """Share of each light that is more than the faintest of its group's radius, (N,)."""
+    group = _groups(lights)
+    energy = np.bincount(group, lights[:, 3:6].max(axis=1))[group]
+    share: np.ndarray = np.maximum(1.0 - faintest * np.abs(lights[:, 2]) / np.maximum(energy, 1e-30), 0.0)
+    return share
+
+
+def _fade(t: np.ndarray) -> np.ndarray:
+    """Smooth step from 0 at t = 0 to 1 at t = 1."""
+    t = np.minimum(t, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _groups(lights: np.ndarray) -> np.ndarray:
+    """Number the lights of like defocus in one cell alike, (N,).
+
+    A cell is a square of a power of two pixels, at most ``_CELL`` of the radius wide.
+    """
+    x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
+    cell = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
+    keys = np.stack([cell, x // cell, y // cell, np.round(depth / DISCONTINUITY_THRESHOLD)], axis=1)
+    _, group = np.unique(keys, axis=0, return_inverse=True)
+    return group.reshape(-1)
+
+
+def _gather(lights: np.ndarray) -> np.ndarray:
+    """Make one light of those of one group.
+
+    An even row of n pixels has the variance (n^2 - 1) / 12, so the rectangle is sqrt(12 variance + 1) long.
+    """
+    lights = lights[lights[:, 3:].max(axis=1) > 0]
+    x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
+    group = _groups(lights)
+    weight = lights[:, 3:].max(axis=1)
+    total = np.bincount(group, weight)
+    mean = [np.bincount(group, weight * value) / total for value in (x, y, depth)]
+    size = [
+        np.sqrt(1 + 12 * np.bincount(group, weight * (value - centre[group]) ** 2) / total)
+        for value, centre in ((x, mean[0]), (y, mean[1]))
+    ]
+    return np.stack(mean + [np.bincount(group, lights[:, c]) for c in (3, 4, 5)] + size, axis=1)
+
+
+def _batches(boxes: np.ndarray, planes: int) -> list[np.ndarray]:
+    """Numbers of the lights whose PSF images are in memory together, at least one at a time."""
+    pixels = (boxes[:, 1] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 2])
+    order = np.flatnonzero(pixels)
+    batch = np.cumsum(pixels[order]) * planes // _FLOATS
+    return [order[batch == number] for number in np.unique(batch)]
+
+
+def _touched(boxes: np.ndarray, rays_mask: np.ndarray) -> np.ndarray:
+    """Which boxes hold a pixel of the mask, (N,)."""
+    sums = np.pad(rays_mask.cumsum(0, dtype=np.int64).cumsum(1), ((1, 0), (1, 0)))
+    top, bottom, left, right = boxes.T
+    inside = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+    return np.asarray(inside > 0)
+
+
+def add_lights(
+    lights: np.ndarray,
+    cells: np.ndarray,
+    rays_mask: np.ndarray,
+    bins: DefocusBins,
+    aperture: Aperture,
+    result: np.ndarray,
+    *,
+    lens_response: LensResponse | None = None,
+    above: int = 0,
+    full_size: tuple[int, int] | None = None,
+) -> None:
+    """Add every light's disc to the pixels of ``rays_mask`` that see it past what stands in front.
+
+    Args:
+        lights: From :func:`separate_lights`, (N, 8).
+        cells: What can stand in front of them, from
+            :func:`bokehnet.classical.layered.intersection.layer_cells`.
+        rays_mask: Pixels to add to, (H, W) bool.
+        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
+        aperture: Shape of the discs.
+        result: Changed in place, (H, W, 3), float32.
+        lens_response: Of the lens; default: a perfect one.
+        above: Rows of the picture above these arrays, where they are a strip of it.
+        full_size: Height and width of the whole picture; default: those of ``rays_mask``.
+    """
+    if not len(lights):
+        return
+    height, width = full_size or rays_mask.shape
+    frame = Frame.of(height, width, above)
+    if lens_response is None or lens_response.is_plain:
+        draw: PerfectPsf | AberratedPsf = PerfectPsf(aperture, lights, frame)
+    else:
+        draw = AberratedPsf(aperture, lens_response, lights, frame)
+    boxes = place_psf_images(lights, draw.margins, rays_mask.shape)
+    boxes[~_touched(boxes, rays_mask)] = 0
+    for batch in _batches(boxes, draw.planes):
+        size = (boxes[batch, 1] - boxes[batch, 0]) * (boxes[batch, 3] - boxes[batch, 2])
+        starts = np.cumsum(size) - size
+        psf_images = np.zeros((size.sum(), draw.planes), np.float32)
+        with parallel_region:
+            draw.fill(batch, boxes[batch], starts, psf_images)
+            splat_psf_images(lights[batch], boxes[batch], starts, psf_images, cells, rays_mask, bins, result)

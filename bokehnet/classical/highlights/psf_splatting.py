@@ -1,0 +1,205 @@
+"""Adding PSF images of lights to a picture, each pixel as far as it sees the light past what stands in front.
+
+The ray from a pixel to a light is known from both its ends. In a tile of 8 by 8 pixels each sends one such
+ray; where some of them arrive and others do not, an edge clips the disc, and each pixel of the tile sends
+four more, from places inside the pixel and against four parts of the coverage.
+
+Source: "Efficient and expressive rendering for real-time defocus blur and bokeh" (dissertation), 5.1, for
+visibility of its own for each light; rays through layers and the second look at edges are ours.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.intersection import intersect
+from bokehnet.classical.layered.ray_marching import fair_stride
+from bokehnet.classical.simd.float8 import LANES, ORDER, broadcast8, indices8, load8
+
+__all__ = ["splat_psf_images"]
+
+# Places inside a pixel from which it looks at a light where an edge is near: four rooks.
+_OFFSETS = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
+
+
+@njit(cache=True)
+def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y, chance, visibility, work):  # type: ignore[no-untyped-def]
+    """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
+
+    Args:
+        scene: Flat cells and their size.
+        runs: Stretches of the defocus that hold surfaces.
+        count: How many.
+        light: Its x, y and defocus.
+        columns: Of the pixels, lanes.
+        y: Their row.
+        transverse: Transverse aberration E of the pixels' rays, x in the first eight, y in the
+            others, in lanes' order.
+        offset_x: Where the rays start, from the middles of their pixels.
+        offset_y: The same, down.
+        chance: Surfaces with less coverage are passed.
+        visibility: Counts, in pixels' order.
+        work: Results of :func:`bokehnet.classical.layered.intersection.intersect`.
+    """
+    flat, size = scene
+    per_pixel, half = broadcast8(np.float32(1.0 / light[2])), broadcast8(np.float32(0.5))
+    row = broadcast8(np.float32(y))
+    start_x = broadcast8(np.float32(offset_x)) - load8(transverse, 0)
+    start_y = broadcast8(np.float32(offset_y)) - load8(transverse, LANES)
+    across = (columns + start_x - broadcast8(np.float32(light[0]))) * per_pixel
+    down = (row + start_y - broadcast8(np.float32(light[1]))) * per_pixel
+    level = broadcast8(np.float32(chance))
+    intersect(
+        flat, size, runs, count, columns, row, half + start_x, half + start_y, across, down, level, work
+    )
+    for lane in range(LANES):
+        if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + DISCONTINUITY_THRESHOLD:
+            continue
+        visibility[ORDER[lane]] += 1.0
+
+
+@njit(cache=True)
+def _see_tile(scene, runs, count, light, corner, box, psf_image, transverse, visibility, work):  # type: ignore[no-untyped-def]
+    """Fill ``visibility`` (TILE, TILE) with the share of a light that each lit pixel of a tile sees.
+
+    Args:
+        scene: See :func:`_look`.
+        runs: The same.
+        count: The same.
+        light: The same.
+        corner: First row and column of the tile.
+        box: Top, bottom, left and right of the PSF image.
+        psf_image: Its pixels, (pixels, 1 or 5).
+        transverse: Scratch, (TILE, 2 * LANES).
+        visibility: Result.
+        work: See :func:`_look`.
+    """
+    top, bottom, left, right = box
+    low, high = max(corner[0], top), min(corner[0] + TILE, bottom)
+    begin, end = max(corner[1], left), min(corner[1] + TILE, right)
+    columns = indices8(np.float32(corner[1]))
+    visibility[:] = 0.0
+    transverse[:] = 0.0
+    some, all_of_them = False, True
+    for y in range(low, high):
+        i = y - corner[0]
+        first = (y - top) * (right - left) - left
+        if psf_image.shape[1] > 1:
+            for lane in range(LANES):
+                x = corner[1] + ORDER[lane]
+                if begin <= x < end:
+                    transverse[i, lane], transverse[i, LANES + lane] = (
+                        psf_image[first + x, 3],
+                        psf_image[first + x, 4],
+                    )
+        level = (0.5 + i % 4) / 4
+        _look(
+            scene,
+            runs,
+            count,
+            light,
+            columns,
+            y,
+            transverse[i],
+            0.0,
+            0.0,
+            level,
+            visibility[i],
+            work,
+        )
+        for x in range(begin, end):
+            if psf_image[first + x, 0] > 0.0:
+                arrives = visibility[i, x - corner[1]] > 0.0
+                some, all_of_them = some or arrives, all_of_them and arrives
+    if some and not all_of_them:
+        visibility[:] = 0.0
+        for y in range(low, high):
+            i = y - corner[0]
+            for k in range(4):
+                offset_x, offset_y, level = _OFFSETS[k, 0], _OFFSETS[k, 1], (0.5 + (k + i) % 4) / 4
+                _look(
+                    scene,
+                    runs,
+                    count,
+                    light,
+                    columns,
+                    y,
+                    transverse[i],
+                    offset_x,
+                    offset_y,
+                    level,
+                    visibility[i],
+                    work,
+                )
+            visibility[i] *= 0.25
+
+
+@njit(cache=True, parallel=True)
+def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, result):  # type: ignore[no-untyped-def]
+    """Add PSF images to the pixels of ``rays_mask``, tile row by tile row and in the order of the lights.
+
+    Args:
+        lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
+        boxes: Top, bottom, left and right of each PSF image, (N, 4).
+        starts: First pixel of each PSF image, (N,).
+        psf_images: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the
+            transverse aberration E in pixels with which rays start, (pixels, 5).
+        cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
+        rays_mask: (H, W) bool.
+        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
+        result: Changed in place, (H, W, 3).
+    """
+    height, width = rays_mask.shape
+    flat = cells.reshape(-1)
+    stride = fair_stride(bins.bits.shape[0])
+    for number in prange(bins.bits.shape[0]):
+        tile_row = np.int64(number) * stride % bins.bits.shape[0]
+        scene = (flat, (height, width, cells.shape[2]))
+        runs = np.empty((BINS // 2, 2))
+        visibility, transverse = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
+        work = np.empty(4 * LANES, np.float32)
+        for i in range(lights.shape[0]):
+            top, bottom, left, right = boxes[i]
+            if top >= (tile_row + 1) * TILE or bottom <= tile_row * TILE or left >= right:
+                continue
+            psf_image = psf_images[starts[i] : starts[i] + (bottom - top) * (right - left)]
+            for tile_column in range(left // TILE, (right + TILE - 1) // TILE):
+                lit = False
+                for y in range(max(tile_row * TILE, top), min((tile_row + 1) * TILE, bottom)):
+                    first = (y - top) * (right - left) - left
+                    for x in range(max(tile_column * TILE, left), min((tile_column + 1) * TILE, right)):
+                        lit = lit or (rays_mask[y, x] and psf_image[first + x, 0] > 0.0)
+                if not lit:
+                    continue
+                count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
+                while (
+                    count > 0 and runs[count - 1, 0] <= lights[i, 2] + DISCONTINUITY_THRESHOLD
+                ):  # nothing there is in front
+                    count -= 1
+                if count > 0:
+                    corner = (tile_row * TILE, tile_column * TILE)
+                    light = (lights[i, 0], lights[i, 1], lights[i, 2])
+                    _see_tile(
+                        scene,
+                        runs,
+                        count,
+                        light,
+                        corner,
+                        boxes[i],
+                        psf_image,
+                        transverse,
+                        visibility,
+                        work,
+                    )
+                for y in range(max(tile_row * TILE, top), min((tile_row + 1) * TILE, bottom)):
+                    first = (y - top) * (right - left) - left
+                    for x in range(max(tile_column * TILE, left), min((tile_column + 1) * TILE, right)):
+                        if not rays_mask[y, x]:
+                            continue
+                        visible = 1.0
+                        if count > 0:
+                            visible = visibility[y - tile_row * TILE, x - tile_column * TILE]
+                        for c in range(3):
+                            share = psf_image[first + x, c if psf_image.shape[1] > 1 else 0]
+                            result[y, x, c] += visible * share * lights[i, 3 + c]

@@ -1,0 +1,177 @@
+"""Where the rays of one light go behind an aberrated lens, as polynomials over the pupil.
+
+The aberration map tells for each pixel where its rays come from. A light wants the reverse: the pixel p with
+``p = q + d A(a, h(p)) + E(a, h(p))``. Field positions change slowly over a disc, so the equation is solved
+by putting its result in again. The solution is a smooth function of a; the polynomial through Chebyshev
+nodes follows it.
+
+Source: Trefethen, "Approximation theory and approximation practice", SIAM 2013, for Chebyshev nodes.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from bokehnet.classical.base import Frame
+from bokehnet.optics.aberration_map import TERMS
+from bokehnet.optics.lens_response import LensResponse
+
+__all__ = ["NODES", "RayPolynomials", "polynomials", "solve_nodes"]
+
+# Nodes along each side of the pupil's square.
+NODES = 10
+
+# How often the result is put in again, at most, and the change in pixels that ends it.
+_ROUNDS, _SETTLED = 6, 1e-3
+
+# Field positions along each side of the square [-_EDGE, _EDGE]^2 at which the maps of fringes are known.
+_FIELDS, _EDGE = 65, 1.25
+
+_EXPONENTS = np.array(TERMS)
+
+
+class RayPolynomials(NamedTuple):
+    """A lens response for one picture, as kernels take it.
+
+    Attributes:
+        coefficients: Of f and g of the transverse aberration in pixels and of the pupil aberration,
+            (wavelengths, 4, 20).
+        tilt: Of the aberration map, (2,).
+        chromatic_aberration: Axial and lateral strength of each wavelength, pixels, (wavelengths, 2).
+        maps: What they are multiplied by over the field, (fields, fields, 2); or (1, 1, 2) without fringes.
+        frame: Column, row and scale of a :class:`Frame`, (3,).
+        nodes: Chebyshev nodes, (NODES,).
+        inverse: From values at the nodes to coefficients of powers, (NODES, NODES).
+    """
+
+    coefficients: np.ndarray
+    tilt: np.ndarray
+    chromatic_aberration: np.ndarray
+    maps: np.ndarray
+    frame: np.ndarray
+    nodes: np.ndarray
+    inverse: np.ndarray
+
+    @classmethod
+    def of(cls, lens_response: LensResponse, wavelengths: np.ndarray, frame: Frame) -> "RayPolynomials":
+        """Prepare a lens response for wavelengths in nm."""
+        transverse_aberration, pupil_aberration = lens_response.aberration_map.at(wavelengths)
+        half_diagonal = 1 / frame.scale
+        nodes = np.cos((2 * np.arange(NODES) + 1) * (math.pi / (2 * NODES)))
+        chromatic_aberration, maps = np.zeros((len(wavelengths), 2)), np.zeros((1, 1, 2))
+        if lens_response.chromatic_aberration is not None:
+            axis = np.linspace(-_EDGE, _EDGE, _FIELDS)
+            field = np.stack(np.meshgrid(axis, axis), -1)
+            chromatic_aberration = half_diagonal * np.asarray(
+                lens_response.chromatic_aberration.strengths(wavelengths), float
+            )
+            maps = np.ascontiguousarray(lens_response.chromatic_aberration.maps(field), float)
+        return cls(
+            coefficients=np.concatenate([half_diagonal * transverse_aberration, pupil_aberration], axis=1),
+            tilt=np.array(lens_response.aberration_map.tilt, float),
+            chromatic_aberration=chromatic_aberration,
+            maps=maps,
+            frame=np.array(frame, float),
+            nodes=nodes,
+            inverse=np.linalg.inv(np.vander(nodes, increasing=True)),
+        )
+
+
+@njit(cache=True)
+def _field(paths, x, y):  # type: ignore[no-untyped-def]
+    """Field position of a pixel; beyond the picture's corners it stays, smoothly, below 1.25."""
+    h_x, h_y = (x - paths.frame[0]) * paths.frame[2], (y - paths.frame[1]) * paths.frame[2]
+    distance = math.hypot(h_x, h_y)
+    if distance > 1.0:
+        scale = (1.0 + 0.25 * math.tanh(4.0 * (distance - 1.0))) / distance
+        h_x, h_y = h_x * scale, h_y * scale
+    return h_x, h_y
+
+
+@njit(cache=True)
+def _map_at(maps, which, h_x, h_y):  # type: ignore[no-untyped-def]
+    """One of the maps of fringes at a field position."""
+    last = maps.shape[0] - 1
+    column = min(max((h_x / _EDGE + 1.0) * 0.5 * last, 0.0), last - 1e-9)
+    row = min(max((h_y / _EDGE + 1.0) * 0.5 * last, 0.0), last - 1e-9)
+    j, i = int(column), int(row)
+    x, y = column - j, row - i
+    upper = maps[i, j, which] * (1.0 - x) + maps[i, j + 1, which] * x
+    lower = maps[i + 1, j, which] * (1.0 - x) + maps[i + 1, j + 1, which] * x
+    return upper * (1.0 - y) + lower * y
+
+
+@njit(cache=True)
+def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
+    """Transverse aberration E in pixels and coordinates A of one ray of the k-th wavelength."""
+    for n in range(4):
+        powers[0, n] = 1.0 if n == 0 else powers[0, n - 1] * (u * u + v * v)
+        powers[1, n] = 1.0 if n == 0 else powers[1, n - 1] * (u * h_x + v * h_y)
+        powers[2, n] = 1.0 if n == 0 else powers[2, n - 1] * (h_x * h_x + h_y * h_y)
+    f = g = f_bend = g_bend = 0.0
+    for n in range(_EXPONENTS.shape[0]):
+        value = powers[0, _EXPONENTS[n, 0]] * powers[1, _EXPONENTS[n, 1]] * powers[2, _EXPONENTS[n, 2]]
+        f += value * paths.coefficients[k, 0, n]
+        g += value * paths.coefficients[k, 1, n]
+        f_bend += value * paths.coefficients[k, 2, n]
+        g_bend += value * paths.coefficients[k, 3, n]
+    if paths.maps.shape[0] > 1:
+        f += paths.chromatic_aberration[k, 0] * _map_at(paths.maps, 0, h_x, h_y)
+        g += paths.chromatic_aberration[k, 1] * _map_at(paths.maps, 1, h_x, h_y)
+    divisor = 1.0 + paths.tilt[0] * u + paths.tilt[1] * v
+    return (
+        u * f + h_x * g,
+        v * f + h_y * g,
+        (u + u * f_bend + h_x * g_bend) / divisor,
+        (v + v * f_bend + h_y * g_bend) / divisor,
+    )
+
+
+@njit(cache=True)
+def solve_nodes(paths, k, light_x, light_y, depth, nodes):  # type: ignore[no-untyped-def]
+    """Write where rays through the nodes of the pupil arrive.
+
+    Args:
+            paths: The lens response.
+            k: Number of the wavelength.
+            light_x: Column of the light.
+            light_y: Its row.
+            depth: Its defocus, pixels.
+            nodes: Written, (4, NODES, NODES) with rows along v: place beside the light, right and down, and
+                transverse aberration, right and down, all in pixels.
+    """
+    powers = np.empty((3, 4))
+    for row in range(NODES):
+        for column in range(NODES):
+            u, v = paths.nodes[column], paths.nodes[row]
+            x, y, e_x, e_y = depth * u, depth * v, 0.0, 0.0
+            for _ in range(_ROUNDS):
+                h_x, h_y = _field(paths, light_x + x, light_y + y)
+                e_x, e_y, a_x, a_y = _send(paths, k, u, v, h_x, h_y, powers)
+                before_x, before_y = x, y
+                x, y = depth * a_x + e_x, depth * a_y + e_y
+                if abs(x - before_x) + abs(y - before_y) < _SETTLED:
+                    break
+            nodes[0, row, column], nodes[1, row, column] = x, y
+            nodes[2, row, column], nodes[3, row, column] = e_x, e_y
+
+
+@njit(cache=True)
+def polynomials(paths, nodes, terms):  # type: ignore[no-untyped-def]
+    """Write the polynomials through the nodes by powers of v and u, (4, NODES, NODES)."""
+    for which in range(4):
+        for row in range(NODES):
+            for power in range(NODES):
+                value = 0.0
+                for column in range(NODES):
+                    value += paths.inverse[power, column] * nodes[which, row, column]
+                terms[which, row, power] = value
+        for power in range(NODES):
+            line = terms[which, :, power].copy()
+            for order in range(NODES):
+                value = 0.0
+                for row in range(NODES):
+                    value += paths.inverse[order, row] * line[row]
+                terms[which, order, power] = value

@@ -1,0 +1,89 @@
+"""Depth discontinuities, where one surface ends before another: where they are, soft ones sharpened."""
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.parallel import parallel_region
+
+__all__ = ["BACK", "DISCONTINUITY_THRESHOLD", "FRONT", "discontinuity_sides", "sharpen_discontinuities"]
+
+# Neighbouring pixels whose defocus differs by more than this many pixels belong to two surfaces.
+DISCONTINUITY_THRESHOLD = 1.0
+
+# Bits of a pixel at a depth discontinuity: it belongs to the nearer surface, to the farther one, or (thin
+# things) to both.
+FRONT, BACK = 1, 2
+
+# Widest ramp, in pixels, that is taken for a blurred depth discontinuity.
+_WIDEST_RAMP = 16
+
+
+@njit(cache=True)
+def _span(values, y, x):  # type: ignore[no-untyped-def]
+    """Lowest and highest value in the 3x3 window."""
+    low = high = values[y, x]
+    for v in range(max(0, y - 1), min(values.shape[0], y + 2)):
+        for u in range(max(0, x - 1), min(values.shape[1], x + 2)):
+            low = min(low, values[v, u])
+            high = max(high, values[v, u])
+    return low, high
+
+
+@njit(cache=True, parallel=True)
+def _discontinuity_sides(defocus):  # type: ignore[no-untyped-def]
+    height, width = defocus.shape
+    sides = np.zeros((height, width), np.int8)
+    for y in prange(height):
+        for x in range(width):
+            low, high = _span(defocus, y, x)
+            if low < defocus[y, x] - DISCONTINUITY_THRESHOLD:
+                sides[y, x] |= FRONT
+            if high > defocus[y, x] + DISCONTINUITY_THRESHOLD:
+                sides[y, x] |= BACK
+    return sides
+
+
+def discontinuity_sides(defocus: np.ndarray) -> np.ndarray:
+    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from depth discontinuities, (H, W) int8."""
+    with parallel_region:
+        sides: np.ndarray = _discontinuity_sides(defocus)
+    return sides
+
+
+def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
+    """Turn steep ramps into steps.
+
+    A resized, smoothed or estimated disparity map passes from one surface to the next through values
+    that belong to neither; where they pass through focus a renderer would draw a sharp sliver. A pixel
+    inside such a ramp, with neighbours more than ``DISCONTINUITY_THRESHOLD`` above and below it, takes the
+    value at that end of the ramp which is closer to its own.
+
+    Args:
+        defocus: (H, W), float32.
+
+    Returns:
+        A new map (H, W). Steps of one pixel and slopes below ``DISCONTINUITY_THRESHOLD`` a pixel stay as they
+        are.
+    """
+    on_ramps = np.argwhere(discontinuity_sides(defocus) == FRONT | BACK)
+    return _sharpen(defocus, on_ramps) if len(on_ramps) else defocus.copy()
+
+
+@njit(cache=True)
+def _sharpen(defocus, places):  # type: ignore[no-untyped-def]
+    """Let the pixels at ``places``, (N, 2), take the value of the nearer end of their ramp."""
+    result = defocus.copy()
+    lows, highs = defocus.copy(), defocus.copy()
+    new_lows, new_highs = np.empty(len(places)), np.empty(len(places))
+    for _ in range(_WIDEST_RAMP // 2):
+        for i in range(len(places)):
+            y, x = places[i]
+            new_lows[i], new_highs[i] = _span(lows, y, x)[0], _span(highs, y, x)[1]
+        for i in range(len(places)):
+            y, x = places[i]
+            lows[y, x], highs[y, x] = new_lows[i], new_highs[i]
+    for i in range(len(places)):
+        y, x = places[i]
+        near, far = highs[y, x], lows[y, x]
+        result[y, x] = near if near - defocus[y, x] < defocus[y, x] - far else far
+    return result

@@ -1,0 +1,242 @@
+"""Numba kernels that march pupil rays through a stack of layers seen as height fields.
+
+The ray that meets the pupil in aperture coordinate a and the pixel p lies, at defocus s, over the place
+``p - s * a`` of the picture; :mod:`bokehnet.classical.layered.intersection` tells what it meets.
+
+Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
+through layered height fields.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
+from bokehnet.classical.layered.intersection import intersect, intersect_smooth
+from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, resolve, sum_light
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.simd.float8 import (
+    LANES,
+    broadcast8,
+    floor8,
+    gather_triples8,
+    less8,
+    load8,
+    max8,
+    min8,
+    select8,
+)
+from bokehnet.optics.aperture import cats_eye_shift
+
+__all__ = ["SETS", "fair_stride", "march"]
+
+# Rows worked at a time, so that the sums stay small.
+_STRIP = 256
+
+# The pixels of a 3x3 block take different pupil points.
+SETS = 9
+
+# Multiples of the golden ratio, without their whole parts: evenly spread chances for the rays of a pixel.
+_GOLDEN = 0.6180339887498949
+
+
+@njit(cache=True)
+def _scramble(x, y, seed):  # type: ignore[no-untyped-def]
+    """A hash of a pixel, 0 up to 2^32."""
+    whole = np.uint64(0xFFFFFFFF)
+    h = np.uint64(x) * np.uint64(0x9E3779B1) ^ np.uint64(y) * np.uint64(0x85EBCA77)
+    h = (h ^ np.uint64(seed) * np.uint64(0xC2B2AE3D)) & whole
+    h ^= h >> np.uint64(15)
+    h = h * np.uint64(0x2C1B3C6D) & whole
+    h ^= h >> np.uint64(12)
+    h = h * np.uint64(0x297A2D39) & whole
+    return h ^ h >> np.uint64(15)
+
+
+@njit(cache=True)
+def fair_stride(count):  # type: ignore[no-untyped-def]
+    """A step through ``count`` rows that visits all and gives each thread rows from all over the picture."""
+    stride = max(1, int(0.618 * count))
+    while math.gcd(stride, count) > 1:
+        stride += 1
+    return stride
+
+
+@njit(cache=True, parallel=True)
+def _march(  # type: ignore[no-untyped-def]
+    colors,
+    cells,
+    rays_mask,
+    bins,
+    points,
+    chances,
+    weights,
+    lens,
+    cats_eye,
+    seed,
+    above,
+    first,
+    sums,
+):
+    """Fill ``sums``, see :mod:`bokehnet.classical.layered.ray_accumulators`, from row ``first`` on."""
+    height, width = rays_mask.shape
+    flat = cells.reshape(-1)
+    last = first + sums.shape[0]
+    variants, rays = points.shape[1] // SETS, points.shape[2]
+    us, vs = points[0].reshape(-1), points[1].reshape(-1)
+    front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
+    flat_colors, numbers = colors.reshape(-1), sums.shape[3]
+    reach = max(abs(bins.low), abs(bins.low + BINS * bins.thickness))
+    colored, reds, greens, blues = False, us, us, us
+    if lens is not None:
+        colored = lens.colors.shape[1] > 0
+        reds, greens, blues = lens.colors[0], lens.colors[1], lens.colors[2]
+        reach = (1.0 + lens.strayed.max()) * reach + lens.largest.max()
+    top = first // TILE
+    tile_rows = (last + TILE - 1) // TILE - top
+    stride = fair_stride(tile_rows)
+    for i in prange(tile_rows):
+        tile_row = top + np.int64(i) * stride % tile_rows
+        runs = np.empty((BINS // 2, 2))
+        hits, totals = np.empty(4 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
+        zero, half = broadcast8(np.float32(0)), broadcast8(np.float32(0.5))
+        third = broadcast8(np.float32(1 / 3))
+        right, bottom = broadcast8(np.float32(width)), broadcast8(np.float32(height))
+        if lens is not None:
+            collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
+        for tile_column in range(bins.bits.shape[1]):
+            smooth = bins.smooth[tile_row, tile_column]
+            size = (height, width, colors.shape[2])
+            count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
+            for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
+                for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
+                    if not rays_mask[y, x]:
+                        continue
+                    hashed = _scramble(x, y + above, seed)
+                    chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
+                    first_chance = broadcast8(np.float32(hashed / 4294967296.0))
+                    shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
+                    place_x, place_y = broadcast8(np.float32(x)), broadcast8(np.float32(y))
+                    if lens is not None:
+                        h_x = np.float32((x - lens.column) * lens.scale)
+                        h_y = np.float32((y + above - lens.row) * lens.scale)
+                        collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
+                        field = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
+                        wide = broadcast8(np.float32(lens.shaken[int(field)]))
+                    near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
+                    totals[:] = 0.0
+                    for start in range(0, rays, LANES):
+                        k = chosen * rays + start
+                        u, v = load8(us, k), load8(vs, k)
+                        chance = first_chance + load8(chances, start)
+                        chance = chance - floor8(chance)
+                        if lens is None:
+                            begin_x, begin_y, a_x, a_y = half, half, u, v
+                        else:
+                            wave = load8(lens.waves, k)
+                            e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, wave)
+                            if lens.chromatic_aberration.shape[1] > 0:
+                                axial = load8(lens.chromatic_aberration[0], k)
+                                lateral = load8(lens.chromatic_aberration[1], k)
+                                axial = axial * broadcast8(lens.maps[y, x, 0])
+                                lateral = lateral * broadcast8(lens.maps[y, x, 1])
+                                e_x = e_x + u * axial + lateral * broadcast8(h_x)
+                                e_y = e_y + v * axial + lateral * broadcast8(h_y)
+                            start_x = load8(lens.starts[0], k)
+                            start_y = load8(lens.starts[1], k)
+                            begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
+                        ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
+                        if not smooth or not intersect_smooth(flat, size, *ways, hits):
+                            intersect(flat, size, runs, count, *ways, chance, hits)
+                        layer, depth = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
+                        w = select8(
+                            less8(zero, depth),
+                            load8(front_weights, k),
+                            load8(back_weights, k),
+                        )
+                        w = select8(less8(layer, zero), zero, w)
+                        if cats_eye > 0:
+                            w = _keep_within(u, v, shift_x, shift_y, 1.0, w)
+                        layer = max8(layer, zero)
+                        blur = depth * depth
+                        if lens is not None:
+                            for rim in range(lens.vignetting_apertures.shape[0]):
+                                shift, radius = lens.vignetting_apertures[rim]
+                                w = _keep_within(u, v, shift * h_x, shift * h_y, radius, w)
+                            away_x, away_y = begin_x - half, begin_y - half
+                            blur = blur + away_x * away_x + away_y * away_y
+                        shares = (w, w, w)
+                        if colored:
+                            shares = (
+                                w * load8(reds, k),
+                                w * load8(greens, k),
+                                w * load8(blues, k),
+                            )
+                        weight = third * (shares[0] + shares[1] + shares[2]) if colored else w
+                        disocclusion_weight = select8(less8(zero, layer), weight, zero)
+                        if near_border:
+                            to_x, to_y = place_x + begin_x - a_x * depth, place_y + begin_y - a_y * depth
+                            inside = min8(min8(to_x, to_y), min8(right - to_x, bottom - to_y))
+                            disocclusion_weight = select8(less8(inside, zero), weight, disocclusion_weight)
+                        red, green, blue = gather_triples8(
+                            flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
+                        )
+                        add_light(
+                            totals, numbers, blur, depth, shares, (red, green, blue), disocclusion_weight
+                        )
+                    sum_light(totals, sums[y - first, x])
+
+
+@njit(cache=True, forceinline=True)
+def _keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
+    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
+    away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
+    beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
+    return select8(beyond, broadcast8(np.float32(0)), w)
+
+
+def march(
+    colors: np.ndarray,
+    cells: np.ndarray,
+    rays_mask: np.ndarray,
+    bins: DefocusBins,
+    points: np.ndarray,
+    weights: np.ndarray,
+    result: np.ndarray,
+    *,
+    disocclusion_weight: np.ndarray,
+    cats_eye: float = 0.0,
+    lens: LensTable | None = None,
+    seed: int = 0,
+    above: int = 0,
+) -> None:
+    """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
+
+    Args:
+        colors: Of the layers that there are to meet, (H, W, L, 3).
+        cells: Where they are, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
+        rays_mask: Pixels to render, (H, W) bool.
+        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
+        points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` a multiple of 8.
+        weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
+        result: (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
+        disocclusion_weight: (H, W), float32; set alike, to the share of a pixel's light that no picture
+            shows: from behind the first layer or from beyond the border.
+        cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
+        lens: A lens response, for all rays of ``points`` in their order; default: a perfect lens.
+        seed: Chooses the variant of each pixel and the random numbers against coverage.
+        above: Rows of the picture above these arrays, where they are a strip of it.
+    """
+    height, width = rays_mask.shape
+    chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
+    arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
+    numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
+    with parallel_region:
+        for top in range(0, height, _STRIP):
+            bottom = min(height, top + _STRIP)
+            first, last = max(0, top - 1), min(height, bottom + 1)
+            sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
+            _march(*arrays, cats_eye, seed, above, first, sums)
+            resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)

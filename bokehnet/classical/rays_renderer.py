@@ -1,0 +1,222 @@
+"""The rays renderer: scatter on single surfaces, pupil rays through layers near depth discontinuities."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.checks import check_same_size
+from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_inputs
+from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
+from bokehnet.classical.highlights.lights import add_lights, separate_lights
+from bokehnet.classical.layered.aberrated_rays import lens_table
+from bokehnet.classical.layered.defocus_bins import occupied_bins
+from bokehnet.classical.layered.intersection import layer_cells
+from bokehnet.classical.layered.layers import Layers, split_layers
+from bokehnet.classical.layered.ray_marching import SETS, march
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.fusion import fuse
+from bokehnet.optics.aperture import Aperture, pupil_points
+from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.sampling import halton, rotate_points
+
+__all__ = ["rays", "render_rays"]
+
+# Rays of a pixel. With the 3x3 average blurred surfaces see 9 times as many. Each ray of a lens that parts
+# colours has one wavelength, of which no channel sees all.
+_RAYS, _COLORED_RAYS = 64, 128
+
+# Behind an aberrated lens every light has a disc of its own to be computed; fainter ones are left to
+# the rays, whose noise they raise by 0.001 or less.
+_FAINTEST = 0.02
+
+# Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
+_LARGEST = 4.0
+
+# Rotations of the pattern; which one a pixel takes is drawn at random.
+_VARIANTS = 16
+
+
+@lru_cache(maxsize=8)
+def _pattern(aperture: Aperture, rays_per_pixel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus."""
+    count = SETS * rays_per_pixel
+    square = np.stack([halton(count, 2), halton(count, 3)], -1)[None]
+    shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
+    square = rotate_points(square, shifts).reshape(-1, 2)
+    sides = [pupil_points(aperture, square, side) for side in (1, -1)]
+    points = sides[0][0].reshape(-1, rays_per_pixel, 2).transpose(2, 0, 1).astype(np.float32)
+    weights = np.stack([side[1].reshape(-1, rays_per_pixel) for side in sides]).astype(np.float32)
+    return np.ascontiguousarray(points), weights
+
+
+def rays(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    *,
+    aperture: Aperture | None = None,
+    lens_response: LensResponse | None = None,
+    seed: int = 0,
+    layers: Layers | None = None,
+) -> np.ndarray:
+    """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
+
+    Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) look through the
+    pupil along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights
+    are laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border
+    the picture is taken to go on as it ends. Not differentiable; the scatter is.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3).
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        aperture: Shape of the opening; default: a disc.
+        lens_response: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
+            all is seen along them; where they stray by less, they share the pixel with the
+            scatter.
+        seed: Of the noise; two seeds differ by noise alone.
+        layers: True layers, from a renderer that can see behind things. Default: made from the picture
+            (:func:`bokehnet.classical.layered.layers.split_layers`).
+
+    Returns:
+        Picture (H, W, 3) float32.
+
+    Raises:
+        ShapeError: The sizes do not fit.
+        ParameterError: NaN or infinity in image or defocus.
+
+    Source:
+        Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
+        through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
+    """
+    return _render(image, defocus, aperture or Aperture(), lens_response, seed, layers).bokeh
+
+
+_fuse = njit()(fuse)
+
+
+@njit(cache=True, parallel=True)
+def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def]
+    """Let the rays in ``result`` fade into the scatter ``smooth`` where that weight does."""
+    for y in prange(rays_mask.shape[0]):
+        for x in range(rays_mask.shape[1]):
+            if rays_mask[y, x]:
+                for c in range(3):
+                    result[y, x, c] = _fuse(smooth[y, x, c], result[y, x, c], error_map[y, x])
+
+
+def _scatter_beyond(
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, reach: int, strip: Strip | None
+) -> np.ndarray:
+    """Scatter with the border's pixels repeated outwards, as the rays see them.
+
+    A cat's-eye is measured from the picture's own corners, so such pictures keep their size. Where a strip
+    ends inside the picture nothing is repeated, but rows are left out until blocks lie as in the whole.
+    """
+    if reach == 0 or aperture.cats_eye > 0:
+        return scatter(image, defocus, aperture)
+    above = below = reach
+    skipped = 0
+    if strip is not None and strip.first > 0:
+        above, skipped = 0, -(reach + strip.first) % ALIGNED
+    if strip is not None and strip.last < strip.height:
+        below = 0
+    around = ((above, below), (reach, reach))
+    larger = scatter(
+        np.pad(image[skipped:], (*around, (0, 0)), "edge"),
+        np.pad(defocus[skipped:], around, "edge"),
+        aperture,
+    )
+    inside = larger[above : len(larger) - below, reach:-reach]
+    return inside if skipped == 0 else np.concatenate([image[:skipped], inside])
+
+
+def _render(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture,
+    lens_response: LensResponse | None = None,
+    seed: int = 0,
+    layers: Layers | None = None,
+    strip: Strip | None = None,
+) -> ClassicalResult:
+    image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
+    if layers is not None:
+        check_same_size("image", image, "layers", layers.defocus)
+    size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    largest = _LARGEST * max(size)
+    defocus = np.clip(defocus, -largest, largest)
+    radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.max_coc_radius
+    above = 0 if strip is None else strip.first
+    error_map = rays_weight = geometric_error_map(defocus, boundary_threshold(size))
+    colored = lens_response is not None and lens_response.is_dispersive
+    points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
+    lens, ray_reach, footprint = None, radius, (1.0, 0.0)
+    if lens_response is not None and not lens_response.is_plain:
+        lens = lens_table(lens_response, size[1], size[0], points[0].size, above=above, rows=len(defocus))
+        footprint, ray_reach = lens.footprint, lens.reach(radius)
+        rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
+    smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
+    rays_mask = rays_weight > 0
+    if strip is not None:  # and a row on either side, with which the results of large discs are averaged
+        rays_mask[: max(0, strip.wanted.start - 1)] = rays_mask[strip.wanted.stop + 1 :] = False
+    if not rays_mask.any():
+        return ClassicalResult(
+            bokeh=smooth,
+            error_map=error_map,
+            occluded_background=np.array(image),
+            disocclusion_weight=np.zeros_like(error_map),
+        )
+    faintest = 0.0 if lens is None else _FAINTEST
+    stack = layers or split_layers(image, defocus, ray_reach)
+    rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
+    colors, cells = rest.colors, layer_cells(rest)
+    del stack, rest
+    result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
+    bins = occupied_bins(cells, *footprint)
+    march(
+        colors,
+        cells,
+        rays_mask,
+        bins,
+        points,
+        weights,
+        result,
+        disocclusion_weight=disocclusion_weight,
+        cats_eye=aperture.cats_eye,
+        lens=lens,
+        seed=seed,
+        above=above,
+    )
+    add_lights(
+        lights,
+        cells,
+        rays_mask,
+        bins,
+        aperture,
+        result,
+        lens_response=lens_response,
+        above=above,
+        full_size=size,
+    )
+    with parallel_region:
+        _blend(smooth, rays_weight, rays_mask, result)
+    occluded_background = np.ascontiguousarray(colors[:, :, -1])
+    return ClassicalResult(
+        bokeh=result,
+        error_map=error_map,
+        occluded_background=occluded_background,
+        disocclusion_weight=disocclusion_weight,
+    )
+
+
+def render_rays(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    strip: Strip | None = None,
+    lens_response: LensResponse | None = None,
+) -> ClassicalResult:
+    """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
+    return _render(image, defocus, aperture or Aperture(), lens_response, strip=strip)

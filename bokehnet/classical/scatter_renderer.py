@@ -1,0 +1,105 @@
+"""The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
+
+from dataclasses import replace
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
+from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.scatter import pyramid_levels
+from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
+from bokehnet.classical.scatter.operators import scatter_operator
+from bokehnet.errors import ParameterError
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.lens_response import LensResponse
+
+__all__ = ["render_scatter", "scatter"]
+
+
+@njit(cache=True, parallel=True)
+def _add_weight(image, values):  # type: ignore[no-untyped-def]
+    """Fill ``values`` (H, W, 4) with the picture and a channel of ones."""
+    height, width, _ = image.shape
+    for y in prange(height):
+        for x in range(width):
+            for c in range(3):
+                values[y, x, c] = image[y, x, c]
+            values[y, x, 3] = 1.0
+
+
+@njit(cache=True, parallel=True)
+def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
+    """Fill ``bokeh`` with colours over weight, or the picture where no light arrives (the hole of a ring)."""
+    height, width, _ = image.shape
+    for y in prange(height):
+        for x in range(width):
+            weight = sums[y, x, 3]
+            for c in range(3):
+                bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
+
+
+def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
+    """Render bokeh by scattering, blind to occlusion.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
+        defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
+        aperture: Shape of the lens opening; default a plain disc.
+
+    Returns:
+        Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
+        their value; picture borders are not darkened.
+
+    Raises:
+        ShapeError: Not (H, W, 3) and (H, W) of one size.
+        ParameterError: NaN or infinity in either.
+
+    Source:
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022, for the
+        normalised scatter; the discs are described in :mod:`bokehnet.classical.scatter.disc_scatter`, the
+        short cut for large ones in :mod:`bokehnet.classical.scatter.pyramid_levels`.
+    """
+    image, defocus = check_inputs(image, defocus)
+    if max(defocus.max(), -defocus.min()) > LARGEST_RADIUS:
+        defocus = np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS)
+    values = np.empty((*defocus.shape, 4), image.dtype)  # NumPy's large arrays lie in huge pages, numba's not
+    with parallel_region:
+        _add_weight(image, values)
+    sums = pyramid_levels.scatter_forward(values, defocus, scatter_operator(aperture), overwrite=True)
+    del values
+    bokeh = np.empty_like(image)
+    with parallel_region:
+        _normalise(sums, image, bokeh)
+    return bokeh
+
+
+def render_scatter(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    strip: Strip | None = None,
+    lens_response: LensResponse | None = None,
+) -> ClassicalResult:
+    """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
+
+    Of what a lens does beyond focusing it knows the tilt of the focus plane alone, and of that only what the
+    defocus says: its discs stay round.
+
+    A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
+    the error map is that of the whole picture.
+    """
+    if (
+        lens_response is not None
+        and not replace(lens_response, aberration_map=lens_response.aberration_map.without_tilt()).is_plain
+    ):
+        raise ParameterError(
+            "engine",
+            "one that knows aberrations, rims and fringes of a lens",
+            "scatter",
+            "use the engine `rays` or `hybrid`",
+        )
+    bokeh = scatter(image, defocus, aperture)
+    size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

@@ -1,0 +1,82 @@
+"""The scatter as a torch operation, with gradients for the image and the defocus. Needs torch."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from bokehnet.checks import check_rank, check_same_size
+from bokehnet.classical.scatter import pyramid_levels
+from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
+from bokehnet.classical.scatter.operators import scatter_operator
+from bokehnet.classical.scatter.pyramid_levels import ScatterOperator
+from bokehnet.classical.torch import pyramid_levels as torch_levels
+from bokehnet.optics.aperture import Aperture
+
+__all__ = ["scatter", "scatter_sums"]
+
+
+class _Scatter(torch.autograd.Function):
+    """Bind the NumPy kernels to autograd. Zero-copy, so CPU tensors only."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, defocus: Tensor, operator: ScatterOperator) -> Tensor:
+        ctx.save_for_backward(values, defocus)
+        ctx.operator = operator
+        sums = pyramid_levels.scatter_forward(values.detach().numpy(), defocus.detach().numpy(), operator)
+        return torch.from_numpy(sums)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_sums: Tensor) -> tuple[Tensor, Tensor, None]:
+        values, defocus = (tensor.detach().numpy() for tensor in ctx.saved_tensors)
+        gradients: tuple[np.ndarray, np.ndarray] = pyramid_levels.scatter_backward(
+            values, defocus, grad_sums.contiguous().numpy(), ctx.operator
+        )
+        return torch.from_numpy(gradients[0]), torch.from_numpy(gradients[1]), None
+
+
+@torch.compiler.disable  # Dynamo cannot trace a Numba dispatcher
+def scatter_sums(values: Tensor, defocus: Tensor, operator: ScatterOperator = pyramid_levels.DISC) -> Tensor:
+    """Scatter values over shapes and add up: ``bokehnet.classical.scatter.pyramid_levels`` on tensors.
+
+    Args:
+        values: What each pixel spreads, (H, W, C) on the CPU, float32 or float64.
+        defocus: Signed blur radius in pixels, (H, W), of the same dtype.
+        operator: The shape.
+
+    Returns:
+        Sums (H, W, C), once differentiable in both tensors.
+    """
+    return _Scatter.apply(values.contiguous(), defocus.contiguous(), operator)
+
+
+def scatter(image: Tensor, defocus: Tensor, aperture: Aperture | None = None) -> Tensor:
+    """Render bokeh by scattering; differentiable in both tensors, once.
+
+    Args:
+        image: Scene-linear colours, (H, W, C), float32 or float64, on the CPU or a CUDA device.
+        defocus: Signed blur radius in pixels, (H, W), of the same dtype and device. Where its magnitude is
+            0.5 or less the picture does not depend on it, and the gradient is 0.
+        aperture: Shape of the lens opening; default a plain disc.
+
+    Returns:
+        Picture (H, W, C).
+
+    Raises:
+        ShapeError: The sizes do not fit.
+    """
+    check_rank("image", image, 3, "(H, W, C)")
+    check_rank("defocus", defocus, 2, "(H, W)")
+    check_same_size("image", image, "defocus", defocus)
+    values = torch.cat([image, torch.ones_like(image[..., :1])], -1)
+    defocus = defocus.clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
+    if image.is_cuda:
+        sums = torch_levels.scatter_sums(values, defocus, aperture)
+    else:
+        sums = scatter_sums(values, defocus, scatter_operator(aperture))
+    weight = sums[..., -1:]
+    lit = weight > 0
+    return torch.where(lit, sums[..., :-1] / torch.where(lit, weight, torch.ones_like(weight)), image)

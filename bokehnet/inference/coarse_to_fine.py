@@ -1,0 +1,172 @@
+"""ARNet's correction: found once on a small copy of the picture, then laid over any rows of it.
+
+The formulas and the result are those of :func:`bokehnet.coarse_to_fine.render_neural` without an IUNet. But
+there are no levels: only what is small is kept, and only pixels where the classical render can be wrong are
+touched at full size.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from bokehnet.classical.base import ClassicalResult
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.coarse_to_fine import BLOCK, CoarseNetwork, ask_arnet, find_change, lay_over
+from bokehnet.fusion import fuse
+from bokehnet.pyramid import count_halvings, upsample2
+
+__all__ = ["CoarseCorrection", "CoarseInput", "Corrected"]
+
+# Small pixels around those that are wanted on which their doubling depends.
+_AROUND = 2
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Corrected:
+    """Rows of a picture, scene-linear: the blend, (H, W, 3), its neural half, and the error map, (H, W)."""
+
+    bokeh: np.ndarray
+    neural: np.ndarray
+    error_map: np.ndarray
+
+
+@njit(cache=True, parallel=True)
+def _shrink(array, factor, top, bottom, result):  # type: ignore[no-untyped-def]
+    """Means of blocks of (H, W, C), the last row and column repeated as far as they must be."""
+    height, width, channels = array.shape
+    for row in prange(top, bottom):
+        total = np.zeros(channels)
+        for column in range(result.shape[1]):
+            total[:] = 0.0
+            for v in range((row - top) * factor, (row - top + 1) * factor):
+                for u in range(column * factor, (column + 1) * factor):
+                    for c in range(channels):
+                        total[c] += array[min(v, height - 1), min(u, width - 1), c]
+            for c in range(channels):
+                result[row, column, c] = total[c] / (factor * factor)
+
+
+@njit(cache=True, parallel=True)
+def _double_at(values, rows, columns):  # type: ignore[no-untyped-def]
+    """Bilinear doubling of (h, w, C), at some pixels only: (N, C)."""
+    height, width, channels = values.shape
+    result = np.empty((rows.size, channels), np.float32)
+    for i in prange(rows.size):
+        y, x = rows[i] // 2, columns[i] // 2
+        v = min(max(y + (1 if rows[i] % 2 else -1), 0), height - 1)
+        u = min(max(x + (1 if columns[i] % 2 else -1), 0), width - 1)
+        for c in range(channels):
+            near = 0.75 * values[y, x, c] + 0.25 * values[y, u, c]
+            far = 0.75 * values[v, x, c] + 0.25 * values[v, u, c]
+            result[i, c] = 0.75 * near + 0.25 * far
+    return result
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CoarseCorrection:
+    """What ARNet says of a picture.
+
+    Attributes:
+        values: Change of the encoded colours and error map, (h, w, 4), at the size of the small copy.
+        halvings: How often the picture was halved.
+    """
+
+    values: np.ndarray
+    halvings: int
+
+    def apply(self, classical: np.ndarray, classical_error_map: np.ndarray, first: int = 0) -> Corrected:
+        """Correct rows of a picture where the classical render can be wrong; elsewhere nothing changes.
+
+        Args:
+            classical: Classical render, scene-linear, (H, W, 3).
+            classical_error_map: The classical renderer's own error map, (H, W).
+            first: Row of the picture at which both begin.
+        """
+        rows, columns = np.nonzero(classical_error_map)
+        light, found = classical[rows, columns], self._at(rows + first, columns)
+        blend = found[:, 3] * classical_error_map[rows, columns]
+        seen = lay_over(light, found[:, :3])
+        bokeh, neural, error_map = classical.copy(), classical.copy(), np.zeros_like(classical_error_map)
+        bokeh[rows, columns] = fuse(light, seen, blend[:, None])
+        neural[rows, columns], error_map[rows, columns] = seen, blend
+        return Corrected(bokeh=bokeh, neural=neural, error_map=error_map)
+
+    def _at(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Values at pixels of the picture, (N, 4)."""
+        if self.halvings == 0 or not len(rows):
+            return self.values[rows, columns]
+        factor = 2**self.halvings
+        top = max(0, int(rows[0]) // factor - _AROUND)
+        values = self.values[top : int(rows[-1]) // factor + 1 + _AROUND].transpose(2, 0, 1)
+        for _ in range(self.halvings - 1):
+            values = upsample2(values)
+        half = np.ascontiguousarray(values.transpose(1, 2, 0))
+        with parallel_region:
+            found: np.ndarray = _double_at(half, rows - top * factor, columns)
+        return found
+
+
+class CoarseInput:
+    """What ARNet sees: picture, defocus, classical render and features, so small that no blur is large.
+
+    Args:
+        height: Of the picture.
+        width: Of the picture.
+        max_coc_radius: Its largest blur radius, pixels.
+        network_max_radius: Largest radius that ARNet was trained for.
+    """
+
+    def __init__(self, height: int, width: int, max_coc_radius: float, network_max_radius: float) -> None:
+        self.halvings = count_halvings(max_coc_radius, network_max_radius)
+        self._factor = 2**self.halvings
+        self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
+        self._height = height
+        self._parts: dict[str, np.ndarray] = {}
+
+    def add(self, first: int, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult) -> None:
+        """Take in rows of the picture.
+
+        Args:
+            first: Row of the picture at which the arrays begin; a multiple of ``2**halvings``.
+            image: Scene-linear, (H, W, 3).
+            defocus: Signed radius in pixels, (H, W).
+            classical: The render of these rows.
+        """
+        parts = {"image": image, "defocus": defocus[..., None], "classical": classical.bokeh}
+        if classical.occluded_background is not None and classical.disocclusion_weight is not None:
+            parts["occluded_background"] = classical.occluded_background
+            parts["disocclusion_weight"] = classical.disocclusion_weight[..., None]
+            parts["classical_error_map"] = classical.error_map[..., None]
+        last = first + len(image)
+        top = first // self._factor
+        bottom = self._size[0] if last == self._height else last // self._factor
+        for name, array in parts.items():
+            if name not in self._parts:
+                self._parts[name] = np.empty((*self._size, array.shape[2]), np.float32)
+            with parallel_region:
+                _shrink(array, self._factor, top, bottom, self._parts[name])
+
+    def correct(self, arnet: CoarseNetwork, max_valid_radius: float = math.inf) -> CoarseCorrection:
+        """Run ARNet, once all rows have been added.
+
+        Args:
+            arnet: The network.
+            max_valid_radius: As of :func:`bokehnet.coarse_to_fine.ask_arnet`, in pixels of the picture.
+        """
+        self._parts["defocus"] /= self._factor
+        batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._parts.items()}
+        names = ("occluded_background", "disocclusion_weight", "classical_error_map")
+        features = [batch[name] for name in names if name in batch]
+        bokeh, learned = ask_arnet(
+            arnet,
+            batch["image"],
+            batch["defocus"],
+            batch["classical"],
+            np.concatenate(features, axis=1) if features else None,
+            max_valid_radius / self._factor,
+        )
+        change = find_change(bokeh[0], batch["classical"][0])
+        values = np.concatenate([change, learned[0]]).transpose(1, 2, 0)
+        return CoarseCorrection(values=np.ascontiguousarray(values), halvings=self.halvings)

@@ -1,0 +1,255 @@
+"""Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, soft_edge_fraction
+from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges
+from bokehnet.inference.session import WEIGHTS, load_network
+from bokehnet.io.row_blocks import make_in_row_blocks
+from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
+
+__all__ = ["REPAIR_MODES", "DisparityRepair", "misplaced_edge_fraction"]
+
+REPAIR_MODES = ("auto", "on", "off")
+
+# The network halves its input three times.
+_BLOCK = 8
+
+# Pixels around a tile that its result depends on: windows of 7 and of 23, seven 3x3 convolutions at half
+# size, seven at a quarter, five at an eighth.
+_HALO = 112
+
+# Largest side of what the network sees at once, halos and all.
+_TILE = 1248
+
+# Rows looked at together where the whole map is looked through.
+_BLOCK_ROWS = 1024
+
+# Pictures with longer sides are repaired at half their size first: their maps are off by more pixels.
+_LARGEST_SIDE = 1024
+
+# Share of soft steps from which on all are sharpened before the network sees the map.
+_SOFT = 0.3
+
+# Share of the pixels at steps that stand out of place from which on "auto" takes the repaired map.
+_IMPERFECT = 0.01
+
+# That share below which "auto" takes the busiest windows' word for the whole map.
+_SURELY_RIGHT = 0.005
+
+
+def _step_sizes(disparity: np.ndarray) -> np.ndarray:
+    """Span of the map in the 3x3 blocks of ``_BLOCK`` pixels around each block, (H / 8, W / 8)."""
+    height, width = disparity.shape
+    blocks = disparity.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
+    low, high = np.pad(blocks.min((1, 3)), 1, "edge"), np.pad(blocks.max((1, 3)), 1, "edge")
+    rows, columns = blocks.shape[0], blocks.shape[2]
+    windows = [(slice(y, y + rows), slice(x, x + columns)) for y in range(3) for x in range(3)]
+    span: np.ndarray = np.max([high[w] for w in windows], 0) - np.min([low[w] for w in windows], 0)
+    return span
+
+
+def misplaced_edge_fraction(disparity: np.ndarray, repaired: np.ndarray) -> float:
+    """How much of a map's steps the repair moved: 0 = all stood right, up to 1.
+
+    Args:
+        disparity: As it was, (H, W).
+        repaired: As it is, (H, W).
+
+    Returns:
+        Share, of the pixels near steps, that changed by more than a quarter of the step.
+    """
+    near, moved = _count_moved(disparity, repaired, STEP * float(np.ptp(disparity)))
+    return moved / max(near, 1)
+
+
+def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> tuple[int, int]:
+    """Pixels near steps of at least ``least``, and how many of them changed by over a quarter of theirs."""
+    spans = _step_sizes(pad_to_multiple(disparity, _BLOCK))
+    near = moved = 0
+    for top in range(0, len(disparity), _BLOCK_ROWS):
+        rows = slice(top, top + _BLOCK_ROWS)
+        was, now = disparity[rows], repaired[rows]
+        blocks = spans[top // _BLOCK : (top + _BLOCK_ROWS) // _BLOCK]
+        steps = np.kron(blocks, np.ones((_BLOCK, _BLOCK), np.float32))[: len(was), : was.shape[1]]
+        at_steps = steps > least
+        near += int(at_steps.sum())
+        moved += int((at_steps & (np.abs(now - was) > 0.25 * steps)).sum())
+    return near, moved
+
+
+class DisparityRepair:
+    """Repairs disparity maps on the CPU.
+
+    Args:
+        weights: Folder with the network and its manifest; the package's own by default.
+        threads: Threads inside the network; 0 takes all cores.
+
+    Raises:
+        ModelFileError: The network is missing or damaged.
+    """
+
+    def __init__(self, weights: Path | None = None, threads: int = 0) -> None:
+        folder = weights or WEIGHTS / "repair"
+        self._network = load_network(folder, "repair", ("image", "disparity", "span"), threads)
+
+    def __call__(self, image: np.ndarray, disparity: np.ndarray, mode: str = "on") -> np.ndarray:
+        """Return the map with sharp edges where the picture has them.
+
+        Every value stays within those nearby, so that flat regions remain as they are. Maps of
+        large pictures are repaired at half the size first. Memory beyond input and output is that of a
+        tile and a third of the picture.
+
+        Args:
+            image: All-in-focus picture, scene-linear, (H, W, 3).
+            disparity: (H, W), any unit and offset, rising towards the camera; a defocus map will do.
+            mode: "on"; "auto" returns the map as it is where nearly all of its steps stand right already;
+                "off" always does.
+
+        Returns:
+            Disparity (H, W) float32, in the unit of the input.
+
+        Raises:
+            ShapeError: Not (H, W, 3) and (H, W) of one size.
+            ParameterError: NaN or infinity in either, or an unknown mode.
+        """
+        check_choice("mode", mode, REPAIR_MODES)
+        check_image("image", image)
+        check_map("disparity", disparity)
+        check_same_size("image", image, "disparity", disparity)
+        image, disparity = (np.asarray(x, np.float32) for x in (image, disparity))
+        span = float(disparity.max()) - float(disparity.min())
+        if span == 0 or mode == "off":
+            return disparity.copy()
+        start = repair_soft_edges(disparity) if soft_edge_fraction(disparity) > _SOFT else disparity
+        if image.min() < 0:
+            image = np.maximum(image, 0)
+        sizes = [image.transpose(2, 0, 1)]
+        if mode == "auto" and start is disparity and self._stands_right(sizes[0], disparity, span):
+            return disparity.copy()
+        while max(sizes[-1].shape) > _LARGEST_SIDE:
+            sizes.append(_half(sizes[-1]))
+        start = shift_edges(start, self._edge_bias(sizes, start, span))
+        repaired = self._repair(sizes, start, span)
+        if mode == "auto" and misplaced_edge_fraction(disparity, repaired) < _IMPERFECT:
+            return disparity.copy()
+        return repaired
+
+    def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:
+        """Whether the repair moves next to nothing in those parts of the picture that hold the most steps."""
+        disparity = pad_to_multiple(disparity, _BLOCK)
+        counts = [
+            _count_moved(
+                disparity[window], self._run(image[:, *window], disparity[window], span)[0], STEP * span
+            )
+            for window in busiest_windows(_step_sizes(disparity) > STEP * span)
+        ]
+        near, moved = np.sum(counts, 0) if counts else (0, 0)
+        return bool(moved < _SURELY_RIGHT * max(near, 1))
+
+    def _edge_bias(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> int:
+        """Pixels by which near things should grow everywhere, found at the smallest of the sizes."""
+        for _ in sizes[1:]:
+            disparity = downsample2(pad_to_multiple(disparity, 2))
+        disparity = pad_to_multiple(disparity, _BLOCK)
+
+        def votes(window: tuple[slice, slice], moved: np.ndarray) -> np.ndarray:
+            found: np.ndarray = self._run(sizes[-1][:, *window], moved, span)[1][0]
+            return found
+
+        busy = _step_sizes(disparity) > STEP * span
+        return 2 ** (len(sizes) - 1) * find_edge_bias(disparity, busy, votes)
+
+    def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
+        """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
+        # The picture may end within the last block of the map.
+        fed = pad_to_multiple(image[None], _BLOCK), disparity[None, None]
+        repaired, votes = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))
+        return repaired[0, 0], votes
+
+    def _repair(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> np.ndarray:
+        """Repair a map with the help of the picture, (3, H, W), at this and at smaller sizes."""
+        height, width = disparity.shape
+        if len(sizes) > 1:
+            small = downsample2(pad_to_multiple(disparity, 2))
+            repaired_small = self._repair(sizes[1:], small, span)
+            disparity = _with_moved(disparity, repaired_small, repaired_small - small, STEP * span)
+        disparity = pad_to_multiple(disparity, _BLOCK)
+        result = disparity.copy()
+        busy = _step_sizes(disparity) > STEP * span
+        for tile in _tiles(busy):
+            rows, columns = tile
+            top, left = max(0, rows.start - _HALO), max(0, columns.start - _HALO)
+            window = (slice(top, rows.stop + _HALO), slice(left, columns.stop + _HALO))
+            repaired, _ = self._run(sizes[0][:, *window], disparity[window], span)
+            result[tile] = repaired[
+                rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+            ]
+        return np.ascontiguousarray(crop_to(result, height, width))
+
+
+def _half(image: np.ndarray) -> np.ndarray:
+    """Picture (3, H, W) at half its size, without a larger copy of it."""
+    height, width = (-(-side // 2) for side in image.shape[1:])
+
+    def make(rows: slice) -> np.ndarray:
+        return downsample2(pad_to_multiple(image[:, 2 * rows.start : 2 * rows.stop], 2)).transpose(1, 2, 0)
+
+    return make_in_row_blocks(make, (height, width, 3), np.float32).transpose(2, 0, 1)
+
+
+def _with_moved(
+    disparity: np.ndarray, repaired_small: np.ndarray, change: np.ndarray, least: float
+) -> np.ndarray:
+    """Take over what moved by more than ``least`` at half the size, with steps as sharp as here.
+
+    Args:
+        disparity: (H, W).
+        repaired_small: The repaired map at half the size.
+        change: What the repair changed there.
+        least: In the unit of the map.
+    """
+    found = False
+
+    def make(rows: slice) -> np.ndarray:
+        nonlocal found
+        top = max(0, rows.start // 2 - 1)
+        window = slice(top, -(-rows.stop // 2) + 1)
+        inner = slice(rows.start - 2 * top, rows.stop - 2 * top)
+        coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (repaired_small, change))
+        here = np.abs(moved) > least
+        found = found or bool(here.any())
+        return np.where(here, coarse, disparity[rows])
+
+    joined = make_in_row_blocks(make, disparity.shape, np.float32)
+    # What moved comes from the smaller map, and is as soft as that.
+    return repair_soft_edges(joined) if found else joined
+
+
+def _tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
+    """Tiles of like size around the blocks that are ``busy``, each cut to the rectangle that holds them."""
+    for down in _parts(busy.shape[0]):
+        for across in _parts(busy.shape[1]):
+            part = busy[down, across]
+            rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
+            if len(rows):
+                yield (
+                    slice(_BLOCK * (down.start + int(rows[0])), _BLOCK * (down.start + int(rows[-1]) + 1)),
+                    slice(
+                        _BLOCK * (across.start + int(columns[0])),
+                        _BLOCK * (across.start + int(columns[-1]) + 1),
+                    ),
+                )
+
+
+def _parts(blocks: int) -> list[slice]:
+    """As few equal parts of a side as fit into a tile with their halos; in blocks."""
+    most, halo = _TILE // _BLOCK, _HALO // _BLOCK
+    count = 1 if blocks <= most else 2 if blocks <= 2 * (most - halo) else -(-blocks // (most - 2 * halo))
+    ends = [blocks * i // count for i in range(count + 1)]
+    return [slice(first, last) for first, last in pairwise(ends)]

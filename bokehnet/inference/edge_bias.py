@@ -1,0 +1,113 @@
+"""How far all steps of a map stand out of place together: near things too large or too small everywhere."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from bokehnet.inference.disparity_edges import extremes, with_halo
+from bokehnet.io.row_blocks import make_in_row_blocks
+
+__all__ = ["busiest_windows", "find_edge_bias", "shift_edges"]
+
+# Votes of the network on a part of the picture, 4 values: pixels of the far side of steps that should become
+# near, how many there are, and both numbers of the near side.
+Votes = Callable[[tuple[slice, slice], np.ndarray], np.ndarray]
+
+# Where the busiest parts of the picture are looked for: at most so many windows, of so many pixels a side.
+_WINDOWS = 4
+_SIDE = 256
+
+# A shift by more is not looked for, pixels.
+_FARTHEST = 7
+
+# Share of the far sides that votes to become near, less the share of the near sides that votes to become far,
+# on maps that stand right.
+_RIGHT = 0.1
+
+# Difference from that up to which a map counts as right.
+_CLOSE = 0.2
+
+
+def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
+    """Let whatever is near grow by so many pixels, or shrink where negative; (H, W), any unit."""
+    if pixels == 0:
+        return disparity
+    radius = abs(pixels)
+
+    def make(rows: slice) -> np.ndarray:
+        window, inner = with_halo(rows, radius)
+        return extremes(disparity[window], radius)[pixels > 0][inner]
+
+    return make_in_row_blocks(make, disparity.shape, np.float32)
+
+
+def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int:
+    """Pixels by which the near sides of all steps should grow, negative where they should shrink.
+
+    A network sees whether a step stands too far in or out, but hardly how far. So the map is shifted until as
+    many of its steps ask to grow as to shrink: twice as far each time until the answer turns, then halfway
+    between the last two. Of the shifts tried, the one that fewest pixels object to is taken.
+
+    Args:
+        disparity: (H, W), sides multiples of 8.
+        busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8).
+        votes: Of the network, for a window and the disparity there.
+
+    Returns:
+        At most 7 either way; 0 where there are no steps, or as many ask for either.
+    """
+    windows = list(busiest_windows(busy))
+    if not windows:
+        return 0
+    objections: dict[int, float] = {}
+    biases: dict[int, float] = {}
+
+    def bias(shift: int) -> float:
+        if shift not in biases:
+            moved = [(window, shift_edges(disparity[window], shift)) for window in windows]
+            grow, far, shrink, near = np.sum([votes(*part) for part in moved], 0)
+            out, back = float(grow / max(far, 1)), float(shrink / max(near, 1))
+            biases[shift], objections[shift] = out - back - _RIGHT, out + back
+        return biases[shift]
+
+    if abs(bias(0)) < _CLOSE:
+        return 0
+    way = 1 if bias(0) > 0 else -1
+    before, after = 0, 2
+    while way * bias(way * after) > 0 and after < _FARTHEST:
+        before, after = after, min(2 * after, _FARTHEST)
+    while after - before > 1:
+        middle = (before + after) // 2
+        if way * bias(way * middle) > 0:
+            before = middle
+        else:
+            after = middle
+    tried = [shift for shift in objections if shift != 0 or before == 0]
+    return min(tried, key=lambda shift: objections[shift])
+
+
+def busiest_windows(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
+    """Up to four windows of at most 256x256 pixels that do not overlap, those with the most steps first.
+
+    Args:
+        busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8) bool.
+    """
+    size = _SIDE // 8
+    left_over = busy.astype(np.float64)
+    for _ in range(_WINDOWS):
+        sums = _window_sums(left_over, size)
+        row, column = np.unravel_index(int(sums.argmax()), sums.shape)
+        if sums[row, column] <= 0:
+            return
+        window = slice(int(row), int(row) + size), slice(int(column), int(column) + size)
+        left_over[window] = 0
+        yield tuple(slice(8 * x.start, 8 * x.stop) for x in window)  # type: ignore[misc]
+
+
+def _window_sums(values: np.ndarray, size: int) -> np.ndarray:
+    """Sum over each square window that fits, or over all of a side that is smaller."""
+    total = np.pad(values, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
+    rows, columns = (min(size, side) for side in values.shape)
+    strips = total[rows:] - total[:-rows]
+    sums: np.ndarray = strips[:, columns:] - strips[:, :-columns]
+    return sums

@@ -1,0 +1,56 @@
+"""Authority: edges whose coverage is known by construction."""
+
+import numpy as np
+import pytest
+
+from bokehnet.classical.layered.layers import Layers, split_layers
+from bokehnet.errors import ParameterError, ShapeError
+
+GREEN, RED = np.array([0.1, 0.9, 0.2], np.float32), np.array([0.8, 0.1, 0.1], np.float32)
+
+
+def edge(share, labelled_front):
+    """Green before red; column 10 holds ``share`` of green and has the depth of the given side."""
+    image = np.empty((12, 24, 3), np.float32)
+    image[:, :10], image[:, 11:] = GREEN, RED
+    image[:, 10] = share * GREEN + (1 - share) * RED
+    defocus = np.where(np.arange(24) < 10 + labelled_front, 6.0, -9.0).astype(np.float32)
+    return image, np.repeat(defocus[None], 12, 0)
+
+
+@pytest.mark.parametrize(("share", "labelled_front"), [(0.7, True), (0.3, False), (0.95, True), (0.1, False)])
+def test_a_mixed_pixel_is_parted(share, labelled_front):
+    layers = split_layers(*edge(share, labelled_front))
+    assert abs(layers.coverage[6, 10, 0] - share) < 0.02
+    np.testing.assert_allclose(layers.colors[6, 10, 0], GREEN, atol=0.03)
+    np.testing.assert_allclose(layers.defocus[6, 10], (6.0, -9.0), atol=1e-5)
+    if not labelled_front:
+        np.testing.assert_allclose(layers.colors[6, 10, 1], RED, atol=0.03)
+
+
+def test_away_from_the_edge_the_picture_covers_all():
+    image, defocus = edge(0.7, True)
+    layers = split_layers(image, defocus)
+    away = np.r_[0:9, 12:24]
+    assert (layers.coverage[:, away, 0] == 1).all()
+    np.testing.assert_array_equal(layers.colors[:, away, 0], image[:, away])
+
+
+def test_sides_of_one_colour_are_not_parted():
+    image, defocus = edge(0.7, True)
+    image[:] = 0.5
+    assert (split_layers(image, defocus).coverage == 1).all()
+
+
+def test_bad_layers_are_refused():
+    colors, ones = np.ones((4, 5, 2, 3)), np.ones((4, 5, 2))
+    with pytest.raises(ParameterError, match="coverage: expected 0 to 1, got 2 to 2"):
+        Layers(colors=colors, defocus=ones, coverage=2 * ones)
+    with pytest.raises(ParameterError, match="front to back"):
+        Layers(colors=colors, defocus=np.cumsum(ones, 2), coverage=ones)
+    with pytest.raises(ParameterError, match=r"^defocus"):
+        Layers(colors=colors, defocus=np.inf * ones, coverage=ones)
+    with pytest.raises(ShapeError, match="layer defocus"):
+        Layers(colors=colors, defocus=ones[..., :1], coverage=ones)
+    with pytest.raises(ShapeError, match="3 channels"):
+        Layers(colors=colors[..., :2], defocus=ones, coverage=ones)

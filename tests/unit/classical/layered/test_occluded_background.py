@@ -1,0 +1,80 @@
+"""Authority: scenes of two surfaces whose hidden part is known by construction."""
+
+import numpy as np
+import pytest
+
+from bokehnet.classical.layered.occluded_background import occluded_background
+from bokehnet.errors import ParameterError, ShapeError
+
+
+def scene(behind=-4.0, before=10.0):
+    """A square before a plane whose red grows to the right."""
+    image = np.zeros((48, 64, 3), np.float32)
+    image[..., 0] = np.linspace(0, 1, 64)
+    defocus = np.full((48, 64), behind, np.float32)
+    inside = np.s_[16:32, 24:40]
+    image[inside], defocus[inside] = (0, 1, 0), before
+    return image, defocus, inside
+
+
+def test_the_background_goes_on_behind_the_foreground():
+    image, defocus, inside = scene()
+    colors, depths = occluded_background(image, defocus)
+    assert (depths[inside] == -4.0).all()
+    assert not colors[inside][..., 1].any()
+    left, right = colors[24, 25, 0], colors[24, 38, 0]
+    assert abs(left - image[0, 23, 0]) < 0.05
+    assert abs(right - image[0, 40, 0]) < 0.05
+
+
+def test_what_is_not_hidden_stays():
+    image, defocus, inside = scene()
+    colors, depths = occluded_background(image, defocus)
+    outside = np.ones(defocus.shape, bool)
+    outside[inside] = False
+    np.testing.assert_array_equal(colors[outside], image[outside])
+    np.testing.assert_array_equal(depths[outside], defocus[outside])
+
+
+def test_it_reaches_as_far_as_rays_can_see():
+    image, defocus, _ = scene(behind=-2.0, before=2.0)  # rays fall 4 pixels behind the edge
+    _, depths = occluded_background(image, defocus)
+    assert (depths[24, 24:28] == -2.0).all()
+    assert (depths[23:25, 31:33] == 2.0).all()
+
+
+def test_a_slope_hides_nothing():
+    defocus = np.repeat(np.linspace(-20, 20, 64, dtype=np.float32)[None], 32, 0)
+    image = np.random.default_rng(0).random((32, 64, 3), dtype=np.float32)
+    colors, depths = occluded_background(image, defocus)
+    np.testing.assert_array_equal(colors, image)
+    np.testing.assert_array_equal(depths, defocus)
+
+
+def test_each_side_of_a_thing_carries_on_its_own_background():
+    image = np.zeros((9, 60, 3), np.float32)
+    defocus = np.zeros((9, 60), np.float32)
+    image[:, :30], image[:, 30:] = (1, 0, 0), (0, 0, 1)
+    defocus[:, :30], defocus[:, 30:] = -8.0, -12.0
+    image[:, 20:40], defocus[:, 20:40] = (0, 1, 0), 15.0
+    colors, depths = occluded_background(image, defocus)
+    np.testing.assert_allclose(colors[4, 22], (1, 0, 0))
+    np.testing.assert_allclose(colors[4, 37], (0, 0, 1))
+    assert depths[4, 22] == -8.0
+    assert depths[4, 37] == -12.0
+
+
+def test_bad_input_is_refused():
+    image, defocus, _ = scene()
+    with pytest.raises(ShapeError):
+        occluded_background(image, defocus[:-1])
+    with pytest.raises(ParameterError, match="defocus"):
+        occluded_background(image, np.full_like(defocus, np.nan))
+
+
+def test_lights_are_not_carried_on():
+    image, defocus, inside = scene()
+    image[...] = 0.1
+    image[20:28, 22:24] = 50.0  # lamps that touch the square's left side
+    colors, _ = occluded_background(image, defocus)
+    assert colors[inside].max() < 5.0
