@@ -134,7 +134,8 @@ def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     for floor in options.noise_floor or ():
         check_number("--noise-floor", floor)
     if options.json is not None and not options.json.parent.is_dir():
-        raise ParameterError("--json", "a file in a folder that exists", str(options.json))
+        remedy = f"there is no folder {options.json.parent}, make it"
+        raise ParameterError("--json", "a file in a folder that exists", str(options.json), remedy)
     for module in ("flip_evaluator", "pytorch_msssim"):
         require_extra(module, "train")
 

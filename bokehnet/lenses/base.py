@@ -82,13 +82,10 @@ def defocus_map(disparity: Array, lens: LensModel, pixel_pitch: float) -> Array:
     return lens.coc_radius(disparity) / pixel_pitch
 
 
-def check_lens_number(
-    name: str, value: object, lowest: float, unit: str = "", *, most: float | None = None
-) -> None:
-    """Raise ``LensError`` unless ``value`` is a finite number above ``lowest``, or is ``most``."""
+def check_lens_number(name: str, value: object, *, finite: bool = False) -> float:
+    """Return a number, finite if that is asked for; ``LensError`` where ``value`` is none."""
     number = number_of(value)
-    if not (lowest < number < math.inf or number == most):
-        expected = "any number" if math.isinf(lowest) else f"more than {lowest:g}"
-        finite = " and finite" if math.isinf(number) and number != most else ""
-        problem = ParameterError(name, f"{expected} {unit}".rstrip() + finite, value)
+    if math.isnan(number) or (finite and math.isinf(number)):
+        problem = ParameterError(name, "a finite number" if finite else "a number", value)
         raise LensError(str(problem), parameter=name)
+    return number

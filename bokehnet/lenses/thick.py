@@ -38,15 +38,19 @@ class ThickLens:
     principal_gap: float = 0.0
 
     def __post_init__(self) -> None:
-        check_lens_number("focal_length", self.focal_length, 0, "mm")
-        check_lens_number("f_number", self.f_number, 0)
-        for name in ("principal_depth", "principal_gap"):
-            check_lens_number(name, getattr(self, name), -math.inf, "mm")
-        check_lens_number("focus_distance", self.focus_distance, 0, "mm", most=math.inf)
-        nearest = max(self.principal_depth + self.focal_length, 0.0)
-        if not self.focus_distance > nearest:
+        focal_length = check_lens_number("focal_length", self.focal_length)
+        f_number = check_lens_number("f_number", self.f_number)
+        focus_distance = check_lens_number("focus_distance", self.focus_distance)
+        principal_depth = check_lens_number("principal_depth", self.principal_depth, finite=True)
+        check_lens_number("principal_gap", self.principal_gap, finite=True)
+        if not 0 < focal_length < math.inf:
+            raise LensError(f"need a focal length above 0, got {focal_length:g} mm", "focal_length")
+        if not 0 < f_number < math.inf:
+            raise LensError(f"need a positive f-number, got {f_number:g}", "f_number")
+        nearest = max(principal_depth + focal_length, 0.0)
+        if not focus_distance > nearest:
             raise LensError(
-                f"cannot focus at {self.focus_distance:g} mm: need more than {nearest:g} mm, "
+                f"cannot focus at {focus_distance:g} mm: need more than {nearest:g} mm, "
                 f"the front focal point counted from the entrance pupil",
                 parameter="focus_distance",
             )

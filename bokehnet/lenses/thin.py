@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from bokehnet.checks import Array
+from bokehnet.errors import LensError
 from bokehnet.lenses.base import Rays, check_lens_number
 from bokehnet.optics.coc import coc_radius
 from bokehnet.optics.paraxial import focused_rays, image_points
@@ -29,10 +30,16 @@ class ThinLens:
     focus_distance: float = math.inf
 
     def __post_init__(self) -> None:
-        check_lens_number("focal_length", self.focal_length, 0, "mm")
-        check_lens_number("f_number", self.f_number, 0)
-        unit = "mm, the `focal_length`"
-        check_lens_number("focus_distance", self.focus_distance, self.focal_length, unit, most=math.inf)
+        focal_length = check_lens_number("focal_length", self.focal_length)
+        f_number = check_lens_number("f_number", self.f_number)
+        focus_distance = check_lens_number("focus_distance", self.focus_distance)
+        if not (math.isfinite(focal_length) and focus_distance > focal_length > 0):
+            raise LensError(
+                f"need focus distance > focal length > 0, got {focus_distance:g} mm and {focal_length:g} mm",
+                parameter="focus_distance" if 0 < focal_length < math.inf else "focal_length",
+            )
+        if not (math.isfinite(f_number) and f_number > 0):
+            raise LensError(f"need a positive f-number, got {f_number:g}", parameter="f_number")
 
     @property
     def pupil_radius(self) -> float:

@@ -140,9 +140,9 @@ class BrownConrady:
         if not (missed < 1e-6 and turned > 0):
             raise ParameterError(
                 "decentring",
-                "coefficients with which, and with `radial`, no picture folds over itself",
+                "with `radial`, a picture that nowhere folds over itself",
                 tuple(map(value_of, self.decentring)),
-                "take smaller ones",
+                "take smaller coefficients",
             )
         # At the solution one more step is 0, but has the derivatives of the inverse function.
         return xp.where(inside, u + _solve(jacobian, goal - self._polynomial(u)), math.inf)

@@ -41,7 +41,7 @@ class Plane:
             raise ShapeError(f"plane texture: expected shape (4, Ht, Wt), got {tuple(self.texture.shape)}")
         if not self.corners[:, 2].min() > 0:
             nearest = self.corners[:, 2].min()
-            expected = "all corners, which `u_axis` and `v_axis` span, at z > 0"
+            expected = "with `u_axis` and `v_axis`, all corners at z > 0"
             raise ParameterError(
                 "centre", expected, self.centre, "move it away", shown=f"the nearest at {nearest:g} mm"
             )

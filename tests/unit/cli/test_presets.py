@@ -1,18 +1,14 @@
-"""Presets. Authority: the options that they stand for, given one by one."""
+"""``bokehnet presets`` and ``--preset``. Authority: the options that they stand for, given one by one."""
 
-import inspect
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bokehnet.cli.preset_option import look_options
 
-import bokehnet
-from bokehnet.cli.app import app, run
-from bokehnet.cli.render import render
+from bokehnet.cli.app import run
 from bokehnet.io.image import read_image, write_image
-from bokehnet.rendering.preset import preset_path, read_preset
-from bokehnet.rendering.preset import presets as preset_names
+from bokehnet.rendering.preset import load_preset, presets
+from bokehnet.rendering.settings import all_settings
 
 
 @pytest.fixture
@@ -30,29 +26,24 @@ def rendered(scene: Path, *options: str) -> np.ndarray:
     return read_image(scene / "out.exr")
 
 
-def valid_options() -> dict[str, str]:
-    import click
-    import typer
-
-    command = typer.main.get_command(app).commands["render"]
-    return look_options(click.Context(command))
-
-
-def test_there_are_at_least_ten_and_each_says_what_it_is(capsys):
+def test_the_list_tells_what_each_is(capsys):
     assert run(["presets"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == len(preset_names()) >= 10
-    for name, line in zip(preset_names(), lines, strict=True):
-        preset = read_preset(name, valid_options())
-        assert line.split(None, 1) == [name, preset.description]
-        assert preset.options
-        assert 20 < len(preset.description) < 100
+    assert len(lines) == len(presets())
+    for name, line in zip(presets(), lines, strict=True):
+        assert line.split(None, 1) == [name, load_preset(name).description]
 
 
-@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("name", presets())
 def test_a_preset_is_the_options_that_it_names(scene, name):
-    options = read_preset(name, valid_options()).options
-    words = [w for option, value in options.items() for w in spelled(option, value)]
+    values = load_preset(name).values
+    flags = {(known.group, known.name): known.flag for known in all_settings().values()}
+    words = [
+        word
+        for group, fields in values.items()
+        for field, value in fields.items()
+        for word in spelled(flags[group, field], value)
+    ]
     found = rendered(scene, "--preset", name)
     np.testing.assert_array_equal(found, rendered(scene, *words))
     assert np.abs(found - rendered(scene)).max() > 0
@@ -73,23 +64,23 @@ def test_what_a_preset_prints_is_a_preset(scene, capsys):
     assert run(["presets", "anamorphic"]) == 0
     copy = scene / "copy.toml"
     copy.write_text(capsys.readouterr().out)
-    assert read_preset(str(copy), valid_options()) == read_preset("anamorphic", valid_options())
-
-
-def test_a_look_has_nothing_of_the_scene():
-    names = valid_options()
-    assert {"cats-eye", "lens", "grain", "engine", "gamma", "tilt-x"} <= names.keys()
-    assert not {"blur", "focus", "disparity", "output", "frames", "help", "preset", "f-number"} & names.keys()
-    assert set(names.values()) <= set(inspect.signature(render).parameters)
+    found, shipped = load_preset(copy), load_preset("anamorphic")
+    assert (found.description, found.values) == (shipped.description, shipped.values)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("blads = 5\n", "unknown option 'blads'; a preset can set aberrations"),
-        ("blades = [5]\n", "blades: expected a number, a text or true"),
+        ("blur = 5\n", "unknown option 'blur'; a preset can set aberrations"),
+        ("[camera]\nblur = 5\n", "unknown option 'camera.blur'; a preset can set aberrations"),
+        ("blades = [5]\n", "--blades: expected 0 (disc) or 3 to 16, got [5]"),
+        ("blades = 2024-05-01\n", "blades: expected a number, a text, true or a list"),
         ("blades = \n", "expected TOML, found an error"),
-        ('blades = "many"\n', "'--blades'"),
+        ('blades = "many"\n', "--blades: expected 0 (disc) or 3 to 16, got 'many'"),
+        ("blades = true\n", "--blades: expected 0 (disc) or 3 to 16, got True"),
+        ("rim = nan\n", "--rim: expected -1 to 1, got nan"),
+        ("blade-curvature = 0.5\n", "--blade-curvature: expected --blades for it to act on"),
         ("description = 3\n", "description: expected a text"),
     ],
 )
@@ -104,11 +95,7 @@ def test_mistakes_take_one_line_and_write_nothing(scene, capsys, text, message):
     assert not (scene / "out.png").exists()
 
 
-def test_an_unknown_name_lists_the_known_ones(capsys):
-    assert run(["presets", "nothing"]) == 1
+@pytest.mark.parametrize("command", [["presets"], ["render", "a.png", "-o", "out.png", "--preset"]])
+def test_an_unknown_name_lists_the_known_ones(capsys, command):
+    assert run([*command, "nothing"]) == 1
     assert "unknown preset 'nothing': expected a .toml file or one of anamorphic" in capsys.readouterr().err
-
-
-def test_presets_travel_with_the_package():
-    folder = Path(bokehnet.__file__).parent / "cli" / "presets"
-    assert {preset_path(name).parent for name in preset_names()} == {folder}

@@ -143,7 +143,7 @@ def test_prepared_plane_follows_rays_of_any_origin():
 
 def test_bad_scenes_are_refused_with_what_was_expected():
     texture = plane_texture(np.ones((4, 4, 3), np.float32))
-    with pytest.raises(ParameterError, match="all corners at z > 0"):
+    with pytest.raises(ParameterError, match="all corners at z > 0, got the nearest at"):
         Plane(texture=texture, centre=(0, 0, 10), u_axis=(0, 0, 20), v_axis=(0, 1, 0))
     with pytest.raises(ParameterError, match="different axes"):
         Plane(texture=texture, centre=(0, 0, 10), u_axis=(1, 0, 0), v_axis=(2, 0, 0))
