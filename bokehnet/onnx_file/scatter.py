@@ -7,9 +7,9 @@ those of bright lights and of pixels at jumps, so that no loop grows with the la
 
 import numpy as np
 
-from bokehnet.classical.kernels import LARGEST_RADIUS
-from bokehnet.classical.levels import CONTRAST, DISC, TOLERANCE
-from bokehnet.classical.merging import TILE
+from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
+from bokehnet.classical.scatter.pyramid_levels import CONTRAST, DISC, TOLERANCE
+from bokehnet.classical.scatter.pyramid_merging import TILE
 from bokehnet.onnx_file.builder import END, Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, repeat
 from bokehnet.onnx_file.spread import CHANNELS, TABLE_RADIUS, spread_discs

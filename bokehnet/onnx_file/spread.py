@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bokehnet.classical.disc import SMALLEST_RADIUS, disc_table, list_row
+from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, disc_table, list_row
 from bokehnet.onnx_file.builder import END, Graph, Value
 
 __all__ = ["CHANNELS", "TABLE_RADIUS", "spread_discs"]
