@@ -8,14 +8,16 @@ import math
 import sys
 from collections.abc import Collection
 from numbers import Real
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from bokehnet.errors import MissingExtraError, ParameterError, ShapeError
 
 __all__ = [
+    "Arithmetic",
     "Array",
+    "Values",
     "array_namespace",
     "array_of_numbers",
     "check_above",
@@ -39,6 +41,20 @@ __all__ = [
 
 # A NumPy array, a torch tensor, a value of an ONNX graph or a float: whatever a formula's operators accept.
 Array = Any
+
+
+class Arithmetic(Protocol):
+    """The same to a type checker: what can be calculated with."""
+
+    def __sub__(self, other: Any, /) -> Any: ...
+
+    def __rmul__(self, other: Any, /) -> Any: ...
+
+    def __rtruediv__(self, other: Any, /) -> Any: ...
+
+
+# Of a formula that gives back what it was given: floats, arrays or tensors.
+Values = TypeVar("Values", bound=Arithmetic)
 
 
 def array_namespace(x: Array) -> Any:

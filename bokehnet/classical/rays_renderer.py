@@ -2,8 +2,10 @@
 
 import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit, prange
 
 from bokehnet.checks import check_same_size
@@ -53,14 +55,14 @@ def _pattern(aperture: Aperture, rays_per_pixel: int) -> tuple[np.ndarray, np.nd
 
 
 def rays(
-    image: np.ndarray,
-    defocus: np.ndarray,
+    image: npt.NDArray[np.floating[Any]],
+    defocus: npt.NDArray[np.floating[Any]],
     *,
     aperture: Aperture | None = None,
     lens_response: LensResponse | None = None,
     seed: int = 0,
     layers: Layers | None = None,
-) -> np.ndarray:
+) -> npt.NDArray[np.float32]:
     """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
     Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) look through the

@@ -1,8 +1,10 @@
 """The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
 from dataclasses import replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit, prange
 
 from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
@@ -16,6 +18,8 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["render_scatter", "scatter"]
+
+Picture = TypeVar("Picture", bound=npt.NDArray[np.floating[Any]])
 
 
 @njit(cache=True, parallel=True)
@@ -40,7 +44,9 @@ def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
                 bokeh[y, x, c] = sums[y, x, c] / weight if weight > 0.0 else image[y, x, c]
 
 
-def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
+def scatter(
+    image: Picture, defocus: npt.NDArray[np.floating[Any]], aperture: Aperture | None = None
+) -> Picture:
     """Render bokeh by scattering, blind to occlusion.
 
     Args:
@@ -61,18 +67,18 @@ def scatter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = 
         normalised scatter; the discs are described in :mod:`bokehnet.classical.scatter.disc_scatter`, the
         short cut for large ones in :mod:`bokehnet.classical.scatter.pyramid_levels`.
     """
-    image, defocus = check_inputs(image, defocus)
+    light, defocus = check_inputs(image, defocus)
     if max(defocus.max(), -defocus.min()) > LARGEST_RADIUS:
         defocus = np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS)
-    values = np.empty((*defocus.shape, 4), image.dtype)  # NumPy's large arrays lie in huge pages, numba's not
+    values = np.empty((*defocus.shape, 4), light.dtype)  # NumPy's large arrays lie in huge pages, numba's not
     with parallel_region:
-        _add_weight(image, values)
+        _add_weight(light, values)
     sums = pyramid_levels.scatter_forward(values, defocus, scatter_operator(aperture), overwrite=True)
     del values
-    bokeh = np.empty_like(image)
+    bokeh: Any = np.empty_like(light)
     with parallel_region:
-        _normalise(sums, image, bokeh)
-    return bokeh
+        _normalise(sums, light, bokeh)
+    return cast(Picture, bokeh)
 
 
 def render_scatter(

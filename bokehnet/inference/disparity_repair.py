@@ -1,10 +1,13 @@
 """Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, soft_edge_fraction
@@ -13,9 +16,10 @@ from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.io.row_blocks import make_in_row_blocks
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
-__all__ = ["REPAIR_MODES", "DisparityRepair", "misplaced_edge_fraction"]
+__all__ = ["REPAIR_MODES", "DisparityRepair", "RepairMode", "RepairedMap", "misplaced_edge_fraction"]
 
-REPAIR_MODES = ("auto", "on", "off")
+RepairMode = Literal["auto", "on", "off"]
+REPAIR_MODES = get_args(RepairMode)
 
 # The network halves its input three times.
 _BLOCK = 8
@@ -83,6 +87,21 @@ def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> t
     return near, moved
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RepairedMap:
+    """What the repair made of a map.
+
+    Attributes:
+        disparity: (H, W), in the unit of the input; never the same array.
+        repaired: Whether edges were moved.
+        reason: Why, or why not, in a few words.
+    """
+
+    disparity: npt.NDArray[np.float32]
+    repaired: bool
+    reason: str
+
+
 class DisparityRepair:
     """Repairs disparity maps on the CPU.
 
@@ -98,8 +117,22 @@ class DisparityRepair:
         folder = weights or WEIGHTS / "repair"
         self._network = load_network(folder, "repair", ("image", "disparity", "span"), threads)
 
-    def __call__(self, image: np.ndarray, disparity: np.ndarray, mode: str = "on") -> np.ndarray:
-        """Return the map with sharp edges where the picture has them.
+    def __call__(
+        self,
+        image: npt.NDArray[np.floating],
+        disparity: npt.NDArray[np.floating],
+        mode: RepairMode = "on",
+    ) -> npt.NDArray[np.float32]:
+        """Return the map with sharp edges where the picture has them; see :meth:`repair`."""
+        return self.repair(image, disparity, mode).disparity
+
+    def repair(
+        self,
+        image: npt.NDArray[np.floating],
+        disparity: npt.NDArray[np.floating],
+        mode: RepairMode = "on",
+    ) -> RepairedMap:
+        """Move the edges of a map to where the picture has them, and say whether it was done.
 
         Every value stays within those nearby, so that flat regions remain as they are. Maps of
         large pictures are repaired at half the size first. Memory beyond input and output is that of a
@@ -110,9 +143,6 @@ class DisparityRepair:
             disparity: (H, W), any unit and offset, rising towards the camera; a defocus map will do.
             mode: "on"; "auto" returns the map as it is where nearly all of its steps stand right already;
                 "off" always does.
-
-        Returns:
-            Disparity (H, W) float32, in the unit of the input.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -125,20 +155,25 @@ class DisparityRepair:
         image, disparity = (np.asarray(x, np.float32) for x in (image, disparity))
         span = float(disparity.max()) - float(disparity.min())
         if span == 0 or mode == "off":
-            return disparity.copy()
+            reason = "switched off" if mode == "off" else "the map is constant"
+            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
         start = repair_soft_edges(disparity) if soft_edge_fraction(disparity) > _SOFT else disparity
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
         if mode == "auto" and start is disparity and self._stands_right(sizes[0], disparity, span):
-            return disparity.copy()
+            return RepairedMap(disparity=disparity.copy(), repaired=False, reason="its edges stand right")
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
         start = shift_edges(start, self._edge_bias(sizes, start, span))
         repaired = self._repair(sizes, start, span)
-        if mode == "auto" and misplaced_edge_fraction(disparity, repaired) < _IMPERFECT:
-            return disparity.copy()
-        return repaired
+        if mode == "on":
+            return RepairedMap(disparity=repaired, repaired=True, reason="asked for")
+        misplaced = misplaced_edge_fraction(disparity, repaired)
+        share = f"{100 * misplaced:.2g} % of its edges stood out of place"
+        if misplaced < _IMPERFECT:
+            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=f"only {share}")
+        return RepairedMap(disparity=repaired, repaired=True, reason=share)
 
     def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:
         """Whether the repair moves next to nothing in those parts of the picture that hold the most steps."""

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from bokehnet.checks import Array, check_rank, number_of
+from bokehnet.checks import Array, Values, check_rank, number_of
 from bokehnet.errors import LensError, ParameterError
 
 __all__ = ["LensModel", "Rays", "check_lens_number", "defocus_map"]
@@ -60,7 +60,7 @@ class LensModel(Protocol):
         ...
 
 
-def defocus_map(disparity: Array, lens: LensModel, pixel_pitch: float) -> Array:
+def defocus_map(disparity: Values, lens: LensModel, pixel_pitch: float) -> Values:
     """Return the signed circle-of-confusion radius of every pixel.
 
     Args:
@@ -79,7 +79,8 @@ def defocus_map(disparity: Array, lens: LensModel, pixel_pitch: float) -> Array:
         SIGGRAPH 1981; rewritten to be linear in disparity.
     """
     check_rank("disparity", disparity, 2, "(H, W)")
-    return lens.coc_radius(disparity) / pixel_pitch
+    defocus: Values = lens.coc_radius(disparity) / pixel_pitch
+    return defocus
 
 
 def check_lens_number(name: str, value: object, *, finite: bool = False) -> float:

@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba.extending import register_jitable
 
 from bokehnet.checks import array_of_numbers, check_number, check_range, check_rank, check_whole, number_of
@@ -76,7 +77,7 @@ class Aperture:
     cats_eye: float = 0.0
     spherical_profile: float = 0.0
     obstruction: float = 0.0
-    picture: np.ndarray | None = None
+    picture: npt.NDArray[np.floating[Any]] | None = None
     onion: float = 0.0
     onion_rings: float = 12.0
     grain: float = 0.0

@@ -6,13 +6,15 @@ metric depth and lens data. Operators only: floats, NumPy arrays, torch tensors 
 
 from numba.extending import register_jitable
 
-from bokehnet.checks import Array
+from bokehnet.checks import Arithmetic, Array, Values
 
 __all__ = ["coc_radius", "defocus_from_disparity", "disparity_from_depth"]
 
 
 @register_jitable
-def coc_radius(disparity, focus_disparity, pupil_radius, sensor_distance):  # type: ignore[no-untyped-def]
+def coc_radius(
+    disparity: Values, focus_disparity: Array, pupil_radius: float, sensor_distance: float
+) -> Values:
     """Signed circle-of-confusion radius on the sensor, mm; positive in front of focus.
 
     Args:
@@ -25,11 +27,12 @@ def coc_radius(disparity, focus_disparity, pupil_radius, sensor_distance):  # ty
         Potmesil and Chakravarty, "A lens and aperture camera model for synthetic image generation",
         SIGGRAPH 1981; rewritten to be linear in disparity.
     """
-    return pupil_radius * sensor_distance * (disparity - focus_disparity)
+    radius: Values = pupil_radius * sensor_distance * (disparity - focus_disparity)
+    return radius
 
 
 @register_jitable
-def defocus_from_disparity(disparity, blur, focus_disparity):  # type: ignore[no-untyped-def]
+def defocus_from_disparity(disparity: Values, blur: Arithmetic, focus_disparity: Arithmetic) -> Values:
     """Signed blur radius in pixels, positive in front of focus: ``blur * (disparity - focus_disparity)``.
 
     Args:
@@ -41,13 +44,15 @@ def defocus_from_disparity(disparity, blur, focus_disparity):  # type: ignore[no
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022. It is
         :func:`coc_radius` with ``blur = pupil_radius * sensor_distance / pixel_pitch``.
     """
-    return blur * (disparity - focus_disparity)
+    defocus: Values = blur * (disparity - focus_disparity)
+    return defocus
 
 
-def disparity_from_depth(depth: Array) -> Array:
+def disparity_from_depth(depth: Values) -> Values:
     """Return the inverse of ``depth``, 1/unit; infinite depth (sky) gives exactly 0.
 
     Args:
         depth: Distance along the optical axis, positive, any shape, NumPy array or tensor.
     """
-    return 1.0 / depth
+    disparity: Values = 1.0 / depth
+    return disparity

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_at_least, check_number, number_of
+from bokehnet.checks import Array, Values, array_namespace, check_at_least, check_number, number_of
 from bokehnet.errors import ParameterError
 
 __all__ = ["GammaCurve", "Highlights", "gamma_curve"]
@@ -55,7 +55,7 @@ class Highlights:
             raise ParameterError("threshold", "at least 0 and below 1", self.threshold)
         check_at_least("gain", self.gain, 1)
 
-    def expand(self, image: Array) -> Array:
+    def expand(self, image: Values) -> Values:
         """Return ``image`` (..., 3), scene-linear, NumPy array or tensor, with its highlights expanded."""
         xp = array_namespace(image)
         width, rise = 1 - self.threshold, self.gain - 1
@@ -63,9 +63,10 @@ class Highlights:
         s = xp.clip((brightest - self.threshold) / width, 0, 1)
         beyond = (1 + 2 * rise / width) * (brightest - 1)
         expanded = xp.where(brightest > 1, self.gain + beyond, brightest + rise * s * s)
-        return _scale(image, brightest, expanded, brightest > self.threshold)
+        result: Values = _scale(image, brightest, expanded, brightest > self.threshold)
+        return result
 
-    def compress(self, image: Array) -> Array:
+    def compress(self, image: Values) -> Values:
         """Undo :meth:`expand`: bring a rendered picture (..., 3) back to the range of its photograph."""
         xp = array_namespace(image)
         width, rise = 1 - self.threshold, self.gain - 1
@@ -75,7 +76,8 @@ class Highlights:
         s = 2 * above / (width + (width * width + 4 * rise * above) ** 0.5)
         beyond = (brightest - self.gain) / (1 + 2 * rise / width)
         compressed = xp.where(brightest > self.gain, 1 + beyond, self.threshold + width * s)
-        return _scale(image, brightest, compressed, brightest > self.threshold)
+        result: Values = _scale(image, brightest, compressed, brightest > self.threshold)
+        return result
 
 
 def _brightest(image: Array) -> Array:

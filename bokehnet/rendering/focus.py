@@ -94,6 +94,7 @@ class FocusedLens:
                 plane, blur = self.plane(focus)
                 defocus = plane_defocus(disparity, blur, plane, (self.window.x, self.window.y))
             elif self.camera is None:
+                assert self.blur is not None
                 defocus = defocus_from_disparity(disparity, self.blur, focus)
             else:
                 pitch = self.camera.sensor_width / self.window.display_width

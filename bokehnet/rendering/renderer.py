@@ -250,12 +250,13 @@ class BokehRenderer:
         check_engine(settings, settings.engine.name or self.engine)
         _watched(None, cancel)(0, 1)
         values = fitted_map(scene, settings.depth)
-        lens = repaired = None
+        lens, repaired, reason = None, None, ""
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
         elif settings.depth.repair != "off":
             repairer = self._keep("repair", lambda: DisparityRepair(threads=self._threads))
-            values = repairer(scene.image, values, settings.depth.repair)
+            found = repairer.repair(scene.image, values, settings.depth.repair)
+            values, repaired, reason = found.disparity, found.repaired, found.reason
         if scene.depth.kind != "defocus":
             lens = focus_lens(
                 replace(scene.depth, values=values), scene.window, settings.focus, settings.camera
@@ -270,6 +271,7 @@ class BokehRenderer:
             frame=scene.frame,
             lens=lens,
             repaired=repaired,
+            repair_reason=reason,
         )
 
     def _expose(

@@ -2,9 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit, prange
 
 from bokehnet.checks import check_finite, check_rank
@@ -48,9 +49,9 @@ class Layers:
         ParameterError: NaN, infinity, coverage outside [0, 1], or layers that are not front to back.
     """
 
-    colors: np.ndarray
-    defocus: np.ndarray
-    coverage: np.ndarray
+    colors: npt.NDArray[np.float32]
+    defocus: npt.NDArray[np.float32]
+    coverage: npt.NDArray[np.float32]
 
     def __post_init__(self) -> None:
         check_rank("layer colours", self.colors, 4, "(H, W, L, 3)")
@@ -183,7 +184,11 @@ def _split_mixed(image, defocus, sides, colors, depths, coverage):  # type: igno
                     colors[y, x, 1, c] = max(0.0, (image[y, x, c] - share * front[c]) / (1.0 - share))
 
 
-def split_layers(image: np.ndarray, defocus: np.ndarray, max_coc_radius: int | None = None) -> Layers:
+def split_layers(
+    image: npt.NDArray[np.floating[Any]],
+    defocus: npt.NDArray[np.floating[Any]],
+    max_coc_radius: int | None = None,
+) -> Layers:
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened

@@ -1,8 +1,10 @@
 """What stands behind each foreground: a background, filled from the surroundings that lie farther away."""
 
 import math
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit, prange
 
 from bokehnet.classical.base import check_inputs
@@ -102,8 +104,10 @@ def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-un
 
 
 def occluded_background(
-    image: np.ndarray, defocus: np.ndarray, max_coc_radius: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+    image: npt.NDArray[np.floating[Any]],
+    defocus: npt.NDArray[np.floating[Any]],
+    max_coc_radius: int | None = None,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
     The nearest surface that ends behind a depth discontinuity is carried on under the foreground at the

@@ -6,7 +6,6 @@ import pytest
 
 import bokehnet
 from bokehnet.cli import app as application
-from bokehnet.cli.progress import progress
 from bokehnet.errors import BokehnetError
 from bokehnet.io.image import write_image, write_map
 
@@ -139,21 +138,3 @@ def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
     assert done.returncode == 1
     assert one_line(done.stderr)
     assert "expected finite values" in done.stderr
-
-
-def test_progress_is_silent_when_the_work_is_short(capsys):
-    with progress("rendering") as report:
-        report(0, 3)
-        report(3, 3)
-    assert capsys.readouterr() == ("", "")
-
-
-def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, monkeypatch):
-    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
-    with progress("rendering") as report:
-        report(1, 4)
-        report(4, 4)
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert "rendering" in captured.err
-    assert "4/4" in captured.err

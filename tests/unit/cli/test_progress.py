@@ -1,6 +1,6 @@
 import numba
 
-from bokehnet.cli.progress import compile_notice
+from bokehnet.cli.progress import compile_notice, progress
 
 
 def make_kernel():
@@ -41,3 +41,21 @@ def test_the_first_render_tells_that_it_compiles_and_the_second_is_silent(folder
     assert first.err.startswith("bokehnet: compiling for this machine, once")
     second = cli_process(*words)
     assert (second.code, second.err) == (0, "")
+
+
+def test_progress_is_silent_when_the_work_is_short(capsys):
+    with progress("rendering") as report:
+        report(0, 3)
+        report(3, 3)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, monkeypatch):
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+    with progress("rendering") as report:
+        report(1, 4)
+        report(4, 4)
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "rendering" in captured.err
+    assert "4/4" in captured.err
