@@ -103,7 +103,7 @@ def cold_section(shared: Path, rounds: int) -> None:
         commands = {"--help": ["--help"], "render --help": ["render", "--help"]}
         for name in ENGINES:
             for refine in ("off", "auto"):
-                extra = ["--engine", name, "--refine-disparity", refine]
+                extra = ["--engine", name, "--repair-disparity", refine]
                 commands[" ".join(["render", *extra])] = ["render", *picture, *options, *extra]
         for arguments in commands.values():
             run_command(*arguments)
@@ -138,7 +138,7 @@ def large_section(engines: list[str]) -> None:
                 seconds, memory = run_command(
                     *("render", f"{folder}/image.png", "--disparity", f"{folder}/map.exr"),
                     *("--blur", f"{high - low:.9g}", "--focus", f"{-low / (high - low):.9g}"),
-                    *("--engine", engine, "--refine-disparity", "off", "-o", f"{folder}/out.png", *extra),
+                    *("--engine", engine, "--repair-disparity", "off", "-o", f"{folder}/out.png", *extra),
                 )
                 print(
                     f"{width * height / 1e6:6.1f} MP, radius {blur:g}, {engine:8s} {' '.join(extra):18s}"

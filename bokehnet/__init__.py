@@ -7,6 +7,8 @@ The public names load on first use: importing the package imports neither torch 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from bokehnet.version import __version__ as __version__
+
 if TYPE_CHECKING:  # what type checkers see of the lazy names
     from bokehnet.classical.layered.layers import Layers as Layers
     from bokehnet.classical.layered.layers import split_layers as split_layers
@@ -61,8 +63,6 @@ if TYPE_CHECKING:  # what type checkers see of the lazy names
     from bokehnet.rendering.settings import RenderSettings as RenderSettings
     from bokehnet.rendering.settings_file import load_settings as load_settings
     from bokehnet.rendering.settings_file import save_settings as save_settings
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "bokehnet.classical.layered.occluded_background": ("occluded_background",),

@@ -46,7 +46,7 @@ def render(picture: Path, disparity: Path, blur: float, focus: float, *options: 
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "out.png"
         words = ["render", str(picture), "--disparity", str(disparity), "-o", str(output), *options]
-        if run([*words, "--blur", str(blur), "--focus", str(focus), "--refine-disparity", "off"]) != 0:
+        if run([*words, "--blur", str(blur), "--focus", str(focus), "--repair-disparity", "off"]) != 0:
             raise SystemExit("bokehnet render failed")
         return bokehnet.read_image(output)
 

@@ -98,8 +98,8 @@ def show_repair() -> None:
         bokehnet.write_image(wrong, _eroded())
         shown = [
             ("right map", render(DISPARITY, "middle")),
-            ("near things shrunk by 2 px", render(wrong, "middle", "--refine-disparity", "off")),
-            ("repaired", render(wrong, "middle", "--refine-disparity", "on")),
+            ("near things shrunk by 2 px", render(wrong, "middle", "--repair-disparity", "off")),
+            ("repaired", render(wrong, "middle", "--repair-disparity", "on")),
         ]
     write("method_repair.jpg", [[(name, enlarged(picture, LEAVES)) for name, picture in shown]])
 

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from bokehnet import __version__
 from bokehnet.cli.demo import demo
 from bokehnet.cli.depth import depth
 from bokehnet.cli.export import export
@@ -19,6 +18,7 @@ from bokehnet.cli.render import render
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
 from bokehnet.errors import BokehnetError
+from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
 

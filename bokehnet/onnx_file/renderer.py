@@ -7,7 +7,6 @@ import numpy as np
 import onnx
 import onnxruntime
 
-from bokehnet import __version__
 from bokehnet.errors import ModelFileError
 from bokehnet.fusion import fuse
 from bokehnet.inference.engine import Engine
@@ -19,6 +18,7 @@ from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.scatter import scatter
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.version import __version__
 
 __all__ = ["PARITY", "build_model", "export_renderer"]
 

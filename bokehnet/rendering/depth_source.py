@@ -7,7 +7,7 @@ line in :func:`depth_source`.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -91,7 +91,28 @@ class DepthMap:
 
 
 class DepthSource(Protocol):
-    """Whatever can tell the depth of a picture."""
+    """Whatever can tell the depth of a picture.
+
+    Attributes:
+        origin: The setting that names it, or words for it, for messages.
+        kind: What its maps are, as far as that is known before one is seen; None where it is not.
+        tells_focus: Whether it may know what stays sharp.
+    """
+
+    @property
+    def origin(self) -> str:
+        """See the class."""
+        ...
+
+    @property
+    def kind(self) -> Kind | None:
+        """See the class."""
+        ...
+
+    @property
+    def tells_focus(self) -> bool:
+        """See the class."""
+        ...
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """Return the map of a picture; ``BokehnetError`` where there is none."""
@@ -119,6 +140,10 @@ class RelativeDisparity:
         1.0
     """
 
+    origin: ClassVar[str] = "input.disparity"
+    kind: ClassVar[Kind | None] = "relative"
+    tells_focus: ClassVar[bool] = False
+
     map: Path | str | npt.NDArray[np.floating]
     channel: str | None = None
     invert: bool = False
@@ -141,9 +166,7 @@ class RelativeDisparity:
                 f"{self.map}: expected disparity in 0..1, as it is stored, in a sequence, found "
                 f"{values.min():g} to {values.max():g}; say with `depth.value_range` which values are 0 and 1"
             )
-        return DepthMap(
-            values=1 - values if self.invert else values, kind="relative", origin="input.disparity"
-        )
+        return DepthMap(values=1 - values if self.invert else values, kind="relative", origin=self.origin)
 
 
 def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
@@ -164,6 +187,10 @@ class MetricDepth:
         unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, where sky is 0.
     """
 
+    origin: ClassVar[str] = "input.depth"
+    kind: ClassVar[Kind | None] = "metric"
+    tells_focus: ClassVar[bool] = True
+
     map: Path | str | npt.NDArray[np.floating]
     channel: str | None = None
     unit: str = "m"
@@ -178,7 +205,7 @@ class MetricDepth:
         return DepthMap(
             values=disparity_from_depth(depth),  # sky at infinite depth is 0 from here on
             kind="metric",
-            origin="input.depth",
+            origin=self.origin,
             filtered="disparity" if self.unit == "1/m" else "depth",
             camera=camera,
         )
@@ -202,8 +229,20 @@ class EmbeddedDepth:
         relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the phone tells.
     """
 
+    tells_focus: ClassVar[bool] = True
+
     map: PhoneDepth | None = None
     relative: bool | None = None
+
+    @property
+    def origin(self) -> str:
+        """Words for what it is, since no setting names it."""
+        return "camera.blur" if self.relative else "a photo's own depth"
+
+    @property
+    def kind(self) -> Kind | None:
+        """What is wanted; else only the photo tells."""
+        return None if self.relative is None else "relative" if self.relative else "metric"
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
@@ -263,6 +302,10 @@ class NetworkDepth:
         threads: Threads inside the network; 0 takes all cores.
     """
 
+    origin: ClassVar[str] = "input.depth_model"
+    kind: ClassVar[Kind | None] = None
+    tells_focus: ClassVar[bool] = True
+
     model: Path | str
     convention: str | Path = "depth-anything-v2"
     threads: int = 0
@@ -272,7 +315,7 @@ class NetworkDepth:
         estimator = DepthEstimator(self.model, find_convention(self.convention), self.threads)
         kind: Kind = "metric" if estimator.metric else "relative"
         values = estimator(photo.image)
-        return DepthMap(values=values, kind=kind, origin="input.depth_model", camera=photo.camera)
+        return DepthMap(values=values, kind=kind, origin=self.origin, camera=photo.camera)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -283,6 +326,10 @@ class ConstantDisparity:
         value: 0, far, to 1, near.
     """
 
+    origin: ClassVar[str] = "input.constant_disparity"
+    kind: ClassVar[Kind | None] = "relative"
+    tells_focus: ClassVar[bool] = False
+
     value: float
 
     def depth_map(self, photo: Photo) -> DepthMap:
@@ -292,7 +339,7 @@ class ConstantDisparity:
                 "input.constant_disparity", expected="a relative disparity in 0..1", got=self.value
             )
         values = np.full(photo.image.shape[:2], self.value, np.float32)
-        return DepthMap(values=values, kind="relative", origin="input.constant_disparity")
+        return DepthMap(values=values, kind="relative", origin=self.origin)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -304,6 +351,10 @@ class DefocusMap:
         channel: Of a file: which one; None takes what looks like depth.
     """
 
+    origin: ClassVar[str] = "input.defocus"
+    kind: ClassVar[Kind | None] = "defocus"
+    tells_focus: ClassVar[bool] = True
+
     map: Path | str | npt.NDArray[np.floating]
     channel: str | None = None
 
@@ -314,7 +365,7 @@ class DefocusMap:
         else:
             values = read_map(self.map, self.channel, window=photo.window)
         check_map("defocus", values)
-        return DepthMap(values=values, kind="defocus", origin="input.defocus")
+        return DepthMap(values=values, kind="defocus", origin=self.origin)
 
 
 def depth_source(settings: RenderSettings) -> DepthSource:

@@ -27,7 +27,7 @@ from bokehnet.optics.focus_plane import (
 )
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.rendering.camera import LensNumbers, complete_camera
-from bokehnet.rendering.depth_source import DepthMap
+from bokehnet.rendering.depth_source import DepthMap, depth_source
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.settings import CameraSettings, FocusSettings, RenderSettings
 
@@ -172,25 +172,16 @@ def disparity_of_distance(metres: float) -> float:
 
 def check_focus(settings: RenderSettings) -> None:
     """Raise ``ParameterError`` unless focus and camera go with what tells the depth; nothing is read."""
-    given, relative = settings.input, settings.camera.blur is not None
-    origin, metric, complete = "", False, True
-    if given.defocus is not None:
+    source = depth_source(settings)
+    if source.kind == "defocus":
         check_nothing_to_focus(settings)
         return
-    if given.disparity is not None:
-        origin = "input.disparity"
-    elif given.constant_disparity is not None:
-        origin = "input.constant_disparity"
-    elif given.depth is not None:
-        origin, metric, complete = "input.depth", True, False
-    elif given.depth_model is not None:
-        origin, metric, complete = "input.depth_model", not relative, relative
-    elif relative:
-        origin, complete = "camera.blur", False
-    else:
-        origin = "a photo's own depth (no `input.disparity`, `input.depth` or `camera.blur` is given)"
-        metric, complete = True, False
-    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=complete)
+    relative = source.kind == "relative" or (source.kind is None and settings.camera.blur is not None)
+    origin = source.origin
+    if origin == "a photo's own depth":
+        origin += " (no `input.disparity`, `input.depth` or `camera.blur` is given)"
+    complete = not source.tells_focus or (relative and source.kind is None)
+    check_kind(settings.focus, settings.camera, metric=not relative, origin=origin, complete=complete)
 
 
 def check_nothing_to_focus(settings: RenderSettings) -> None:

@@ -1,7 +1,9 @@
 """From the settings of a look to what the rooms below take: aperture, lens, highlights, effects."""
 
 import math
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
 from bokehnet.errors import ConfigError, LensError, ParameterError
@@ -22,6 +24,7 @@ from bokehnet.optics.tone import Highlights
 from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.rendering.focus import FocusedLens
 from bokehnet.rendering.naming import about
+from bokehnet.rendering.setting import Group
 from bokehnet.rendering.settings import (
     ApertureSettings,
     ColorSettings,
@@ -66,20 +69,13 @@ def make_aperture(settings: ApertureSettings) -> Aperture:
     """
     picture = None if settings.image is None else luminance(read_image(settings.image))
     with about("aperture", {"picture": "image"}):
-        return Aperture(
-            blades=settings.blades,
-            curvature=settings.curvature or 0.0,
-            rotation=settings.rotation or 0.0,
-            squeeze=settings.squeeze,
-            cats_eye=settings.cats_eye,
-            spherical_profile=settings.spherical_profile,
-            obstruction=settings.obstruction,
-            picture=picture,
-            onion=settings.onion,
-            onion_rings=12.0 if settings.onion_rings is None else settings.onion_rings,
-            grain=settings.grain,
-            grain_seed=settings.grain_seed or 0,
-        )
+        return Aperture(picture=picture, **_given(settings, Aperture))
+
+
+def _given(settings: Group, kind: type, prefix: str = "") -> dict[str, Any]:
+    """The settings that are fields of ``kind`` as well, behind a prefix; what was left out is left to it."""
+    found = {item.name: getattr(settings, prefix + item.name, None) for item in fields(kind)}
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def make_highlights(settings: HighlightSettings) -> Highlights | None:
@@ -129,27 +125,16 @@ def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
 
 
 def _vignette(settings: EffectSettings) -> Vignette:
-    assert settings.vignette is not None
-    shape = {
-        "radius": settings.vignette_radius,
-        "softness": settings.vignette_softness,
-        "roundness": settings.vignette_roundness,
-    }
-    with about("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in shape}}):
-        return Vignette(
-            stops=settings.vignette, **{name: value for name, value in shape.items() if value is not None}
-        )
+    given = _given(settings, Vignette, "vignette_")
+    with about("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in given}}):
+        return Vignette(stops=settings.vignette, **given)
 
 
 def _grain(settings: EffectSettings) -> Grain:
     assert settings.grain is not None
-    with about("effects", {"iso": "grain", "size": "grain_size", "seed": "grain_seed"}):
-        return Grain(
-            iso=settings.grain,
-            size=1.0 if settings.grain_size is None else settings.grain_size,
-            monochrome=settings.grain_mono,
-            seed=settings.grain_seed or 0,
-        )
+    given = _given(settings, Grain, "grain_")
+    with about("effects", {"iso": "grain", **{name: f"grain_{name}" for name in given}}):
+        return Grain(iso=settings.grain, monochrome=settings.grain_mono, **given)
 
 
 def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse:
@@ -160,12 +145,7 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
         ConfigError: A file holds no gains.
     """
     with about("lens"):
-        sliders = AberrationSliders(
-            spherical=lens.spherical,
-            coma=lens.coma,
-            astigmatism=lens.astigmatism,
-            field_curvature=lens.field_curvature,
-        )
+        sliders = AberrationSliders(**_given(lens, AberrationSliders))
     return LensResponse(
         aberration_map=sliders.aberration_map(),
         chromatic_aberration=_chromatic_aberration(color),

@@ -7,6 +7,7 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -269,19 +270,20 @@ def _fit(value: Any, wanted: Any) -> Any:
         return Path(value) if isinstance(value, str | Path) else _UNFIT
     if wanted is str:
         return value if isinstance(value, str) else _UNFIT
-    return _fit_number(value, wanted)
+    return _fit_number(value, wanted) if wanted in (int, float) else _UNFIT
 
 
 def _fit_number(value: Any, wanted: Any) -> Any:
-    """A number of Python's or NumPy's own as ``int`` or ``float``."""
-    if wanted is int and hasattr(value, "__index__"):
-        return value.__index__()
-    if wanted is float and not isinstance(value, str | bytes) and hasattr(value, "__float__"):
-        try:
-            return float(value)
-        except (TypeError, ValueError, OverflowError):
-            return _UNFIT
-    return _UNFIT
+    """A number of Python's or NumPy's own as ``int`` or ``float``; none that is too large for a float."""
+    if getattr(value, "ndim", None) == 0:
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Integral if wanted is int else Real):
+        return _UNFIT
+    try:
+        number = float(value)
+    except OverflowError:
+        return _UNFIT
+    return int(value) if wanted is int else number
 
 
 def _without_none(hint: Any) -> Any:

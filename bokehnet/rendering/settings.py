@@ -116,6 +116,8 @@ class RenderSettings:
         for group, fields in changes.items():
             if group not in _GROUPS:
                 raise ParameterError(group, expected=f"one of {', '.join(_GROUPS)}", got=group)
+            if not isinstance(fields, Mapping):
+                raise ParameterError(group, expected="fields and their values", got=fields)
             known = field_settings(_GROUPS[group])
             for name in fields:
                 if name not in known:

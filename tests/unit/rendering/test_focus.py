@@ -74,7 +74,9 @@ def test_a_pixel_is_one_of_the_shown_picture():
     window = Window(x=2, y=1, width=4, height=3, display_width=8, display_height=6)
     assert disparity_at_pixel((2, 1), depth, window) == 0
     assert disparity_at_pixel((5, 3), depth, window) == pytest.approx(11 / 12)
-    with pytest.raises(ParameterError, match=r"focus.at: expected a pixel inside the picture of 8x6, got 8,0"):
+    with pytest.raises(
+        ParameterError, match=r"focus.at: expected a pixel inside the picture of 8x6, got 8,0"
+    ):
         disparity_at_pixel((8, 0), depth, window)
     with pytest.raises(ParameterError, match=r"focus.plane: expected a pixel that the file stores, got 0,0"):
         disparity_at_pixel((0, 0), depth, window, "focus.plane")
@@ -91,7 +93,9 @@ def test_disparity_is_inverse_distance_in_millimetres():
 def test_a_lens_that_cannot_focus_there_tells_the_distance_as_it_was_given():
     depth = metric(np.full((HEIGHT, WIDTH), 0.03))
     lens = focus_lens(depth, WINDOW, FocusSettings(at=(3, 3)), LENS)
-    with pytest.raises(LensError, match=r"cannot focus at 0.03 m: expected more than 50 mm, the `camera.focal"):
+    with pytest.raises(
+        LensError, match=r"cannot focus at 0.03 m: expected more than 50 mm, the `camera.focal"
+    ):
         lens.defocus(depth.values)
 
 

@@ -219,7 +219,13 @@ def test_with_metric_depth_the_lens_has_the_numbers_of_the_camera():
     lens = load_lens("double_gauss", focal_length=50.0, f_number=2.2, focus_distance=2000.0)
     wanted = seidel_aberration_map(lens, half_diagonal=0.5 * math.hypot(12, 12 * 40 / 64))
     assert_allclose(found.transverse_aberration, wanted.transverse_aberration)
-    assert np.abs(found.transverse_aberration - seidel_aberration_map(load_lens("double_gauss")).transverse_aberration).max() > 0
+    assert (
+        np.abs(
+            found.transverse_aberration
+            - seidel_aberration_map(load_lens("double_gauss")).transverse_aberration
+        ).max()
+        > 0
+    )
 
 
 def test_without_a_lens_and_a_lean_nothing_is_added():

@@ -48,9 +48,7 @@ def test_what_a_look_does_not_name_stays(tmp_path):
 def test_groups_and_flags_say_the_same(tmp_path):
     flat, nested = tmp_path / "flat.toml", tmp_path / "nested.toml"
     flat.write_text('rim = 0.4\ndisc-grain = 1\nfringe-glass = "F2"\naxial-fringe = 2\n')
-    nested.write_text(
-        "[aperture]\nspherical_profile = 0.4\ngrain = 1\n[color]\naxial = 2\nglass = 'F2'\n"
-    )
+    nested.write_text("[aperture]\nspherical_profile = 0.4\ngrain = 1\n[color]\naxial = 2\nglass = 'F2'\n")
     assert load_preset(flat).over() == load_preset(nested).over()
 
 
@@ -98,9 +96,9 @@ def test_a_look_that_follows_rays_refuses_an_engine_that_does_not():
 
 
 def test_a_file_that_cannot_be_read_is_told(tmp_path):
-    with pytest.raises(ConfigError, match="cannot read preset .*missing.toml"):
+    with pytest.raises(ConfigError, match=r"cannot read preset .*missing.toml"):
         load_preset(tmp_path / "missing.toml")
-    with pytest.raises(ConfigError, match="unknown preset 'nothing'.* one of anamorphic"):
+    with pytest.raises(ConfigError, match=r"unknown preset 'nothing'.* one of anamorphic"):
         load_preset("nothing")
     (tmp_path / "bytes.toml").write_bytes(b'description = "\xff"')
     with pytest.raises(ConfigError, match="expected TOML"):
