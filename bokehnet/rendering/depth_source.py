@@ -5,6 +5,7 @@ picture. To add a source: a class with ``depth_map`` here, a field of ``InputSet
 line in :func:`depth_source`.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal, Protocol
@@ -12,7 +13,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.checks import check_map
+from bokehnet.checks import check_kind, check_map, check_rank, number_of
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.depth_convention import find_convention
 from bokehnet.inference.monocular import DepthEstimator
@@ -152,6 +153,7 @@ class RelativeDisparity:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
+        _check_source("disparity", self.map)
         stored = self.as_stored or self.value_range is not None
         if isinstance(self.map, np.ndarray):
             check_map("disparity", self.map)
@@ -160,13 +162,28 @@ class RelativeDisparity:
             values = read_disparity(self.map, self.channel, normalise=not stored, window=photo.window)
         if self.value_range is not None:
             low, high = self.value_range
+            if not (math.isfinite(low) and math.isfinite(high) and low != high):
+                raise ParameterError("depth.value_range", "two different numbers", self.value_range)
             values = ((values.astype("float64") - low) / (high - low)).astype("float32")
         elif self.as_stored and not (values.min() >= 0 and values.max() <= 1):
+            found = f"{values.min():g} to {values.max():g}"
+            way_out = "say with `depth.value_range` which values are 0 and 1"
+            if isinstance(self.map, np.ndarray):
+                raise ParameterError("disparity", "0 to 1, as it is stored", shown=found, remedy=way_out)
             raise ImageFileError(
                 f"{self.map}: expected disparity in 0..1, as it is stored, in a sequence, found "
-                f"{values.min():g} to {values.max():g}; say with `depth.value_range` which values are 0 and 1"
+                f"{found}; {way_out}"
             )
         return DepthMap(values=1 - values if self.invert else values, kind="relative", origin=self.origin)
+
+
+def _check_source(name: str, source: object) -> None:
+    """Raise unless a map is a file or an array (h, w)."""
+    check_kind(name, source, Path, str, np.ndarray)
+    if isinstance(source, np.ndarray):
+        check_rank(name, source, 2, "(h, w)")
+        if source.dtype.kind not in "fiub":
+            raise ParameterError(name, "an array of numbers", source, shown=f"one of {source.dtype}")
 
 
 def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
@@ -197,6 +214,7 @@ class MetricDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
+        _check_source("depth", self.map)
         if isinstance(self.map, np.ndarray):
             depth, camera = depth_to_mm(self.map, self.unit), photo.camera
         else:
@@ -334,7 +352,7 @@ class ConstantDisparity:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
-        if not 0 <= self.value <= 1:
+        if not 0 <= number_of(self.value) <= 1:
             raise ParameterError(
                 "input.constant_disparity", expected="a relative disparity in 0..1", got=self.value
             )
@@ -360,6 +378,7 @@ class DefocusMap:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
+        _check_source("defocus", self.map)
         if isinstance(self.map, np.ndarray):
             values = np.asarray(self.map, np.float32)
         else:

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar, overload
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.checks import check_at_least, check_number
+from bokehnet.checks import check_at_least, check_kind, check_number
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
 from bokehnet.inference.disparity_repair import DisparityRepair
@@ -222,6 +222,7 @@ class BokehRenderer:
         watch = _watched(progress, cancel)
         if isinstance(image, Scene | FocusedScene):
             settings = RenderSettings() if defocus is None else defocus
+            check_kind("settings", settings, RenderSettings)
             if isinstance(image, Scene):
                 image = self.prepare(image, settings, cancel=cancel)
             return self._expose(image, settings, watch, overwrite)
@@ -246,7 +247,8 @@ class BokehRenderer:
             >>> float(BokehRenderer("scatter").prepare(scene, settings).defocus.min())
             -8.0
         """
-        settings = settings or RenderSettings()
+        settings = RenderSettings() if settings is None else settings
+        check_kind("settings", settings, RenderSettings)
         check_engine(settings, settings.engine.name or self.engine)
         _watched(None, cancel)(0, 1)
         values = fitted_map(scene, settings.depth)
@@ -279,6 +281,7 @@ class BokehRenderer:
     ) -> RenderResult:
         """Blur, and let the camera take the picture."""
         look = settings.engine
+        check_engine(settings, look.name or self.engine)  # may be others than those of `prepare`
         engine = self._engine(look.name or self.engine, look.weights or self._weights)
         aperture, lens_response, effects = self._look(settings)
         aberrations = None
