@@ -141,9 +141,12 @@ def _read(known: Sequence[Setting], words: dict[str, Any]) -> Given:
         ways = {key: words.get(key) for key in (name, f"{name}__earlier", f"{name}__not")}
         said = {key: word for key, word in ways.items() if word is not None}
         if len(said) > 1:
-            raise ParameterError(item.path, expected="one of its two names", shown="both")
+            raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
         for key, word in said.items():
-            value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
+            try:
+                value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
+            except ParameterError as error:
+                raise error.renamed(f"--{item.flag}") from error
             found.setdefault(item.group, {})[item.name] = value
     return found
 
