@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from bokehnet.errors import ParameterError
-from bokehnet.rendering.setting import Group, check_needed, parse_numbers, setting
+from bokehnet.rendering.setting import Group, check_needed, field_settings, parse_numbers, setting
 
 __all__ = ["ApertureSettings", "ColorSettings", "EffectSettings", "HighlightSettings", "LensSettings"]
 
@@ -309,12 +309,10 @@ class EffectSettings(Group):
 
     def check(self) -> None:
         """See :class:`Group`."""
-        for name in ("vignette_radius", "vignette_softness", "vignette_roundness"):
-            if self.vignette is None:
-                check_needed(self, name, "vignette")
-        for name in ("grain_size", "grain_mono", "grain_seed"):
-            if self.grain is None:
-                check_needed(self, name, "grain")
+        for name in field_settings(self):
+            needed = name.partition("_")[0]
+            if name.startswith(("vignette_", "grain_")) and getattr(self, needed) is None:
+                check_needed(self, name, needed)
         if self.brown is not None and self.distortion:
             raise ParameterError(
                 "effects.brown",

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.rendering.frame_names import frame_path, is_pattern, parse_frames
-from bokehnet.rendering.setting import Group, setting
+from bokehnet.rendering.setting import Group, field_settings, setting
 from bokehnet.rendering.settings import RenderSettings
 
 __all__ = ["PULLED", "Pull", "SequenceSettings", "input_files", "make_pull", "read_pull", "settings_at_frame"]
@@ -162,7 +162,8 @@ def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = 
 
 def input_files(settings: RenderSettings) -> dict[str, Path]:
     """The files beside the picture, by their fields."""
-    found = {name: getattr(settings.input, name) for name in ("disparity", "depth", "defocus")}
+    known = field_settings(settings.input).values()
+    found = {item.name: getattr(settings.input, item.name) for item in known if item.type is Path}
     return {name: path for name, path in found.items() if path is not None}
 
 

@@ -283,7 +283,7 @@ def _fit_number(value: Any, wanted: Any) -> Any:
         number = float(value)
     except OverflowError:
         return _UNFIT
-    return int(value) if wanted is int else number
+    return int(value) if isinstance(value, Integral) and wanted is int else number
 
 
 def _without_none(hint: Any) -> Any:

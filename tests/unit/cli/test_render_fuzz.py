@@ -30,16 +30,17 @@ FILES = st.sampled_from(
         "ü b.png",
     ]
 )
-FLAGS = ("--invert", "--resize-disparity", "--overwrite")
+FLAGS = ("--invert", "--no-invert", "--resize-disparity", "--overwrite")
 VALUES = {
     **dict.fromkeys(("--disparity", "--depth", "--pull", "--aperture-image"), FILES),
+    **dict.fromkeys(("--defocus-map", "--depth-model", "--settings", "--preset"), FILES),
     **dict.fromkeys(("--focus-at", "--focus-range", "--disparity-range"), PAIRS),
     **dict.fromkeys(
         (
             "--blur", "--focus", "--focal-length", "--f-number", "--focus-distance", "--sensor-width",
             "--focus-from", "--focus-to", "--f-number-from", "--f-number-to", "--blur-from", "--blur-to",
             "--gamma", "--highlights", "--highlight-gain", "--squeeze", "--rim",
-            "--cats-eye", "--obstruction", "--blade-curvature", "--aperture-rotation",
+            "--constant-disparity", "--cats-eye", "--obstruction", "--blade-curvature", "--aperture-rotation",
         ),
         NUMBERS,
     ),
