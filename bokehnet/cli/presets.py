@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from bokehnet.io.text import read_text
 from bokehnet.rendering.preset import load_preset, preset_file
 from bokehnet.rendering.preset import presets as preset_names
 
@@ -17,7 +18,7 @@ def presets(
 ) -> None:
     """List the looks for bokehnet render --preset, or show one of them."""
     if name is not None:
-        typer.echo(preset_file(name).read_text(encoding="utf-8").rstrip())
+        typer.echo(read_text(preset_file(name), "preset").rstrip())
         return
     names = preset_names()
     width = max(map(len, names))

@@ -9,6 +9,7 @@ from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, 
 from bokehnet.errors import ConfigError, LensError, ParameterError
 from bokehnet.io.color import luminance
 from bokehnet.io.image import read_image
+from bokehnet.io.text import read_text
 from bokehnet.io.window import Window
 from bokehnet.lenses.aberration_cache import cached_aberration_map
 from bokehnet.lenses.catalog import load_lens
@@ -188,16 +189,12 @@ def _read_gains(path: Path) -> tuple[float, ...]:
         raise ParameterError(
             "color.equaliser", expected="numbers separated by commas, or a file of them", got=str(path)
         )
+    expected = "numbers separated by commas, spaces or line ends"
+    words = read_text(path, expected=expected, longest=_LONGEST_FILE).replace(",", " ").split()
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            words = file.read(_LONGEST_FILE).replace(",", " ").split()
         return tuple(float(word) for word in words)
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:  # no number, or no text
-        raise ConfigError(
-            f"{path}: expected numbers separated by commas, spaces or line ends: {error}"
-        ) from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: expected {expected}: {error}") from error
 
 
 def prescription_lens(

@@ -5,6 +5,7 @@ as they are stored, never stretched frame by frame, and noise is another one in 
 """
 
 import csv
+import io
 import math
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from bokehnet.errors import ConfigError, ParameterError
+from bokehnet.io.text import read_text
 from bokehnet.rendering.frame_names import frame_path, is_pattern, parse_frames
 from bokehnet.rendering.setting import Group, field_settings, setting
 from bokehnet.rendering.settings import RenderSettings
@@ -173,16 +175,14 @@ def read_pull(path: Path) -> Pull:
     Raises:
         ConfigError: The file cannot be read or holds something else.
     """
+    text = read_text(path, expected="a CSV file")
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = csv.DictReader(file, skipinitialspace=True)
-            names = [name.strip() for name in rows.fieldnames or ()]
-            _check_columns(path, names)
-            rows.fieldnames = names
-            keys = _read_keys(path, rows, names)
-    except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror or error}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+        rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
+        names = [name.strip() for name in rows.fieldnames or ()]
+        _check_columns(path, names)
+        rows.fieldnames = names
+        keys = _read_keys(path, rows, names)
+    except csv.Error as error:
         raise ConfigError(f"{path}: expected a CSV file, found an error: {error}") from error
     empty = [name for name, of_name in keys.items() if not of_name]
     if empty or not keys:

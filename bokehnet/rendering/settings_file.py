@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import ConfigError
+from bokehnet.io.text import read_text
 from bokehnet.rendering.setting import field_settings
 from bokehnet.rendering.settings import RenderSettings, all_settings, group_types, settings_by_flag
 
@@ -80,12 +81,10 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Return the table of a TOML file; ``ConfigError`` says what kind of file cannot be read, and why."""
-    path = Path(path)
+    text = read_text(path, what, "TOML")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read {what} {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, of numbers with too many digits
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # of TOML, of numbers with too many digits
         raise ConfigError(f"{path}: expected TOML, found an error: {error}") from error
 
 

@@ -19,13 +19,15 @@ RAYS = [*WORDS, "--engine", "rays"]
 
 
 @pytest.mark.parametrize(
-    ("options", "character"),
+    ("options", "lens_response"),
     [
-        (["--axial-fringe", 5], LensResponse(fringes=ChromaticAberration(axial=5))),
+        (["--axial-fringe", 5], LensResponse(chromatic_aberration=ChromaticAberration(axial=5))),
         (
             ["--lateral-fringe", -4, "--lateral-map", "square", "--fringe-glass", "achromat"],
             LensResponse(
-                fringes=ChromaticAberration(lateral=-4, lateral_map=square, curve=make_curve("achromat"))
+                chromatic_aberration=ChromaticAberration(
+                    lateral=-4, lateral_map=square, curve=make_curve("achromat")
+                )
             ),
         ),
         (
@@ -40,8 +42,8 @@ RAYS = [*WORDS, "--engine", "rays"]
                 "1,0.2,3",
             ],
             LensResponse(
-                fringes=ChromaticAberration(axial=5, axial_map=inversion),
-                light=WavelengthSampling(dispersion="rgb", equaliser=(1, 0.2, 3)),
+                chromatic_aberration=ChromaticAberration(axial=5, axial_map=inversion),
+                wavelength_sampling=WavelengthSampling(dispersion="rgb", equaliser=(1, 0.2, 3)),
             ),
         ),
     ],
