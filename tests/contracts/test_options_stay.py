@@ -1,0 +1,54 @@
+"""Every option of version 0.1.0 keeps its name, or a hidden one that still works."""
+
+import pytest
+import typer
+
+from bokehnet.cli.app import app
+
+OPTIONS = {
+    "render": """
+        --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
+        --blade-curvature --blades --blur --blur-from --blur-to --cats-eye
+        --channel --coma --cos4 --depth --depth-unit --disc-grain
+        --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
+        --engine --equaliser --f-number --f-number-from --f-number-to --field-curvature
+        --focal-length --focus --focus-at --focus-distance --focus-from --focus-plane
+        --focus-range --focus-to --frames --fringe-glass --gamma --grain
+        --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
+        --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
+        --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
+        --output --overwrite --preset --pull --refine-disparity --resize-disparity
+        --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
+        --tilt-y --vignette --vignette-radius --vignette-roundness --vignette-softness --weights
+    """,
+    "demo": """
+        --engine --output
+    """,
+    "depth": """
+        --convention --model --output --threads
+    """,
+    "export": """
+        --full --output --weights
+    """,
+    "lens": """
+        --f-number --focal --focus --plot --psf-sheet
+    """,
+    "synth": """
+        --config --out --ray --workers
+    """,
+    "trace": """
+        --device --fresh --height --layers --output --samples
+        --seed --width
+    """,
+}
+
+
+def known(command: str) -> set[str]:
+    group = typer.main.get_command(app)
+    parameters = group.commands[command].params  # type: ignore[attr-defined]
+    return {option for parameter in parameters for option in parameter.opts}
+
+
+@pytest.mark.parametrize("command", OPTIONS)
+def test_no_option_is_lost(command):
+    assert set(OPTIONS[command].split()) - known(command) == set()
