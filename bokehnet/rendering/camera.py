@@ -23,6 +23,11 @@ class LensNumbers:
         focal_length: mm.
         f_number: Focal length over the diameter of the entrance pupil.
         sensor_width: What the width of the shown picture covers on the sensor, mm.
+
+    Example:
+        >>> lens = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
+        >>> lens.focal_length / lens.f_number  # diameter of the entrance pupil, mm
+        25.0
     """
 
     focal_length: float
@@ -73,6 +78,12 @@ def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
         camera: As the photo tells; None where it does not.
         width: Of the picture, pixels.
         height: Of the picture, pixels.
+
+    Example:
+        >>> phone = Camera(focal_length=6.86, f_number=1.8, sensor_width=9.8)
+        >>> film = full_frame_camera(phone, 4000, 3000)
+        >>> round(film.focal_length, 1), film.f_number, round(film.sensor_width, 1)  # mm, 1, mm
+        (24.2, 1.8, 34.6)
     """
     sensor_width = _FILM_DIAGONAL * width / math.hypot(width, height)
     focal_length = _USUAL_FOCAL_LENGTH
@@ -83,7 +94,13 @@ def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
 
 
 def joined(first: Camera | None, second: Camera | None) -> Camera | None:
-    """What the first one says, and the second where the first is silent."""
+    """What the first one says, and the second where the first is silent.
+
+    Example:
+        >>> picture, depth = Camera(focal_length=35), Camera(focal_length=50, sensor_width=36)
+        >>> joined(picture, depth)
+        Camera(focal_length=35, f_number=None, focus_distance=None, sensor_width=36)
+    """
     if first is None or second is None:
         return first or second
     silent = [item.name for item in fields(first) if getattr(first, item.name) is None]

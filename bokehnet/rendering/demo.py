@@ -23,7 +23,15 @@ FOCUS = {"near": 0.94, "middle": 0.46, "far": 0.0}  # leaves, cat, town
 
 
 def demo_scene() -> Scene:
-    """Return the scene; its disparity is exact."""
+    """Return the scene; its disparity is exact.
+
+    Example:
+        >>> scene = demo_scene()
+        >>> scene.image.shape
+        (480, 720, 3)
+        >>> round(float(scene.depth.values[240, 256]), 2), FOCUS["middle"]  # the cat
+        (0.46, 0.46)
+    """
     return read_scene(ASSETS / "demo.png", source=RelativeDisparity(map=ASSETS / "demo_disparity.png"))
 
 
@@ -35,6 +43,10 @@ def demo_sheet(
     Args:
         renderer: By default one of the engine "rays".
         progress: Called with (pictures done, pictures in all).
+
+    Example:
+        >>> demo_sheet(BokehRenderer("scatter")).shape
+        (1064, 2208, 3)
     """
     renderer, scene = renderer or BokehRenderer(), demo_scene()
     shown = srgb_to_linear(scene.depth.values)  # so that a viewer sees the stored values

@@ -57,6 +57,11 @@ class Photo:
         window: Where its pixels lie in the shown picture.
         camera: What its file says of the camera; None where it says nothing.
         path: Its file; None for an array.
+
+    Example:
+        >>> photo = Photo(image=np.ones((4, 6, 3), np.float32), window=Window.whole(6, 4))
+        >>> ConstantDisparity(value=0.25).depth_map(photo).values.shape
+        (4, 6)
     """
 
     image: npt.NDArray[np.float32]
@@ -79,6 +84,12 @@ class DepthMap:
         camera: What is known of the camera to blur as, where distances are known.
         focus: Value of the map that stays sharp when nothing else is said; None where that must be said.
         all_in_focus: Picture to render in place of the given one, (H, W, 3): a phone's before it was blurred.
+
+    Example:
+        >>> metres = np.array([[1, 2, np.inf]], np.float32)
+        >>> depth = DepthMap(values=0.001 / metres, kind="metric", origin="input.depth")
+        >>> (1000 * depth.values).round(2).tolist()  # 1/m
+        [[1.0, 0.5, 0.0]]
     """
 
     values: npt.NDArray[np.float32]
@@ -98,6 +109,17 @@ class DepthSource(Protocol):
         origin: The setting that names it, or words for it, for messages.
         kind: What its maps are, as far as that is known before one is seen; None where it is not.
         tells_focus: Whether it may know what stays sharp.
+
+    Example:
+        >>> class Ramp:  # far on the left, near on the right
+        ...     origin, kind, tells_focus = "a ramp", "relative", False
+        ...     def depth_map(self, photo):
+        ...         values = np.linspace(0, 1, photo.image.shape[1], dtype=np.float32)
+        ...         values = np.tile(values, (photo.image.shape[0], 1))
+        ...         return DepthMap(values=values, kind=self.kind, origin=self.origin)
+        >>> from bokehnet.rendering.scene import make_scene
+        >>> make_scene(np.ones((4, 5, 3), np.float32), Ramp()).depth.values[0].tolist()
+        [0.0, 0.25, 0.5, 0.75, 1.0]
     """
 
     @property
@@ -202,6 +224,12 @@ class MetricDepth:
         map: File or array (h, w).
         channel: Of a file: which one; None takes what looks like depth.
         unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, where sky is 0.
+
+    Example:
+        >>> photo = Photo(image=np.ones((1, 3, 3), np.float32), window=Window.whole(3, 1))
+        >>> depth = MetricDepth(map=np.array([[50, 200, np.inf]]), unit="cm").depth_map(photo)
+        >>> (1000 * depth.values).round(2).tolist()  # 1/m; sky is 0
+        [[2.0, 0.5, 0.0]]
     """
 
     origin: ClassVar[str] = "input.depth"
@@ -245,6 +273,14 @@ class EmbeddedDepth:
     Attributes:
         map: What :func:`bokehnet.io.phone_depth.read_phone_depth` gives; None reads the picture's own file.
         relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the phone tells.
+
+    Example:
+        >>> near_and_far = np.array([[0.001, 0.0005]], np.float32)  # 1/mm
+        >>> phone = PhoneDepth(disparity=near_and_far, metric=True, focus_disparity=0.001)
+        >>> photo = Photo(image=np.ones((1, 2, 3), np.float32), window=Window.whole(2, 1))
+        >>> depth = EmbeddedDepth(map=phone).depth_map(photo)
+        >>> depth.kind, depth.focus, depth.camera.focal_length  # in focus at 1 m, 26 mm on film
+        ('metric', 0.001, 26.0)
     """
 
     tells_focus: ClassVar[bool] = True
@@ -318,6 +354,11 @@ class NetworkDepth:
         model: Its file.
         convention: What it sees and returns: a name, or a TOML file.
         threads: Threads inside the network; 0 takes all cores.
+
+    Example:
+        >>> source = NetworkDepth(model="depth.onnx", threads=2)  # opened when its map is asked for
+        >>> source.convention, source.kind
+        ('depth-anything-v2', None)
     """
 
     origin: ClassVar[str] = "input.depth_model"
@@ -342,6 +383,11 @@ class ConstantDisparity:
 
     Attributes:
         value: 0, far, to 1, near.
+
+    Example:
+        >>> photo = Photo(image=np.ones((1, 3, 3), np.float32), window=Window.whole(3, 1))
+        >>> ConstantDisparity(value=0.25).depth_map(photo).values.tolist()
+        [[0.25, 0.25, 0.25]]
     """
 
     origin: ClassVar[str] = "input.constant_disparity"
@@ -367,6 +413,13 @@ class DefocusMap:
     Attributes:
         map: File or array (H, W), of the picture's size.
         channel: Of a file: which one; None takes what looks like depth.
+
+    Example:
+        >>> from bokehnet.rendering.scene import make_scene
+        >>> radii = np.array([[3, 0, -6.5]])  # pixels: in front of focus, sharp, behind it
+        >>> scene = make_scene(np.ones((1, 3, 3), np.float32), DefocusMap(map=radii))
+        >>> scene.depth.kind, scene.depth.values.tolist()
+        ('defocus', [[3.0, 0.0, -6.5]])
     """
 
     origin: ClassVar[str] = "input.defocus"
@@ -388,7 +441,15 @@ class DefocusMap:
 
 
 def depth_source(settings: RenderSettings) -> DepthSource:
-    """Return the source that the settings name; without any, what a phone's photo holds."""
+    """Return the source that the settings name; without any, what a phone's photo holds.
+
+    Example:
+        >>> from bokehnet.rendering.settings import DepthSettings, InputSettings
+        >>> settings = RenderSettings(input=InputSettings(depth="z.exr"), depth=DepthSettings(unit="cm"))
+        >>> source = depth_source(settings)
+        >>> source.origin, source.kind, source.unit
+        ('input.depth', 'metric', 'cm')
+    """
     given, reading = settings.input, settings.depth
     if given.disparity is not None:
         return RelativeDisparity(

@@ -51,6 +51,13 @@ class FocusedLens:
         plane: From a disparity, where it turns, to the plane that stays sharp and the blur; None where it
             does not lean.
         window: Where the map's pixels lie in the shown picture.
+
+    Example:
+        >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
+        >>> window = Window.whole(3600, 2400)
+        >>> lens = FocusedLens(near=0.0005, far=0.0005, blur=None, camera=camera, plane=None, window=window)
+        >>> lens.distance, round(float(lens.defocus(np.zeros((1, 1), np.float32))[0, 0]), 1)  # m, pixels
+        (2.0, -32.1)
     """
 
     near: float
@@ -120,7 +127,7 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         >>> values = np.full((2, 3), 0.75, np.float32)
         >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
         >>> lens = focus_lens(depth, Window.whole(3, 2), FocusSettings(value=0.5), CameraSettings(blur=8))
-        >>> lens.defocus(depth.values)[0, 0]
+        >>> float(lens.defocus(depth.values)[0, 0])  # pixels
         2.0
     """
     metric = depth.kind == "metric"
@@ -149,6 +156,12 @@ def disparity_at_pixel(
 
     Raises:
         ParameterError: Nothing is stored there.
+
+    Example:
+        >>> values = np.array([[0, 0.25, 1]], np.float32)
+        >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
+        >>> disparity_at_pixel((1, 0), depth, Window.whole(3, 1))
+        0.25
     """
     x, y = pixel
     if not (0 <= x < window.display_width and 0 <= y < window.display_height):
@@ -164,14 +177,29 @@ def disparity_at_pixel(
 
 
 def disparity_of_distance(metres: float) -> float:
-    """Return the disparity, 1/mm, of a distance in metres; infinity is 0."""
+    """Return the disparity, 1/mm, of a distance in metres; infinity is 0.
+
+    Example:
+        >>> disparity_of_distance(2), disparity_of_distance(math.inf)  # 1/mm
+        (0.0005, 0.0)
+    """
     if not metres > 0:
         raise ParameterError("focus.distance", expected="metres above 0", got=metres)
     return 1 / (1000 * metres)
 
 
 def check_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` unless focus and camera go with what tells the depth; nothing is read."""
+    """Raise ``ParameterError`` unless focus and camera go with what tells the depth; nothing is read.
+
+    Example:
+        >>> from bokehnet.rendering.settings import InputSettings
+        >>> disparity, blur = InputSettings(disparity="disparity.png"), CameraSettings(blur=30)
+        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(value=0.4)))
+        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(distance=2)))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.distance: expected nothing: it cannot go with ...
+    """
     source = depth_source(settings)
     if source.kind == "defocus":
         check_nothing_to_focus(settings)

@@ -21,6 +21,10 @@ def parse_frames(text: str) -> tuple[int, ...]:
 
     Raises:
         ParameterError: ``text`` says something else, or names more than a million frames.
+
+    Example:
+        >>> parse_frames("1001-1007x2,1010")
+        (1001, 1003, 1005, 1007, 1010)
     """
     frames: set[int] = set()
     for part in text.split(","):
@@ -40,7 +44,12 @@ def parse_frames(text: str) -> tuple[int, ...]:
 
 
 def format_frames(frames: Iterable[int]) -> str:
-    """Return frames as :func:`parse_frames` reads them, runs of neighbours as ranges."""
+    """Return frames as :func:`parse_frames` reads them, runs of neighbours as ranges.
+
+    Example:
+        >>> format_frames([1001, 1002, 1003, 1010])
+        '1001-1003,1010'
+    """
     runs: list[list[int]] = []
     for frame in sorted(frames):
         if runs and frame == runs[-1][1] + 1:
@@ -51,7 +60,12 @@ def format_frames(frames: Iterable[int]) -> str:
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether the name of ``path`` has a place for a frame number."""
+    """Whether the name of ``path`` has a place for a frame number.
+
+    Example:
+        >>> is_pattern(Path("shot.####.exr")), is_pattern(Path("shot.%04d.exr")), is_pattern(Path("shot.exr"))
+        (True, True, False)
+    """
     return _NUMBER.search(path.name) is not None
 
 
@@ -59,6 +73,10 @@ def frame_path(path: Path, frame: int) -> Path:
     """Return ``path`` with the last ``####`` or ``%04d`` of its name replaced by ``frame``, zeros in front.
 
     A path without one is every frame's, and comes back as it is.
+
+    Example:
+        >>> frame_path(Path("shot.####.exr"), 7).name
+        'shot.0007.exr'
     """
     places = list(_NUMBER.finditer(path.name))
     if not places:

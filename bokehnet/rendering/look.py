@@ -54,6 +54,13 @@ def check_look(settings: RenderSettings) -> None:
 
     Raises:
         BokehnetError: As the functions below.
+
+    Example:
+        >>> check_look(RenderSettings(aperture=ApertureSettings(blades=7)))
+        >>> check_look(RenderSettings(lens=LensSettings(name="double_gaus")))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.LensError: `lens.name`: unknown lens 'double_gaus': expected a .toml file or ...
     """
     prescription_lens(settings.lens)
     make_aperture(settings.aperture)
@@ -67,6 +74,11 @@ def make_aperture(settings: ApertureSettings) -> Aperture:
     Raises:
         ParameterError: Nothing is left of the opening.
         ImageFileError: Its picture cannot be read.
+
+    Example:
+        >>> opening = make_aperture(ApertureSettings(blades=7, squeeze=0.5))
+        >>> opening.blades, opening.squeeze, opening.curvature  # straight blades
+        (7, 0.5, 0.0)
     """
     picture = None if settings.image is None else luminance(read_image(settings.image))
     with about("aperture", {"picture": "image"}):
@@ -80,7 +92,14 @@ def _given(settings: Group, kind: type, prefix: str = "") -> dict[str, Any]:
 
 
 def make_highlights(settings: HighlightSettings) -> Highlights | None:
-    """Return the expansion of clipped lights; None where none is asked for."""
+    """Return the expansion of clipped lights; None where none is asked for.
+
+    Example:
+        >>> import numpy as np
+        >>> lights = make_highlights(HighlightSettings(threshold=0.8, gain=4))
+        >>> lights.expand(np.array([[0.5] * 3, [1.0] * 3])).tolist()  # grey stays, white becomes 4
+        [[0.5, 0.5, 0.5], [4.0, 4.0, 4.0]]
+    """
     if settings.threshold is None:
         return None
     gain = {} if settings.gain is None else {"gain": settings.gain}
@@ -92,6 +111,13 @@ def make_effects(settings: EffectSettings) -> CameraEffects | None:
 
     Raises:
         ParameterError: The distortion folds over itself.
+
+    Example:
+        >>> import numpy as np
+        >>> effects = make_effects(EffectSettings(vignette=1))  # stop
+        >>> taken = effects.apply(np.ones((24, 32, 3), np.float32))
+        >>> round(float(taken[12, 16, 0]), 1), round(float(taken[0, 0, 0]), 1)  # middle, corner
+        (1.0, 0.5)
     """
     wanted = settings
     if not (
@@ -144,6 +170,11 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
     Raises:
         ParameterError: A name is unknown, or a file of gains is missing.
         ConfigError: A file holds no gains.
+
+    Example:
+        >>> response = make_lens_response(LensSettings(coma=2), ColorSettings(lateral=0.5))  # percent
+        >>> response.aberration_map.is_perfect, response.chromatic_aberration.lateral
+        (False, 0.5)
     """
     with about("lens"):
         sliders = AberrationSliders(**_given(lens, AberrationSliders))
@@ -215,6 +246,11 @@ def prescription_lens(
     Raises:
         LensError: There is no such lens, or it cannot do this.
         ConfigError: Its file is missing or wrong.
+
+    Example:
+        >>> lens = prescription_lens(LensSettings(name="double_gauss"), focal_length=50, f_number=4)
+        >>> round(lens.focal_length, 3), lens.f_number  # the design, of 100 mm, at half its size
+        (50.0, 4)
     """
     if settings.name is None:
         return None
@@ -244,6 +280,13 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
     Raises:
         LensError: The lens cannot do what the camera does.
         ConfigError: Its file is missing or wrong.
+
+    Example:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> glass = picture_aberrations(LensSettings(name="petzval", aberrations="seidel"), focused, window)
+        >>> glass.is_perfect, picture_aberrations(LensSettings(), focused, window)
+        (False, None)
     """
     leaning = focused.aberration_map()
     camera = focused.camera

@@ -20,7 +20,16 @@ def _gains(text: str) -> tuple[float, ...] | Path:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ApertureSettings(Group):
-    """The shape of the lens opening."""
+    """The shape of the lens opening.
+
+    Example:
+        >>> ApertureSettings(blades=7, rotation=15).rotation  # degrees
+        15.0
+        >>> ApertureSettings(blades=2)
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: aperture.blades: expected 0 (disc) or 3 to 16, got 2
+    """
 
     GROUP: ClassVar[str] = "aperture"
     TITLE: ClassVar[str] = "Aperture, or the shape of the blur"
@@ -83,7 +92,16 @@ class ApertureSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LensSettings(Group):
-    """The look of a lens: glass that is traced, and aberrations by hand."""
+    """The look of a lens: glass that is traced, and aberrations by hand.
+
+    Example:
+        >>> LensSettings(name="petzval", f_number=5.6).f_number
+        5.6
+        >>> LensSettings(f_number=5.6)
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: lens.f_number: expected `lens.name` for it to act on, ...
+    """
 
     GROUP: ClassVar[str] = "lens"
     TITLE: ClassVar[str] = "Lens look, glass and aberrations"
@@ -149,7 +167,16 @@ class LensSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ColorSettings(Group):
-    """Colours that part: chromatic aberration."""
+    """Colours that part: chromatic aberration.
+
+    Example:
+        >>> ColorSettings(axial=0.3, glass="achromat").axial  # percent of the half-diagonal
+        0.3
+        >>> ColorSettings(glass="achromat")
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: color.glass: expected `color.axial` or `color.lateral` for it ...
+    """
 
     GROUP: ClassVar[str] = "color"
     TITLE: ClassVar[str] = "Colour, chromatic aberration"
@@ -210,7 +237,16 @@ class ColorSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HighlightSettings(Group):
-    """How light is weighed before it is blurred."""
+    """How light is weighed before it is blurred.
+
+    Example:
+        >>> HighlightSettings(threshold=0.8, gain=6).gain  # what white becomes
+        6.0
+        >>> HighlightSettings(gain=6)
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: highlights.gain: expected `highlights.threshold` for it to ...
+    """
 
     GROUP: ClassVar[str] = "highlights"
     TITLE: ClassVar[str] = "Highlights, how light is weighed"
@@ -245,7 +281,16 @@ class HighlightSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EffectSettings(Group):
-    """What the camera does to the blurred picture."""
+    """What the camera does to the blurred picture.
+
+    Example:
+        >>> EffectSettings(vignette=0.7, grain=1600).vignette  # stops
+        0.7
+        >>> EffectSettings(distortion=-0.03, brown=(0.1, 0.02))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: effects.brown: expected one of `effects.distortion` and ...
+    """
 
     GROUP: ClassVar[str] = "effects"
     TITLE: ClassVar[str] = "Effects of the camera on the blurred picture"

@@ -16,6 +16,13 @@ def about(group: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
     Args:
         group: Of the settings.
         names: Parameter to field, where they differ.
+
+    Example:
+        >>> with about("aperture", {"picture": "image"}):
+        ...     raise ParameterError("picture", expected="some light", shown="none")
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: aperture.image: expected some light, got none
     """
     try:
         yield

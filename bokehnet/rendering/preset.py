@@ -21,6 +21,11 @@ class Preset:
         name: Its name, or the path of its file.
         description: What it looks like, one line.
         values: Group to field to value.
+
+    Example:
+        >>> glow = Preset(name="glow", description="Bright rims", values={"lens": {"spherical": 0.5}})
+        >>> glow.over().lens.spherical  # percent
+        0.5
     """
 
     name: str
@@ -60,6 +65,10 @@ def preset_file(name: str | Path) -> Path:
 
     Raises:
         ConfigError: It is neither.
+
+    Example:
+        >>> preset_file("portrait-85").name, preset_file("mine.toml").name
+        ('portrait-85.toml', 'mine.toml')
     """
     if str(name) in presets():
         return _FOLDER / f"{name}.toml"
@@ -79,6 +88,10 @@ def load_preset(name: str | Path) -> Preset:
     Raises:
         ConfigError: The file is missing or not TOML, a setting is unknown or is none of a look, or a value
             is not a number, a text, a truth value or a list.
+
+    Example:
+        >>> load_preset("portrait-85").values["effects"]  # stops
+        {'vignette': 0.7}
     """
     path = preset_file(name)
     table = read_toml(path, "preset")

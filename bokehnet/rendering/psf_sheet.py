@@ -31,6 +31,16 @@ def write_psf_sheet(
     Raises:
         ImageFileError: The file cannot be written.
         LensError: A corner of the picture gets no light.
+
+    Example:
+        >>> from dataclasses import replace
+        >>> from bokehnet.lenses.catalog import load_lens
+        >>> lens = load_lens("biconvex")
+        >>> wide = replace(lens.prescription, image_radius=300.0)  # mm, far too large
+        >>> write_psf_sheet(replace(lens, prescription=wide), Path("sheet.png"))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.LensError: Biconvex singlet: rays through the middle of the stop cross in the picture
     """
     count = _DEPTHS * len(FIELDS)
     pairs = []

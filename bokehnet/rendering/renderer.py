@@ -51,7 +51,21 @@ PROGRAM = 560 * 2**20
 
 
 class CancelSignal(Protocol):
-    """Says whether to stop, such as a ``threading.Event``."""
+    """Says whether to stop, such as a ``threading.Event``.
+
+    Example:
+        >>> from time import monotonic
+        >>> class Deadline:
+        ...     def __init__(self, seconds):
+        ...         self.end = monotonic() + seconds
+        ...     def is_set(self):
+        ...         return monotonic() >= self.end
+        >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
+        >>> BokehRenderer("scatter").render(picture, defocus, cancel=Deadline(seconds=0))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.RenderCancelled: rendering was cancelled
+    """
 
     def is_set(self) -> bool:
         """Whether nobody wants the result any more."""
@@ -72,6 +86,14 @@ class FocusedScene:
         lens: The lens and its focus; None where defocus was given.
         repaired: Whether edges of the map were moved; None where nobody looked.
         repair_reason: Why.
+
+    Example:
+        >>> from bokehnet.rendering import depth_source, scene
+        >>> flat = scene.make_scene(np.ones((24, 32, 3)), depth_source.ConstantDisparity(value=0.75))
+        >>> told = {"camera": {"blur": 8}, "focus": {"value": 0.5}, "depth": {"repair": "off"}}
+        >>> focused = BokehRenderer("scatter").prepare(flat, RenderSettings().updated(told))
+        >>> focused.lens.near, float(focused.defocus.max())  # disparity in focus, blur radius in pixels
+        (0.5, 2.0)
     """
 
     image: Array

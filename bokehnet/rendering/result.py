@@ -29,6 +29,11 @@ class RenderReport:
         focus_disparity: What stays sharp, in the unit of the map, the near end of a range; None where defocus
             was given.
         focus_distance: The same in metres; None where distances are not known.
+
+    Example:
+        >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
+        >>> f"{report.engine}: up to {report.largest_blur} pixels, focus at {report.focus_distance} m"
+        'scatter: up to 12.5 pixels, focus at 2.0 m'
     """
 
     engine: str
@@ -54,6 +59,14 @@ class RenderResult:
         defocus: Signed blur radius of each pixel, (H, W), pixels; None where its memory was used again.
         report: What was decided.
         frame: What the picture's file holds besides; None for arrays.
+
+    Example:
+        >>> from bokehnet.rendering.renderer import BokehRenderer
+        >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
+        >>> result = BokehRenderer("scatter").render(picture, defocus)
+        >>> result.save_maps("maps")
+        >>> sorted(path.name for path in Path("maps").iterdir())
+        ['classical.png', 'defocus.exr', 'defocus.png', 'error_map.png']
     """
 
     bokeh: Array

@@ -36,6 +36,12 @@ class Scene:
         window: Where the pixels lie in the shown picture, whose width that of the sensor spans.
         number: Of the frame in its sequence.
         frame: What the picture's file holds besides, for writing back; None for arrays.
+
+    Example:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> scene = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), number=1001)
+        >>> scene.number, scene.window.display_width, float(scene.depth.values.max())
+        (1001, 32, 0.25)
     """
 
     image: Array
@@ -108,6 +114,14 @@ def read_scene(
     Raises:
         ParameterError: The settings do not fit to what tells the depth; nothing is read then.
         BokehnetError: A file cannot be read.
+
+    Example:
+        >>> from bokehnet.io.image import write_image
+        >>> write_image("photo.png", np.full((24, 32, 3), 0.5, np.float32))
+        >>> told = {"input": {"constant_disparity": 0.25}, "camera": {"blur": 8}, "focus": {"value": 0.5}}
+        >>> scene = read_scene("photo.png", RenderSettings().updated(told))
+        >>> scene.image.shape, scene.depth.kind
+        ((24, 32, 3), 'relative')
     """
     settings = settings or RenderSettings()
     if source is None:
@@ -142,6 +156,13 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
 
     Raises:
         ShapeError: The map has another size and may not be brought to the picture's.
+
+    Example:
+        >>> from bokehnet.rendering.depth_source import RelativeDisparity
+        >>> half = np.tile(np.linspace(0, 1, 16, dtype=np.float32), (12, 1))
+        >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=half))
+        >>> fitted_map(scene, DepthSettings(resize=True)).shape
+        (24, 32)
     """
     depth, (height, width) = scene.depth, scene.image.shape[:2]
     values = _unmixed(depth, settings)

@@ -42,7 +42,16 @@ def _size(text: str) -> int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class InputSettings(Group):
-    """Files beside the picture that tell its depth; without any, what a phone's photo holds."""
+    """Files beside the picture that tell its depth; without any, what a phone's photo holds.
+
+    Example:
+        >>> InputSettings(depth="z.exr", channel="Z").channel
+        'Z'
+        >>> InputSettings(depth="z.exr", disparity="near.png")
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: input.depth: expected one of `input.disparity` and ...
+    """
 
     GROUP: ClassVar[str] = "input"
     TITLE: ClassVar[str] = "Depth of the picture"
@@ -92,7 +101,14 @@ class InputSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthSettings(Group):
-    """How the map of the scene is read, and what is mended in it."""
+    """How the map of the scene is read, and what is mended in it.
+
+    Example:
+        >>> from bokehnet.rendering.settings import RenderSettings
+        >>> inches = DepthSettings(unit="in", repair="off")
+        >>> RenderSettings(input=InputSettings(depth="z.exr"), depth=inches).depth.unit
+        'in'
+    """
 
     GROUP: ClassVar[str] = "depth"
     TITLE: ClassVar[str] = "Reading and repairing the map"
@@ -132,7 +148,16 @@ class DepthSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FocusSettings(Group):
-    """What stays sharp."""
+    """What stays sharp.
+
+    Example:
+        >>> FocusSettings(range=(1.5, 3)).range  # metres, with metric depth
+        (1.5, 3.0)
+        >>> FocusSettings(value=0.4, at=(10, 20))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.at: expected one of `focus.value` and `focus.at`, got both; ...
+    """
 
     GROUP: ClassVar[str] = "focus"
     TITLE: ClassVar[str] = "Focus, or what stays sharp"
@@ -226,7 +251,16 @@ class FocusSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraSettings(Group):
-    """How strongly the rest is blurred."""
+    """How strongly the rest is blurred.
+
+    Example:
+        >>> CameraSettings(focal_length=50, f_number=1.8, sensor_width=36).focal_length  # mm
+        50.0
+        >>> CameraSettings(f_number=0)
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: camera.f_number: expected a number above 0, got 0
+    """
 
     GROUP: ClassVar[str] = "camera"
     TITLE: ClassVar[str] = "Camera, or how strong the blur is"
@@ -246,7 +280,14 @@ class CameraSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EngineSettings(Group):
-    """What renders."""
+    """What renders.
+
+    Example:
+        >>> from bokehnet.rendering.settings import RenderSettings
+        >>> settings = RenderSettings().updated({"engine": {"name": "scatter", "max_memory": "2G"}})
+        >>> settings.engine.max_memory  # bytes
+        2147483648
+    """
 
     GROUP: ClassVar[str] = "engine"
     TITLE: ClassVar[str] = "Engine"
@@ -272,7 +313,12 @@ class EngineSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputSettings(Group):
-    """What is written besides the picture."""
+    """What is written besides the picture.
+
+    Example:
+        >>> OutputSettings(save_maps="maps").save_maps / "defocus.exr" == Path("maps/defocus.exr")
+        True
+    """
 
     GROUP: ClassVar[str] = "output"
     TITLE: ClassVar[str] = "Output"

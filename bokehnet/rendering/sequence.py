@@ -36,7 +36,13 @@ PULLED = {"focus": False, "focus_distance": True, "f_number": True, "blur": Fals
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SequenceSettings(Group):
-    """Which frames, and what is pulled over them: by its ends or by a file of keys."""
+    """Which frames, and what is pulled over them: by its ends or by a file of keys.
+
+    Example:
+        >>> shot = SequenceSettings(frames=parse_frames("1001-1003"), blur_from=20, blur_to=60)
+        >>> make_pull(shot.frames, shot, metric=False).at(1002)  # pixels per unit of disparity
+        {'blur': 40.0}
+    """
 
     GROUP: ClassVar[str] = "sequence"
     TITLE: ClassVar[str] = "Sequences"
@@ -78,6 +84,11 @@ class Pull:
 
     Attributes:
         keys: Name, one of ``PULLED``, to (frame, value), frames rising.
+
+    Example:
+        >>> pull = Pull(keys={"focus_distance": [(1, 1.0), (11, math.inf)]})
+        >>> pull.at(6)  # m, half-way
+        {'focus_distance': 2.0}
     """
 
     keys: Mapping[str, Sequence[tuple[int, float]]] = field(default_factory=dict)
@@ -163,7 +174,14 @@ def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = 
 
 
 def input_files(settings: RenderSettings) -> dict[str, Path]:
-    """The files beside the picture, by their fields."""
+    """The files beside the picture, by their fields.
+
+    Example:
+        >>> from bokehnet.rendering.settings import InputSettings
+        >>> shot = RenderSettings(input=InputSettings(depth="z.####.exr"))
+        >>> {name: str(path) for name, path in input_files(shot).items()}
+        {'depth': 'z.####.exr'}
+    """
     known = field_settings(settings.input).values()
     found = {item.name: getattr(settings.input, item.name) for item in known if item.type is Path}
     return {name: path for name, path in found.items() if path is not None}
@@ -174,6 +192,12 @@ def read_pull(path: Path) -> Pull:
 
     Raises:
         ConfigError: The file cannot be read or holds something else.
+
+    Example:
+        >>> with open("pull.csv", "w", newline="") as file:
+        ...     csv.writer(file).writerows([("frame", "blur"), (1001, 20), (1003, 60)])
+        >>> read_pull(Path("pull.csv")).at(1002)
+        {'blur': 40.0}
     """
     text = read_text(path, expected="a CSV file")
     try:

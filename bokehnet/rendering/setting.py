@@ -54,6 +54,12 @@ class Setting:
         parse: From a text to the value, where the type does not tell how; it raises ``ValueError``.
         parts: How many words on a command line make one value.
         of_a_look: Whether a preset may set it; the rest says what is rendered, from what and where to.
+
+    Example:
+        >>> from bokehnet.rendering.look_settings import ApertureSettings
+        >>> squeeze = field_settings(ApertureSettings)["squeeze"]
+        >>> squeeze.path, squeeze.expectation, squeeze.parsed("0.5")
+        ('aperture.squeeze', '0.1 to 10', 0.5)
     """
 
     group: str
@@ -156,12 +162,27 @@ class Setting:
 
 
 def setting(default: Any, help: str, **known: Any) -> Any:
-    """Declare a field of a group: its default, its help, and what else :class:`Setting` knows."""
+    """Declare a field of a group: its default, its help, and what else :class:`Setting` knows.
+
+    Example:
+        >>> @dataclass(frozen=True)
+        ... class GlowSettings(Group):
+        ...     GROUP: ClassVar[str] = "glow"
+        ...     radius: float = setting(4.0, "Radius of the glow.", unit="pixels", low=0, high=50)
+        >>> field_settings(GlowSettings)["radius"].expectation
+        '0 to 50 pixels'
+    """
     return dataclasses.field(default=default, metadata={_KEY: {"help": help, **known}})
 
 
 def field_settings(group: Any) -> Mapping[str, Setting]:
-    """What is known of each field of a group, an object or its class, by its name."""
+    """What is known of each field of a group, an object or its class, by its name.
+
+    Example:
+        >>> from bokehnet.rendering.look_settings import HighlightSettings
+        >>> {name: known.default for name, known in field_settings(HighlightSettings).items()}
+        {'threshold': None, 'gain': None, 'gamma': 1.0}
+    """
     return _read_fields(group if isinstance(group, type) else type(group))
 
 
@@ -192,7 +213,18 @@ def _check_fields(group: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Group:
-    """Settings that belong together; each field is checked when the group is made."""
+    """Settings that belong together; each field is checked when the group is made.
+
+    Example:
+        >>> @dataclass(frozen=True)
+        ... class GlowSettings(Group):
+        ...     GROUP: ClassVar[str] = "glow"
+        ...     radius: float = setting(4.0, "Radius of the glow.", unit="pixels", low=0, high=50)
+        >>> GlowSettings(radius=80)
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: glow.radius: expected 0 to 50 pixels, got 80
+    """
 
     GROUP: ClassVar[str]
     TITLE: ClassVar[str]
@@ -207,7 +239,16 @@ class Group:
 
 
 def check_needed(group: "Group", name: str, needed: str, also: str | None = None, why: str = "") -> None:
-    """Raise unless the field ``needed``, or ``also``, is there for the field ``name`` to act on."""
+    """Raise unless the field ``needed``, or ``also``, is there for the field ``name`` to act on.
+
+    Example:
+        >>> from bokehnet.rendering.look_settings import LensSettings
+        >>> check_needed(LensSettings(name="petzval", f_number=4), "f_number", "name")
+        >>> LensSettings(f_number=4)  # its `check` asks the same
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: lens.f_number: expected `lens.name` for it to act on, ...
+    """
     value = getattr(group, name)
     if value is None or value is False or getattr(group, needed) or (also and getattr(group, also)):
         return
@@ -222,21 +263,39 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
 
 
 def from_plain(known: Setting, value: Any) -> Any:
-    """Return the value of a field from a number, a text, a truth value or a list, as files hold them."""
+    """Return the value of a field from a number, a text, a truth value or a list, as files hold them.
+
+    Example:
+        >>> from bokehnet.rendering.scene_settings import EngineSettings, FocusSettings
+        >>> from_plain(field_settings(EngineSettings)["max_memory"], "1.5G")  # bytes
+        1610612736
+        >>> from_plain(field_settings(FocusSettings)["range"], [0.5, 2])
+        (0.5, 2.0)
+    """
     if isinstance(value, str) and (known.parse is not None or known.type is Path):
         return known.parsed(value)
     return known.checked(value)
 
 
 def to_plain(value: Any) -> Any:
-    """Return a value as files hold it: tuples are lists, paths texts."""
+    """Return a value as files hold it: tuples are lists, paths texts.
+
+    Example:
+        >>> to_plain((0.5, 2.0)), to_plain(Path("maps"))
+        ([0.5, 2.0], 'maps')
+    """
     if isinstance(value, tuple):
         return [to_plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
 
 
 def parse_numbers(text: str) -> tuple[float, ...]:
-    """Return the numbers of a text such as ``0.5,2``."""
+    """Return the numbers of a text such as ``0.5,2``.
+
+    Example:
+        >>> parse_numbers("0.5,2")
+        (0.5, 2.0)
+    """
     return tuple(float(part) for part in text.split(","))
 
 

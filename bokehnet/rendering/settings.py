@@ -179,6 +179,14 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
     Args:
         settings: Whose look it is.
         engine: What renders; None where that is not known yet.
+
+    Example:
+        >>> tails = RenderSettings(lens=LensSettings(coma=2))  # percent
+        >>> check_engine(tails, "rays")
+        >>> check_engine(tails, "scatter")
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: lens.coma: expected `engine.name` rays or hybrid, ...
     """
     lens, color = settings.lens, settings.color
     sliders = ("name", "spherical", "coma", "astigmatism", "field_curvature")
@@ -202,13 +210,24 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
 
 @cache
 def all_settings() -> Mapping[str, Setting]:
-    """What is known of each field of :class:`RenderSettings`, by its path such as ``aperture.blades``."""
+    """What is known of each field of :class:`RenderSettings`, by its path such as ``aperture.blades``.
+
+    Example:
+        >>> known = all_settings()["camera.focal_length"]
+        >>> known.unit, known.flag, known.expectation
+        ('mm', 'focal-length', 'a number above 0 mm')
+    """
     return {known.path: known for kind in _GROUPS.values() for known in field_settings(kind).values()}
 
 
 @cache
 def settings_by_flag() -> Mapping[str, Setting]:
-    """The same by flag, earlier flags among them."""
+    """The same by flag, earlier flags among them.
+
+    Example:
+        >>> settings_by_flag()["cats-eye"].path, settings_by_flag()["focus-distance"].path
+        ('aperture.cats_eye', 'focus.distance')
+    """
     found = {}
     for known in all_settings().values():
         for flag in (known.flag, *known.aliases):
@@ -218,5 +237,11 @@ def settings_by_flag() -> Mapping[str, Setting]:
 
 
 def group_types() -> list[type[Group]]:
-    """The groups, in the order of a help text."""
+    """The groups, in the order of a help text.
+
+    Example:
+        >>> first, *_ = group_types()
+        >>> first.GROUP, first.TITLE
+        ('input', 'Depth of the picture')
+    """
     return list(_GROUPS.values())

@@ -29,6 +29,10 @@ def settings_from_table(
 
     Raises:
         ConfigError: A name is unknown, or a value is none that a field could have.
+
+    Example:
+        >>> settings_from_table({"cats-eye": 0.5, "camera": {"blur": 40}})
+        {'aperture': {'cats_eye': 0.5}, 'camera': {'blur': 40}}
     """
     groups = {group.GROUP: group for group in group_types()}
     changes: dict[str, dict[str, Any]] = {}
@@ -61,6 +65,11 @@ def load_settings(path: str | Path) -> RenderSettings:
     Raises:
         ConfigError: The file is missing or not TOML, or a name is unknown.
         ParameterError: A value is out of range, or values do not fit together.
+
+    Example:
+        >>> save_settings("shot.toml", RenderSettings().updated({"camera": {"blur": 40}}))
+        >>> load_settings("shot.toml").camera.blur  # pixels per unit of disparity
+        40.0
     """
     return RenderSettings().updated(settings_from_table(read_toml(path, "settings"), str(path)))
 
@@ -70,6 +79,13 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
 
     Raises:
         ConfigError: The file cannot be written.
+
+    Example:
+        >>> save_settings("look.toml", RenderSettings().updated({"aperture": {"blades": 6, "cats_eye": 0.5}}))
+        >>> print(Path("look.toml").read_text())
+        [aperture]
+        blades = 6
+        cats_eye = 0.5
     """
     from bokehnet.io.atomic import write_text  # after the settings are made, so that a help text is fast
 
@@ -80,7 +96,13 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Return the table of a TOML file; ``ConfigError`` says what kind of file cannot be read, and why."""
+    """Return the table of a TOML file; ``ConfigError`` says what kind of file cannot be read, and why.
+
+    Example:
+        >>> _ = Path("look.toml").write_text("cats-eye = 0.5")
+        >>> read_toml("look.toml", "preset")
+        {'cats-eye': 0.5}
+    """
     text = read_text(path, what, "TOML")
     try:
         return tomllib.loads(text)
