@@ -15,7 +15,7 @@ __all__ = ["describe_lens"]
 def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
     """Return label and text of each line of a report; places are mm behind the first surface.
 
-    Example:
+    Examples:
         >>> from bokehnet.lenses.catalog import load_lens
         >>> describe_lens(load_lens("double_gauss"))["f-number"].startswith("2")
         True

@@ -24,7 +24,7 @@ class LensNumbers:
         f_number: Focal length over the diameter of the entrance pupil.
         sensor_width: What the width of the shown picture covers on the sensor, mm.
 
-    Example:
+    Examples:
         >>> lens = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
         >>> lens.focal_length / lens.f_number  # diameter of the entrance pupil, mm
         25.0
@@ -46,7 +46,7 @@ def complete_camera(settings: CameraSettings, camera: Camera | None, origin: str
     Raises:
         ParameterError: Some are missing.
 
-    Example:
+    Examples:
         >>> from bokehnet.io.camera import Camera
         >>> from bokehnet.rendering.settings import CameraSettings
         >>> file = Camera(focal_length=50, sensor_width=36)
@@ -79,7 +79,7 @@ def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
         width: Of the picture, pixels.
         height: Of the picture, pixels.
 
-    Example:
+    Examples:
         >>> phone = Camera(focal_length=6.86, f_number=1.8, sensor_width=9.8)
         >>> film = full_frame_camera(phone, 4000, 3000)
         >>> round(film.focal_length, 1), film.f_number, round(film.sensor_width, 1)  # mm, 1, mm
@@ -96,7 +96,7 @@ def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
 def joined(first: Camera | None, second: Camera | None) -> Camera | None:
     """What the first one says, and the second where the first is silent.
 
-    Example:
+    Examples:
         >>> picture, depth = Camera(focal_length=35), Camera(focal_length=50, sensor_width=36)
         >>> joined(picture, depth)
         Camera(focal_length=35, f_number=None, focus_distance=None, sensor_width=36)

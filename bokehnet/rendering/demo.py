@@ -25,7 +25,7 @@ FOCUS = {"near": 0.94, "middle": 0.46, "far": 0.0}  # leaves, cat, town
 def demo_scene() -> Scene:
     """Return the scene; its disparity is exact.
 
-    Example:
+    Examples:
         >>> scene = demo_scene()
         >>> scene.image.shape
         (480, 720, 3)
@@ -44,7 +44,7 @@ def demo_sheet(
         renderer: By default one of the engine "rays".
         progress: Called with (pictures done, pictures in all).
 
-    Example:
+    Examples:
         >>> demo_sheet(BokehRenderer("scatter")).shape
         (1064, 2208, 3)
     """

@@ -58,7 +58,7 @@ class Photo:
         camera: What its file says of the camera; None where it says nothing.
         path: Its file; None for an array.
 
-    Example:
+    Examples:
         >>> photo = Photo(image=np.ones((4, 6, 3), np.float32), window=Window.whole(6, 4))
         >>> ConstantDisparity(value=0.25).depth_map(photo).values.shape
         (4, 6)
@@ -85,7 +85,7 @@ class DepthMap:
         focus: Value of the map that stays sharp when nothing else is said; None where that must be said.
         all_in_focus: Picture to render in place of the given one, (H, W, 3): a phone's before it was blurred.
 
-    Example:
+    Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
         >>> depth = DepthMap(values=0.001 / metres, kind="metric", origin="input.depth")
         >>> (1000 * depth.values).round(2).tolist()  # 1/m
@@ -110,7 +110,7 @@ class DepthSource(Protocol):
         kind: What its maps are, as far as that is known before one is seen; None where it is not.
         tells_focus: Whether it may know what stays sharp.
 
-    Example:
+    Examples:
         >>> class Ramp:  # far on the left, near on the right
         ...     origin, kind, tells_focus = "a ramp", "relative", False
         ...     def depth_map(self, photo):
@@ -154,7 +154,7 @@ class RelativeDisparity:
         as_stored: Whether values are 0 to 1 already and stay, as the maps of a sequence, which must be
             treated alike; with a ``value_range`` that decides.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from bokehnet.rendering import scene
         >>> disparity = np.tile(np.linspace(0, 255, 6, dtype=np.float32), (4, 1))
@@ -225,7 +225,7 @@ class MetricDepth:
         channel: Of a file: which one; None takes what looks like depth.
         unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, where sky is 0.
 
-    Example:
+    Examples:
         >>> photo = Photo(image=np.ones((1, 3, 3), np.float32), window=Window.whole(3, 1))
         >>> depth = MetricDepth(map=np.array([[50, 200, np.inf]]), unit="cm").depth_map(photo)
         >>> (1000 * depth.values).round(2).tolist()  # 1/m; sky is 0
@@ -274,7 +274,7 @@ class EmbeddedDepth:
         map: What :func:`bokehnet.io.phone_depth.read_phone_depth` gives; None reads the picture's own file.
         relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the phone tells.
 
-    Example:
+    Examples:
         >>> near_and_far = np.array([[0.001, 0.0005]], np.float32)  # 1/mm
         >>> phone = PhoneDepth(disparity=near_and_far, metric=True, focus_disparity=0.001)
         >>> photo = Photo(image=np.ones((1, 2, 3), np.float32), window=Window.whole(2, 1))
@@ -355,7 +355,7 @@ class NetworkDepth:
         convention: What it sees and returns: a name, or a TOML file.
         threads: Threads inside the network; 0 takes all cores.
 
-    Example:
+    Examples:
         >>> source = NetworkDepth(model="depth.onnx", threads=2)  # opened when its map is asked for
         >>> source.convention, source.kind
         ('depth-anything-v2', None)
@@ -384,7 +384,7 @@ class ConstantDisparity:
     Attributes:
         value: 0, far, to 1, near.
 
-    Example:
+    Examples:
         >>> photo = Photo(image=np.ones((1, 3, 3), np.float32), window=Window.whole(3, 1))
         >>> ConstantDisparity(value=0.25).depth_map(photo).values.tolist()
         [[0.25, 0.25, 0.25]]
@@ -414,7 +414,7 @@ class DefocusMap:
         map: File or array (H, W), of the picture's size.
         channel: Of a file: which one; None takes what looks like depth.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.scene import make_scene
         >>> radii = np.array([[3, 0, -6.5]])  # pixels: in front of focus, sharp, behind it
         >>> scene = make_scene(np.ones((1, 3, 3), np.float32), DefocusMap(map=radii))
@@ -443,7 +443,7 @@ class DefocusMap:
 def depth_source(settings: RenderSettings) -> DepthSource:
     """Return the source that the settings name; without any, what a phone's photo holds.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import DepthSettings, InputSettings
         >>> settings = RenderSettings(input=InputSettings(depth="z.exr"), depth=DepthSettings(unit="cm"))
         >>> source = depth_source(settings)

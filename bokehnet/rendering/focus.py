@@ -52,7 +52,7 @@ class FocusedLens:
             does not lean.
         window: Where the map's pixels lie in the shown picture.
 
-    Example:
+    Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
         >>> window = Window.whole(3600, 2400)
         >>> lens = FocusedLens(near=0.0005, far=0.0005, blur=None, camera=camera, plane=None, window=window)
@@ -122,7 +122,7 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
         ParameterError: Something is missing, does not go with such a map, or a pixel lies outside.
         LensError: The lens cannot focus there.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> values = np.full((2, 3), 0.75, np.float32)
         >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
@@ -157,7 +157,7 @@ def disparity_at_pixel(
     Raises:
         ParameterError: Nothing is stored there.
 
-    Example:
+    Examples:
         >>> values = np.array([[0, 0.25, 1]], np.float32)
         >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
         >>> disparity_at_pixel((1, 0), depth, Window.whole(3, 1))
@@ -179,7 +179,7 @@ def disparity_at_pixel(
 def disparity_of_distance(metres: float) -> float:
     """Return the disparity, 1/mm, of a distance in metres; infinity is 0.
 
-    Example:
+    Examples:
         >>> disparity_of_distance(2), disparity_of_distance(math.inf)  # 1/mm
         (0.0005, 0.0)
     """
@@ -191,7 +191,7 @@ def disparity_of_distance(metres: float) -> float:
 def check_focus(settings: RenderSettings) -> None:
     """Raise ``ParameterError`` unless focus and camera go with what tells the depth; nothing is read.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import InputSettings
         >>> disparity, blur = InputSettings(disparity="disparity.png"), CameraSettings(blur=30)
         >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(value=0.4)))

@@ -22,7 +22,7 @@ def parse_frames(text: str) -> tuple[int, ...]:
     Raises:
         ParameterError: ``text`` says something else, or names more than a million frames.
 
-    Example:
+    Examples:
         >>> parse_frames("1001-1007x2,1010")
         (1001, 1003, 1005, 1007, 1010)
     """
@@ -46,7 +46,7 @@ def parse_frames(text: str) -> tuple[int, ...]:
 def format_frames(frames: Iterable[int]) -> str:
     """Return frames as :func:`parse_frames` reads them, runs of neighbours as ranges.
 
-    Example:
+    Examples:
         >>> format_frames([1001, 1002, 1003, 1010])
         '1001-1003,1010'
     """
@@ -62,7 +62,7 @@ def format_frames(frames: Iterable[int]) -> str:
 def is_pattern(path: Path) -> bool:
     """Whether the name of ``path`` has a place for a frame number.
 
-    Example:
+    Examples:
         >>> is_pattern(Path("shot.####.exr")), is_pattern(Path("shot.%04d.exr")), is_pattern(Path("shot.exr"))
         (True, True, False)
     """
@@ -74,7 +74,7 @@ def frame_path(path: Path, frame: int) -> Path:
 
     A path without one is every frame's, and comes back as it is.
 
-    Example:
+    Examples:
         >>> frame_path(Path("shot.####.exr"), 7).name
         'shot.0007.exr'
     """

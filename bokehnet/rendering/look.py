@@ -55,7 +55,7 @@ def check_look(settings: RenderSettings) -> None:
     Raises:
         BokehnetError: As the functions below.
 
-    Example:
+    Examples:
         >>> check_look(RenderSettings(aperture=ApertureSettings(blades=7)))
         >>> check_look(RenderSettings(lens=LensSettings(name="double_gaus")))
         Traceback (most recent call last):
@@ -75,7 +75,7 @@ def make_aperture(settings: ApertureSettings) -> Aperture:
         ParameterError: Nothing is left of the opening.
         ImageFileError: Its picture cannot be read.
 
-    Example:
+    Examples:
         >>> opening = make_aperture(ApertureSettings(blades=7, squeeze=0.5))
         >>> opening.blades, opening.squeeze, opening.curvature  # straight blades
         (7, 0.5, 0.0)
@@ -94,7 +94,7 @@ def _given(settings: Group, kind: type, prefix: str = "") -> dict[str, Any]:
 def make_highlights(settings: HighlightSettings) -> Highlights | None:
     """Return the expansion of clipped lights; None where none is asked for.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> lights = make_highlights(HighlightSettings(threshold=0.8, gain=4))
         >>> lights.expand(np.array([[0.5] * 3, [1.0] * 3])).tolist()  # grey stays, white becomes 4
@@ -112,7 +112,7 @@ def make_effects(settings: EffectSettings) -> CameraEffects | None:
     Raises:
         ParameterError: The distortion folds over itself.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> effects = make_effects(EffectSettings(vignette=1))  # stop
         >>> taken = effects.apply(np.ones((24, 32, 3), np.float32))
@@ -171,7 +171,7 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
         ParameterError: A name is unknown, or a file of gains is missing.
         ConfigError: A file holds no gains.
 
-    Example:
+    Examples:
         >>> response = make_lens_response(LensSettings(coma=2), ColorSettings(lateral=0.5))  # percent
         >>> response.aberration_map.is_perfect, response.chromatic_aberration.lateral
         (False, 0.5)
@@ -247,7 +247,7 @@ def prescription_lens(
         LensError: There is no such lens, or it cannot do this.
         ConfigError: Its file is missing or wrong.
 
-    Example:
+    Examples:
         >>> lens = prescription_lens(LensSettings(name="double_gauss"), focal_length=50, f_number=4)
         >>> round(lens.focal_length, 3), lens.f_number  # the design, of 100 mm, at half its size
         (50.0, 4)
@@ -281,7 +281,7 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         LensError: The lens cannot do what the camera does.
         ConfigError: Its file is missing or wrong.
 
-    Example:
+    Examples:
         >>> window = Window.whole(32, 24)
         >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
         >>> glass = picture_aberrations(LensSettings(name="petzval", aberrations="seidel"), focused, window)

@@ -22,7 +22,7 @@ def _gains(text: str) -> tuple[float, ...] | Path:
 class ApertureSettings(Group):
     """The shape of the lens opening.
 
-    Example:
+    Examples:
         >>> ApertureSettings(blades=7, rotation=15).rotation  # degrees
         15.0
         >>> ApertureSettings(blades=2)
@@ -94,7 +94,7 @@ class ApertureSettings(Group):
 class LensSettings(Group):
     """The look of a lens: glass that is traced, and aberrations by hand.
 
-    Example:
+    Examples:
         >>> LensSettings(name="petzval", f_number=5.6).f_number
         5.6
         >>> LensSettings(f_number=5.6)
@@ -169,7 +169,7 @@ class LensSettings(Group):
 class ColorSettings(Group):
     """Colours that part: chromatic aberration.
 
-    Example:
+    Examples:
         >>> ColorSettings(axial=0.3, glass="achromat").axial  # percent of the half-diagonal
         0.3
         >>> ColorSettings(glass="achromat")
@@ -239,7 +239,7 @@ class ColorSettings(Group):
 class HighlightSettings(Group):
     """How light is weighed before it is blurred.
 
-    Example:
+    Examples:
         >>> HighlightSettings(threshold=0.8, gain=6).gain  # what white becomes
         6.0
         >>> HighlightSettings(gain=6)
@@ -275,7 +275,10 @@ class HighlightSettings(Group):
         """See :class:`Group`."""
         if self.gain is not None and self.threshold is None:
             raise ParameterError(
-                "highlights.gain", expected="`highlights.threshold` for it to act on", got=self.gain
+                "highlights.gain",
+                expected="`highlights.threshold` for it to act on",
+                got=self.gain,
+                remedy="give that, or leave this out",
             )
 
 
@@ -283,7 +286,7 @@ class HighlightSettings(Group):
 class EffectSettings(Group):
     """What the camera does to the blurred picture.
 
-    Example:
+    Examples:
         >>> EffectSettings(vignette=0.7, grain=1600).vignette  # stops
         0.7
         >>> EffectSettings(distortion=-0.03, brown=(0.1, 0.02))

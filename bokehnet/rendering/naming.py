@@ -17,7 +17,7 @@ def about(group: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
         group: Of the settings.
         names: Parameter to field, where they differ.
 
-    Example:
+    Examples:
         >>> with about("aperture", {"picture": "image"}):
         ...     raise ParameterError("picture", expected="some light", shown="none")
         Traceback (most recent call last):

@@ -22,7 +22,7 @@ class Preset:
         description: What it looks like, one line.
         values: Group to field to value.
 
-    Example:
+    Examples:
         >>> glow = Preset(name="glow", description="Bright rims", values={"lens": {"spherical": 0.5}})
         >>> glow.over().lens.spherical  # percent
         0.5
@@ -41,7 +41,7 @@ class Preset:
         Raises:
             ParameterError: A value is out of range, or does not fit to the settings.
 
-        Example:
+        Examples:
             >>> from bokehnet.rendering.preset import load_preset
             >>> load_preset("petzval-swirl").over().aperture.cats_eye
             1.1
@@ -52,7 +52,7 @@ class Preset:
 def presets() -> list[str]:
     """Names of the presets that come with the package, in alphabetical order.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.preset import presets
         >>> presets()[:2]
         ['anamorphic', 'double-gauss']
@@ -66,7 +66,7 @@ def preset_file(name: str | Path) -> Path:
     Raises:
         ConfigError: It is neither.
 
-    Example:
+    Examples:
         >>> preset_file("portrait-85").name, preset_file("mine.toml").name
         ('portrait-85.toml', 'mine.toml')
     """
@@ -89,7 +89,7 @@ def load_preset(name: str | Path) -> Preset:
         ConfigError: The file is missing or not TOML, a setting is unknown or is none of a look, or a value
             is not a number, a text, a truth value or a list.
 
-    Example:
+    Examples:
         >>> load_preset("portrait-85").values["effects"]  # stops
         {'vignette': 0.7}
     """

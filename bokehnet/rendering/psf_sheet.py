@@ -32,7 +32,7 @@ def write_psf_sheet(
         ImageFileError: The file cannot be written.
         LensError: A corner of the picture gets no light.
 
-    Example:
+    Examples:
         >>> from dataclasses import replace
         >>> from bokehnet.lenses.catalog import load_lens
         >>> lens = load_lens("biconvex")

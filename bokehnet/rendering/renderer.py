@@ -53,7 +53,7 @@ PROGRAM = 560 * 2**20
 class CancelSignal(Protocol):
     """Says whether to stop, such as a ``threading.Event``.
 
-    Example:
+    Examples:
         >>> from time import monotonic
         >>> class Deadline:
         ...     def __init__(self, seconds):
@@ -87,7 +87,7 @@ class FocusedScene:
         repaired: Whether edges of the map were moved; None where nobody looked.
         repair_reason: Why.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering import depth_source, scene
         >>> flat = scene.make_scene(np.ones((24, 32, 3)), depth_source.ConstantDisparity(value=0.75))
         >>> told = {"camera": {"blur": 8}, "focus": {"value": 0.5}, "depth": {"repair": "off"}}
@@ -118,7 +118,7 @@ class BokehRenderer:
             shapes they correct what the classical half made of them.
         lens_response: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
             default a perfect lens.
-        lens_response: Its earlier name.
+        character: Earlier name of ``lens_response``, which prevails.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
@@ -129,7 +129,7 @@ class BokehRenderer:
         ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
         ModelFileError: The engine needs networks, and they are missing or damaged.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from bokehnet.rendering.depth_source import RelativeDisparity
         >>> from bokehnet.rendering.scene import make_scene
@@ -258,7 +258,7 @@ class BokehRenderer:
         Raises:
             BokehnetError: As :meth:`render`.
 
-        Example:
+        Examples:
             >>> import numpy as np
             >>> from bokehnet.rendering.depth_source import RelativeDisparity
             >>> from bokehnet.rendering.scene import make_scene

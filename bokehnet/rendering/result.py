@@ -30,7 +30,7 @@ class RenderReport:
             was given.
         focus_distance: The same in metres; None where distances are not known.
 
-    Example:
+    Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
         >>> f"{report.engine}: up to {report.largest_blur} pixels, focus at {report.focus_distance} m"
         'scatter: up to 12.5 pixels, focus at 2.0 m'
@@ -60,7 +60,7 @@ class RenderResult:
         report: What was decided.
         frame: What the picture's file holds besides; None for arrays.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.renderer import BokehRenderer
         >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
         >>> result = BokehRenderer("scatter").render(picture, defocus)

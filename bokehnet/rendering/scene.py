@@ -37,7 +37,7 @@ class Scene:
         number: Of the frame in its sequence.
         frame: What the picture's file holds besides, for writing back; None for arrays.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
         >>> scene = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), number=1001)
         >>> scene.number, scene.window.display_width, float(scene.depth.values.max())
@@ -75,7 +75,7 @@ def make_scene(
         ShapeError, ParameterError: The arrays are not as described.
         BokehnetError: The source has no map.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from bokehnet.rendering.depth_source import MetricDepth
         >>> metres = np.full((4, 6), 2.0, np.float32)
@@ -115,7 +115,7 @@ def read_scene(
         ParameterError: The settings do not fit to what tells the depth; nothing is read then.
         BokehnetError: A file cannot be read.
 
-    Example:
+    Examples:
         >>> from bokehnet.io.image import write_image
         >>> write_image("photo.png", np.full((24, 32, 3), 0.5, np.float32))
         >>> told = {"input": {"constant_disparity": 0.25}, "camera": {"blur": 8}, "focus": {"value": 0.5}}
@@ -157,7 +157,7 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
     Raises:
         ShapeError: The map has another size and may not be brought to the picture's.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.depth_source import RelativeDisparity
         >>> half = np.tile(np.linspace(0, 1, 16, dtype=np.float32), (12, 1))
         >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=half))

@@ -44,7 +44,7 @@ def _size(text: str) -> int:
 class InputSettings(Group):
     """Files beside the picture that tell its depth; without any, what a phone's photo holds.
 
-    Example:
+    Examples:
         >>> InputSettings(depth="z.exr", channel="Z").channel
         'Z'
         >>> InputSettings(depth="z.exr", disparity="near.png")
@@ -103,7 +103,7 @@ class InputSettings(Group):
 class DepthSettings(Group):
     """How the map of the scene is read, and what is mended in it.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import RenderSettings
         >>> inches = DepthSettings(unit="in", repair="off")
         >>> RenderSettings(input=InputSettings(depth="z.exr"), depth=inches).depth.unit
@@ -150,7 +150,7 @@ class DepthSettings(Group):
 class FocusSettings(Group):
     """What stays sharp.
 
-    Example:
+    Examples:
         >>> FocusSettings(range=(1.5, 3)).range  # metres, with metric depth
         (1.5, 3.0)
         >>> FocusSettings(value=0.4, at=(10, 20))
@@ -253,7 +253,7 @@ class FocusSettings(Group):
 class CameraSettings(Group):
     """How strongly the rest is blurred.
 
-    Example:
+    Examples:
         >>> CameraSettings(focal_length=50, f_number=1.8, sensor_width=36).focal_length  # mm
         50.0
         >>> CameraSettings(f_number=0)
@@ -282,7 +282,7 @@ class CameraSettings(Group):
 class EngineSettings(Group):
     """What renders.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import RenderSettings
         >>> settings = RenderSettings().updated({"engine": {"name": "scatter", "max_memory": "2G"}})
         >>> settings.engine.max_memory  # bytes
@@ -315,7 +315,7 @@ class EngineSettings(Group):
 class OutputSettings(Group):
     """What is written besides the picture.
 
-    Example:
+    Examples:
         >>> OutputSettings(save_maps="maps").save_maps / "defocus.exr" == Path("maps/defocus.exr")
         True
     """

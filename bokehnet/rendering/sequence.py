@@ -38,7 +38,7 @@ PULLED = {"focus": False, "focus_distance": True, "f_number": True, "blur": Fals
 class SequenceSettings(Group):
     """Which frames, and what is pulled over them: by its ends or by a file of keys.
 
-    Example:
+    Examples:
         >>> shot = SequenceSettings(frames=parse_frames("1001-1003"), blur_from=20, blur_to=60)
         >>> make_pull(shot.frames, shot, metric=False).at(1002)  # pixels per unit of disparity
         {'blur': 40.0}
@@ -85,7 +85,7 @@ class Pull:
     Attributes:
         keys: Name, one of ``PULLED``, to (frame, value), frames rising.
 
-    Example:
+    Examples:
         >>> pull = Pull(keys={"focus_distance": [(1, 1.0), (11, math.inf)]})
         >>> pull.at(6)  # m, half-way
         {'focus_distance': 2.0}
@@ -110,7 +110,7 @@ def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool
         ParameterError: One end without the other, or ends beside a file.
         ConfigError: As :func:`read_pull`.
 
-    Example:
+    Examples:
         >>> pull = make_pull([1, 2, 3], SequenceSettings(focus_from=0.0, focus_to=1.0), metric=False)
         >>> pull.at(2)
         {'focus': 0.5}
@@ -151,7 +151,7 @@ def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = 
     Raises:
         ParameterError: What is pulled is told by the settings as well, or is out of range.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import InputSettings
         >>> shot = RenderSettings(input=InputSettings(depth="z.####.exr"))
         >>> str(settings_at_frame(shot, 7).input.depth)
@@ -176,7 +176,7 @@ def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = 
 def input_files(settings: RenderSettings) -> dict[str, Path]:
     """The files beside the picture, by their fields.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import InputSettings
         >>> shot = RenderSettings(input=InputSettings(depth="z.####.exr"))
         >>> {name: str(path) for name, path in input_files(shot).items()}
@@ -193,7 +193,7 @@ def read_pull(path: Path) -> Pull:
     Raises:
         ConfigError: The file cannot be read or holds something else.
 
-    Example:
+    Examples:
         >>> with open("pull.csv", "w", newline="") as file:
         ...     csv.writer(file).writerows([("frame", "blur"), (1001, 20), (1003, 60)])
         >>> read_pull(Path("pull.csv")).at(1002)

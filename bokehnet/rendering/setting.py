@@ -55,7 +55,7 @@ class Setting:
         parts: How many words on a command line make one value.
         of_a_look: Whether a preset may set it; the rest says what is rendered, from what and where to.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.look_settings import ApertureSettings
         >>> squeeze = field_settings(ApertureSettings)["squeeze"]
         >>> squeeze.path, squeeze.expectation, squeeze.parsed("0.5")
@@ -164,7 +164,7 @@ class Setting:
 def setting(default: Any, help: str, **known: Any) -> Any:
     """Declare a field of a group: its default, its help, and what else :class:`Setting` knows.
 
-    Example:
+    Examples:
         >>> @dataclass(frozen=True)
         ... class GlowSettings(Group):
         ...     GROUP: ClassVar[str] = "glow"
@@ -178,7 +178,7 @@ def setting(default: Any, help: str, **known: Any) -> Any:
 def field_settings(group: Any) -> Mapping[str, Setting]:
     """What is known of each field of a group, an object or its class, by its name.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.look_settings import HighlightSettings
         >>> {name: known.default for name, known in field_settings(HighlightSettings).items()}
         {'threshold': None, 'gain': None, 'gamma': 1.0}
@@ -215,7 +215,7 @@ def _check_fields(group: Any) -> None:
 class Group:
     """Settings that belong together; each field is checked when the group is made.
 
-    Example:
+    Examples:
         >>> @dataclass(frozen=True)
         ... class GlowSettings(Group):
         ...     GROUP: ClassVar[str] = "glow"
@@ -241,7 +241,7 @@ class Group:
 def check_needed(group: "Group", name: str, needed: str, also: str | None = None, why: str = "") -> None:
     """Raise unless the field ``needed``, or ``also``, is there for the field ``name`` to act on.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.look_settings import LensSettings
         >>> check_needed(LensSettings(name="petzval", f_number=4), "f_number", "name")
         >>> LensSettings(f_number=4)  # its `check` asks the same
@@ -265,7 +265,7 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
 def from_plain(known: Setting, value: Any) -> Any:
     """Return the value of a field from a number, a text, a truth value or a list, as files hold them.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.scene_settings import EngineSettings, FocusSettings
         >>> from_plain(field_settings(EngineSettings)["max_memory"], "1.5G")  # bytes
         1610612736
@@ -280,7 +280,7 @@ def from_plain(known: Setting, value: Any) -> Any:
 def to_plain(value: Any) -> Any:
     """Return a value as files hold it: tuples are lists, paths texts.
 
-    Example:
+    Examples:
         >>> to_plain((0.5, 2.0)), to_plain(Path("maps"))
         ([0.5, 2.0], 'maps')
     """
@@ -292,7 +292,7 @@ def to_plain(value: Any) -> Any:
 def parse_numbers(text: str) -> tuple[float, ...]:
     """Return the numbers of a text such as ``0.5,2``.
 
-    Example:
+    Examples:
         >>> parse_numbers("0.5,2")
         (0.5, 2.0)
     """

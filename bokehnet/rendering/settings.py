@@ -78,7 +78,7 @@ class RenderSettings:
     Raises:
         ParameterError: A value has another type or is out of range, or fields do not fit together.
 
-    Example:
+    Examples:
         >>> from bokehnet.rendering.settings import ApertureSettings, CameraSettings, RenderSettings
         >>> settings = RenderSettings(camera=CameraSettings(blur=60), aperture=ApertureSettings(blades=6))
         >>> settings.updated({"focus": {"value": 0.35}}).focus.value
@@ -180,7 +180,7 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
         settings: Whose look it is.
         engine: What renders; None where that is not known yet.
 
-    Example:
+    Examples:
         >>> tails = RenderSettings(lens=LensSettings(coma=2))  # percent
         >>> check_engine(tails, "rays")
         >>> check_engine(tails, "scatter")
@@ -212,7 +212,7 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
 def all_settings() -> Mapping[str, Setting]:
     """What is known of each field of :class:`RenderSettings`, by its path such as ``aperture.blades``.
 
-    Example:
+    Examples:
         >>> known = all_settings()["camera.focal_length"]
         >>> known.unit, known.flag, known.expectation
         ('mm', 'focal-length', 'a number above 0 mm')
@@ -224,7 +224,7 @@ def all_settings() -> Mapping[str, Setting]:
 def settings_by_flag() -> Mapping[str, Setting]:
     """The same by flag, earlier flags among them.
 
-    Example:
+    Examples:
         >>> settings_by_flag()["cats-eye"].path, settings_by_flag()["focus-distance"].path
         ('aperture.cats_eye', 'focus.distance')
     """
@@ -239,7 +239,7 @@ def settings_by_flag() -> Mapping[str, Setting]:
 def group_types() -> list[type[Group]]:
     """The groups, in the order of a help text.
 
-    Example:
+    Examples:
         >>> first, *_ = group_types()
         >>> first.GROUP, first.TITLE
         ('input', 'Depth of the picture')

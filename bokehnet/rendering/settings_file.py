@@ -30,7 +30,7 @@ def settings_from_table(
     Raises:
         ConfigError: A name is unknown, or a value is none that a field could have.
 
-    Example:
+    Examples:
         >>> settings_from_table({"cats-eye": 0.5, "camera": {"blur": 40}})
         {'aperture': {'cats_eye': 0.5}, 'camera': {'blur': 40}}
     """
@@ -66,7 +66,7 @@ def load_settings(path: str | Path) -> RenderSettings:
         ConfigError: The file is missing or not TOML, or a name is unknown.
         ParameterError: A value is out of range, or values do not fit together.
 
-    Example:
+    Examples:
         >>> save_settings("shot.toml", RenderSettings().updated({"camera": {"blur": 40}}))
         >>> load_settings("shot.toml").camera.blur  # pixels per unit of disparity
         40.0
@@ -80,7 +80,7 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
     Raises:
         ConfigError: The file cannot be written.
 
-    Example:
+    Examples:
         >>> save_settings("look.toml", RenderSettings().updated({"aperture": {"blades": 6, "cats_eye": 0.5}}))
         >>> print(Path("look.toml").read_text())
         [aperture]
@@ -98,7 +98,7 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Return the table of a TOML file; ``ConfigError`` says what kind of file cannot be read, and why.
 
-    Example:
+    Examples:
         >>> _ = Path("look.toml").write_text("cats-eye = 0.5")
         >>> read_toml("look.toml", "preset")
         {'cats-eye': 0.5}
