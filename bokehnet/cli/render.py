@@ -11,7 +11,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.rendering.preset import load_preset, presets
 from bokehnet.rendering.sequence import SequenceSettings
 from bokehnet.rendering.setting import Group, setting
-from bokehnet.rendering.settings import RenderSettings, group_types
+from bokehnet.rendering.settings import RenderSettings, group_types, merged
 from bokehnet.rendering.settings_file import read_toml, settings_from_table
 
 __all__ = ["render"]
@@ -87,13 +87,6 @@ def render(
 
 def _resolved(file: str | None, preset: str | None, given: Given) -> RenderSettings:
     """What the file says, over it the preset, over that the options."""
-    layers = [
-        {} if file is None else settings_from_table(read_toml(file, "settings"), file),
-        {} if preset is None else load_preset(preset).values,
-        given,
-    ]
-    merged: Given = {}
-    for layer in layers:
-        for group, values in layer.items():
-            merged.setdefault(group, {}).update(values)
-    return RenderSettings().updated(merged)
+    base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
+    look = {} if preset is None else load_preset(preset).values
+    return RenderSettings().updated(merged(base, look, given))

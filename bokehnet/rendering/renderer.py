@@ -49,6 +49,9 @@ Made = TypeVar("Made")
 # Bytes that the program takes before it holds a picture: libraries, kernels, buffers of the decoders.
 PROGRAM = 560 * 2**20
 
+# Engines, networks and looks that a renderer keeps.
+_MOST_KEPT = 16
+
 
 class CancelSignal(Protocol):
     """Says whether to stop, such as a ``threading.Event``.
@@ -425,11 +428,12 @@ class BokehRenderer:
         return self._keep((name, weights), make)
 
     def _keep(self, key: Any, make: Callable[[], Made]) -> Made:
-        """What ``make`` gave for a key, made once for all threads."""
+        """What ``make`` gave for a key, made once for all threads; what was asked for last is kept."""
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = make()
-            made: Made = self._kept[key]
+            made: Made = self._kept.pop(key) if key in self._kept else make()
+            self._kept[key] = made
+            if len(self._kept) > _MOST_KEPT:
+                del self._kept[next(iter(self._kept))]
             return made
 
 

@@ -25,8 +25,6 @@ Pixel = tuple[int, int]
 _SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 _BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
-_SOURCES = ("disparity", "depth", "defocus", "depth_model", "constant_disparity")
-
 
 def _pixel(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
@@ -55,6 +53,13 @@ class InputSettings(Group):
 
     GROUP: ClassVar[str] = "input"
     TITLE: ClassVar[str] = "Depth of the picture"
+    ONE_OF: ClassVar[tuple[str, ...]] = (
+        "disparity",
+        "depth",
+        "defocus",
+        "depth_model",
+        "constant_disparity",
+    )
 
     disparity: Path | None = setting(None, "Disparity map, near is bright; normalised to 0..1.")
     depth: Path | None = setting(
@@ -80,15 +85,6 @@ class InputSettings(Group):
 
     def check(self) -> None:
         """See :class:`Group`."""
-        given = [name for name in _SOURCES if getattr(self, name) is not None]
-        if len(given) > 1:
-            names = " and ".join(f"`input.{name}`" for name in given)
-            raise ParameterError(
-                f"input.{given[1]}",
-                expected=f"one of {names}",
-                shown="both" if len(given) == 2 else "all",
-                remedy="leave one out" if len(given) == 2 else "keep one",
-            )
         check_needed(self, "depth_convention", "depth_model")
         if self.channel is not None and not (self.disparity or self.depth or self.defocus):
             raise ParameterError(
@@ -161,6 +157,7 @@ class FocusSettings(Group):
 
     GROUP: ClassVar[str] = "focus"
     TITLE: ClassVar[str] = "Focus, or what stays sharp"
+    ONE_OF: ClassVar[tuple[str, ...]] = ("value", "distance", "at", "range", "plane")
 
     value: float | None = setting(
         None,
@@ -229,17 +226,6 @@ class FocusSettings(Group):
 
     def check(self) -> None:
         """See :class:`Group`."""
-        ways = [
-            name for name in ("value", "distance", "at", "range", "plane") if getattr(self, name) is not None
-        ]
-        if len(ways) > 1:
-            names = " and ".join(f"`focus.{name}`" for name in ways)
-            raise ParameterError(
-                f"focus.{ways[1]}",
-                expected=f"one of {names}",
-                shown="both" if len(ways) == 2 else "all",
-                remedy="leave one out" if len(ways) == 2 else "keep one",
-            )
         if self.plane is not None and (self.tilt_x or self.tilt_y):
             raise ParameterError(
                 "focus.plane",

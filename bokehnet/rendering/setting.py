@@ -229,9 +229,19 @@ class Group:
     GROUP: ClassVar[str]
     TITLE: ClassVar[str]
     OF_A_LOOK: ClassVar[bool] = False
+    ONE_OF: ClassVar[tuple[str, ...]] = ()  # of these fields one may be given
 
     def __post_init__(self) -> None:
         _check_fields(self)
+        given = [name for name in self.ONE_OF if getattr(self, name) is not None]
+        if len(given) > 1:
+            two = len(given) == 2
+            raise ParameterError(
+                f"{self.GROUP}.{given[1]}",
+                expected=f"one of {' and '.join(f'`{self.GROUP}.{name}`' for name in given)}",
+                shown="both" if two else "all",
+                remedy="leave one out" if two else "keep one",
+            )
         self.check()
 
     def check(self) -> None:

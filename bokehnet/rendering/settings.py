@@ -49,6 +49,7 @@ __all__ = [
     "all_settings",
     "check_engine",
     "group_types",
+    "merged",
     "settings_by_flag",
 ]
 
@@ -206,6 +207,27 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
                 expected="colours that part: `color.axial`, `color.lateral` or `lens.name`",
                 shown="none",
             )
+
+
+def merged(*layers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Lay changes over each other; a later layer prevails, and so does its way where one of several is given.
+
+    Args:
+        layers: Group to fields and their values, each.
+
+    Examples:
+        >>> merged({"focus": {"value": 0.2}, "camera": {"blur": 9}}, {"focus": {"at": (3, 4)}})
+        {'focus': {'at': (3, 4)}, 'camera': {'blur': 9}}
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for layer in layers:
+        for group, values in layer.items():
+            below = found.setdefault(group, {})
+            ways = _GROUPS[group].ONE_OF if group in _GROUPS else ()
+            if any(values.get(name) is not None for name in ways):
+                found[group] = below = {name: value for name, value in below.items() if name not in ways}
+            below.update(values)
+    return found
 
 
 @cache

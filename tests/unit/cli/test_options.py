@@ -360,3 +360,15 @@ def test_a_metric_network_takes_a_camera(network, folder, picture, cli):
 )
 def test_a_mistake_about_the_other_sources_is_told(fails, options, words):
     fails(["render", "photo.png", *FAST, *options], *words)
+
+
+def test_an_option_takes_the_place_of_the_way_that_a_settings_file_goes(folder, cli):
+    """Oracle: the same without what the file says of the focus."""
+    (folder / "with.toml").write_text('[input]\ndisparity = "disparity.png"\n[focus]\nvalue = 0.9\n')
+    (folder / "without.toml").write_text('[input]\ndisparity = "disparity.png"\n')
+    pictures = []
+    for name in ("with", "without"):
+        words = ("--settings", f"{name}.toml", "--blur", 6, "--focus-at", "30,5", "--engine", "scatter")
+        assert cli("render", "photo.png", *words, "-o", f"{name}.png").code == 0
+        pictures.append((folder / f"{name}.png").read_bytes())
+    assert pictures[0] == pictures[1]
