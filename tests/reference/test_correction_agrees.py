@@ -62,7 +62,9 @@ def in_torch(image, defocus, arnet, iunet=None):
         for x in (image, defocus, classical, classical_error_map)
     ]
     with torch.no_grad():
-        found = render_neural(*batch, arnet=arnet, iunet=iunet, unit=10.0, max_valid_radius=TRUSTED)
+        found = render_neural(
+            *batch, arnet=arnet, iunet=iunet, network_max_radius=10.0, max_valid_radius=TRUSTED
+        )
         blend = fuse(batch[2], found.steps[-1], found.error_map)
     bokeh, error_map = (x[0].permute(1, 2, 0).numpy() for x in (blend, found.error_map))
     return bokeh, error_map[..., 0], classical

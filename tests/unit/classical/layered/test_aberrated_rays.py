@@ -129,5 +129,5 @@ def test_a_plane_that_leans_too_far_is_refused():
     aberration_map = AberrationMap(
         wavelengths=[550.0], transverse_aberration=zeros, pupil_aberration=zeros, tilt=(0.7, 0.7)
     )
-    with pytest.raises(ParameterError, match=r"focus plane: .* up to 0.8 .* got 0.99"):
+    with pytest.raises(ParameterError, match=r"tilt: .* up to 0.8 .* got 0.99"):
         lens_table(LensResponse(aberration_map=aberration_map), WIDTH, HEIGHT, 64)
