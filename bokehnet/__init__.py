@@ -40,9 +40,9 @@ if TYPE_CHECKING:  # what type checkers see of the lazy names
     from bokehnet.rendering.preset import load_preset as load_preset
     from bokehnet.rendering.preset import presets as presets
     from bokehnet.rendering.renderer import BokehRenderer as BokehRenderer
-    from bokehnet.rendering.renderer import FocusedScene as FocusedScene
     from bokehnet.rendering.result import RenderReport as RenderReport
     from bokehnet.rendering.result import RenderResult as RenderResult
+    from bokehnet.rendering.scene import FocusedScene as FocusedScene
     from bokehnet.rendering.scene import Scene as Scene
     from bokehnet.rendering.scene import make_scene as make_scene
     from bokehnet.rendering.scene import read_scene as read_scene
@@ -89,9 +89,9 @@ _HOMES = {
         "RelativeDisparity",
     ),
     "bokehnet.rendering.preset": ("Preset", "load_preset", "presets"),
-    "bokehnet.rendering.renderer": ("BokehRenderer", "FocusedScene"),
+    "bokehnet.rendering.renderer": ("BokehRenderer",),
     "bokehnet.rendering.result": ("RenderReport", "RenderResult"),
-    "bokehnet.rendering.scene": ("Scene", "make_scene", "read_scene"),
+    "bokehnet.rendering.scene": ("FocusedScene", "Scene", "make_scene", "read_scene"),
     "bokehnet.rendering.sequence": ("SequenceSettings", "make_pull", "settings_at_frame"),
     "bokehnet.rendering.settings": (
         "ApertureSettings",

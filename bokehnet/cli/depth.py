@@ -52,6 +52,7 @@ def depth(
     else:
         expected, remedy = "--model for it to act on", "give that, or leave this out"
         raise ParameterError("--convention", expected, convention, remedy)
+    _check_extension(output, source.kind)
     try:
         scene = read_scene(image, source=source)
     except ParameterError as error:
@@ -59,12 +60,16 @@ def depth(
             raise
         expected = f"a network, since {image} holds no depth map"
         raise ParameterError("--model", expected, shown="none", remedy="give its FILE.onnx") from error
+    _check_extension(output, scene.depth.kind)
     metric = scene.depth.kind == "metric"
-    if metric and output.suffix.lower() != ".exr":
-        raise ParameterError("--output", expected=".exr, which metric disparity needs", got=output.suffix)
     values, size = scene.depth.values, scene.image.shape[:2]
     if values.shape != size:
         values = resample(values, *size)
     write_map(output, values * _MM_PER_M if metric else values, channel="disparity")
     if metric:
         typer.echo(f"wrote {output}: metric disparity, use it as --depth {output} --depth-unit 1/m")
+
+
+def _check_extension(output: Path, kind: str | None) -> None:
+    if kind == "metric" and output.suffix.lower() != ".exr":
+        raise ParameterError("--output", expected=".exr, which metric disparity needs", got=output.suffix)

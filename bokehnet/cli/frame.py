@@ -8,9 +8,9 @@ from pathlib import Path
 from bokehnet.cli.progress import progress
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.image import check_writable
+from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.frame_names import frame_path, is_pattern
-from bokehnet.rendering.look import check_look
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import read_scene
 from bokehnet.rendering.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
@@ -68,8 +68,7 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
             shown=str(job.output),
         )
     given = job.settings
-    relative = given.camera.blur is not None or sequence.blur_from is not None
-    metric = given.input.depth is not None or (given.input.disparity is None and not relative)
+    metric = tells_distances(given, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(frames, sequence, metric=metric)
     maps = given.output.save_maps
     jobs = {}
@@ -97,8 +96,9 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
 
 def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
     """Return a renderer whose engine, networks and look are there: what is wrong with them is told now."""
-    check_look(settings)
-    return BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
+    renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
+    renderer.check(settings)
+    return renderer
 
 
 def render_frame(

@@ -49,12 +49,14 @@ class EngineResult:
         neural: The neural half, (H, W, 3); ``None`` for a classical engine, and in strips.
         error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
             discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
+        largest_blur: Largest blur radius, pixels.
     """
 
     bokeh: np.ndarray
     classical: np.ndarray | None
     neural: np.ndarray | None
     error_map: np.ndarray
+    largest_blur: float = 0.0
 
 
 def _to_batch(array: np.ndarray) -> np.ndarray:
@@ -173,9 +175,12 @@ class Engine:
         if max_memory is not None:
             check_number("max_memory", max_memory)
         strips = [None] if max_memory is None else self._cut(defocus, lens, max_memory, memory_taken)
+        report, largest = progress or _ignore, _max_coc_radius(defocus)  # before it may be written over
         if len(strips) > 1:
-            return self._render_strips(image, defocus, lens, curve, strips, progress or _ignore, overwrite)
-        return self._render_whole(image, defocus, lens, curve, progress or _ignore)
+            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite)
+        else:
+            result = self._render_whole(image, defocus, lens, curve, report)
+        return replace(result, largest_blur=largest)
 
     def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""

@@ -37,6 +37,7 @@ __all__ = [
     "Photo",
     "RelativeDisparity",
     "depth_source",
+    "tells_distances",
 ]
 
 Kind = Literal["relative", "metric", "defocus"]
@@ -358,23 +359,30 @@ class NetworkDepth:
     Examples:
         >>> source = NetworkDepth(model="depth.onnx", threads=2)  # opened when its map is asked for
         >>> source.convention, source.kind
-        ('depth-anything-v2', None)
+        ('depth-anything-v2', 'relative')
     """
 
     origin: ClassVar[str] = "input.depth_model"
-    kind: ClassVar[Kind | None] = None
-    tells_focus: ClassVar[bool] = True
 
     model: Path | str
     convention: str | Path = "depth-anything-v2"
     threads: int = 0
 
+    @property
+    def kind(self) -> Kind:
+        """As its convention says."""
+        return "relative" if find_convention(self.convention).unit == "none" else "metric"
+
+    @property
+    def tells_focus(self) -> bool:
+        """Where distances are known, the photo's file may."""
+        return self.kind == "metric"
+
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
         estimator = DepthEstimator(self.model, find_convention(self.convention), self.threads)
-        kind: Kind = "metric" if estimator.metric else "relative"
         values = estimator(photo.image)
-        return DepthMap(values=values, kind=kind, origin=self.origin, camera=photo.camera)
+        return DepthMap(values=values, kind=self.kind, origin=self.origin, camera=photo.camera)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -468,3 +476,19 @@ def depth_source(settings: RenderSettings) -> DepthSource:
     if given.constant_disparity is not None:
         return ConstantDisparity(value=given.constant_disparity)
     return EmbeddedDepth(relative=settings.camera.blur is not None)
+
+
+def tells_distances(settings: RenderSettings, *, blur_pulled: bool = False) -> bool:
+    """Whether what the settings name tells distances; else relative disparity, or blur itself.
+
+    Args:
+        settings: Name the source.
+        blur_pulled: Whether blur changes over a sequence, which makes a phone's map relative as blur does.
+
+    Examples:
+        >>> from bokehnet.rendering.settings import InputSettings
+        >>> tells_distances(RenderSettings(input=InputSettings(depth="z.exr")))
+        True
+    """
+    source = depth_source(settings)
+    return source.kind == "metric" and not (blur_pulled and isinstance(source, EmbeddedDepth))

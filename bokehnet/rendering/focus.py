@@ -27,7 +27,7 @@ from bokehnet.optics.focus_plane import (
 )
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.rendering.camera import LensNumbers, complete_camera
-from bokehnet.rendering.depth_source import DepthMap, depth_source
+from bokehnet.rendering.depth_source import DepthMap, EmbeddedDepth, depth_source
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.settings import CameraSettings, FocusSettings, RenderSettings
 
@@ -204,12 +204,10 @@ def check_focus(settings: RenderSettings) -> None:
     if source.kind == "defocus":
         check_nothing_to_focus(settings)
         return
-    relative = source.kind == "relative" or (source.kind is None and settings.camera.blur is not None)
-    origin = source.origin
-    if origin == "a photo's own depth":
+    metric, origin = source.kind == "metric", source.origin
+    if metric and isinstance(source, EmbeddedDepth):
         origin += " (no `input.disparity`, `input.depth` or `camera.blur` is given)"
-    complete = not source.tells_focus or (relative and source.kind is None)
-    check_kind(settings.focus, settings.camera, metric=not relative, origin=origin, complete=complete)
+    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=not source.tells_focus)
 
 
 def check_nothing_to_focus(settings: RenderSettings) -> None:

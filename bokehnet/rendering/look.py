@@ -32,11 +32,9 @@ from bokehnet.rendering.settings import (
     EffectSettings,
     HighlightSettings,
     LensSettings,
-    RenderSettings,
 )
 
 __all__ = [
-    "check_look",
     "make_aperture",
     "make_effects",
     "make_highlights",
@@ -47,25 +45,6 @@ __all__ = [
 
 # Characters of a file with gains; nobody has more.
 _LONGEST_FILE = 10_000
-
-
-def check_look(settings: RenderSettings) -> None:
-    """Raise unless all of a look can be made: names are known, files are there, a lens opens so far.
-
-    Raises:
-        BokehnetError: As the functions below.
-
-    Examples:
-        >>> check_look(RenderSettings(aperture=ApertureSettings(blades=7)))
-        >>> check_look(RenderSettings(lens=LensSettings(name="double_gaus")))
-        Traceback (most recent call last):
-            ...
-        bokehnet.errors.LensError: `lens.name`: unknown lens 'double_gaus': expected a .toml file or ...
-    """
-    prescription_lens(settings.lens)
-    make_aperture(settings.aperture)
-    make_lens_response(settings.lens, settings.color)
-    make_effects(settings.effects)
 
 
 def make_aperture(settings: ApertureSettings) -> Aperture:
@@ -119,23 +98,13 @@ def make_effects(settings: EffectSettings) -> CameraEffects | None:
         >>> round(float(taken[12, 16, 0]), 1), round(float(taken[0, 0, 0]), 1)  # middle, corner
         (1.0, 0.5)
     """
-    wanted = settings
-    if not (
-        wanted.distortion
-        or wanted.brown
-        or wanted.cos4
-        or wanted.optical_vignetting
-        or wanted.vignette
-        or wanted.grain
-    ):
-        return None
-    division = DivisionModel(strength=wanted.distortion) if wanted.distortion else None
+    division = DivisionModel(strength=settings.distortion) if settings.distortion else None
     effects = CameraEffects(
-        distortion=division or _brown_conrady(wanted.brown),
-        cos4=wanted.cos4,
-        optical_vignetting=wanted.optical_vignetting,
-        vignette=_vignette(wanted) if wanted.vignette else None,
-        grain=_grain(wanted) if wanted.grain else None,
+        distortion=division or _brown_conrady(settings.brown),
+        cos4=settings.cos4,
+        optical_vignetting=settings.optical_vignetting,
+        vignette=_vignette(settings) if settings.vignette else None,
+        grain=_grain(settings) if settings.grain else None,
     )
     return None if effects == CameraEffects() else effects
 

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, overload
 
@@ -14,23 +14,22 @@ from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine, Progress
-from bokehnet.io.frame import Frame
-from bokehnet.io.window import Window
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import Highlights
-from bokehnet.rendering.focus import FocusedLens, check_nothing_to_focus, focus_lens
+from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import (
     make_aperture,
     make_effects,
     make_highlights,
     make_lens_response,
     picture_aberrations,
+    prescription_lens,
 )
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.result import RenderReport, RenderResult
-from bokehnet.rendering.scene import Scene, fitted_map
+from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
 from bokehnet.rendering.settings import (
     RAY_ENGINES,
     ApertureSettings,
@@ -41,7 +40,7 @@ from bokehnet.rendering.settings import (
     check_engine,
 )
 
-__all__ = ["BokehRenderer", "CancelSignal", "FocusedScene"]
+__all__ = ["BokehRenderer", "CancelSignal"]
 
 Array = npt.NDArray[np.float32]
 Made = TypeVar("Made")
@@ -73,41 +72,6 @@ class CancelSignal(Protocol):
     def is_set(self) -> bool:
         """Whether nobody wants the result any more."""
         ...
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FocusedScene:
-    """A scene whose focus is found: all that blur depends on.
-
-    Attributes:
-        image: As in :class:`~bokehnet.rendering.scene.Scene`.
-        defocus: Signed blur radius of each pixel, (H, W), pixels, positive in front of focus.
-        alpha: As in the scene.
-        window: As in the scene.
-        number: As in the scene.
-        frame: As in the scene.
-        lens: The lens and its focus; None where defocus was given.
-        repaired: Whether edges of the map were moved; None where nobody looked.
-        repair_reason: Why.
-
-    Examples:
-        >>> from bokehnet.rendering import depth_source, scene
-        >>> flat = scene.make_scene(np.ones((24, 32, 3)), depth_source.ConstantDisparity(value=0.75))
-        >>> told = {"camera": {"blur": 8}, "focus": {"value": 0.5}, "depth": {"repair": "off"}}
-        >>> focused = BokehRenderer("scatter").prepare(flat, RenderSettings().updated(told))
-        >>> focused.lens.near, float(focused.defocus.max())  # disparity in focus, blur radius in pixels
-        (0.5, 2.0)
-    """
-
-    image: Array
-    defocus: Array
-    alpha: Array | None
-    window: Window
-    number: int
-    frame: Frame | None
-    lens: FocusedLens | None
-    repaired: bool | None = None
-    repair_reason: str = ""
 
 
 class BokehRenderer:
@@ -181,6 +145,21 @@ class BokehRenderer:
         defocus = np.full((64, 64), -12, np.float32)
         defocus[:, 32:] = 12
         self.render(image, defocus)
+
+    def check(self, settings: RenderSettings) -> None:
+        """Raise unless all that settings name can be made: networks, a lens, files of a look. It is kept.
+
+        Raises:
+            BokehnetError: A name is unknown, a file is missing or wrong, or a lens does not open so far.
+
+        Examples:
+            >>> from bokehnet.rendering.settings import LensSettings
+            >>> BokehRenderer().check(RenderSettings(lens=LensSettings(name="petzval", f_number=4)))
+        """
+        check_engine(settings, settings.engine.name or self.engine)
+        prescription_lens(settings.lens)
+        self._look(settings)
+        self._engine(settings.engine.name or self.engine, settings.engine.weights or self._weights)
 
     @overload
     def render(
@@ -316,7 +295,6 @@ class BokehRenderer:
             lens_response = replace(lens_response, aberration_map=lens_response.aberration_map + aberrations)
         overwrite = overwrite and look.max_memory is not None
         defocus, image = scene.defocus, scene.image
-        largest = max(float(defocus.max()), -float(defocus.min()), 0.0)
         keep = not overwrite or settings.output.save_maps is not None
         if keep and overwrite:  # the error map is not to take its place
             defocus = defocus.view()
@@ -354,7 +332,7 @@ class BokehRenderer:
             frame=scene.frame,
             report=RenderReport(
                 engine=engine.name,
-                largest_blur=largest,
+                largest_blur=rendered.largest_blur,
                 repaired=scene.repaired,
                 repair_reason=scene.repair_reason,
                 focus_disparity=None if found is None else found.near,
@@ -396,7 +374,7 @@ class BokehRenderer:
             defocus=None if overwrite else np.asarray(defocus, np.float32),
             report=RenderReport(
                 engine=engine.name,
-                largest_blur=0.0 if overwrite else max(float(defocus.max()), -float(defocus.min())),
+                largest_blur=rendered.largest_blur,
                 focus_disparity=focus,
             ),
         )
@@ -454,9 +432,8 @@ def _leaning(settings: RenderSettings) -> dict[str, str]:
     focus = settings.focus
     if focus.plane is not None:
         return {"tilt": "focus.plane"}
-    return (
-        {"tilt": "focus.tilt_x" if focus.tilt_x else "focus.tilt_y"} if focus.tilt_x or focus.tilt_y else {}
-    )
+    leaning = next((name for name in ("tilt_x", "tilt_y") if getattr(focus, name)), None)
+    return {} if leaning is None else {"tilt": f"focus.{leaning}"}
 
 
 def _spread_coverage(

@@ -14,10 +14,10 @@ from bokehnet.io.mixed import repair_mixed, share_of_mixed
 from bokehnet.io.resample import resample
 from bokehnet.io.window import Window
 from bokehnet.rendering.depth_source import DepthMap, DepthSource, Photo, depth_source
-from bokehnet.rendering.focus import check_focus
+from bokehnet.rendering.focus import FocusedLens, check_focus
 from bokehnet.rendering.settings import DepthSettings, RenderSettings
 
-__all__ = ["Scene", "fitted_map", "make_scene", "read_scene"]
+__all__ = ["FocusedScene", "Scene", "fitted_map", "make_scene", "read_scene"]
 
 # Share of mixed pixels beside depth edges from which on the map was filtered as its picture was.
 _MIXED = 0.05
@@ -50,6 +50,42 @@ class Scene:
     window: Window
     number: int = 0
     frame: Frame | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FocusedScene:
+    """A scene whose focus is found: all that blur depends on.
+
+    Attributes:
+        image: As in :class:`Scene`.
+        defocus: Signed blur radius of each pixel, (H, W), pixels, positive in front of focus.
+        alpha: As in the scene.
+        window: As in the scene.
+        number: As in the scene.
+        frame: As in the scene.
+        lens: The lens and its focus; None where defocus was given.
+        repaired: Whether edges of the map were moved; None where nobody looked.
+        repair_reason: Why.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> from bokehnet.rendering.renderer import BokehRenderer
+        >>> flat = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.75))
+        >>> told = {"camera": {"blur": 8}, "focus": {"value": 0.5}, "depth": {"repair": "off"}}
+        >>> focused = BokehRenderer("scatter").prepare(flat, RenderSettings().updated(told))
+        >>> focused.lens.near, float(focused.defocus.max())  # disparity in focus, blur radius in pixels
+        (0.5, 2.0)
+    """
+
+    image: Array
+    defocus: Array
+    alpha: Array | None
+    window: Window
+    number: int
+    frame: Frame | None
+    lens: FocusedLens | None
+    repaired: bool | None = None
+    repair_reason: str = ""
 
 
 def make_scene(

@@ -13,6 +13,7 @@ from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.operators import scatter_operator
 from bokehnet.classical.scatter.pyramid_levels import ScatterOperator
 from bokehnet.classical.torch import pyramid_levels as torch_levels
+from bokehnet.classical.torch.not_compiled import not_compiled
 from bokehnet.optics.aperture import Aperture
 
 __all__ = ["scatter", "scatter_sums"]
@@ -38,7 +39,7 @@ class _Scatter(torch.autograd.Function):
         return torch.from_numpy(gradients[0]), torch.from_numpy(gradients[1]), None
 
 
-@torch.compiler.disable  # Dynamo cannot trace a Numba dispatcher
+@not_compiled  # Dynamo cannot trace a Numba dispatcher
 def scatter_sums(values: Tensor, defocus: Tensor, operator: ScatterOperator = pyramid_levels.DISC) -> Tensor:
     """Scatter values over shapes and add up: ``bokehnet.classical.scatter.pyramid_levels`` on tensors.
 

@@ -17,6 +17,7 @@ from bokehnet.classical.scatter.cats_eye import View, every_second, make_view
 from bokehnet.classical.scatter.operators import scatter_operator
 from bokehnet.classical.scatter.pyramid_levels import CONTRAST, TOLERANCE, ScatterOperator
 from bokehnet.classical.scatter.pyramid_merging import TILE
+from bokehnet.classical.torch.not_compiled import not_compiled
 from bokehnet.classical.torch.span_scatter import scatter_level
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
@@ -134,7 +135,7 @@ def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tens
     return kept + _both_ways(_double, coarse)[:height, :width]
 
 
-@torch.compiler.disable  # sizes depend on the data
+@not_compiled  # sizes depend on the data
 def scatter_sums(values: Tensor, defocus: Tensor, aperture: Aperture | None = None) -> Tensor:
     """Scatter values over shapes and add up, where the tensors are.
 

@@ -26,6 +26,7 @@ from torch.autograd.function import once_differentiable
 from bokehnet.classical.scatter.cats_eye import View
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
+from bokehnet.classical.torch.not_compiled import not_compiled
 from bokehnet.classical.torch.scanline_spans import find_sources, list_batches
 from bokehnet.optics.aperture import Aperture
 
@@ -127,7 +128,7 @@ class _ScatterLevel(torch.autograd.Function):
         return *_gather(values, defocus, aperture, view, grad_sums.contiguous()), None, None
 
 
-@torch.compiler.disable  # sizes depend on the data
+@not_compiled  # sizes depend on the data
 def scatter_level(
     values: Tensor, defocus: Tensor, aperture: Aperture | None = None, view: View | None = None
 ) -> Tensor:

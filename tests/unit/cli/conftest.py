@@ -1,7 +1,6 @@
 import contextlib
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from bokehnet.io.image import write_image, write_map
@@ -58,20 +57,3 @@ def fails(folder, cli):
             assert not (folder / "maps").exists()
 
     return check
-
-
-@pytest.fixture
-def write_channels():
-    """Write maps (H, W) as the float channels of an EXR, without the code under test."""
-
-    def write(path, **channels):
-        array = np.stack(list(channels.values()), -1).astype(np.float32)
-        spec = oiio.ImageSpec(array.shape[1], array.shape[0], array.shape[2], "float")
-        spec.channelnames = tuple(channels)
-        spec.alpha_channel = spec.z_channel = -1
-        output = oiio.ImageOutput.create(str(path))
-        assert output.open(str(path), spec), output.geterror()
-        assert output.write_image(array), output.geterror()
-        assert output.close()
-
-    return write

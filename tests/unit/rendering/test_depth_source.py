@@ -38,22 +38,9 @@ def shown(photo):
 
 
 @pytest.fixture
-def network(folder):
+def network(folder, write_red_network):
     """tiny.onnx, which returns the red channel that it sees, as disparity or, by metric.toml, as depth."""
-    onnx = pytest.importorskip("onnx", reason="makes a network with the extra train")
-    helper = onnx.helper
-    numbers = {"start": 0, "stop": 1, "axes": 1}
-    graph = helper.make_graph(
-        [helper.make_node("Slice", ["image", *numbers], ["depth"])],
-        "tiny",
-        [helper.make_tensor_value_info("image", onnx.TensorProto.FLOAT, (1, 3, "h", "w"))],
-        [helper.make_tensor_value_info("depth", onnx.TensorProto.FLOAT, None)],
-        [onnx.numpy_helper.from_array(np.array([value]), name) for name, value in numbers.items()],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    (folder / "tiny.onnx").write_bytes(model.SerializeToString())
-    (folder / "tiny.toml").write_text('size = 32\nkernel = "area"\noutput = "disparity"\n')
-    (folder / "metric.toml").write_text('size = 32\nwhite = 10.0\noutput = "depth"\nunit = "m"\n')
+    write_red_network(folder)
     return folder
 
 

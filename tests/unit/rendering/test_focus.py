@@ -177,7 +177,10 @@ def test_what_does_not_go_together_is_told_before_anything_is_read(settings, par
         {"input": DEPTH},
         {"input": DEPTH, "focus": FocusSettings(range=(math.inf, 2)), "camera": LENS},
         {"input": InputSettings(defocus="a.exr")},
-        {"input": InputSettings(depth_model="a.onnx"), "camera": LENS},
+        {
+            "input": InputSettings(depth_model="a.onnx", depth_convention="depth-anything-v2-metric"),
+            "camera": LENS,
+        },
         {"input": InputSettings(constant_disparity=0.5), "camera": BLUR, "focus": VALUE},
     ],
 )

@@ -20,7 +20,6 @@ from bokehnet.optics.wavelength_sampling import WavelengthSampling
 from bokehnet.rendering.camera import LensNumbers
 from bokehnet.rendering.focus import FocusedLens
 from bokehnet.rendering.look import (
-    check_look,
     make_aperture,
     make_effects,
     make_highlights,
@@ -28,6 +27,7 @@ from bokehnet.rendering.look import (
     picture_aberrations,
     prescription_lens,
 )
+from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.settings import (
     ApertureSettings,
     ColorSettings,
@@ -52,7 +52,7 @@ def test_the_default_look_is_none():
     assert response(LensSettings(spherical=-0.0, coma=0.0)).is_plain
     assert response().wavelength_sampling == WavelengthSampling()
     assert prescription_lens(LensSettings()) is None
-    check_look(RenderSettings())
+    BokehRenderer().check(RenderSettings())
 
 
 def test_every_field_of_the_aperture_arrives():
@@ -192,7 +192,7 @@ def test_a_picture_of_no_opening_is_told_by_its_field(tmp_path, value, words):
 )
 def test_a_lens_that_cannot_be_is_told_before_any_picture(lens, words):
     with pytest.raises(LensError, match=words):
-        check_look(RenderSettings(lens=LensSettings(**lens)))
+        BokehRenderer().check(RenderSettings(lens=LensSettings(**lens)))
 
 
 def test_a_camera_that_opens_wider_than_the_lens_is_told_the_way_out():
