@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.checks import check_map
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
 
 __all__ = ["boundary_threshold", "geometric_error_map"]
 

@@ -1,9 +1,10 @@
 """Which pixels stand far above their surroundings: lamps, sparkles, the sun."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
 
 __all__ = ["brightest", "light_limit"]
 

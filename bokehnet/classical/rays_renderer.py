@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_inputs
@@ -20,6 +20,7 @@ from bokehnet.classical.layered.ray_marching import SETS, march
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.fusion import fuse
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import halton, rotate_points

@@ -5,7 +5,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
@@ -14,6 +14,7 @@ from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.operators import scatter_operator
 from bokehnet.errors import ParameterError
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 

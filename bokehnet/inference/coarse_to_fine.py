@@ -9,12 +9,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.coarse_to_fine import BLOCK, CoarseNetwork, ask_arnet, find_change, lay_over
 from bokehnet.fusion import fuse
+from bokehnet.kernels import njit
 from bokehnet.pyramid import count_halvings, upsample2
 
 __all__ = ["CoarseCorrection", "CoarseInput", "Corrected"]

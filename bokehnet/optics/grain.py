@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from bokehnet.checks import (
     Array,
@@ -23,6 +22,7 @@ from bokehnet.checks import (
     constant_like,
 )
 from bokehnet.errors import ParameterError
+from bokehnet.kernels import njit
 
 __all__ = ["Grain", "noise_kernel", "white_noise"]
 

@@ -1,12 +1,13 @@
 """The compiled loop that reads colours where rays end."""
 
-import numba
 import numpy as np
+
+from bokehnet.kernels import njit
 
 __all__ = ["mean_colours"]
 
 
-@numba.njit(cache=True)
+@njit(cache=True)
 def _mirrored(place: float, size: int) -> tuple[int, int, float]:
     """Two neighbouring texels and the share of the second at ``place``, in units of the mirrored picture."""
     place = place - 2.0 * np.floor(0.5 * place)
@@ -16,7 +17,7 @@ def _mirrored(place: float, size: int) -> tuple[int, int, float]:
     return max(low, 0), min(low + 1, size - 1), share
 
 
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+@njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
 def mean_colours(
     triangle: np.ndarray,
     first: np.ndarray,

@@ -13,11 +13,12 @@ lattices of rays whose cells carry light; polynomials per light and rectangles a
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.base import Frame
 from bokehnet.classical.highlights.psf_images import passing, profile_sums, share_at, vignetting_shares
 from bokehnet.classical.highlights.ray_polynomials import NODES, RayPolynomials, polynomials, solve_nodes
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 

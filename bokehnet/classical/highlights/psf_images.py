@@ -18,9 +18,10 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.base import Frame
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, transmission
 
 __all__ = [

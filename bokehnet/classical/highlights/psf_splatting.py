@@ -9,13 +9,14 @@ visibility of its own for each light; rays through layers and the second look at
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.intersection import intersect
 from bokehnet.classical.layered.ray_marching import fair_stride
 from bokehnet.classical.simd.float8 import LANES, ORDER, broadcast8, indices8, load8
+from bokehnet.kernels import njit
 
 __all__ = ["splat_psf_images"]
 

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bokehnet.classical.base import Frame
+from bokehnet.kernels import njit
 from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
 

@@ -9,11 +9,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bokehnet.classical.base import Frame
 from bokehnet.classical.simd.float8 import broadcast8, divide8
 from bokehnet.errors import ParameterError
+from bokehnet.kernels import njit
 from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import halton

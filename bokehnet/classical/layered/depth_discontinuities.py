@@ -1,9 +1,10 @@
 """Depth discontinuities, where one surface ends before another: where they are, soft ones sharpened."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
 
 __all__ = ["BACK", "DISCONTINUITY_THRESHOLD", "FRONT", "discontinuity_sides", "sharpen_discontinuities"]
 

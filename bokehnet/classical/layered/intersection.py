@@ -15,7 +15,6 @@ Eurographics 1987, for the walk along the pixels. Risers and coverage are ours.
 """
 
 import numpy as np
-from numba import njit
 
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.layers import Layers
@@ -35,6 +34,7 @@ from bokehnet.classical.simd.float8 import (
     select8,
     store8,
 )
+from bokehnet.kernels import njit
 
 __all__ = ["intersect", "intersect_smooth", "layer_cells"]
 

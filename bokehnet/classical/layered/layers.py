@@ -6,7 +6,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.checks import check_finite, check_rank
 from bokehnet.classical.layered.depth_discontinuities import (
@@ -19,6 +19,7 @@ from bokehnet.classical.layered.depth_discontinuities import (
 from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.kernels import njit
 
 __all__ = ["Layers", "split_layers"]
 

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.base import check_inputs
 from bokehnet.classical.highlight_detection import brightest, light_limit
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
 
 __all__ = ["occluded_background"]
 

@@ -6,7 +6,7 @@ no picture shows: ``PLAIN`` numbers, or ``COLORED`` where each colour has a weig
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.simd.float8 import (
     LANES,
@@ -19,6 +19,7 @@ from bokehnet.classical.simd.float8 import (
     store8,
     sum8,
 )
+from bokehnet.kernels import njit
 
 __all__ = ["COLORED", "GROUPS", "PLAIN", "add_light", "resolve", "sum_light"]
 

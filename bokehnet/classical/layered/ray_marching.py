@@ -10,7 +10,7 @@ through layered height fields.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
 from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
@@ -28,6 +28,7 @@ from bokehnet.classical.simd.float8 import (
     min8,
     select8,
 )
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import cats_eye_shift
 
 __all__ = ["SETS", "fair_stride", "march"]

@@ -23,7 +23,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE, STEP, shape_table
@@ -51,6 +51,7 @@ from bokehnet.classical.simd.float8 import (
     repeat4,
     store8,
 )
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
 __all__ = ["scatter_backward", "scatter_forward"]

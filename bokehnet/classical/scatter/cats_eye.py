@@ -15,11 +15,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bokehnet.classical.scatter.aperture_table import STEP, ShapeTable
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.simd.float8 import LANES, broadcast8, indices8, load8, overlap8, sum8
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, cats_eye_shift
 
 __all__ = [

@@ -19,7 +19,7 @@ rectangle spreading", Graphics Interface 2009, for spreading by differences; the
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter.disc_table import (
@@ -30,6 +30,7 @@ from bokehnet.classical.scatter.disc_table import (
     list_row,
 )
 from bokehnet.classical.simd.double4 import add_interval, difference, load4
+from bokehnet.kernels import njit
 
 __all__ = ["BLOCK_ROWS", "LARGEST_RADIUS", "in_fours", "joined", "scatter_backward", "scatter_forward"]
 

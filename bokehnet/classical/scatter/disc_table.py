@@ -19,7 +19,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from bokehnet.kernels import njit
 
 __all__ = ["SMALLEST_RADIUS", "TABLE_RADIUS", "DiscTable", "disc_table", "find_step", "list_row"]
 

@@ -6,7 +6,9 @@ linear interpolation between its pixels reaches the whole picture.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from bokehnet.kernels import njit
 
 __all__ = ["add_lattice", "gather_lattice", "lattice_shape"]
 

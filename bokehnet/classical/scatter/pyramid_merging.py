@@ -7,7 +7,9 @@ alike and none of them outshines its surroundings. All others stay. Each way has
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from bokehnet.kernels import njit
 
 __all__ = ["TILE", "add_doubled", "halve_gradient", "merge_blocks", "split_gradients"]
 

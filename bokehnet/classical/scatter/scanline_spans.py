@@ -16,11 +16,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE, STEP, shape_table
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS, TABLE_RADIUS, disc_table, list_row
 from bokehnet.classical.simd.float8 import LANES, ORDER
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
 __all__ = [
