@@ -10,10 +10,11 @@ from bokehnet.checks import check_image
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.depth_convention import DepthConvention
 from bokehnet.io.resample import resample
+from bokehnet.onnx_session import OnnxSession
 
 __all__ = ["DepthEstimator"]
 
-_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+_TYPES: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 _SMALLEST_SIDE, _LARGEST_INPUT = 8, 2**26  # pixels; less or more is a misread, broken or hostile network
 _MM = {"m": 1000.0, "mm": 1.0}
 
@@ -35,22 +36,16 @@ class DepthEstimator:
     """
 
     def __init__(self, model: Path | str, convention: DepthConvention, threads: int = 0) -> None:
-        import onnxruntime  # here, so that --help stays fast
-
         self._path, self._convention = Path(model), convention
         if not self._path.is_file():
             found = "a folder" if self._path.is_dir() else "no such file"
             raise ModelFileError(f"{model}: expected an ONNX file, found {found}")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.log_severity_level = 4  # errors come as exceptions
+        options = {"intra_op_num_threads": threads, "log_severity_level": 4}  # errors come as exceptions
         try:
-            self._session = onnxruntime.InferenceSession(
-                str(self._path), options, providers=["CPUExecutionProvider"]
-            )
+            self._session = OnnxSession(str(self._path), options=options)
         except Exception as error:  # the runtime's own have no common base
             raise ModelFileError(f"{model}: not a usable ONNX file: {_one_line(error)}") from error
-        self._input, self._fixed = self._check_input()
+        self._name, self._dtype, self._fixed = self._check_input()
 
     @property
     def metric(self) -> bool:
@@ -79,14 +74,14 @@ class DepthEstimator:
         height, width = image.shape[:2]
         fed = self._convention.prepare(image, *self._convention.input_size(height, width, self._fixed))
         try:
-            result = self._session.run(None, {self._input.name: fed.astype(_TYPES[self._input.type])})[0]
+            result = self._session.run({self._name: fed.astype(self._dtype)})[0]
         except Exception as error:
             raise ModelFileError(f"{self._path}: the network failed: {_one_line(error)}") from error
         return resample(self._disparity(self._map(result)), height, width)
 
-    def _check_input(self) -> tuple[Any, tuple[int | None, int | None]]:
-        """Return the input and the height and width that it fixes; raise unless it is a picture."""
-        inputs, layout = self._session.get_inputs(), self._convention.layout
+    def _check_input(self) -> tuple[str, type[np.floating], tuple[int | None, int | None]]:
+        """Name and type of the input, the height and width that it fixes; raise unless it is a picture."""
+        inputs, layout = self._session.inputs(), self._convention.layout
         if len(inputs) != 1:
             names = ", ".join(item.name for item in inputs) or "none"
             raise ModelFileError(f"{self._path}: expected one input, a picture, found {len(inputs)}: {names}")
@@ -104,7 +99,7 @@ class DepthEstimator:
             raise ModelFileError(
                 f"{self._path}: expected a picture {layout} of a sensible size, found {told}"
             )
-        return inputs[0], (sizes["H"], sizes["W"])
+        return inputs[0].name, _TYPES[inputs[0].type], (sizes["H"], sizes["W"])
 
     def _map(self, result: Any) -> np.ndarray:
         """Return the map in an output, (h, w), double precision."""

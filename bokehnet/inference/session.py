@@ -13,6 +13,7 @@ import numpy as np
 from bokehnet.checks import check_choice
 from bokehnet.classical.base import CLASSICAL_RENDERERS
 from bokehnet.errors import ModelFileError
+from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
 
 __all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_network", "load_networks"]
 
@@ -25,8 +26,6 @@ _FORMAT = 1
 _OLD_KEYS = {"unit": "network_max_radius", "trusted_radius": "max_valid_radius"}
 _OLD_INPUTS = {"hints": "features"}
 
-_CPU = ("CPUExecutionProvider",)
-
 
 class OnnxNetwork:
     """One network; arrays go in by position and are fed by name."""
@@ -36,23 +35,18 @@ class OnnxNetwork:
         model: bytes,
         input_names: tuple[str, ...],
         threads: int,
-        providers: Sequence[str] = _CPU,
+        providers: Sequence[str] = CPU,
         options: Any = None,
     ) -> None:
-        import onnxruntime  # here, so that scatter alone starts without it
-
-        for provider in providers:
-            check_choice("provider", provider, onnxruntime.get_available_providers())
+        for provider in () if tuple(providers) == CPU else providers:
+            check_choice("provider", provider, load_onnxruntime().get_available_providers())
         if options is None:
-            options = onnxruntime.SessionOptions()
-            options.intra_op_num_threads = threads
-            options.log_severity_level = 3
             # A plan for one size comes as a block of its own with the second picture, on top of the first
             # one's pieces: twice the memory, and half a second more until it is there.
-            options.enable_mem_pattern = False
-        self._session = onnxruntime.InferenceSession(model, options, providers=list(providers))
+            options = {"intra_op_num_threads": threads, "log_severity_level": 3, "enable_mem_pattern": False}
+        self._session = OnnxSession(model, providers, options)
         self._input_names = input_names
-        self._taken = {item.name for item in self._session.get_inputs()}
+        self._taken = {item.name for item in self._session.inputs()}
 
     def __call__(self, *arrays: np.ndarray | None) -> Any:
         """Run on float32 arrays (B, C, H, W), in the order of the input names; one array or a tuple back.
@@ -63,7 +57,7 @@ class OnnxNetwork:
         contiguous = {
             key: np.ascontiguousarray(fed[_OLD_INPUTS.get(key, key)], np.float32) for key in self._taken
         }
-        results = self._session.run(None, contiguous)
+        results = self._session.run(contiguous)
         return results[0] if len(results) == 1 else tuple(results)
 
 
@@ -150,7 +144,7 @@ def load_network(folder: Path, name: str, input_names: tuple[str, ...], threads:
 
 
 def load_networks(
-    folder: Path, threads: int = 0, providers: Sequence[str] = _CPU, options: Any = None
+    folder: Path, threads: int = 0, providers: Sequence[str] = CPU, options: Any = None
 ) -> Networks:
     """Load ARNet, and IUNet if there is one, after checking them against their manifest.
 

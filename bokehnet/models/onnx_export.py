@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime
 import torch
 from torch import Tensor, nn
 
@@ -19,6 +18,7 @@ from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.repair import RepairNet
+from bokehnet.onnx_session import OnnxSession
 
 __all__ = ["PARITY", "export_networks"]
 
@@ -93,14 +93,14 @@ def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
 
 def _largest_difference(network: nn.Module, path: Path) -> float:
     """Compare ONNX Runtime with torch at sizes other than the exported example's."""
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    taken = {item.name for item in session.get_inputs()}
+    session = OnnxSession(str(path))
+    taken = {item.name for item in session.inputs()}
     largest = 0.0
     for size in _OTHER_SIZES:
         inputs = _inputs(network, size)
         with torch.no_grad():
             wanted = network(*inputs.values())
-        got = session.run(None, {key: x.numpy() for key, x in inputs.items() if key in taken})
+        got = session.run({key: x.numpy() for key, x in inputs.items() if key in taken})
         for a, b in zip(wanted if isinstance(wanted, tuple) else (wanted,), got, strict=True):
             largest = max(largest, float(np.abs(a.numpy() - b).max()))
     return largest

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 
 from bokehnet.errors import ModelFileError
 from bokehnet.fusion import fuse
@@ -17,6 +16,7 @@ from bokehnet.onnx_file.error_map import geometric_error_map
 from bokehnet.onnx_file.neural import render_neural
 from bokehnet.onnx_file.scatter import scatter
 from bokehnet.onnx_file.tone import gamma_curve
+from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.version import __version__
 
@@ -114,9 +114,7 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _compare(model: bytes, weights: Path | None = None) -> list[float]:
     """PSNR in dB between a file's content in ONNX Runtime and the package, one for each trial."""
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    session = OnnxSession(model, options={"log_severity_level": 3})
     hybrid, plain = Engine("fast", weights=weights), Engine("scatter")
     found = []
     for height, width, blur, gamma in _TRIALS:
@@ -124,7 +122,7 @@ def _compare(model: bytes, weights: Path | None = None) -> list[float]:
         focus = float(np.median(disparity))
         numbers = {"K": blur, "focus": focus, "gamma": gamma}
         scalars = {name: np.array(number, np.float32) for name, number in numbers.items()}
-        got = session.run(None, {"image": image, "disparity": disparity, **scalars})[0]
+        got = session.run({"image": image, "disparity": disparity, **scalars})[0]
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(focus))
         wanted = (hybrid if gamma == 1 else plain).render(image, defocus, gamma=gamma).bokeh
         found.append(float(-10 * np.log10(np.square(got - wanted).mean() + 1e-20)))

@@ -1,6 +1,5 @@
 """The renderer that people use: a scene and settings in, the picture out; without torch."""
 
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from bokehnet.checks import check_at_least, check_kind, check_number
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.forking import ForkSafeLock
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine, Progress
 from bokehnet.optics.aperture import Aperture
@@ -126,7 +126,7 @@ class BokehRenderer:
         self.lens_response = lens_response or character or LensResponse()
         self._weights = None if weights is None else Path(weights)
         self._threads, self._providers, self._options = threads, tuple(providers), session_options
-        self._lock = threading.RLock()
+        self._lock = ForkSafeLock()
         self._kept: dict[Any, Any] = {}
         self._engine(self.engine, self._weights)
 
@@ -135,7 +135,7 @@ class BokehRenderer:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._lock = threading.RLock()
+        self._lock = ForkSafeLock()
         self._kept = {}
 
     def warm_up(self) -> None:
