@@ -25,6 +25,7 @@ __all__ = [
     "check_choice",
     "check_finite",
     "check_flag",
+    "check_floats",
     "check_image",
     "check_kind",
     "check_map",
@@ -89,11 +90,18 @@ def check_rank(name: str, array: Array, rank: int, layout: str) -> None:
         raise ShapeError(f"{name}: expected shape {layout} with no empty side, got {shape}")
 
 
+# What is white in an encoded picture.
+_WHITES = {"uint8": 255, "uint16": 65535}
+
+
 def check_image(name: str, image: Array) -> None:
-    """Raise unless ``image`` is (H, W, 3) and finite."""
+    """Raise unless ``image`` is (H, W, 3), of floats and finite."""
     check_rank(name, image, 3, "(H, W, 3)")
     if image.shape[2] != 3:
         raise ShapeError(f"{name}: expected 3 channels, got {image.shape[2]}; convert it to RGB first")
+    white = _WHITES.get(str(image.dtype))
+    decoded = f"bokehnet.io.color.srgb_to_linear({name} / {white}) makes light of sRGB" if white else ""
+    check_floats(name, image, decoded)
     check_finite(name, image)
 
 
@@ -103,8 +111,22 @@ def check_map(name: str, values: Array) -> None:
     check_finite(name, values)
 
 
+def check_floats(name: str, array: Array, remedy: str = "") -> None:
+    """Raise ``ParameterError`` unless ``array`` is of floats of any length.
+
+    Integers are codes of a file, as 0 to 255, or flags, of which nobody says what 1 is.
+    """
+    dtype = array.dtype
+    floating = dtype.kind == "f" if isinstance(dtype, np.dtype) else bool(dtype.is_floating_point)
+    if not floating:
+        way_out = remedy or f"{name}.astype(numpy.float32) takes its numbers as they are"
+        raise ParameterError(name, "floating-point numbers", shown=f"an array of {dtype}", remedy=way_out)
+
+
 def check_finite(name: str, array: Array) -> None:
-    """Raise ``ParameterError`` when ``array`` holds NaN or infinity."""
+    """Raise ``ParameterError`` when ``array`` holds NaN or infinity, or no real numbers at all."""
+    if getattr(getattr(array, "dtype", None), "kind", "f") == "c":
+        raise ParameterError(name, "real numbers", shown=f"an array of {array.dtype}")
     try:
         finite = array_namespace(array).isfinite(array)
     except TypeError as error:  # texts, objects

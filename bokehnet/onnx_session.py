@@ -36,7 +36,8 @@ class OnnxSession:
     Args:
         model: Content of an ONNX file, or the path of one.
         providers: Execution providers of ONNX Runtime, the preferred one first.
-        options: An ``onnxruntime.SessionOptions``, which cannot be pickled, or its attributes by name.
+        options: An ``onnxruntime.SessionOptions``, which cannot be pickled, or its attributes and entries by
+            name.
 
     Raises:
         Exception: ONNX Runtime's own, which have no common base: it cannot use the model.
@@ -86,7 +87,10 @@ class OnnxSession:
                 if options is None or isinstance(options, Mapping):
                     given, options = options or {}, onnxruntime.SessionOptions()
                     for name, value in given.items():
-                        setattr(options, name, value)
+                        if "." in name:
+                            options.add_session_config_entry(name, value)
+                        else:
+                            setattr(options, name, value)
                 self._session = onnxruntime.InferenceSession(
                     self._model, options, providers=list(self._providers)
                 )

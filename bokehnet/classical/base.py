@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from bokehnet.checks import check_choice, check_image, check_map, check_same_size
+from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 
@@ -148,10 +148,11 @@ def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
-        ParameterError: NaN or infinity in either.
+        ParameterError: NaN or infinity in either, or numbers that are no floats.
     """
     check_image("image", image)
     check_map("defocus", defocus)
+    check_floats("defocus", defocus)
     check_same_size("image", image, "defocus", defocus)
     dtype = np.float64 if image.dtype == np.float64 else np.float32
     return np.ascontiguousarray(image, dtype), np.ascontiguousarray(defocus, dtype)

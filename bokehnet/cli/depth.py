@@ -38,6 +38,7 @@ def depth(
     Relative disparity runs from 0, far, to 1, near; metric disparity is in 1/m.
     """
     # After parsing, so that --help stays fast.
+    from bokehnet.cli.progress import progress
     from bokehnet.io.image import MAP_EXTENSIONS, check_writable, write_map
     from bokehnet.io.resample import resample
     from bokehnet.rendering.depth_source import DepthSource, EmbeddedDepth, NetworkDepth
@@ -54,7 +55,10 @@ def depth(
         raise ParameterError("--convention", expected, convention, remedy)
     _check_extension(output, source.kind)
     try:
-        scene = read_scene(image, source=source)
+        with progress("estimating depth") as report:
+            report(0, 1)
+            scene = read_scene(image, source=source)
+            report(1, 1)
     except ParameterError as error:
         if error.parameter != "input.disparity":
             raise

@@ -22,8 +22,10 @@ def export(
 
     check_target(output, error=ModelFileError)
     require_extra("onnx", "train")
+    from bokehnet.cli.progress import compile_notice, progress
     from bokehnet.onnx_file.renderer import export_renderer
 
-    parity = export_renderer(output, weights)
+    with compile_notice(), progress("proving") as report:
+        parity = export_renderer(output, weights, report)
     size = output.stat().st_size / 1e6
     typer.echo(f"wrote {output}: {size:.1f} MB, {parity:.0f} dB or more to the engine fast")

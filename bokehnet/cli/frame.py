@@ -2,10 +2,15 @@
 
 import os
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
+from time import perf_counter
 
 from bokehnet.cli.progress import progress
+from bokehnet.cli.summary import FrameSummary
+from bokehnet.cli.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.image import check_writable
 from bokehnet.rendering.depth_source import tells_distances
@@ -102,21 +107,46 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 
 
 def render_frame(
-    job: FrameJob, renderer: BokehRenderer, report: Callable[[int, int], None] | None = None
-) -> None:
+    job: FrameJob,
+    renderer: BokehRenderer,
+    report: Callable[[int, int], None] | None = None,
+    meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
+) -> FrameSummary:
     """Read, render and write one frame; the output appears complete or not at all.
+
+    Args:
+        job: The frame.
+        renderer: Fit for its settings.
+        report: Called with (steps done, steps in all).
+        meanwhile: Makes what surrounds the repair of the map, which computes outside Python.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
-    focused = renderer.prepare(read_scene(job.image, job.settings, number=job.number), job.settings)
+    times = [perf_counter()]
+    scene = read_scene(job.image, job.settings, number=job.number)
+    times.append(perf_counter())
+    with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
+        focused = renderer.prepare(scene, job.settings)
+    times.append(perf_counter())
     result = renderer.render(focused, job.settings, report, overwrite=True)
+    times.append(perf_counter())
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
     result.save(job.output)
+    times.append(perf_counter())
+    taken = (end - begin for begin, end in pairwise(times))
+    height, width = result.bokeh.shape[:2]
+    return FrameSummary(
+        output=str(job.output),
+        width=width,
+        height=height,
+        report=result.report,
+        seconds=dict(zip(("read", "prepare", "render", "write"), taken, strict=True)),
+    )
 
 
-def render_one(job: FrameJob) -> None:
-    """Render a frame with a bar."""
-    with progress("rendering") as report:
-        render_frame(job, make_renderer(job.settings), report)
+def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
+    """Render a frame with a bar, unless it is to be quiet."""
+    with progress("rendering", hidden=quiet) as report:
+        return render_frame(job, make_renderer(job.settings), report, meanwhile=loading_kernels)

@@ -1,13 +1,12 @@
 """What is shown while one waits: a bar for callbacks, and why nothing seems to happen at first."""
 
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import typer
-
-__all__ = ["compile_notice", "progress"]
+__all__ = ["compile_notice", "progress", "write_above"]
 
 _DELAY = 1.0  # s: what is done sooner needs no bar
 _LOG_INTERVAL = 10.0  # s between lines when stderr is not a terminal
@@ -15,11 +14,12 @@ _NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
 
 
 @contextmanager
-def progress(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar on stderr while the block runs longer than a second.
+def progress(label: str, *, hidden: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on stderr while the block runs longer than a second, also before anything is done.
 
     Args:
         label: what is being done, such as ``"rendering"``.
+        hidden: show none.
 
     Yields:
         A callback ``report(done, total)``; both count the same things, ``done`` from 0 to ``total``.
@@ -27,18 +27,53 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     from tqdm import tqdm  # here, so that --help stays fast
 
     interval = 0.1 if sys.stderr.isatty() else _LOG_INTERVAL
-    with tqdm(desc=label, file=sys.stderr, delay=_DELAY, mininterval=interval, dynamic_ncols=True) as bar:
+    ended = threading.Event()
+    with tqdm(
+        desc=label,
+        file=sys.stderr,
+        delay=_DELAY,
+        mininterval=interval,
+        dynamic_ncols=True,
+        disable=hidden,
+    ) as bar:
 
         def report(done: int, total: int) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
-        yield report
+        def tick() -> None:
+            wait = _DELAY
+            while not ended.wait(wait):
+                bar.delay = 0  # else its end takes it for one that was never shown
+                bar.refresh()
+                wait = max(1.0, interval)
+
+        ticker = threading.Thread(target=tick, daemon=True)
+        if not hidden:
+            ticker.start()
+        try:
+            yield report
+        finally:
+            ended.set()
+            if not hidden:
+                ticker.join()
+
+
+def write_above(line: str) -> None:
+    """Write a line on stderr, above a bar that is shown."""
+    from tqdm import tqdm
+
+    tqdm.write(line, file=sys.stderr)
+    for bar in list(getattr(tqdm, "_instances", ())):  # which are all shown from now on
+        bar.delay = 0
 
 
 @contextmanager
-def compile_notice() -> Iterator[None]:
+def compile_notice(*, hidden: bool = False) -> Iterator[None]:
     """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache."""
+    if hidden:
+        yield
+        return
     from numba.core import event  # here, so that --help stays fast
 
     class Listener(event.Listener):  # type: ignore[misc]
@@ -47,7 +82,7 @@ def compile_notice() -> Iterator[None]:
         def on_start(self, event: Any) -> None:
             if not self.told:
                 self.told = True
-                typer.echo(_NOTICE, file=sys.stderr)
+                write_above(_NOTICE)
 
         def on_end(self, event: Any) -> None:
             pass

@@ -51,16 +51,30 @@ def render(
         str | None,
         typer.Option(metavar="FILE.toml", help="Settings by groups; preset and options prevail."),
     ] = None,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Say nothing but errors; default: one line when it is done.")
+    ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Say what each step took, too; of each frame.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object on stdout in place of the line.")
+    ] = False,
     *,
     given: Given,
 ) -> None:
-    """Render bokeh from an image and its depth or disparity."""
+    """Render bokeh from an image and its depth or disparity.
+
+    What was done is told in one line on stderr: size, engine, focus, largest blur, repair of the map, time.
+    """
     sequence, run = SequenceSettings(**given.pop("sequence", {})), RunSettings(**given.pop("run", {}))
     resolved = _resolved(settings, preset, given)
     from bokehnet.cli.frame import FrameJob, frame_jobs, render_one  # after parsing, so --help stays fast
     from bokehnet.cli.progress import compile_notice
-    from bokehnet.cli.workers import render_frames
+    from bokehnet.cli.summary import make_talk
     from bokehnet.rendering.frame_names import is_pattern
+
+    talk = make_talk(quiet=quiet, verbose=verbose, as_json=as_json)
 
     job = FrameJob(image=Path(image), output=Path(output), settings=resolved)
     if sequence.frames is None:
@@ -77,12 +91,14 @@ def render(
                 shown="none",
             )
         job.check()
-        with compile_notice():
-            render_one(job)
+        with compile_notice(hidden=quiet):
+            talk.of_one(render_one(job, quiet=quiet))
         return
     wanted = frame_jobs(job, sequence)
-    with compile_notice():
-        render_frames(wanted, processes=run.jobs or 1, overwrite=run.overwrite)
+    from bokehnet.cli.workers import render_frames  # which single pictures start faster without
+
+    with compile_notice(hidden=quiet):
+        render_frames(wanted, processes=run.jobs or 1, overwrite=run.overwrite, talk=talk)
 
 
 def _resolved(file: str | None, preset: str | None, given: Given) -> RenderSettings:

@@ -11,15 +11,15 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
+from time import perf_counter
 
 import numba
 import OpenImageIO as oiio  # noqa: N813
-import typer
-from tqdm import tqdm
 
 from bokehnet.cli.frame import FrameJob, make_renderer, render_frame
 from bokehnet.cli.options import told
-from bokehnet.cli.progress import compile_notice, progress
+from bokehnet.cli.progress import compile_notice, progress, write_above
+from bokehnet.cli.summary import FrameSummary, Talk
 from bokehnet.errors import BokehnetError
 from bokehnet.rendering.frame_names import format_frames
 from bokehnet.rendering.renderer import BokehRenderer
@@ -35,7 +35,9 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def render_frames(jobs: Mapping[int, FrameJob], *, processes: int = 1, overwrite: bool = False) -> None:
+def render_frames(
+    jobs: Mapping[int, FrameJob], *, processes: int = 1, overwrite: bool = False, talk: Talk | None = None
+) -> None:
     """Render the frames that are not there yet; files are written in one step, so what is there is complete.
 
     A frame that fails is told on stderr and does not stop the others.
@@ -44,60 +46,64 @@ def render_frames(jobs: Mapping[int, FrameJob], *, processes: int = 1, overwrite
         jobs: By frame.
         processes: How many render at a time, with their share of the cores each.
         overwrite: Render again what is there.
+        talk: How much is said.
 
     Raises:
         BokehnetError: Some frames failed, and which; or the renderer cannot be made.
     """
+    talk, begun = talk or Talk(), perf_counter()
     wanted = {frame: job for frame, job in jobs.items() if overwrite or not job.output.exists()}
-    if there := len(jobs) - len(wanted):
-        typer.echo(f"{there} of {len(jobs)} frames are there already; --overwrite renders them again")
-    failed: list[int] = []
+    done: dict[int, FrameSummary] = {}
+    failed: dict[int, str] = {}
     settings = next(iter(jobs.values())).settings  # in what makes a renderer, frames are alike
     renderer = make_renderer(settings)  # here first, so that wrong weights are told once
     if processes > 1 and len(wanted) > 1:
         del renderer
-        outcomes = render_in_processes(wanted, settings, min(processes, len(wanted)))
+        outcomes = render_in_processes(wanted, settings, min(processes, len(wanted)), quiet=talk.quiet)
     else:
         outcomes = _render_here(wanted, renderer)
-    with progress("rendering frames") as report, closing(outcomes):
+    with progress("rendering frames", hidden=talk.quiet) as report, closing(outcomes):
         report(0, len(wanted))
-        for done, (frame, failure) in enumerate(outcomes, start=1):
-            if failure is not None:
-                failed.append(frame)
-                tqdm.write(f"bokehnet: frame {frame}: {failure}", file=sys.stderr)
-            report(done, len(wanted))
+        for count, (frame, outcome) in enumerate(outcomes, start=1):
+            if isinstance(outcome, str):
+                failed[frame] = outcome
+                write_above(f"bokehnet: frame {frame}: {outcome}")
+            else:
+                done[frame] = outcome
+                talk.of_frame(frame, outcome)
+            report(count, len(wanted))
+    seconds, there = perf_counter() - begun, len(jobs) - len(wanted)
+    talk.of_frames(done, there=there, failed=failed, seconds=seconds)
     if failed:
-        typer.echo(err=True)  # the bar that the lines above have cut through ends here
         raise BokehnetError(
-            f"{len(failed)} of {len(wanted)} frames failed: {format_frames(failed)}; "
+            f"{len(failed)} of {len(wanted)} frames failed: {format_frames(sorted(failed))}; "
             "the same command tries them again"
         )
 
 
 def _render_here(
     jobs: Mapping[int, FrameJob], renderer: BokehRenderer
-) -> Generator[tuple[int, str | None], None, None]:
+) -> Generator[tuple[int, FrameSummary | str], None, None]:
     for frame, job in jobs.items():
         yield frame, try_frame(job, renderer)
 
 
-def try_frame(job: FrameJob, renderer: BokehRenderer) -> str | None:
-    """Render one frame; return None, or why it failed: one line, the traceback of a bug."""
+def try_frame(job: FrameJob, renderer: BokehRenderer) -> FrameSummary | str:
+    """Render one frame; return what was done, or why it failed: one line, the traceback of a bug."""
     try:
-        render_frame(job, renderer)
+        return render_frame(job, renderer)
     except BokehnetError as error:
         return " ".join(told(error).split())
     except MemoryError as error:
         return f"out of memory, try fewer --jobs ({error})"
     except Exception:
         return traceback.format_exc()
-    return None
 
 
 def render_in_processes(
-    jobs: Mapping[int, FrameJob], settings: RenderSettings, processes: int
-) -> Generator[tuple[int, str | None], None, None]:
-    """Render ``jobs`` by frame, and yield each frame when it is done, with None or why it failed.
+    jobs: Mapping[int, FrameJob], settings: RenderSettings, processes: int, *, quiet: bool = False
+) -> Generator[tuple[int, FrameSummary | str], None, None]:
+    """Render ``jobs`` by frame, and yield each frame when it is done, with what was done or why it failed.
 
     Each process takes its share of the cores. One that dies fails its frame alone, another one takes its
     place. When the caller stops, by Ctrl-C too, all end at once and leave no half of a file.
@@ -106,6 +112,7 @@ def render_in_processes(
         jobs: By frame; started in their order.
         settings: What makes a renderer for all of them.
         processes: How many at a time.
+        quiet: Whether they say nothing while they compile.
     """
     waiting = deque(jobs.items())
     threads = max(1, available_cores() // processes)
@@ -114,7 +121,9 @@ def render_in_processes(
     try:
         while waiting or busy:
             while waiting and len(busy) < processes:
-                worker = idle.pop() if idle else _Worker(settings, threads, tell_compiling=not busy)
+                worker = (
+                    idle.pop() if idle else _Worker(settings, threads, tell_compiling=not (busy or quiet))
+                )
                 frame, job = waiting.popleft()
                 busy[worker.pipe] = worker, frame
                 with contextlib.suppress(BrokenPipeError):  # it died; the pipe tells so below
@@ -123,18 +132,18 @@ def render_in_processes(
                 assert isinstance(pipe, Connection)
                 worker, frame = busy.pop(pipe)
                 try:
-                    failure = pipe.recv()
+                    outcome: FrameSummary | str = pipe.recv()
                     idle.append(worker)
                 except (EOFError, ConnectionResetError):
-                    failure = worker.last_words()
-                yield frame, failure
+                    outcome = worker.last_words()
+                yield frame, outcome
     finally:
         for worker in [*idle, *(worker for worker, _ in busy.values())]:
             worker.end()
 
 
 class _Worker:
-    """A process that renders the jobs sent to ``pipe`` and answers each with None or why it failed."""
+    """A process that renders what is sent to ``pipe``, and answers with what was done or why it failed."""
 
     def __init__(self, settings: RenderSettings, threads: int, tell_compiling: bool) -> None:
         context = multiprocessing.get_context("spawn")
@@ -174,9 +183,9 @@ def _serve(pipe: Connection, settings: RenderSettings, threads: int, tell_compil
                 job = pipe.recv()
             except (EOFError, ConnectionResetError):  # the parent is done, or gone
                 return
-            failure = try_frame(job, renderer)
+            outcome = try_frame(job, renderer)
             with contextlib.suppress(BrokenPipeError):
-                pipe.send(failure)
+                pipe.send(outcome)
 
 
 def _limit_threads(threads: int) -> None:

@@ -43,7 +43,13 @@ class OnnxNetwork:
         if options is None:
             # A plan for one size comes as a block of its own with the second picture, on top of the first
             # one's pieces: twice the memory, and half a second more until it is there.
-            options = {"intra_op_num_threads": threads, "log_severity_level": 3, "enable_mem_pattern": False}
+            # Threads that wait for work without sleeping take the cores of whatever else computes.
+            options = {
+                "intra_op_num_threads": threads,
+                "log_severity_level": 3,
+                "enable_mem_pattern": False,
+                "session.intra_op.allow_spinning": "0",
+            }
         self._session = OnnxSession(model, providers, options)
         self._input_names = input_names
         self._taken = {item.name for item in self._session.inputs()}

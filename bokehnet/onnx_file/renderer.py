@@ -1,6 +1,7 @@
 """The whole renderer as one graph, and its proof against the renderer of the package."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -112,12 +113,20 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return image, disparity
 
 
-def _compare(model: bytes, weights: Path | None = None) -> list[float]:
+def _ignore(done: int, total: int) -> None:
+    """Progress that nobody follows."""
+
+
+def _compare(
+    model: bytes, weights: Path | None = None, progress: Callable[[int, int], None] | None = None
+) -> list[float]:
     """PSNR in dB between a file's content in ONNX Runtime and the package, one for each trial."""
+    report = progress or _ignore
     session = OnnxSession(model, options={"log_severity_level": 3})
     hybrid, plain = Engine("fast", weights=weights), Engine("scatter")
-    found = []
+    found: list[float] = []
     for height, width, blur, gamma in _TRIALS:
+        report(len(found), len(_TRIALS))
         image, disparity = _trial_picture(height, width)
         focus = float(np.median(disparity))
         numbers = {"K": blur, "focus": focus, "gamma": gamma}
@@ -126,15 +135,19 @@ def _compare(model: bytes, weights: Path | None = None) -> list[float]:
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(focus))
         wanted = (hybrid if gamma == 1 else plain).render(image, defocus, gamma=gamma).bokeh
         found.append(float(-10 * np.log10(np.square(got - wanted).mean() + 1e-20)))
+    report(len(found), len(_TRIALS))
     return found
 
 
-def export_renderer(path: Path, weights: Path | None = None) -> float:
+def export_renderer(
+    path: Path, weights: Path | None = None, progress: Callable[[int, int], None] | None = None
+) -> float:
     """Write the engine ``fast`` as one ONNX file, after proof that it renders what the package renders.
 
     Args:
         path: The file.
         weights: As of :func:`build_model`.
+        progress: Called with (trials of the proof done, trials in all).
 
     Returns:
         The lowest PSNR of the proof, dB.
@@ -144,7 +157,7 @@ def export_renderer(path: Path, weights: Path | None = None) -> float:
             an older file is kept.
     """
     content = build_model(weights).SerializeToString()
-    lowest = min(_compare(content, weights))
+    lowest = min(_compare(content, weights, progress))
     if not lowest >= PARITY:
         raise ModelFileError(
             f"{path}: expected at least {PARITY:g} dB between the file and the package, found {lowest:.1f}; "

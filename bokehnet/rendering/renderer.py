@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar, overload
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.checks import check_at_least, check_kind, check_number
+from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
 from bokehnet.forking import ForkSafeLock
@@ -138,13 +138,22 @@ class BokehRenderer:
         self._lock = ForkSafeLock()
         self._kept = {}
 
-    def warm_up(self) -> None:
-        """Load or compile the kernels and run the networks once, before the first picture."""
+    def warm_up(self, settings: RenderSettings | None = None) -> None:
+        """Load or compile the kernels and run the networks once, before the first picture.
+
+        Args:
+            settings: Of the pictures that come: their engine, opening and lens; default those of the
+                renderer.
+        """
         image = np.zeros((64, 64, 3), np.float32)
         image[::8] = 1
         defocus = np.full((64, 64), -12, np.float32)
         defocus[:, 32:] = 12
-        self.render(image, defocus)
+        settings = settings or RenderSettings()
+        aperture, lens_response, _ = self._look(settings)
+        engine = self._engine(settings.engine.name or self.engine, settings.engine.weights or self._weights)
+        with about("engine", {"engine": "name"} | _leaning(settings)):
+            engine.render(image, defocus, aperture=aperture, lens_response=lens_response)
 
     def check(self, settings: RenderSettings) -> None:
         """Raise unless all that settings name can be made: networks, a lens, files of a look. It is kept.
@@ -219,7 +228,8 @@ class BokehRenderer:
 
         Raises:
             ShapeError: Arrays are not of the shapes above, or map and picture differ in size.
-            ParameterError: What is given does not fit together, or is out of range; NaN or infinity.
+            ParameterError: What is given does not fit together, or is out of range; NaN or infinity; arrays
+                of anything but floats. Those of 16 and 64 bits are taken as float32.
             LensError: The lens cannot focus there.
             RenderCancelled: ``cancel`` was set.
         """
@@ -475,5 +485,7 @@ def _from_disparity(
         raise ParameterError(missing[0], expected, None, f"give {needed}, or `defocus` alone")
     check_at_least("blur", blur, 0)
     check_number("focus", focus)
+    check_map("disparity", disparity)
+    check_floats("disparity", disparity, "divide it by the value that is to be 1, as 255")
     defocus: Array = defocus_from_disparity(np.asarray(disparity), blur, focus)
     return defocus

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.checks import check_floats, check_image, check_map, check_same_size
 from bokehnet.io.camera import Camera
 from bokehnet.io.frame import Frame, read_frame
 from bokehnet.io.maps import resize_map
@@ -123,6 +123,7 @@ def make_scene(
     image = np.asarray(image, np.float32)
     if alpha is not None:
         check_map("alpha", alpha)
+        check_floats("alpha", alpha, "divide it by the value that covers all, as 255")
         check_same_size("image", image, "alpha", alpha)
         alpha = np.asarray(alpha, np.float32)
     height, width = image.shape[:2]

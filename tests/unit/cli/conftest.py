@@ -10,9 +10,9 @@ WIDTH, HEIGHT = 64, 40
 
 @pytest.fixture
 def no_bar(monkeypatch):
-    """Commands that succeed say nothing, also where numba compiles first or the machine is busy."""
+    """Commands show no bar and no notice, also where numba compiles first or the machine is busy."""
     monkeypatch.setattr("bokehnet.cli.progress._DELAY", 300.0)
-    monkeypatch.setattr("bokehnet.cli.progress.compile_notice", contextlib.nullcontext)
+    monkeypatch.setattr("bokehnet.cli.progress.compile_notice", lambda hidden=False: contextlib.nullcontext())
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ def letter(folder):
 
 def assert_rendered_with(cli, options, aperture):
     """Oracle: the scatter renderer with that aperture, which has its own tests."""
-    outcome = cli(*SCATTER, *options, "-o", "out.exr")
+    outcome = cli(*SCATTER, *options, "-o", "out.exr", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     defocus = (9 * (read_disparity("disparity.png") - 0.4)).astype(np.float32)
     image = read_image("photo.png")

@@ -136,5 +136,7 @@ def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
         check=False,
     )
     assert done.returncode == 1
-    assert one_line(done.stderr)
+    lines = done.stderr.splitlines()
+    told = [line for line in lines if line and not line.startswith("rendering: ")]  # a bar, where it is slow
+    assert [line[:16] for line in told] == ["bokehnet: error:"]
     assert "expected finite values" in done.stderr

@@ -31,7 +31,7 @@ def own_cache(tmp_path, monkeypatch):
 
 def assert_rendered_through(cli, words, defocus, aberration_map):
     """Oracle: the renderer, which has its own tests, with that aberration map."""
-    outcome = cli(*words, "-o", "out.exr")
+    outcome = cli(*words, "-o", "out.exr", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image = read_image(words[1])
     plain = BokehRenderer("rays").render(image, defocus).bokeh

@@ -88,7 +88,8 @@ def test_the_demo_needs_neither_extras_nor_a_network(tmp_path, python_process):
         "def refuse(*_, **__):\n    raise OSError('no network')\n"
         "socket.socket.connect = socket.getaddrinfo = refuse\n"
         "from bokehnet.cli import progress\n"
-        "progress._DELAY = 300.0\n"
+        "import contextlib\n"
+        "progress._DELAY, progress.compile_notice = 300.0, contextlib.nullcontext\n"
         "from bokehnet.cli.app import run\n"
         "sys.exit(run(['demo', '--engine', 'scatter', '-o', sys.argv[1]]))"
     )

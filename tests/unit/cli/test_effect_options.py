@@ -44,7 +44,7 @@ WORDS += ["--repair-disparity", "off", "--engine", "scatter"]
 )
 def test_options_are_the_effects_of_the_library(folder, cli, options, wanted):
     """Oracle: CameraEffects, which has its own tests, on what BokehRenderer gives."""
-    outcome = cli(*WORDS, *options, "-o", "out.exr", "--save-maps", "maps")
+    outcome = cli(*WORDS, *options, "-o", "out.exr", "--save-maps", "maps", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     defocus = 9 * (read_disparity("disparity.png") - np.float32(0.4))
     plain = BokehRenderer("scatter").render(read_image("photo.png"), defocus).bokeh

@@ -30,7 +30,7 @@ def defocus(folder, cli):
     """Run a command line that must succeed silently, and return the defocus map that it wrote."""
 
     def call(*arguments):
-        outcome = cli(*arguments, *FAST, "-o", "out.exr", "--save-maps", "maps")
+        outcome = cli(*arguments, *FAST, "-o", "out.exr", "--save-maps", "maps", "-q")
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
         return read_map("maps/defocus.exr")
 

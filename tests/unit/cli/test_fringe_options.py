@@ -50,7 +50,7 @@ RAYS = [*WORDS, "--engine", "rays"]
 )
 def test_options_are_those_of_the_renderer(folder, cli, options, lens_response):
     """Oracle: BokehRenderer, which has its own tests, called directly."""
-    outcome = cli(*RAYS, *options, "-o", "out.exr")
+    outcome = cli(*RAYS, *options, "-o", "out.exr", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image, disparity = read_image("photo.png"), read_disparity("disparity.png")
     defocus = 9 * (disparity - np.float32(0.4))

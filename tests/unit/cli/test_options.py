@@ -38,7 +38,7 @@ def picture(folder, cli):
     """Run a command line that must succeed silently, and return the bytes that it wrote."""
 
     def call(*arguments):
-        outcome = cli(*arguments)
+        outcome = cli(*arguments, "-q")
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
         return (folder / "out.exr").read_bytes()
 

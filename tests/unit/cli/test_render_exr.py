@@ -20,7 +20,7 @@ def defocus(folder, cli):
     """Run a command line that must succeed silently; the defocus of it."""
 
     def call(*arguments):
-        outcome = cli(*arguments)
+        outcome = cli(*arguments, "-q")
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
         return read_map("maps/defocus.exr")
 

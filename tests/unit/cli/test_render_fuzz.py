@@ -92,6 +92,7 @@ def test_a_picture_or_one_line(folder, cli, words):
     if outcome.code == 1:
         assert outcome.err.rstrip("\n").splitlines()[-1].startswith("bokehnet: error: ")
     else:
-        assert outcome.err == ""
+        assert outcome.err.startswith("bokehnet: ")
+        assert outcome.err.count("\n") == 1
         assert list(folder.glob("out.*"))
     assert not list(folder.glob(".bokehnet-*"))

@@ -61,7 +61,7 @@ def portrait(tmp_path, monkeypatch, no_bar):
 @pytest.fixture
 def defocus(portrait, cli):
     def call(*arguments):
-        outcome = cli("render", "portrait.jpg", "-o", "out.jpg", *FAST, *arguments)
+        outcome = cli("render", "portrait.jpg", "-o", "out.jpg", *FAST, *arguments, "-q")
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
         assert read_image("out.jpg").shape == (HEIGHT, WIDTH, 3)
         return read_map("maps/defocus.exr")

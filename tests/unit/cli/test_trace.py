@@ -95,6 +95,7 @@ def watched(self, film, samples):
     return advance(self, film, samples)
 Tracer.advance = watched
 sys.argv[0] = "bokehnet"
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
 main()
 """
 
@@ -105,7 +106,9 @@ def test_ctrl_c_keeps_the_samples_so_far_and_the_same_command_completes_them(
     out, whole = tmp_path / "out.exr", tmp_path / "whole.exr"
     size = ("--width", 240, "--height", 160, "--samples")
     outcome = python_process(INTERRUPTED, "trace", scene, "-o", out, *size, 100000)
-    assert (outcome.code, outcome.err) == (130, "bokehnet: interrupted\n")
+    assert outcome.code == 130
+    assert outcome.err.splitlines()[-1] == "bokehnet: interrupted"
+    assert "Traceback" not in outcome.err
     done = int(read_channels(out).attributes["bokehnet:samples"])
     assert 3 <= done < 20
     assert f"{done} of 100000 samples" in outcome.out
