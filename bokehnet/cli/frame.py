@@ -1,9 +1,12 @@
 """Frames: the files of each, what may be asked for, and the rendering of one."""
 
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import typer
 
 from bokehnet.cli.progress import progress
 from bokehnet.errors import ImageFileError, ParameterError
@@ -11,6 +14,7 @@ from bokehnet.io.image import check_writable
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.frame_names import frame_path, is_pattern
+from bokehnet.rendering.output import check_output
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import read_scene
 from bokehnet.rendering.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
@@ -39,6 +43,7 @@ class FrameJob:
         """Raise unless the settings fit together and the result can be written; no picture is read."""
         check_focus(self.settings)
         check_writable(self.output)
+        check_output(self.output, self.settings.output)
         folder = self.settings.output.save_maps
         if folder is None:
             return
@@ -102,14 +107,29 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 
 
 def render_frame(
-    job: FrameJob, renderer: BokehRenderer, report: Callable[[int, int], None] | None = None
+    job: FrameJob,
+    renderer: BokehRenderer,
+    report: Callable[[int, int], None] | None = None,
+    note: Callable[[str], None] | None = None,
 ) -> None:
     """Read, render and write one frame; the output appears complete or not at all.
+
+    Args:
+        job: The frame.
+        renderer: Made for its settings.
+        report: Told of progress.
+        note: Told what of the picture's file is not followed or left out, a line each.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
-    focused = renderer.prepare(read_scene(job.image, job.settings, number=job.number), job.settings)
+    scene = read_scene(job.image, job.settings, number=job.number)
+    check_output(job.output, job.settings.output, scene.frame)
+    if note is not None and scene.frame is not None:
+        for line in scene.frame.notes:
+            note(f"{job.image}: {line}")
+    focused = renderer.prepare(scene, job.settings)
+    del scene
     result = renderer.render(focused, job.settings, report, overwrite=True)
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
@@ -118,5 +138,9 @@ def render_frame(
 
 def render_one(job: FrameJob) -> None:
     """Render a frame with a bar."""
+
+    def tell(line: str) -> None:
+        typer.echo(f"bokehnet: {line}", file=sys.stderr)
+
     with progress("rendering") as report:
-        render_frame(job, make_renderer(job.settings), report)
+        render_frame(job, make_renderer(job.settings), report, tell)

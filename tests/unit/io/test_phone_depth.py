@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.color import srgb_to_linear
-from bokehnet.io.heif import is_heif, read_heif_image
+from bokehnet.io.heif import is_heif
+from bokehnet.io.image import read_image
 from bokehnet.io.phone_depth import read_phone_depth
 from tests.unit.io import phone_files as files
 
@@ -374,7 +375,7 @@ def test_an_hdr_gain_map_is_no_depth(save, heic):
 def test_a_heic_picture_is_read_as_scene_linear_light(save, heic):
     path = save(heic(PICTURE, GREY), "a.heic")
     assert is_heif(path)
-    image = read_heif_image(path)
+    image = read_image(path)
     assert image.dtype == np.float32
     expected = srgb_to_linear(np.array([200, 100, 50]) / 255)
     assert_allclose(image, np.broadcast_to(expected, (48, 64, 3)), atol=0.01)
@@ -384,7 +385,7 @@ def test_a_damaged_heic_is_told(save, heic):
     whole = heic(PICTURE, GREY)
     for length in [20, 200, 500, 700]:
         path = save(whole[:length], "a.heic")
-        for read in (read_heif_image, read_phone_depth):
+        for read in (read_image, read_phone_depth):
             with pytest.raises(ImageFileError, match=r"a\.heic: [^\n]*$"):
                 read(path)
 

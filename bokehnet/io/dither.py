@@ -1,0 +1,42 @@
+"""Rounding to few levels without bands: each pixel rounds at a threshold of its own."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["quantise"]
+
+# The plastic number p, p^3 = p + 1: multiples of (1/p, 1/p^2) fill the plane most evenly.
+_P = 1.32471795724474602596
+_STEP_X, _STEP_Y = 1 / _P, 1 / _P**2
+
+# Below a half, so that a value within 0.001 of a level goes to that level.
+_WIDTH = 0.998
+
+
+def quantise(
+    values: NDArray[Any], bits: int, *, top: int | None = None, left: int = 0
+) -> NDArray[np.unsignedinteger[Any]]:
+    """Round values in [0, 1] to unsigned integers.
+
+    With ``top``, the threshold depends on the place of a pixel: over a few pixels the mean is that of the
+    values, so that slopes show no bands. It is the same each time, and however the picture is cut into rows.
+    What is on a level already stays there.
+
+    Args:
+        values: (rows, W, C).
+        bits: 8 to 16.
+        top: Row of the picture that is the first one here; None rounds to the nearest level.
+        left: Column of the picture that is the first one here.
+
+    Source: Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018 (the thresholds);
+        Ulichney, "Digital halftoning", 1987 (ordered dither).
+    """
+    scaled = np.asarray(values, np.float64) * (2**bits - 1)
+    if top is not None:
+        rows, columns, channels = scaled.shape
+        place = np.add.outer((np.arange(rows) + top) * _STEP_Y, (np.arange(columns) + left) * _STEP_X)
+        for channel in range(channels):  # apart, so that grey noise gets no colour of its own
+            scaled[..., channel] += ((place + channel / 3) % 1 - 0.5) * _WIDTH
+    return np.clip(np.rint(scaled), 0, 2**bits - 1).astype(np.uint8 if bits == 8 else np.uint16)
