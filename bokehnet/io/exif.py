@@ -25,7 +25,7 @@ Directory = dict[int, "Entry"]
 
 XMP_PACKET, COLOR_PROFILE = 0x02BC, 0x8773
 
-_ORIENTATION = 0x0112
+_ORIENTATION, _DATE = 0x0112, 0x0132
 _EXIF, _GPS, _INTEROPERABILITY = 0x8769, 0x8825, 0xA005
 _SUB = (_EXIF, _GPS, _INTEROPERABILITY)
 _COLOR_SPACE, _WIDTH, _HEIGHT, _MAKER_NOTE = 0xA001, 0xA002, 0xA003, 0x927C
@@ -221,7 +221,7 @@ def append_tags(data: bytes | mmap, length: int, tags: Mapping[int, Entry]) -> t
     Args:
         data: The file, or anything that can be cut like its bytes; least significant byte first.
         length: Of the file, even.
-        tags: What is added; they prevail over those that are there.
+        tags: What is added; they prevail over those that are there, of which an empty date goes.
 
     Returns:
         The bytes, and where the new directory lies, which the header has to tell.
@@ -232,6 +232,8 @@ def append_tags(data: bytes | mmap, length: int, tags: Mapping[int, Entry]) -> t
     if tiff_order(data) != "<":
         raise ValueError("the most significant byte comes first")
     here, after = read_directory(data, deep=0)
+    if _DATE in here and not here[_DATE].text:
+        del here[_DATE]
     return _packed({**here, **tags}, length, after), length
 
 

@@ -101,13 +101,19 @@ def icc_segments(profile: bytes) -> list[tuple[int, bytes]]:
 
 
 def insert_segments(data: bytes, segments: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return a JPEG file with further segments behind its first one; those that are too long are left out."""
+    """Return a JPEG file with these segments in the place of its own of EXIF and XMP.
+
+    Those that are too long are left out.
+    """
     start = 2
-    if data[3] == _APP0:
-        start = 4 + int.from_bytes(data[4:6], "big")
+    kept = b""
+    while data[start] == 0xFF and data[start + 1] in (_APP0, APP1):
+        end = start + 2 + int.from_bytes(data[start + 2 : start + 4], "big")
+        kept += data[start:end] if data[start + 1] == _APP0 else b""
+        start = end
     added = b"".join(
         struct.pack(">BBH", 0xFF, marker, len(payload) + 2) + payload
         for marker, payload in segments
         if len(payload) <= _MOST_BYTES
     )
-    return data[:start] + added + data[start:]
+    return data[:2] + kept + added + data[start:]

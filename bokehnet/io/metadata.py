@@ -148,7 +148,7 @@ def _of_tiff(path: Path) -> Metadata:
 
 
 def add_metadata(path: Path, width: int, height: int, metadata: Metadata, icc: bytes | None) -> None:
-    """Put profile and metadata into a file that holds the pixels alone; by the extension.
+    """Put profile and metadata into a file that holds the pixels alone, and nothing else; by the extension.
 
     PNG files get theirs while they are written.
 
@@ -161,16 +161,14 @@ def add_metadata(path: Path, width: int, height: int, metadata: Metadata, icc: b
     """
     exif, xmp = metadata.exif, metadata.xmp
     extension = path.suffix.lower()
-    if exif is None and xmp is None and icc is None:
-        return
     if extension in (".jpg", ".jpeg"):
         segments = [(APP1, _EXIF_SEGMENT + exif)] if exif else []
         segments += [(APP1, STANDARD_XMP + xmp)] if xmp else []
         path.write_bytes(insert_segments(path.read_bytes(), segments + (icc_segments(icc) if icc else [])))
-    elif extension == ".webp":
-        path.write_bytes(webp_with(path.read_bytes(), width, height, icc=icc, exif=exif, xmp=xmp))
     elif extension in (".tif", ".tiff"):
         _add_to_tiff(path, exif, xmp)
+    elif extension == ".webp" and (exif or xmp or icc):
+        path.write_bytes(webp_with(path.read_bytes(), width, height, icc=icc, exif=exif, xmp=xmp))
 
 
 def _add_to_tiff(path: Path, exif: bytes | None, xmp: bytes | None) -> None:

@@ -53,7 +53,7 @@ IMAGE_EXTENSIONS = tuple(_BITS)
 _OPTIONAL = {".jxl": "jpegxl"}
 _NEVER_HERE = {".avif": "AVIF", ".heic": "HEIC", ".heif": "HEIF"}
 
-_LINEAR_ALWAYS = (".exr", ".hdr", ".pfm")
+_SECOND_NAMES = (".jpeg", ".tiff")
 _WITHOUT_PROFILE = (".hdr", ".pfm")
 
 
@@ -191,7 +191,7 @@ def _parts() -> tuple[str, ...]:
 
 
 def _way_to(bits: Any) -> str:
-    having = [extension for extension, allowed in _BITS.items() if bits in allowed]
+    having = [name for name, allowed in _BITS.items() if bits in allowed and name not in _SECOND_NAMES]
     return f"write {' or '.join(having)}" if having else "no format that is written here has them"
 
 

@@ -54,7 +54,8 @@ class Curve:
     def encode(self, light: NDArray[Any]) -> NDArray[Any]:
         """Return stored values of light of at least 0; the inverse of :meth:`decode`.
 
-        Where several values tell the same light, which ends of tables do, the smallest is taken.
+        Where several values tell the same light, as the ends of tables do, black is the smallest of them,
+        other light the largest.
         """
         if self.kind == "linear":
             return light
@@ -79,8 +80,9 @@ class Curve:
         return np.interp(x, np.linspace(0, 1, len(self.values)), self.values)
 
     def _table_back(self, light: NDArray[Any]) -> NDArray[Any]:
-        rising, first = np.unique(np.maximum.accumulate(self.values), return_index=True)
-        return np.interp(light, rising, first / (len(self.values) - 1))
+        rising = np.maximum.accumulate(self.values)
+        found = np.interp(light, rising, np.linspace(0, 1, len(rising)))
+        return np.where(light <= rising[0], 0, found)
 
     def _pq(self, x: NDArray[Any]) -> NDArray[Any]:
         root = np.minimum(x, 1) ** (1 / _M2)
