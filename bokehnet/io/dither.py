@@ -15,9 +15,7 @@ _STEP_X, _STEP_Y = 1 / _P, 1 / _P**2
 _WIDTH = 0.998
 
 
-def quantise(
-    values: NDArray[Any], bits: int, *, top: int | None = None, left: int = 0
-) -> NDArray[np.unsignedinteger[Any]]:
+def quantise(values: NDArray[Any], bits: int, *, top: int | None = None) -> NDArray[np.unsignedinteger[Any]]:
     """Round values in [0, 1] to unsigned integers.
 
     With ``top``, the threshold depends on the place of a pixel: over a few pixels the mean is that of the
@@ -28,15 +26,23 @@ def quantise(
         values: (rows, W, C).
         bits: 8 to 16.
         top: Row of the picture that is the first one here; None rounds to the nearest level.
-        left: Column of the picture that is the first one here.
 
     Source: Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018 (the thresholds);
         Ulichney, "Digital halftoning", 1987 (ordered dither).
     """
-    scaled = np.asarray(values, np.float64) * (2**bits - 1)
-    if top is not None:
-        rows, columns, channels = scaled.shape
-        place = np.add.outer((np.arange(rows) + top) * _STEP_Y, (np.arange(columns) + left) * _STEP_X)
-        for channel in range(channels):  # apart, so that grey noise gets no colour of its own
-            scaled[..., channel] += ((place + channel / 3) % 1 - 0.5) * _WIDTH
-    return np.clip(np.rint(scaled), 0, 2**bits - 1).astype(np.uint8 if bits == 8 else np.uint16)
+    most = 2**bits - 1
+    if top is None:
+        scaled = np.asarray(values, np.float64) * most
+    else:
+        rows, columns, channels = values.shape
+        scaled = np.multiply(values, most, dtype=np.float32)
+        # Channels are a third apart, so that their errors do not add up.
+        across = np.arange(columns)[:, None] * _STEP_X + np.arange(channels) / 3
+        down = (np.arange(rows) + top) * _STEP_Y
+        threshold = (across % 1).astype(np.float32) + (down % 1).astype(np.float32)[:, None, None]
+        threshold -= threshold >= 1
+        threshold -= np.float32(0.5)
+        threshold *= np.float32(_WIDTH)
+        scaled += threshold
+    np.rint(scaled, out=scaled)
+    return np.clip(scaled, 0, most, out=scaled).astype(np.uint8 if bits == 8 else np.uint16)

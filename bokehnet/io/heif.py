@@ -170,7 +170,11 @@ def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.
     except _DAMAGE as error:
         raise ImageFileError(f"{path}: the pixels are truncated or damaged ({_one_line(error)})") from error
     values = values if values.ndim == 3 else values[..., None]
-    return values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    top = np.iinfo(values.dtype).max
+    bits = int(image.info.get("bit_depth") or 8)
+    if values.dtype == np.uint16 and 8 < bits < 16:  # at the upper end of 16
+        top = (2**bits - 1) << (16 - bits)
+    return values.astype(np.float32) / np.float32(top)
 
 
 def _one_line(error: Exception) -> str:
