@@ -20,7 +20,7 @@ def quantise(values: NDArray[Any], bits: int, *, top: int | None = None) -> NDAr
 
     With ``top``, the threshold depends on the place of a pixel: over a few pixels the mean is that of the
     values, so that slopes show no bands. It is the same each time, and however the picture is cut into rows.
-    What is on a level already stays there.
+    What is on a level already stays there, and what is grey stays grey.
 
     Args:
         values: (rows, W, C).
@@ -34,15 +34,14 @@ def quantise(values: NDArray[Any], bits: int, *, top: int | None = None) -> NDAr
     if top is None:
         scaled = np.asarray(values, np.float64) * most
     else:
-        rows, columns, channels = values.shape
+        rows, columns = values.shape[:2]
         scaled = np.multiply(values, most, dtype=np.float32)
-        # Channels are a third apart, so that their errors do not add up.
-        across = np.arange(columns)[:, None] * _STEP_X + np.arange(channels) / 3
-        down = (np.arange(rows) + top) * _STEP_Y
-        threshold = (across % 1).astype(np.float32) + (down % 1).astype(np.float32)[:, None, None]
+        across = np.arange(columns) * _STEP_X % 1
+        down = (np.arange(rows) + top) * _STEP_Y % 1
+        threshold = down.astype(np.float32)[:, None] + across.astype(np.float32)
         threshold -= threshold >= 1
         threshold -= np.float32(0.5)
         threshold *= np.float32(_WIDTH)
-        scaled += threshold
+        scaled += threshold[..., None]
     np.rint(scaled, out=scaled)
     return np.clip(scaled, 0, most, out=scaled).astype(np.uint8 if bits == 8 else np.uint16)

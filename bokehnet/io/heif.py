@@ -171,7 +171,8 @@ def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.
         raise ImageFileError(f"{path}: the pixels are truncated or damaged ({_one_line(error)})") from error
     values = values if values.ndim == 3 else values[..., None]
     top = np.iinfo(values.dtype).max
-    bits = int(image.info.get("bit_depth") or 8)
+    bits = image.info.get("bit_depth")
+    bits = bits if isinstance(bits, int) else 8
     if values.dtype == np.uint16 and 8 < bits < 16:  # at the upper end of 16
         top = (2**bits - 1) << (16 - bits)
     return values.astype(np.float32) / np.float32(top)

@@ -85,7 +85,7 @@ def write_image(
     bits: Bits | None = None,
     color_space: Literal["srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
     subsampling: Subsampling = "4:4:4",
-    dither: bool = False,
+    dither: bool = True,
     wanted: OutputFormat | None = None,
 ) -> None:
     """Write a scene-linear picture atomically; the extension picks the format.

@@ -35,6 +35,13 @@ def test_a_slope_shows_no_bands():
     assert np.abs(means[1]).max() < 0.07
 
 
+def test_grey_stays_grey():
+    """Maps are told from colour pictures by it."""
+    grey = np.repeat(np.random.default_rng(0).random((20, 30, 1)), 3, axis=2)
+    found = quantise(grey, 8, top=3)
+    assert_array_equal(found, np.repeat(found[..., :1], 3, axis=2))
+
+
 def test_strips_are_cut_from_one_picture():
     values = np.random.default_rng(0).random((50, 40, 3))
     whole = quantise(values, 8, top=0)
