@@ -43,6 +43,8 @@ _DESCRIBING = (
 _TYPES = {1: "B", 2: "s", 3: "H", 4: "I", 5: "II", 6: "b", 7: "s", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d"}
 _TYPES |= {13: "I"}
 
+_OFFSETS = (3, 4, 13)
+
 _MOST_ENTRIES = 2000
 _IS_SRGB, _UNCALIBRATED = 1, 0xFFFF
 
@@ -123,7 +125,7 @@ def read_directory(data: bytes | mmap, start: int | None = None, deep: int = 2) 
             if letters != "s":
                 values = struct.unpack(f"{order}{letters * number}", content)
             sub = None
-            if tag in _SUB and deep and values and not isinstance(values, bytes):
+            if tag in _SUB and deep and values and kind in _OFFSETS and not isinstance(values, bytes):
                 sub = read_directory(data, int(values[0]), deep - 1)[0]
             found[tag] = Entry(kind, values, place, sub)
         end = start + 2 + 12 * count
@@ -148,7 +150,7 @@ def is_adobe_rgb(exif: bytes) -> bool:
     return space is not None and space.number != _IS_SRGB and index is not None and index.text == "R03"
 
 
-def refreshed_exif(exif: bytes, width: int, height: int, *, is_srgb: bool) -> bytes:
+def refreshed_exif(exif: bytes, width: int, height: int, *, is_srgb: bool | None) -> bytes:
     """Return EXIF of a photograph for its upright, blurred twin: patched in place, so that all else holds.
 
     The orientation becomes 1, the size that of the picture, the colour space what is told; the thumbnail,
@@ -158,7 +160,7 @@ def refreshed_exif(exif: bytes, width: int, height: int, *, is_srgb: bool) -> by
         exif: Beginning with its TIFF header.
         width: Of the picture.
         height: Of the picture.
-        is_srgb: Whether its colours are sRGB.
+        is_srgb: Whether its colours are sRGB; None where they are what they were.
 
     Raises:
         ValueError: It is damaged.
@@ -176,7 +178,7 @@ def refreshed_exif(exif: bytes, width: int, height: int, *, is_srgb: bool) -> by
     fields = (below.sub if below else None) or {}
     put(fields.get(_WIDTH), width)
     put(fields.get(_HEIGHT), height)
-    if is_srgb or fields.get(_COLOR_SPACE, Entry(3, (_IS_SRGB,))).number == _IS_SRGB:
+    if is_srgb is not None:
         put(fields.get(_COLOR_SPACE), _IS_SRGB if is_srgb else _UNCALIBRATED)
     if after:
         thumbnail = read_directory(exif, after)[0]

@@ -124,6 +124,17 @@ def _xyz(tag: bytes) -> tuple[float, ...]:
 
 
 def _curve(tag: bytes) -> Curve:
+    """Read a curve that rises from black to white."""
+    curve = _stored_curve(tag)
+    with np.errstate(all="ignore"):
+        light = curve.decode(np.linspace(0, 1, 33))
+        back = curve.encode(np.linspace(0, 1, 33))
+    if not (np.isfinite(light).all() and np.isfinite(back).all() and 0.5 < light[-1] < 2 and light[0] < 0.5):
+        raise ValueError("a curve does not rise from black to white")
+    return curve
+
+
+def _stored_curve(tag: bytes) -> Curve:
     if tag[:4] == b"curv":
         (count,) = struct.unpack_from(">I", tag, 8)
         if count > _MOST_SAMPLES:

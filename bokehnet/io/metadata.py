@@ -48,14 +48,14 @@ class Metadata:
     xmp: bytes | None = None
     left_out: tuple[str, ...] = ()
 
-    def refreshed(self, path: Path | str, width: int, height: int, *, is_srgb: bool) -> "Metadata":
+    def refreshed(self, path: Path | str, width: int, height: int, *, is_srgb: bool | None) -> "Metadata":
         """Return the same for an upright picture of this size: no thumbnail, orientation 1.
 
         Args:
             path: Of the file that they are from, for messages.
             width: Of the picture.
             height: Of the picture.
-            is_srgb: Whether its colours are sRGB.
+            is_srgb: Whether its colours are sRGB; None where they are what they were.
         """
         exif, xmp = self.exif, self.xmp
         if exif is not None:

@@ -71,7 +71,7 @@ def store_picture(
     metadata = metadata or Metadata()
     height, width = image.shape[:2]
     if metadata.exif is not None or metadata.xmp is not None:
-        is_srgb = target.shares_primaries(SRGB) and target.curves[0] == SRGB.curves[0]
+        is_srgb = None if target == source else target == SRGB
         metadata = metadata.refreshed(origin or path, width, height, is_srgb=is_srgb)
     channels = ("Y",) if target.grey else ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
     attributes: dict[str, Any] = {}

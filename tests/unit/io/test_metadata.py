@@ -144,7 +144,7 @@ def test_exif_goes_along_upright(photo, tmp_path, order, source, target):
         "latitude": [48, 30, 0],
         "width": HEIGHT,
         "height": WIDTH,
-        "space": 1,
+        "space": 65535,
     }
     assert note == (None if target == "tif" else b"maker's note")
     assert_array_equal(read_frame(tmp_path / f"out.{target}").image.shape, frame.image.shape)
@@ -177,8 +177,11 @@ def test_a_tiff_written_with_metadata_is_a_tiff_to_others(photo, tmp_path):
 
 
 def test_the_colour_space_of_exif_is_that_of_the_result(photo, tmp_path):
-    frame = read_frame(photo("jpg"))
-    for wanted, told in (("srgb", 1), ("display-p3", 65535)):
+    """Kept colours keep what is told; Adobe RGB of a camera, say, is told so beside its profile."""
+    path = photo("jpg")
+    Image.open(path).save(path, exif=b"Exif\0\0" + exif(), icc_profile=profiles.KNOWN["adobe"])
+    frame = read_frame(path)
+    for wanted, told in (("keep", 65535), ("srgb", 1), ("display-p3", 65535)):
         write_frame(tmp_path / "out.jpg", frame, frame.image, wanted=OutputFormat(color_space=wanted))
         assert read_by_pillow(tmp_path / "out.jpg")[0]["space"] == told
 
