@@ -83,10 +83,9 @@ def write_image(
     alpha: NDArray[Any] | None = None,
     quality: int = 95,
     bits: Bits | None = None,
-    color_space: Literal["srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
+    color_space: Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
     subsampling: Subsampling = "4:4:4",
     dither: bool = True,
-    wanted: OutputFormat | None = None,
 ) -> None:
     """Write a scene-linear picture atomically; the extension picks the format.
 
@@ -95,7 +94,7 @@ def write_image(
     ``.pfm`` is linear.
 
     With ``alpha``, PNG, TIFF and WebP hold straight colours, which are divided by alpha in linear light,
-    EXR and PFM premultiplied ones; JPEG and HDR, which have no alpha, hold the picture over black.
+    EXR and PFM premultiplied ones; JPEG, JPEG XL and HDR hold the picture over black.
 
     Args:
         path: Where the picture goes; one of ``IMAGE_EXTENSIONS``.
@@ -104,10 +103,9 @@ def write_image(
         quality: Of JPEG, WebP and JPEG XL, 1 to 100.
         bits: Per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for EXR.
             None takes the first of these.
-        color_space: Of the file, which gets a profile that tells it where it is not sRGB.
+        color_space: Of the file, with a profile that tells it unless it is sRGB; "keep" is sRGB, too.
         subsampling: Of the colours of a JPEG.
         dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
-        wanted: All of these at once; it prevails.
 
     Raises:
         ImageFileError: Unknown extension, or the file cannot be written.
@@ -116,7 +114,7 @@ def write_image(
     path = Path(path)
     check_writable(path)
     check_image("image", image)
-    wanted = wanted or OutputFormat(
+    wanted = OutputFormat(
         color_space=color_space, bits=bits, quality=quality, subsampling=subsampling, dither=dither
     )
     check_format(path, wanted)

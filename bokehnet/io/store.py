@@ -28,7 +28,7 @@ __all__ = ["store_picture"]
 
 _LARGEST_HALF = 65504.0
 _WIDEST_HDR = 32767  # beyond it the run lengths of its rows no longer fit
-_WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr")
+_WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: not told which kind it is
 _GREY_TOO = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _CODECS = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp", ".jxl": "jpegxl"}
 

@@ -1,6 +1,6 @@
 """What a rendering gives: the picture, the maps behind it, and what was decided on the way."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +96,7 @@ class RenderResult:
         wanted = make_output_format(self.output)
         with about("output"):
             if self.frame is None:
-                write_image(path, self.bokeh, alpha=self.alpha, wanted=wanted)
+                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted))
             else:
                 write_frame(path, self.frame, self.bokeh, self.alpha, wanted)
 

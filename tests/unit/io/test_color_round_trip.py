@@ -261,7 +261,15 @@ def test_jpeg_xl_where_it_is_there(tmp_path, bits, wanted):
             write_image(tmp_path / "a.jxl", np.zeros((4, 4, 3)))
         return
     image = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
-    write_image(tmp_path / "a.jxl", image, bits=bits, color_space=wanted, quality=100, dither=False)
+    write_image(
+        tmp_path / "a.jxl",
+        image,
+        alpha=image[..., 0],
+        bits=bits,
+        color_space=wanted,
+        quality=100,
+        dither=False,
+    )
     assert_allclose(read_image(tmp_path / "a.jxl"), image, atol=0.01 if bits == 8 else 1e-3)
 
 
