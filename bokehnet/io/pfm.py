@@ -7,7 +7,8 @@ red, green and blue; ``PF4`` adds alpha, which readers of the plain format do no
 The size of the scale, in which writers tell units of their own, is not applied: values are those in the file.
 
 Source: Debevec, "PFM portable floatmap image format", 2001. The fourth channel is in the float maps of the
-    BokehLab thesis (its 4.5, "Portable float map library"), which names no letters for it; ``PF4`` is chosen here.
+    BokehLab thesis (its 4.5, "Portable float map library"), which names no letters for it; ``PF4`` is
+    chosen here.
 """
 
 import re
