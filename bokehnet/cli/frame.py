@@ -1,12 +1,15 @@
 """Frames: the files of each, what may be asked for, and the rendering of one."""
 
 import os
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
+
+import typer
 
 from bokehnet.cli.progress import progress
 from bokehnet.cli.summary import FrameSummary
@@ -16,6 +19,7 @@ from bokehnet.io.image import check_writable
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.frame_names import frame_path, is_pattern
+from bokehnet.rendering.output import check_output
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import read_scene
 from bokehnet.rendering.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
@@ -44,6 +48,7 @@ class FrameJob:
         """Raise unless the settings fit together and the result can be written; no picture is read."""
         check_focus(self.settings)
         check_writable(self.output)
+        check_output(self.output, self.settings.output)
         folder = self.settings.output.save_maps
         if folder is None:
             return
@@ -110,6 +115,7 @@ def render_frame(
     job: FrameJob,
     renderer: BokehRenderer,
     report: Callable[[int, int], None] | None = None,
+    note: Callable[[str], None] | None = None,
     meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
 ) -> FrameSummary:
     """Read, render and write one frame; the output appears complete or not at all.
@@ -118,6 +124,7 @@ def render_frame(
         job: The frame.
         renderer: Fit for its settings.
         report: Called with (steps done, steps in all).
+        note: Told what of the picture's file is not followed or left out, a line each.
         meanwhile: Makes what surrounds the repair of the map, which computes outside Python.
 
     Raises:
@@ -125,9 +132,14 @@ def render_frame(
     """
     times = [perf_counter()]
     scene = read_scene(job.image, job.settings, number=job.number)
+    check_output(job.output, job.settings.output, scene.frame)
+    if note is not None and scene.frame is not None:
+        for line in scene.frame.notes:
+            note(f"{job.image}: {line}")
     times.append(perf_counter())
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
         focused = renderer.prepare(scene, job.settings)
+    del scene
     times.append(perf_counter())
     result = renderer.render(focused, job.settings, report, overwrite=True)
     times.append(perf_counter())
@@ -147,6 +159,11 @@ def render_frame(
 
 
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
-    """Render a frame with a bar, unless it is to be quiet."""
+    """Render a frame with a bar and notes, unless it is to be quiet."""
+
+    def tell(line: str) -> None:
+        typer.echo(f"bokehnet: {line}", file=sys.stderr)
+
     with progress("rendering", hidden=quiet) as report:
-        return render_frame(job, make_renderer(job.settings), report, meanwhile=loading_kernels)
+        renderer = make_renderer(job.settings)
+        return render_frame(job, renderer, report, None if quiet else tell, loading_kernels)

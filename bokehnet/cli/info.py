@@ -8,13 +8,16 @@ import typer
 __all__ = ["info"]
 
 
-def info(file: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, WebP, EXR or HDR file.")]) -> None:
+def info(
+    file: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.")],
+) -> None:
     """Say what is in an image: size, channels, colour space, depth range."""
     from bokehnet.io.info import image_info  # after parsing, so --help stays fast
 
     found = image_info(file)
     turned = "" if found.orientation == 1 else f" (turned upright, EXIF orientation {found.orientation})"
-    decoded = "linear" if found.color_space == "linear" else "sRGB as a picture, unchanged as a map"
+    space = found.color_space
+    decoded = space if space == "linear" else f"{space} as a picture, unchanged as a map"
     parts = "" if found.parts == 1 else f" in {found.parts} parts"
     rows = {
         "format": found.file_format,

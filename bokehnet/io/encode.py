@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_atomic
+from bokehnet.io.pfm import write_pfm
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.png import write_png
 from bokehnet.io.row_blocks import make_in_row_blocks
@@ -25,7 +26,10 @@ def encode(
     dtype: Any,
     stored: Callable[[slice], NDArray[Any]],
     channels: Sequence[str],
-    attributes: Mapping[str, str | int],
+    attributes: Mapping[str, Any],
+    *,
+    chunks: Sequence[tuple[bytes, bytes]] = ((b"sRGB", b"\0"),),
+    finish: Callable[[Path], None] | None = None,
 ) -> None:
     """Encode a picture a band of rows after the other and put it in place atomically.
 
@@ -37,20 +41,30 @@ def encode(
             converted; called by several threads.
         channels: their names.
         attributes: of the file, such as its compression.
+        chunks: of a PNG file, before its pixels.
+        finish: adds to the file when its pixels are in it.
 
     Raises:
         ImageFileError: the file cannot be written.
     """
     if path.suffix.lower() == ".png":
-        write_atomic(path, lambda temporary: write_png(temporary, shape, dtype, stored))
+        write_atomic(path, lambda temporary: write_png(temporary, shape, dtype, stored, chunks))
+        return
+    if path.suffix.lower() == ".pfm":
+        write_atomic(path, lambda temporary: write_pfm(temporary, shape, stored))
         return
     kind = {"float16": "half", "float32": "float"}.get(np.dtype(dtype).name, np.dtype(dtype).name)
     spec = oiio.ImageSpec(shape[1], shape[0], shape[2], kind)
     spec.channelnames = tuple(channels)
-    if path.suffix.lower() == ".exr":
+    if path.suffix.lower() in (".exr", ".tif", ".tiff"):
         spec.attribute("DateTime", "")  # else the time of writing is added, and no two files are alike
     for name, value in attributes.items():
-        spec.attribute(name, value)
+        if isinstance(value, bytes):
+            spec.attribute(name, oiio.TypeDesc(f"uint8[{len(value)}]"), np.frombuffer(value, np.uint8))
+        elif isinstance(value, tuple):
+            spec.attribute(name, oiio.TypeDesc(f"float[{len(value)}]"), value)
+        else:
+            spec.attribute(name, value)
 
     def fill(temporary: Path) -> None:
         output = oiio.ImageOutput.create(str(temporary))
@@ -65,6 +79,8 @@ def encode(
         closed = output.close()
         if not (written and closed) or problem:
             raise OSError(problem or output.geterror())
+        if finish is not None:
+            finish(temporary)
         check_readable(temporary)
 
     # On a full disk the encoders crash or hang, so the room is proven first; none needs more than this.

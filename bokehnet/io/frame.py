@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,20 @@ from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.camera import Camera, camera_from_exif, camera_from_exr
+from bokehnet.io.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.encode import check_readable
 from bokehnet.io.exr_splice import write_replaced
-from bokehnet.io.heif import is_heif, read_heif_image
-from bokehnet.io.image import check_writable, write_image
+from bokehnet.io.file_color import file_color_space
+from bokehnet.io.heif import is_heif, read_heif
+from bokehnet.io.image import check_writable
+from bokehnet.io.metadata import Metadata, read_metadata
+from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.store import store_picture
 from bokehnet.io.window import Window
 
-__all__ = ["Frame", "read_frame", "write_frame"]
+__all__ = ["Frame", "check_frame_format", "read_frame", "write_frame"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,50 +39,91 @@ class _Origin:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """A picture, its coverage, and what its file tells of the camera.
+    """A picture, its coverage, and what its file tells besides.
 
     Attributes:
-        image: Scene-linear light over black, (H, W, 3), float32: premultiplied where there is alpha.
+        image: Scene-linear light over black, in the primaries of ``space``, (H, W, 3), float32:
+            premultiplied where there is alpha.
         alpha: Coverage, (H, W), float32; None when the file has none or it is 1 everywhere.
         camera: What the file tells of the camera, or None.
         window: Where the pixels lie in the shown picture; a camera's ``sensor_width`` belongs to
             ``window.display_width`` pixels.
+        space: Colour space that the values of the file have.
+        bits: Of its channels; None where a result need not have as many.
+        metadata: Its EXIF and XMP, and what of the file a result will not have.
+        path: The file; None for arrays.
     """
 
     image: NDArray[np.float32]
     alpha: NDArray[np.float32] | None
     camera: Camera | None
     window: Window
+    space: ColorSpace = LINEAR_REC709
+    bits: Bits | None = None
+    metadata: Metadata = field(default_factory=Metadata, repr=False)
+    path: Path | None = None
     _origin: _Origin | None = field(default=None, repr=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of the file is not followed, or left out of a result, a line each."""
+        profile = f"{self.space.note} is not followed" if self.space.note else ""
+        return (*filter(None, [profile]), *self.metadata.left_out)
 
 
 def read_frame(path: Path | str) -> Frame:
-    """Read a picture as :func:`bokehnet.io.image.read_image` does, with alpha and camera beside it.
+    """Read a picture with alpha, camera, colour space and metadata.
+
+    Unlike :func:`bokehnet.io.image.read_image` it leaves the picture in its own primaries: no colour is
+    outside them, so that none is negative, and written back in its own space all is as it was.
 
     Args:
-        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, EXR or HDR file; HEIC and HEIF, without camera.
+        path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF, without
+            camera.
 
     Raises:
-        ImageFileError: the file cannot be read, has no colours, or its colours or alpha hold NaN or infinity.
+        ImageFileError: The file cannot be read, has no colours, its colours or alpha hold NaN or infinity,
+            or its colour profile is of a kind that is not followed.
     """
     if is_heif(path):
-        image = read_heif_image(path)
-        height, width = image.shape[:2]
-        return Frame(image=image, alpha=None, camera=None, window=Window.whole(width, height))
+        found = read_heif(path)
+        height, width = found.image.shape[:2]
+        return Frame(
+            image=found.image,
+            alpha=None,
+            camera=None,
+            window=Window.whole(width, height),
+            space=found.space,
+            bits=8 if found.bits == 8 else 16,
+            metadata=found.metadata,
+            path=Path(path),
+        )
     with ImageFile(path) as file:
         picture = find_picture(file)
-        image, alpha = read_light_and_alpha(file, picture)
+        metadata = read_metadata(file.path, file.file_format)
+        space = file_color_space(file, picture.part, metadata.exif)
+        image, alpha = read_light_and_alpha(file, picture, space)
         attributes = file.attributes(picture.part)
         height, width = image.shape[:2]
         if file.headers is None:
             camera = camera_from_exif(attributes, width, height)
-            return Frame(image=image, alpha=alpha, camera=camera, window=Window.whole(width, height))
+            return Frame(
+                image=image,
+                alpha=alpha,
+                camera=camera,
+                window=Window.whole(width, height),
+                space=space,
+                bits=_stored_bits(file, picture),
+                metadata=metadata,
+                path=file.path,
+            )
         state = file.path.stat()
         return Frame(
             image=image,
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
+            path=file.path,
             _origin=_Origin(
                 path=file.path.absolute(), size=state.st_size, changed=state.st_mtime_ns, picture=picture
             ),
@@ -89,9 +135,7 @@ def write_frame(
     frame: Frame,
     bokeh: NDArray[Any],
     alpha: NDArray[Any] | None = None,
-    *,
-    quality: int = 95,
-    bits: Literal[8, 16] = 8,
+    wanted: OutputFormat | None = None,
 ) -> None:
     """Write ``bokeh`` in the place of the picture of ``frame``, atomically.
 
@@ -100,35 +144,72 @@ def write_frame(
     and colour space, half or float, and the compression stay (:mod:`bokehnet.io.exr_splice`). The frame's
     file may be the one that is written.
 
-    Everything else is written as by :func:`bokehnet.io.image.write_image`, with alpha where the format has
-    it; of an EXR with overscan, other formats show the display window.
+    Everything else is written with the profile and the bits of the frame's file, where the format has them
+    and ``wanted`` does not say otherwise, its EXIF and XMP, and alpha where the format has it; of an EXR
+    with overscan, other formats show the display window.
 
     Args:
         path: where the picture goes; one of ``IMAGE_EXTENSIONS``.
         frame: what :func:`read_frame` gave.
-        bokeh: scene-linear (H, W, 3) of the frame's size, finite; premultiplied where there is alpha.
+        bokeh: linear light in the primaries of the frame, (H, W, 3) of its size, finite; premultiplied where
+            there is alpha.
         alpha: its coverage, (H, W), 0 to 1; None keeps that of the frame.
-        quality: of JPEG and WebP, 1 to 100.
-        bits: per channel of PNG and TIFF, 8 or 16.
+        wanted: what the file is to be like.
 
     Raises:
         ImageFileError: unknown extension, the file cannot be written, or the frame's own file has changed.
-        ShapeError, ParameterError: the arrays or an option are not as described, or ``alpha`` is given for
-            an EXR picture without alpha.
+        ShapeError, ParameterError: the arrays or an option are not as described, ``alpha`` is given for
+            an EXR picture without alpha, or bits or a colour space for EXR from EXR, which keeps its own.
     """
-    path = Path(path)
+    path, wanted = Path(path), wanted or OutputFormat()
     check_writable(path)
     check_image("bokeh", bokeh)
     check_same_size("the frame", frame.image, "its bokeh", bokeh)
     if alpha is not None:
         check_map("alpha", alpha)
         check_same_size("the frame", frame.image, "its alpha", alpha)
+    check_frame_format(path, frame, wanted)
     if frame._origin is not None and path.suffix.lower() == ".exr":
         _write_back(path, frame._origin, bokeh, alpha)
         return
     alpha = frame.alpha if alpha is None else alpha
     shown = None if alpha is None else frame.window.shown(alpha)
-    write_image(path, frame.window.shown(bokeh), alpha=shown, quality=quality, bits=bits)
+    store_picture(
+        path,
+        frame.window.shown(bokeh),
+        shown,
+        wanted,
+        source=frame.space,
+        bits=frame.bits,
+        metadata=frame.metadata,
+        origin=frame.path,
+    )
+
+
+def _stored_bits(file: ImageFile, picture: Picture) -> Bits | None:
+    """Bits of a file of whole numbers, or of a photograph in floating point."""
+    kind = picture.part.formats[picture.part.channels.index(picture.colours[0])]
+    kinds: dict[str, Bits] = {"uint8": 8, "uint16": 16, "half": "half", "float": "float"}
+    return None if file.file_format in ("hdr", "pfm") else kinds.get(kind)
+
+
+def check_frame_format(path: Path, frame: Frame, wanted: OutputFormat) -> None:
+    """Raise unless the result of a frame can be written as wanted; nothing is touched.
+
+    Raises:
+        ImageFileError: The format cannot tell the colours of the frame.
+        ParameterError: The format has no such bits or colour space; EXR from EXR keeps its own.
+    """
+    check_format(path, wanted)
+    extension = path.suffix.lower()
+    if frame._origin is None or extension != ".exr":
+        bits = choose_bits(extension, wanted.bits, frame.bits)
+        target_space(path, frame.space, wanted.color_space, bits)
+        return
+    for name, asked, own in (("bits", wanted.bits, None), ("color_space", wanted.color_space, "keep")):
+        if asked != own:
+            expected = "nothing for EXR from EXR, which keeps its own"
+            raise ParameterError(name, expected, asked, "leave it out, or write another format")
 
 
 def _write_back(path: Path, origin: _Origin, bokeh: NDArray[Any], alpha: NDArray[Any] | None) -> None:

@@ -1,6 +1,7 @@
 """HEIF pictures (HEIC of iPhones) and their depth maps, through the extra ``heif``."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,20 +11,25 @@ from numpy.typing import NDArray
 from bokehnet.checks import require_extra
 from bokehnet.errors import ImageFileError
 from bokehnet.io.apple_depth import PIXEL_DATA, apple_coding
-from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.color_space import SRGB, ColorSpace
 from bokehnet.io.depth_coding import DepthCoding
+from bokehnet.io.file_color import coded_space
+from bokehnet.io.icc import read_profile
 from bokehnet.io.intact import check_pixel_count
+from bokehnet.io.metadata import Metadata, checked
+from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.io.xmp import parse_xmp
 
 if TYPE_CHECKING:
     from pillow_heif import HeifDepthImage, HeifFile
 
-__all__ = ["HEIF_EXTENSIONS", "is_heif", "read_heif_depth", "read_heif_image"]
+__all__ = ["HEIF_EXTENSIONS", "HeifPicture", "is_heif", "read_heif", "read_heif_depth"]
 
 HEIF_EXTENSIONS = (".heic", ".heif")
 
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
-_HDR_TRANSFERS = {16: "PQ", 18: "HLG"}  # ITU-T H.273, table 3
+_HDR_TRANSFERS = (16, 18)  # PQ and HLG: ITU-T H.273, table 3
+_LEFT_OUT = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
 
 # What the decoder raises.
 _DAMAGE = (OSError, ValueError, RuntimeError, SyntaxError, EOFError)
@@ -43,34 +49,64 @@ def is_heif(path: Path | str) -> bool:
     return head[4:8] == b"ftyp" and head[8:] in _BRANDS
 
 
-def read_heif_image(path: Path | str) -> NDArray[np.float32]:
-    """Read the primary picture as scene-linear light, upright; 1 is white.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeifPicture:
+    """The primary picture of a file.
 
-    Decoded from sRGB, as every picture is: embedded colour profiles are not applied. Alpha is dropped by
-    laying the picture over black.
+    Attributes:
+        image: Linear light in the primaries of ``space``, upright, (H, W, 3), laid over black.
+        space: What its values meant.
+        bits: Of each channel, 8 or more.
+        metadata: EXIF and XMP.
+    """
+
+    image: NDArray[np.float32]
+    space: ColorSpace
+    bits: int
+    metadata: Metadata
+
+
+def read_heif(path: Path | str) -> HeifPicture:
+    """Read the primary picture as light, upright; 1 is white.
+
+    Decoded through its colour profile or its code points (PQ and HLG among them), else from sRGB. Alpha is
+    dropped by laying the picture over black.
 
     Args:
         path: HEIC or HEIF file.
 
-    Returns:
-        Image of shape (H, W, 3).
-
     Raises:
-        ImageFileError: The file is damaged, too large, or coded for HDR screens.
+        ImageFileError: The file is damaged or too large, or its profile is of a kind that is not followed.
         MissingExtraError: pillow-heif is not installed.
     """
     file = _open(path)
-    transfer = (file.info.get("nclx_profile") or {}).get("transfer_characteristics")
-    if transfer in _HDR_TRANSFERS:
-        raise ImageFileError(
-            f"{path}: expected an sRGB picture, found HDR values ({_HDR_TRANSFERS[transfer]}); save it as EXR"
-        )
+    space = _space(path, file)
     values = _pixels(path, file)
     colours = min(3, values.shape[2] - (1 if file.has_alpha else 0))
-    image = srgb_to_linear(np.broadcast_to(values[..., :colours], (*values.shape[:2], 3)))
+    image = in_row_blocks(space.decode, np.broadcast_to(values[..., :colours], (*values.shape[:2], 3)))
     if file.has_alpha:
         image = image * values[..., -1:]
-    return np.ascontiguousarray(image, np.float32)
+    found = checked(path, Metadata(exif=file.info.get("exif"), xmp=file.info.get("xmp")))
+    maps = file.info.get("depth_images") or file.info.get("aux")
+    left_out = (*found.left_out, _LEFT_OUT) if maps else found.left_out
+    return HeifPicture(
+        image=np.ascontiguousarray(image, np.float32),
+        space=space,
+        bits=int(file.info.get("bit_depth", 8)),
+        metadata=Metadata(exif=found.exif, xmp=found.xmp, left_out=tuple(dict.fromkeys(left_out))),
+    )
+
+
+def _space(path: Path | str, file: "HeifFile") -> ColorSpace:
+    """What the values mean; code points of HDR prevail, then the profile, then other code points."""
+    code = file.info.get("nclx_profile") or {}
+    primaries, transfer = (
+        int(code.get(f"{name}", 2)) for name in ("color_primaries", "transfer_characteristics")
+    )
+    profile = file.info.get("icc_profile")
+    if profile and transfer not in _HDR_TRANSFERS:
+        return read_profile(bytes(profile), str(path))
+    return coded_space(path, primaries, transfer) or SRGB
 
 
 def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding] | None:
@@ -134,7 +170,12 @@ def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.
     except _DAMAGE as error:
         raise ImageFileError(f"{path}: the pixels are truncated or damaged ({_one_line(error)})") from error
     values = values if values.ndim == 3 else values[..., None]
-    return values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    top = np.iinfo(values.dtype).max
+    bits = image.info.get("bit_depth")
+    bits = bits if isinstance(bits, int) else 8
+    if values.dtype == np.uint16 and 8 < bits < 16:  # at the upper end of 16
+        top = (2**bits - 1) << (16 - bits)
+    return values.astype(np.float32) / np.float32(top)
 
 
 def _one_line(error: Exception) -> str:

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.io.file_color import file_color_space
 from bokehnet.io.maps import depth_channels
+from bokehnet.io.metadata import read_metadata
 from bokehnet.io.pixels import ImageFile
 
 __all__ = ["ChannelRange", "ImageInfo", "image_info"]
@@ -27,8 +29,9 @@ class ImageInfo:
     """What :func:`image_info` found.
 
     ``width`` and ``height`` are pixels of the upright picture, ``orientation`` is the EXIF tag that turned
-    it (1: none). ``color_space`` is ``"sRGB"`` or ``"linear"``, as the file would be read. ``channels`` and
-    ``ranges`` are over all parts; ``ranges`` holds depth-like channels only.
+    it (1: none). ``color_space`` is ``"linear"``, or the space through which the file would be read:
+    ``"sRGB"``, or the name in its colour profile. ``channels`` and ``ranges`` are over all parts; ``ranges``
+    holds depth-like channels only.
     """
 
     width: int
@@ -46,10 +49,10 @@ def image_info(path: Path | str) -> ImageInfo:
     """Describe an image file. All pixels are decoded, so a damaged file is found out.
 
     Args:
-        path: JPEG, PNG, TIFF, WebP, EXR or HDR file.
+        path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
 
     Raises:
-        ImageFileError: the file cannot be read.
+        ImageFileError: the file cannot be read, or its colour profile is of a kind that is not followed.
     """
     with ImageFile(path) as file:
         ranges: dict[str, ChannelRange] = {}
@@ -60,6 +63,7 @@ def image_info(path: Path | str) -> ImageInfo:
                 values = file.read(part, names)
                 ranges |= {name: _range(values[..., i]) for i, name in enumerate(names) if name in wanted}
         first = file.parts[0]
+        space = file_color_space(file, first, read_metadata(file.path, file.file_format).exif)
         turned = first.orientation >= 5
         return ImageInfo(
             width=first.height if turned else first.width,
@@ -67,7 +71,7 @@ def image_info(path: Path | str) -> ImageInfo:
             channels=tuple(name for part in file.parts for name in part.channels),
             pixel_type=first.pixel_type,
             file_format=file.file_format,
-            color_space="linear" if first.linear else "sRGB",
+            color_space="linear" if space.is_linear and space.icc is None else space.name,
             orientation=first.orientation,
             parts=len(file.parts),
             ranges=ranges,

@@ -1,14 +1,31 @@
 """Where the pieces of a JPEG stream lie, without decoding a pixel."""
 
 import re
+import struct
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
-__all__ = ["JPEG_START", "JpegLayout", "jpeg_layout"]
+__all__ = [
+    "APP1",
+    "APP2",
+    "ICC_SEGMENT",
+    "JPEG_START",
+    "JpegLayout",
+    "icc_segments",
+    "insert_segments",
+    "jpeg_layout",
+    "jpeg_segments",
+]
 
 JPEG_START = b"\xff\xd8\xff"
 
-_APP1 = 0xE1
-_START, _END = 0xD8, 0xD9
+APP1, APP2 = 0xE1, 0xE2
+ICC_SEGMENT = b"ICC_PROFILE\0"
+
+_APP0 = 0xE0
+_START, _END, _SCAN = 0xD8, 0xD9, 0xDA
+_MOST_BYTES = 65533  # of the payload of a segment
 
 # A marker is 0xFF and a byte that is not stuffing (00), fill (FF), TEM (01) or a restart (D0 to D7).
 _MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
@@ -47,7 +64,56 @@ def jpeg_layout(data: bytes, start: int = 0) -> JpegLayout:
         if marker == _START:
             continue
         length = max(2, int.from_bytes(data[position : position + 2], "big"))
-        if marker == _APP1:
+        if marker == APP1:
             app1.append(data[position + 2 : position + length])
         position += length
     return JpegLayout(app1=tuple(app1), end=len(data))
+
+
+def jpeg_segments(path: Path) -> list[tuple[int, bytes]]:
+    """Return markers and payloads of a file up to its pixels; what is damaged ends the list."""
+    found: list[tuple[int, bytes]] = []
+    with path.open("rb") as file:
+        file.seek(2)
+        while True:
+            head = file.read(4)
+            if len(head) < 4 or head[0] != 0xFF or head[1] in (_SCAN, _END):
+                return found
+            marker, length = head[1], int.from_bytes(head[2:], "big")
+            if marker == 0xFF:  # a byte that fills
+                file.seek(-3, 1)
+                continue
+            payload = file.read(max(0, length - 2))
+            found.append((marker, payload))
+
+
+def icc_segments(profile: bytes) -> list[tuple[int, bytes]]:
+    """Cut a colour profile into segments.
+
+    Source: ICC.1:2022, annex B.4, "Embedding ICC profiles in JPEG files".
+    """
+    room = _MOST_BYTES - len(ICC_SEGMENT) - 2
+    pieces = [profile[start : start + room] for start in range(0, len(profile), room)]
+    return [
+        (APP2, ICC_SEGMENT + bytes([number, len(pieces)]) + piece)
+        for number, piece in enumerate(pieces, start=1)
+    ]
+
+
+def insert_segments(data: bytes, segments: Iterable[tuple[int, bytes]]) -> bytes:
+    """Return a JPEG file with these segments in the place of its own of EXIF and XMP.
+
+    Those that are too long are left out.
+    """
+    start = 2
+    kept = b""
+    while data[start] == 0xFF and data[start + 1] in (_APP0, APP1):
+        end = start + 2 + int.from_bytes(data[start + 2 : start + 4], "big")
+        kept += data[start:end] if data[start + 1] == _APP0 else b""
+        start = end
+    added = b"".join(
+        struct.pack(">BBH", 0xFF, marker, len(payload) + 2) + payload
+        for marker, payload in segments
+        if len(payload) <= _MOST_BYTES
+    )
+    return data[:2] + kept + added + data[start:]

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.apple_depth import apple_depth
+from bokehnet.io.color_space import SRGB, ColorSpace, convert
 from bokehnet.io.depth_coding import StoredDepth
+from bokehnet.io.file_color import file_color_space
 from bokehnet.io.google_depth import google_depth
 from bokehnet.io.heif import is_heif, read_heif_depth
-from bokehnet.io.image import read_image
 from bokehnet.io.jpeg import JPEG_START, jpeg_layout
+from bokehnet.io.metadata import read_metadata
+from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile, apply_orientation
 from bokehnet.io.xmp import jpeg_xmp
 
@@ -76,21 +79,26 @@ def read_phone_depth(path: Path | str) -> PhoneDepth | None:
         orientation = file.parts[0].orientation
         if file.file_format != "jpeg":
             return None
+        exif = read_metadata(file.path, file.file_format).exif
+        space = file_color_space(file, file.parts[0], exif)
     data = Path(path).read_bytes()
     layout = jpeg_layout(data)
     stored = google_depth(path, data, layout.end, jpeg_xmp(path, layout.app1))
     stored = stored or apple_depth(path, data, layout.end)
-    return None if stored is None else _decode(Path(path), stored, orientation)
+    return None if stored is None else _decode(Path(path), stored, orientation, space)
 
 
-def _decode(path: Path, stored: StoredDepth, orientation: int) -> PhoneDepth:
+def _decode(path: Path, stored: StoredDepth, orientation: int, space: ColorSpace) -> PhoneDepth:
     coding = stored.coding
     values = _read_grey(path, stored.picture, orientation)
+    original = None
+    if stored.original is not None:
+        original = _read_original(path, stored.original, orientation, space)
     return PhoneDepth(
         disparity=coding.decode(values),
         metric=coding.unit is not None,
         focus_disparity=None if stored.focus is None else coding.focus(stored.focus),
-        all_in_focus=None if stored.original is None else _read_original(path, stored.original, orientation),
+        all_in_focus=original,
     )
 
 
@@ -105,13 +113,18 @@ def _read_grey(path: Path, picture: bytes, orientation: int) -> NDArray[np.float
         return np.asarray(values.mean(axis=-1, dtype=np.float64), np.float32)
 
 
-def _read_original(path: Path, picture: bytes, orientation: int) -> NDArray[np.float32]:
-    """Decode the unblurred picture; one that does not tell how it is turned is turned as its photo."""
-    with _embedded(path, picture, "original picture") as name:
-        with ImageFile(name) as file:
-            own = file.parts[0].orientation
-        image = read_image(name)
-        return apply_orientation(image, orientation) if own == 1 else image
+def _read_original(path: Path, picture: bytes, orientation: int, space: ColorSpace) -> NDArray[np.float32]:
+    """Decode the unblurred picture into the primaries of its photo.
+
+    One that does not tell how it is turned is turned as its photo; one without a profile has that, too.
+    """
+    with _embedded(path, picture, "original picture") as name, ImageFile(name) as file:
+        found = find_picture(file)
+        own = file_color_space(file, found.part, read_metadata(name, file.file_format).exif)
+        own = space if own == SRGB else own
+        image = read_light(file, found, own)
+        image = convert(image, own, space, out=image)
+        return apply_orientation(image, orientation) if found.part.orientation == 1 else image
 
 
 @contextmanager

@@ -1,15 +1,17 @@
 """Which channels of a file are the picture, and the light that they stand for."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.color_space import ColorSpace
 from bokehnet.io.pixels import ImageFile, Part, as_stored
 from bokehnet.io.row_blocks import in_row_blocks
+from bokehnet.io.transfer import Curve
 
 __all__ = ["Picture", "find_picture", "read_light", "read_light_and_alpha"]
 
@@ -56,33 +58,37 @@ def find_picture(file: ImageFile) -> Picture:
     raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {found}")
 
 
-def read_light(file: ImageFile, picture: Picture) -> NDArray[np.float32]:
-    """Read the picture over black as scene-linear light, (H, W, 3).
+def read_light(file: ImageFile, picture: Picture, space: ColorSpace) -> NDArray[np.float32]:
+    """Read the picture over black as linear light of its own primaries, (H, W, 3).
 
     Straight colours (PNG, WebP) are multiplied by alpha, premultiplied ones (EXR) are the light itself.
 
+    Args:
+        file: An open file.
+        picture: Of that file.
+        space: What its values mean.
+
     Raises:
-        ImageFileError: the pixels are damaged, NaN or infinite.
+        ImageFileError: The pixels are damaged, NaN or infinite.
     """
-    part = picture.part
-    is_light = part.premultiplied and part.linear  # with or without alpha
-    return _read(file, picture, with_alpha=picture.alpha is not None and not is_light)[0]
+    is_light = picture.part.premultiplied and space.is_linear  # with or without alpha
+    return _read(file, picture, space, with_alpha=picture.alpha is not None and not is_light)[0]
 
 
 def read_light_and_alpha(
-    file: ImageFile, picture: Picture
+    file: ImageFile, picture: Picture, space: ColorSpace
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Read the picture as :func:`read_light`, and its alpha (H, W): None if it has none or is 1 everywhere.
 
     Raises:
-        ImageFileError: the pixels are damaged, NaN or infinite.
+        ImageFileError: The pixels are damaged, NaN or infinite.
     """
-    image, alpha = _read(file, picture, with_alpha=picture.alpha is not None)
+    image, alpha = _read(file, picture, space, with_alpha=picture.alpha is not None)
     return image, None if alpha is None or (alpha == 1).all() else alpha
 
 
 def _read(
-    file: ImageFile, picture: Picture, with_alpha: bool
+    file: ImageFile, picture: Picture, space: ColorSpace, with_alpha: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Read a band after the other, so that nothing but light and alpha is ever held whole."""
     part, colours = picture.part, len(picture.colours)
@@ -91,13 +97,13 @@ def _read(
     alpha = file.empty(part, 1) if with_alpha else None
     light_rows = as_stored(image, part.orientation)
     kind = part.formats[part.channels.index(names[0])]
-    table = _TABLES.get(kind) if not part.linear and not with_alpha and len(set(part.formats)) == 1 else None
+    by_level = kind in _LEVELS and not space.is_linear and not with_alpha and len(set(part.formats)) == 1
     bad = 0
-    for rows, values in file.read_bands(part, names, "float" if table is None else kind):
-        if table is not None:
-            light_rows[rows] = table().take(values)
+    for rows, values in file.read_bands(part, names, kind if by_level else "float"):
+        if by_level:
+            light_rows[rows] = _light_of_whole(values, space, kind)
             continue
-        light = _light(values[..., :colours], values[..., colours:], part)
+        light = _light(values[..., :colours], values[..., colours:], part, space)
         bad += int((~np.isfinite(light).all(axis=-1) | ~np.isfinite(values).all(axis=-1)).sum())
         light_rows[rows] = light
         if alpha is not None:
@@ -123,28 +129,33 @@ def _is_layer(prefix: str, names: tuple[str, ...]) -> bool:
     return (not prefix or prefix.endswith(".")) and all(prefix + colour in names for colour in "GB")
 
 
-def _light(colour: NDArray[np.float32], alpha: NDArray[np.float32], part: Part) -> NDArray[np.float32]:
+def _light(
+    colour: NDArray[np.float32], alpha: NDArray[np.float32], part: Part, space: ColorSpace
+) -> NDArray[np.float32]:
     """Turn stored colours (rows, W, 1 or 3), and alpha (rows, W, 0 or 1), into light."""
-    if part.linear:
+    if space.is_linear:
         return colour if part.premultiplied or not alpha.shape[-1] else colour * alpha
     if not alpha.shape[-1]:
-        return in_row_blocks(srgb_to_linear, colour)
+        return in_row_blocks(space.decode, colour)
     if part.premultiplied:  # in encoded values: undo, decode, multiply again
         colour = np.divide(colour, np.where(alpha > 0, alpha, 1), dtype=np.float32)
-    light: NDArray[np.float32] = in_row_blocks(srgb_to_linear, colour) * alpha
+    light: NDArray[np.float32] = in_row_blocks(space.decode, colour) * alpha
     return light
 
 
-@cache
-def _linear_of_8_bits() -> NDArray[np.float32]:
-    """Light of every 8-bit value."""
-    return np.asarray(srgb_to_linear(np.arange(2**8, dtype=np.float32) / np.float32(2**8 - 1)))
+def _light_of_whole(values: NDArray[Any], space: ColorSpace, kind: str) -> NDArray[np.float32]:
+    """Turn stored whole numbers (rows, W, 1 or 3) into light."""
+    if len(set(space.curves)) == 1 or values.shape[-1] == 1:
+        return _light_of_levels(space.curves[0], kind).take(values)
+    planes = [_light_of_levels(curve, kind).take(values[..., i]) for i, curve in enumerate(space.curves)]
+    return np.stack(planes, axis=-1)
 
 
-@cache
-def _linear_of_16_bits() -> NDArray[np.float32]:
-    """Light of every 16-bit value."""
-    return np.asarray(srgb_to_linear(np.arange(2**16, dtype=np.float32) / np.float32(2**16 - 1)))
+_LEVELS = {"uint8": 2**8, "uint16": 2**16}
 
 
-_TABLES = {"uint8": _linear_of_8_bits, "uint16": _linear_of_16_bits}
+@lru_cache(maxsize=12)
+def _light_of_levels(curve: Curve, kind: str) -> NDArray[np.float32]:
+    """Light of every value of a whole type."""
+    count = _LEVELS[kind]
+    return np.asarray(curve.decode(np.arange(count, dtype=np.float32) / np.float32(count - 1)))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bokehnet.errors import ImageFileError
 from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers
 from bokehnet.io.intact import check_intact, check_pixel_count
+from bokehnet.io.pfm import PfmInput, is_pfm
 from bokehnet.io.window import Window
 
 __all__ = [
@@ -26,10 +27,10 @@ __all__ = [
     "as_stored",
 ]
 
-READABLE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr")
+READABLE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr", ".pfm", ".jxl")
 
-_FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr")
-_LINEAR_FORMATS = ("openexr", "hdr")
+_FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr", "pfm", "jpegxl")
+_LINEAR_FORMATS = ("openexr", "hdr", "pfm")
 _FLOAT_TYPES = ("half", "float", "double")
 
 _TURNED = (5, 6, 7, 8)  # orientations in which stored rows are columns of the picture
@@ -70,7 +71,7 @@ class ImageFile:
     """An open image file; use it in a ``with`` statement.
 
     Args:
-        path: JPEG, PNG, TIFF, WebP, EXR or HDR file.
+        path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
 
     Raises:
         ImageFileError: the file is missing, a folder, empty, damaged, of another format, or has more pixels
@@ -84,7 +85,7 @@ class ImageFile:
         self.headers: ExrHeaders | None = read_headers(self.path) if is_exr(self.path) else None
         hints = oiio.ImageSpec()
         hints.attribute("oiio:UnassociatedAlpha", 1)  # hand out the values as stored
-        opened = oiio.ImageInput.open(str(self.path), hints)
+        opened = PfmInput(self.path) if is_pfm(self.path) else oiio.ImageInput.open(str(self.path), hints)
         if opened is None:
             raise ImageFileError(f"{self.path}: {_why_not_opened(self.path, _message(oiio.geterror))}")
         self._input = opened
@@ -186,7 +187,7 @@ class ImageFile:
         # The decoder may hand out a partial picture beside an error: an error always counts.
         try:
             if spec.tile_width:
-                values = self._input.read_tiles(
+                values = self._input.read_tiles(  # type: ignore[union-attr]
                     part.index, 0, spec.x, spec.x + spec.width, top, bottom, 0, 1, *channels, kind
                 )
             else:

@@ -340,6 +340,7 @@ class BokehRenderer:
             error_map=rendered.error_map,
             defocus=defocus if keep else None,
             frame=scene.frame,
+            output=settings.output,
             report=RenderReport(
                 engine=engine.name,
                 largest_blur=rendered.largest_blur,

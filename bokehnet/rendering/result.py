@@ -1,15 +1,18 @@
 """What a rendering gives: the picture, the maps behind it, and what was decided on the way."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ImageFileError
+from bokehnet.io.color_space import LINEAR_REC709, convert
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.naming import about
+from bokehnet.rendering.output import make_output_format
+from bokehnet.rendering.settings import OutputSettings, RenderSettings
 from bokehnet.rendering.settings_file import save_settings
 
 __all__ = ["RenderReport", "RenderResult"]
@@ -46,7 +49,7 @@ class RenderReport:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RenderResult:
-    """A rendered picture and what it was made of; all scene-linear float32.
+    """A rendered picture and what it was made of; all scene-linear float32 in the primaries of its file.
 
     Attributes:
         bokeh: The result, (H, W, 3), after the effects of the camera.
@@ -59,6 +62,7 @@ class RenderResult:
         defocus: Signed blur radius of each pixel, (H, W), pixels; None where its memory was used again.
         report: What was decided.
         frame: What the picture's file holds besides; None for arrays.
+        output: How the picture is written.
 
     Examples:
         >>> from bokehnet.rendering.renderer import BokehRenderer
@@ -77,20 +81,24 @@ class RenderResult:
     alpha: Array | None = None
     defocus: Array | None = None
     frame: Frame | None = field(default=None, repr=False)
+    output: OutputSettings = field(default_factory=OutputSettings)
 
     def save(self, path: Path | str) -> None:
-        """Write the picture, atomically; the extension picks the format.
+        """Write the picture as ``output`` says, atomically; the extension picks the format.
 
         In the place of the picture in an EXR file, all else in the file stays; see
         :func:`bokehnet.io.frame.write_frame`.
 
         Raises:
             ImageFileError: Unknown extension, or the file cannot be written.
+            ParameterError: The format cannot be as ``output`` says.
         """
-        if self.frame is None:
-            write_image(path, self.bokeh, alpha=self.alpha)
-        else:
-            write_frame(path, self.frame, self.bokeh, self.alpha)
+        wanted = make_output_format(self.output)
+        with about("output"):
+            if self.frame is None:
+                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted))
+            else:
+                write_frame(path, self.frame, self.bokeh, self.alpha, wanted)
 
     def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
         """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.
@@ -113,8 +121,11 @@ class RenderResult:
             write_map(folder / "defocus.png", 0.5 + 0.5 * self.defocus / largest)
         write_map(folder / "error_map.png", self.error_map)
         if self.classical is not None:
-            write_image(folder / "classical.png", self.classical)
+            write_image(folder / "classical.png", self._in_rec709(self.classical))
         if self.neural is not None:
-            write_image(folder / "neural.png", self.neural)
+            write_image(folder / "neural.png", self._in_rec709(self.neural))
         if settings is not None:
             save_settings(folder / "settings.toml", settings)
+
+    def _in_rec709(self, image: Array) -> Array:
+        return image if self.frame is None else convert(image, self.frame.space, LINEAR_REC709)

@@ -20,7 +20,13 @@ __all__ = [
 
 EngineName = Literal["rays", "scatter", "hybrid", "fast"]
 Mode = Literal["auto", "on", "off"]
+Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
+
+# As bokehnet.io.output_format has them.
+ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"]
+BitsName = Literal["8", "10", "16", "half", "float"]
+SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
 _SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 _BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
@@ -299,7 +305,7 @@ class EngineSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputSettings(Group):
-    """What is written besides the picture.
+    """How the picture is written, and what besides it.
 
     Examples:
         >>> OutputSettings(save_maps="maps").save_maps / "defocus.exr" == Path("maps/defocus.exr")
@@ -309,6 +315,21 @@ class OutputSettings(Group):
     GROUP: ClassVar[str] = "output"
     TITLE: ClassVar[str] = "Output"
 
+    color_space: ColorSpaceName = setting(
+        "keep",
+        "Colours of the result; keep (the default): those of the picture's file, with its profile.",
+    )
+    bits: BitsName | None = setting(
+        None,
+        "8, 10, 16, half or float for each channel, as the format can; default: as the picture's file.",
+    )
+    quality: int = setting(95, "Of JPEG, WebP and JPEG XL, 1 to 100; default 95.", low=1, high=100)
+    subsampling: SubsamplingName = setting(
+        "4:4:4", "Of a JPEG's colours: 4:4:4 (full, the default), 4:2:2 or 4:2:0."
+    )
+    dither: Switch = setting(
+        "on", "on (default) or off: rounding to 8 bits spreads its error, so that slopes show no bands."
+    )
     save_maps: Path | None = setting(
         None, "Folder for the settings, and for defocus, error map, classical and neural as pictures."
     )

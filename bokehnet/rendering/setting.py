@@ -323,7 +323,8 @@ def _fit(value: Any, wanted: Any) -> Any:
         fitted = [_fit(value, kind) for kind in arguments if kind is not type(None)]
         return next((one for one in fitted if one is not _UNFIT), _UNFIT)
     if origin is typing.Literal:
-        return value if isinstance(value, str) and value in arguments else _UNFIT
+        word = str(value) if type(value) is int else value  # a number may be one of the words
+        return word if isinstance(word, str) and word in arguments else _UNFIT
     if origin is tuple:
         if not isinstance(value, tuple | list):
             return _UNFIT

@@ -18,6 +18,7 @@ OPTIONS = {
         --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --preset --pull --refine-disparity --resize-disparity
+        --bits --color-space --dither --quality --subsampling
         --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
         --quiet --verbose --json -q -v
         --tilt-y --vignette --vignette-radius --vignette-roundness --vignette-softness --weights

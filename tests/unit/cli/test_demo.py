@@ -31,7 +31,7 @@ def test_the_demo_writes_a_sheet_with_each_distance_sharp_in_its_turn(tmp_path, 
     picture, disparity, near, middle, far = tiles(read_image(output))
     assert_array_equal(picture, read_image(ASSETS / "demo.png"))
     map_in_file = read_disparity(ASSETS / "demo_disparity.png")
-    assert_allclose(read_as_grey(disparity), map_in_file, atol=0.5 / 255 + 1e-3)
+    assert_allclose(read_as_grey(disparity), map_in_file, atol=1 / 255 + 1e-3)  # rounded either way
     in_focus = np.abs(BLUR * (map_in_file - FOCUS["middle"])) < 0.5
     assert in_focus[CAT].mean() > 0.5
     errors = [np.abs(tile - picture)[CAT].mean() for tile in (near, middle, far)]

@@ -13,6 +13,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_map
 
 WIDTH, HEIGHT = 64, 48
+LEFT_OUT = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
 FAST = ("--engine", "scatter", "--repair-disparity", "off", "--save-maps", "maps")
 NEAR, FAR = 0.8, 4.0  # metres
 BACK, FRONT = 204, 51  # stored values of background and subject, 255 is FAR
@@ -61,8 +62,10 @@ def portrait(tmp_path, monkeypatch, no_bar):
 @pytest.fixture
 def defocus(portrait, cli):
     def call(*arguments):
-        outcome = cli("render", "portrait.jpg", "-o", "out.jpg", *FAST, *arguments, "-q")
-        assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+        outcome = cli("render", "portrait.jpg", "-o", "out.jpg", *FAST, *arguments)
+        assert (outcome.code, outcome.out) == (0, "")
+        assert outcome.err.startswith(f"bokehnet: portrait.jpg: {LEFT_OUT}\n")
+        assert outcome.err.count("\n") == 2
         assert read_image("out.jpg").shape == (HEIGHT, WIDTH, 3)
         return read_map("maps/defocus.exr")
 

@@ -15,12 +15,15 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from hypothesis import HealthCheck, given, seed, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from bokehnet.errors import BokehnetError
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import write_image
 from bokehnet.io.info import image_info
 from bokehnet.io.maps import read_depth, read_disparity
+from tests.unit.io import profiles
+from tests.unit.io.test_metadata import exif, packet
 
 FILES_PER_FORMAT = 40
 SECONDS_PER_FILE = 10
@@ -33,8 +36,17 @@ def valid_files(folder):
     image, alpha = rng.random((24, 32, 3)), rng.random((24, 32))
     for extension in ("png", "jpg", "tif", "webp", "exr", "hdr"):
         write_image(folder / f"plain.{extension}", image)
-    for extension in ("png", "tif", "webp"):
+    for extension in ("png", "tif", "webp", "pfm"):
         write_image(folder / f"alpha.{extension}", image, alpha=alpha)
+    if "jpegxl" in oiio.get_string_attribute("format_list"):
+        write_image(folder / "plain.jxl", np.tile(image, (4, 4, 1)))
+    levels = Image.fromarray((255 * image).astype(np.uint8))
+    about = {"exif": b"Exif\0\0" + exif(), "icc_profile": profiles.SCANNER}
+    for extension in ("png", "jpg", "webp"):
+        told = about if extension == "png" else about | {"xmp": packet()}
+        levels.save(folder / f"told.{extension}", **told)
+        frame = read_frame(folder / f"told.{extension}")
+    write_frame(folder / "told.tif", frame, frame.image)
     for number, compression in enumerate(("none", "rle", "zips", "piz", "pxr24", "b44", "dwaa", "dwab")):
         spec = oiio.ImageSpec(32, 24, 5, "half")
         spec.channelnames = ("R", "G", "B", "A", "Z")
@@ -91,7 +103,8 @@ def read_everything(path):
         survives(reader, path)
     frame = survives(read_frame, path)
     if frame is not None:
-        survives(write_frame, path.with_name("out.exr"), frame, frame.image)
+        for extension in ("exr", "jpg", "tif"):
+            survives(write_frame, path.with_name(f"out.{extension}"), frame, frame.image)
 
 
 def fuzz(original, number):

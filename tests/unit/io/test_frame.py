@@ -12,6 +12,7 @@ from bokehnet.errors import ImageFileError, ParameterError, ShapeError
 from bokehnet.io.exr_header import Attribute, ExrHeaders, read_headers
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image
+from bokehnet.io.output_format import OutputFormat
 from tests.unit.io.exr_files import read_channels, read_spec, write_exr
 
 RNG = np.random.default_rng(0)
@@ -252,7 +253,7 @@ def test_straight_alpha_survives_reading_and_writing(tmp_path, store, extension)
     assert_allclose(frame.alpha, stored[..., 3] / 255, atol=1e-6)
     assert_allclose(frame.image, read_image(tmp_path / "in.png"), atol=0)
     target = tmp_path / f"out{extension}"
-    write_frame(target, frame, frame.image, quality=100)
+    write_frame(target, frame, frame.image, wanted=OutputFormat(quality=100))
     file = oiio.ImageInput.open(str(target), oiio.ImageSpec())
     assert file.spec().nchannels == 4
     again = read_frame(target)

@@ -5,12 +5,19 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
 
 from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.color import srgb_to_linear
-from bokehnet.io.heif import is_heif, read_heif_image
+from bokehnet.io.color_space import convert
+from bokehnet.io.frame import read_frame, write_frame
+from bokehnet.io.heif import is_heif
+from bokehnet.io.icc import read_profile
+from bokehnet.io.image import read_image
 from bokehnet.io.phone_depth import read_phone_depth
 from tests.unit.io import phone_files as files
+from tests.unit.io import profiles
+from tests.unit.io.test_metadata import exif
 
 # A map of depths, mm; 16 bits, so that rounding is below 1e-4 of its range.
 DEPTH = np.tile(np.geomspace(400, 6000, 16), (12, 1))
@@ -374,17 +381,61 @@ def test_an_hdr_gain_map_is_no_depth(save, heic):
 def test_a_heic_picture_is_read_as_scene_linear_light(save, heic):
     path = save(heic(PICTURE, GREY), "a.heic")
     assert is_heif(path)
-    image = read_heif_image(path)
+    image = read_image(path)
     assert image.dtype == np.float32
     expected = srgb_to_linear(np.array([200, 100, 50]) / 255)
     assert_allclose(image, np.broadcast_to(expected, (48, 64, 3)), atol=0.01)
+
+
+def test_a_heic_picture_is_read_through_its_profile_and_keeps_its_metadata(tmp_path, heic):
+    """An iPhone's colours: the values are those of Display P3."""
+    pillow_heif = pytest.importorskip("pillow_heif")
+    image = Image.fromarray(PICTURE)
+    image.info["icc_profile"] = profiles.KNOWN["p3"]
+    image.info["exif"] = b"Exif\0\0" + exif(orientation=1)
+    pillow_heif.from_pillow(image).save(tmp_path / "a.heic", quality=-1, chroma=444)
+    frame = read_frame(tmp_path / "a.heic")
+    assert (frame.space.name, frame.bits) == ("Display P3", 8)
+    assert_allclose(frame.image, srgb_to_linear(PICTURE / 255.0), atol=0.01)
+    write_frame(tmp_path / "out.jpg", frame, frame.image)
+    written = Image.open(tmp_path / "out.jpg")
+    assert written.info["icc_profile"] == profiles.KNOWN["p3"]
+    assert written.getexif()[0x010F] == "Maker"
+
+
+def test_a_heic_of_ten_bits_in_pq_is_light_above_white(tmp_path):
+    """ITU-R BT.2100-2: the highest of 1024 levels is 10 000 cd/m^2, 49 times white."""
+    pillow_heif = pytest.importorskip("pillow_heif")
+    ramp = np.tile(np.linspace(0, 65535, 64).astype(np.uint16)[None, :, None], (48, 1, 3))
+    pictures = pillow_heif.from_bytes(mode="RGB;16", size=(64, 48), data=ramp.tobytes())
+    code = {"color_primaries": 9, "transfer_characteristics": 16, "matrix_coefficients": 9}
+    pictures.save(tmp_path / "a.heic", quality=-1, chroma=444, full_range_flag=1, **code)
+    frame = read_frame(tmp_path / "a.heic")
+    assert (frame.space.name, frame.bits) == ("Rec. 2020 PQ", 16)
+    assert_allclose(frame.image.max(), 10000 / 203, rtol=0.02)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_the_original_comes_in_the_primaries_of_its_photo(save, own):
+    """With a profile it is converted; without one it has that of the photo."""
+    red = np.tile(np.array([200, 60, 50], np.uint8), (24, 32, 1))
+    p3 = profiles.KNOWN["p3"]
+    jpeg = files.encode(red, "JPEG", quality=95, icc_profile=p3)
+    original = files.encode(
+        red, "JPEG", quality=95, **({"icc_profile": profiles.KNOWN["adobe"]} if own else {})
+    )
+    found = read_phone_depth(save(files.gdepth_photo(PNG, near=1, far=2, jpeg=jpeg, original=original)))
+    space = read_profile(profiles.KNOWN["adobe"] if own else p3, "")
+    light = space.decode(np.broadcast_to(red / np.float32(255), red.shape))
+    wanted = convert(light, space, read_profile(p3, ""))
+    assert_allclose(found.all_in_focus, wanted, atol=0.015)
 
 
 def test_a_damaged_heic_is_told(save, heic):
     whole = heic(PICTURE, GREY)
     for length in [20, 200, 500, 700]:
         path = save(whole[:length], "a.heic")
-        for read in (read_heif_image, read_phone_depth):
+        for read in (read_image, read_phone_depth):
             with pytest.raises(ImageFileError, match=r"a\.heic: [^\n]*$"):
                 read(path)
 

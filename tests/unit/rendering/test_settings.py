@@ -14,6 +14,7 @@ from bokehnet.errors import BokehnetError, ConfigError, ParameterError
 from bokehnet.inference.disparity_repair import REPAIR_MODES
 from bokehnet.inference.engine import ENGINES
 from bokehnet.io.maps import DEPTH_UNITS
+from bokehnet.io.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.chromatic_aberration import ChromaticAberration
@@ -176,7 +177,10 @@ VALID = [
             "grain_mono": True, "grain_seed": 9,
         },
         "engine": {"name": "hybrid", "weights": "nets", "max_memory": 2**31},
-        "output": {"save_maps": "maps/ü"},
+        "output": {
+            "save_maps": "maps/ü", "color_space": "prophoto", "bits": "16", "quality": 80,
+            "subsampling": "4:2:0", "dither": "off",
+        },
     },
     {
         "input": {"depth": "a.exr"},
@@ -483,6 +487,10 @@ def test_choices_are_those_of_the_rooms_below():
         "lens.aberrations": {"traced", "seidel"},
         "color.dispersion": set(DISPERSIONS),
         "engine.name": set(ENGINES),
+        "output.color_space": set(COLOR_SPACE_NAMES),
+        "output.bits": set(map(str, typing.get_args(Bits))),
+        "output.subsampling": set(SUBSAMPLINGS),
+        "output.dither": {"on", "off"},
     }
 
 

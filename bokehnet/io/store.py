@@ -1,0 +1,167 @@
+"""Light to the stored values of a file: primaries, curve, bits, alpha, profile and metadata."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.color_space import LINEAR_REC709, SRGB, ColorSpace, chromaticities_of, convert
+from bokehnet.io.dither import quantise
+from bokehnet.io.encode import encode
+from bokehnet.io.metadata import Metadata, add_metadata
+from bokehnet.io.output_format import (
+    Bits,
+    OutputFormat,
+    choose_bits,
+    dtype_of,
+    profile_to_embed,
+    target_space,
+)
+from bokehnet.io.png import compressed_profile, text_chunk
+from bokehnet.io.row_blocks import cut_row_blocks
+
+__all__ = ["store_picture"]
+
+_LARGEST_HALF = 65504.0
+_WIDEST_HDR = 32767  # beyond it the run lengths of its rows no longer fit
+_WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: not told which kind it is
+_GREY_TOO = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_CODECS = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp", ".jxl": "jpegxl"}
+
+Array = NDArray[Any]
+
+
+def store_picture(
+    path: Path,
+    image: Array,
+    alpha: Array | None,
+    wanted: OutputFormat,
+    *,
+    source: ColorSpace = LINEAR_REC709,
+    bits: Bits | None = None,
+    metadata: Metadata | None = None,
+    origin: Path | None = None,
+) -> None:
+    """Write a picture atomically; its arrays and its format are checked already.
+
+    Args:
+        path: Where it goes.
+        image: Linear light in the primaries of ``source``, (H, W, 3), premultiplied where there is alpha.
+        alpha: Coverage, (H, W).
+        wanted: What the file is to be like.
+        source: Colour space that the picture came in.
+        bits: That it came in.
+        metadata: That it came with.
+        origin: File that it came in, for messages.
+
+    Raises:
+        ImageFileError: The file cannot be written, or cannot hold the picture.
+    """
+    extension = path.suffix.lower()
+    chosen = choose_bits(extension, wanted.bits, bits)
+    target = target_space(path, source, wanted.color_space, chosen)
+    alpha = None if extension in _WITHOUT_ALPHA else alpha
+    if target.grey:
+        target = _grey_or_coloured(target, image, alpha, extension)
+    profile = profile_to_embed(target, source)
+    metadata = metadata or Metadata()
+    height, width = image.shape[:2]
+    if metadata.exif is not None or metadata.xmp is not None:
+        is_srgb = None if target == source else target == SRGB
+        metadata = metadata.refreshed(origin or path, width, height, is_srgb=is_srgb)
+    channels = ("Y",) if target.grey else ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
+    attributes: dict[str, Any] = {}
+    if extension == ".exr":
+        attributes["compression"] = "zip"
+        if not target.shares_primaries(LINEAR_REC709):
+            attributes["chromaticities"] = chromaticities_of(target)
+    elif extension == ".hdr" and max(height, width) > _WIDEST_HDR:
+        raise ImageFileError(
+            f"{path}: HDR files are at most {_WIDEST_HDR} pixels wide and high, "
+            f"got {width}x{height}; use .exr"
+        )
+    elif extension in _CODECS:
+        attributes["compression"] = f"{_CODECS[extension]}:{wanted.quality}"
+        if _CODECS[extension] == "jpeg":
+            attributes["jpeg:subsampling"] = wanted.subsampling
+    if extension in (".tif", ".tiff", ".jxl") and profile is not None:
+        attributes["ICCProfile"] = profile
+    if alpha is not None and not isinstance(chosen, str):
+        attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight as they stand
+    encode(
+        path,
+        (height, width, len(channels)),
+        dtype_of(chosen),
+        _stored_values(image, alpha, source, target, chosen, wanted.dither, extension),
+        channels,
+        attributes,
+        chunks=_png_chunks(target, profile, metadata),
+        finish=lambda temporary: add_metadata(temporary, width, height, metadata, profile),
+    )
+
+
+def _stored_values(
+    image: Array,
+    alpha: Array | None,
+    source: ColorSpace,
+    target: ColorSpace,
+    bits: Bits,
+    dither: bool,
+    extension: str,
+) -> Callable[[slice], Array]:
+    """What gives some of the rows as they are stored."""
+    bound = np.inf if target.cicp is not None else 1.0  # code points can tell light above white
+    channels = 1 if target.grey else 3
+
+    def light_of(rows: slice) -> Array:
+        return convert(np.asarray(image[rows], np.float32), source, target)
+
+    def floating(rows: slice) -> Array:
+        values = light_of(rows) if alpha is None else np.dstack([light_of(rows), alpha[rows]])
+        if bits == "half":
+            return np.clip(values, -_LARGEST_HALF, _LARGEST_HALF)
+        return np.maximum(values, 0) if extension == ".hdr" else values
+
+    def whole(rows: slice) -> Array:
+        light = light_of(rows)[..., :channels]
+        if alpha is not None:
+            cover = alpha[rows]
+            light = light / np.where(cover > 0, cover, 1)[..., None]
+        values = target.encode(np.clip(light, 0, bound))
+        if alpha is not None:
+            values = np.dstack([values, np.clip(cover, 0, 1)])
+        top = rows.start if dither and bits == 8 else None
+        return quantise(values, int(bits), top=top)
+
+    return floating if isinstance(bits, str) else whole
+
+
+def _grey_or_coloured(space: ColorSpace, image: Array, alpha: Array | None, extension: str) -> ColorSpace:
+    """The space of a grey profile, or for pictures that have colours now, one of the same curve."""
+    neutral = all(
+        (image[rows, :, 0] == image[rows, :, 1]).all() and (image[rows, :, 0] == image[rows, :, 2]).all()
+        for rows in cut_row_blocks(image.shape)
+    )
+    if neutral and alpha is None and extension in _GREY_TOO:
+        return space
+    return replace(space, name=f"{space.name}, in colour", icc=None, grey=False)
+
+
+def _png_chunks(target: ColorSpace, profile: bytes | None, metadata: Metadata) -> list[tuple[bytes, bytes]]:
+    """What stands before the pixels of a PNG."""
+    chunks = []
+    if target.cicp is not None:
+        chunks.append((b"cICP", bytes(target.cicp)))
+    if profile is not None:
+        chunks.append(compressed_profile(profile))
+    elif target == SRGB:
+        chunks.append((b"sRGB", b"\0"))
+    if metadata.exif is not None:
+        chunks.append((b"eXIf", metadata.exif))
+    if metadata.xmp is not None:
+        chunks.append(text_chunk("XML:com.adobe.xmp", metadata.xmp))
+    return chunks
