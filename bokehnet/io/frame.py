@@ -73,14 +73,15 @@ def read_frame(path: Path | str) -> Frame:
             camera = camera_from_exif(attributes, width, height)
             return Frame(image=image, alpha=alpha, camera=camera, window=Window.whole(width, height))
         state = file.path.stat()
+        origin = _Origin(
+            path=file.path.absolute(), size=state.st_size, changed=state.st_mtime_ns, picture=picture
+        )
         return Frame(
             image=image,
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
-            _origin=_Origin(
-                path=file.path.absolute(), size=state.st_size, changed=state.st_mtime_ns, picture=picture
-            ),
+            _origin=None if picture.part.deep else origin,  # blur has no deep samples to put there
         )
 
 

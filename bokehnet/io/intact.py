@@ -56,7 +56,7 @@ def _check_png(path: Path) -> None:
                 raise ImageFileError(f"{path}: the PNG file is damaged before byte {file.tell()}")
 
 
-def check_pixel_count(path: Path | str, width: int, height: int) -> None:
+def check_pixel_count(path: Path | str, width: int, height: int, what: str = "") -> None:
     """Raise ``ImageFileError`` if a header tells of more pixels than are allowed.
 
     Raises:
@@ -69,7 +69,8 @@ def check_pixel_count(path: Path | str, width: int, height: int) -> None:
     except (ValueError, OverflowError) as problem:
         raise ParameterError(PIXEL_LIMIT_VARIABLE, "a number of pixels", text) from problem
     if width * height > most:
+        found = f"{width} {what}" if what else f"{width}x{height} pixels"
         raise ImageFileError(
-            f"{path}: {width}x{height} pixels are more than the limit of {most}; "
+            f"{path}: {found} are more than the limit of {most}; "
             f"if that is right, raise {PIXEL_LIMIT_VARIABLE} in the environment"
         )

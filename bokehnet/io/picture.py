@@ -28,12 +28,13 @@ class Picture:
 def find_picture(file: ImageFile) -> Picture:
     """Find the part and the channels that make the picture.
 
-    Parts are searched in their order; one that is called beauty, combined, rgba or rgb comes first.
+    Parts are searched in their order; one that is called beauty, combined, rgba or rgb comes first, a deep
+    one last.
 
     Raises:
         ImageFileError: there are no colours, or several layers of them.
     """
-    parts = sorted(file.parts, key=lambda part: _last_word(part.name) not in _PICTURE_LAYERS)
+    parts = sorted(file.parts, key=lambda part: (_last_word(part.name) not in _PICTURE_LAYERS, part.deep))
     for part in parts:
         names = part.channels
         layers = [name[:-1] for name in names if name.endswith("R") and _is_layer(name[:-1], names)]
