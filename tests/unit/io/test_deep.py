@@ -38,9 +38,8 @@ def test_samples_come_as_they_were_written(tmp_path, tile, compression):
         found = file.read_deep(file.parts[0], ["R", "G", "B"])
     assert_array_equal(found.counts, [[len(samples) for samples in row] for row in pixels])
     for name, values in found.values.items():
-        assert_array_equal(
-            values, [sample[name] for samples in chain.from_iterable(pixels) for sample in samples]
-        )
+        written = [sample[name] for samples in chain.from_iterable(pixels) for sample in samples]
+        assert_array_equal(values, written)
 
 
 @pytest.mark.parametrize(("tile", "compression"), STORED)
