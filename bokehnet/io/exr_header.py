@@ -10,7 +10,16 @@ from typing import BinaryIO
 
 from bokehnet.errors import ImageFileError
 
-__all__ = ["Attribute", "ExrHeaders", "Value", "channel_list", "channel_sizes", "is_exr", "read_headers"]
+__all__ = [
+    "Attribute",
+    "ExrHeaders",
+    "Value",
+    "channel_list",
+    "channel_sizes",
+    "is_exr",
+    "read_headers",
+    "sub_sampled",
+]
 
 Value = float | str | tuple[float, ...]
 
@@ -93,6 +102,17 @@ def channel_list(channels: Attribute) -> dict[str, int]:
         kinds[name.decode("latin-1")] = kind
         rest = rest[16:]  # type, linearity and two sampling rates
     return kinds
+
+
+def sub_sampled(channels: Attribute) -> list[str]:
+    """Return the channels that do not have a value for every pixel, such as chroma."""
+    found, rest = [], channels.data
+    while name := rest[: rest.index(b"\0")]:
+        rest = rest[len(name) + 1 :]
+        if rest[8:16] != struct.pack("<2i", 1, 1):
+            found.append(name.decode("latin-1"))
+        rest = rest[16:]
+    return found
 
 
 def channel_sizes(channels: Attribute) -> dict[str, int]:

@@ -49,6 +49,11 @@ def find_picture(file: ImageFile) -> Picture:
                 f"{file.path}: expected one layer with R, G, B, found {found}; keep one of them"
             )
         grey = [name for name in names if name != part.alpha]
+        if {"Y", "RY", "BY"} <= set(grey):
+            raise ImageFileError(
+                f"{file.path}: expected channels R, G, B, found luminance and chroma, Y, RY, BY; "
+                "write R, G, B instead"
+            )
         if "Y" in grey:
             return Picture(part=part, colours=("Y",), alpha=part.alpha)
         if len(grey) == 1 and file.file_format != "openexr":

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bokehnet.errors import ImageFileError
 from bokehnet.io.deep import flatten
 from bokehnet.io.deep_chunks import DeepSamples, read_samples
-from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers
+from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.intact import check_intact, check_pixel_count
 from bokehnet.io.window import Window
 
@@ -85,6 +85,7 @@ class ImageFile:
         self.path = Path(path)
         check_intact(self.path)
         self.headers: ExrHeaders | None = read_headers(self.path) if is_exr(self.path) else None
+        self._check_sampling()
         hints = oiio.ImageSpec()
         hints.attribute("oiio:UnassociatedAlpha", 1)  # hand out the values as stored
         opened = oiio.ImageInput.open(str(self.path), hints)
@@ -101,6 +102,19 @@ class ImageFile:
         except BaseException:
             self._input.close()
             raise
+
+    def _check_sampling(self) -> None:
+        """Raise if an EXR has channels of fewer values than pixels, which nobody here can read."""
+        for attributes in self.headers.parts if self.headers is not None else ():
+            try:
+                names = sub_sampled(attributes["channels"])
+            except (KeyError, ValueError) as problem:
+                raise ImageFileError(f"{self.path}: the EXR header is damaged ({problem})") from problem
+            if names:
+                raise ImageFileError(
+                    f"{self.path}: expected channels at full size, found {', '.join(names)} sub-sampled, "
+                    "as luminance and chroma are; write R, G, B instead"
+                )
 
     def __enter__(self) -> Self:
         return self
