@@ -5,9 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import typer
+
+from bokehnet.cli.options import in_options
 from bokehnet.cli.progress import progress
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.image import check_writable
+from bokehnet.io.in_place import check_not_over
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.frame_names import frame_path, is_pattern
@@ -39,6 +43,7 @@ class FrameJob:
         """Raise unless the settings fit together and the result can be written; no picture is read."""
         check_focus(self.settings)
         check_writable(self.output)
+        check_not_over(self.output, self.image, input_files(self.settings).values())
         folder = self.settings.output.save_maps
         if folder is None:
             return
@@ -103,8 +108,11 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 
 def render_frame(
     job: FrameJob, renderer: BokehRenderer, report: Callable[[int, int], None] | None = None
-) -> None:
+) -> tuple[str, ...]:
     """Read, render and write one frame; the output appears complete or not at all.
+
+    Returns:
+        What looks odd about it, a line each.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
@@ -114,9 +122,12 @@ def render_frame(
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
     result.save(job.output)
+    return result.report.notes
 
 
 def render_one(job: FrameJob) -> None:
     """Render a frame with a bar."""
     with progress("rendering") as report:
-        render_frame(job, make_renderer(job.settings), report)
+        notes = render_frame(job, make_renderer(job.settings), report)
+    for note in notes:
+        typer.echo(f"bokehnet: note: {in_options(note)}", err=True)

@@ -94,7 +94,12 @@ def told(error: BokehnetError) -> str:
     # Only by its path: a bare "image" or "defocus" is an array of a room below.
     if isinstance(error, ParameterError) and "." in error.parameter and error.parameter in _flags():
         error = error.renamed(_flags()[error.parameter])
-    return _QUOTED.sub(lambda match: _flags().get(match[1], match[1]), str(error))
+    return in_options(str(error))
+
+
+def in_options(text: str) -> str:
+    """Return a text with the options in place of the fields that stand in back quotes."""
+    return _QUOTED.sub(lambda match: _flags().get(match[1], match[1]), text)
 
 
 def _flags() -> dict[str, str]:

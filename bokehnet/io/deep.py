@@ -188,5 +188,5 @@ def _merged(place: NDArray[np.bool_], alpha: Array, colour: Array) -> tuple[Arra
     total = density.sum(axis=1)
     scale = np.divide(cover, total, out=np.ones_like(cover), where=total > 0)
     mixed = np.einsum("pk,pkc->pc", np.where(place, weight, 0) * scale[:, None], colour)
-    blocked = np.einsum("pk,pkc->pc", opaque / np.maximum(opaque.sum(axis=1), 1)[:, None], colour)
-    return cover, np.where(opaque.any(axis=1)[:, None], blocked, mixed)
+    blocked = np.einsum("pk,pkc->pc", opaque / np.maximum(np.sum(opaque, axis=1, keepdims=True), 1), colour)
+    return cover, np.where(opaque.any(axis=1, keepdims=True), blocked, mixed)

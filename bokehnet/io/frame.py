@@ -11,6 +11,7 @@ from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.camera import Camera, camera_from_exif, camera_from_exr
+from bokehnet.io.choices import choices
 from bokehnet.io.encode import check_readable
 from bokehnet.io.exr_splice import write_replaced
 from bokehnet.io.heif import is_heif, read_heif_image
@@ -42,12 +43,14 @@ class Frame:
         camera: What the file tells of the camera, or None.
         window: Where the pixels lie in the shown picture; a camera's ``sensor_width`` belongs to
             ``window.display_width`` pixels.
+        notes: What was chosen where the file holds several pictures, a line each.
     """
 
     image: NDArray[np.float32]
     alpha: NDArray[np.float32] | None
     camera: Camera | None
     window: Window
+    notes: tuple[str, ...] = ()
     _origin: _Origin | None = field(default=None, repr=False)
 
 
@@ -81,6 +84,7 @@ def read_frame(path: Path | str) -> Frame:
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
+            notes=choices(file, picture),
             _origin=None if picture.part.deep else origin,  # blur has no deep samples to put there
         )
 

@@ -11,7 +11,7 @@ from bokehnet.io.color import srgb_to_linear
 from bokehnet.io.pixels import ImageFile, Part, as_stored
 from bokehnet.io.row_blocks import in_row_blocks
 
-__all__ = ["Picture", "find_picture", "read_light", "read_light_and_alpha"]
+__all__ = ["Picture", "find_picture", "picture_layers", "read_light", "read_light_and_alpha"]
 
 _PICTURE_LAYERS = ("combined", "beauty", "rgba", "rgb")
 
@@ -60,6 +60,13 @@ def find_picture(file: ImageFile) -> Picture:
             return Picture(part=part, colours=tuple(grey), alpha=part.alpha)
     found = ", ".join(name for part in file.parts for name in part.channels)
     raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {found}")
+
+
+def picture_layers(part: Part) -> list[str]:
+    """Return the layers of a part that are whole pictures by their names, such as ``View Layer.Combined``."""
+    names = part.channels
+    layers = [name[:-1] for name in names if name.endswith("R") and _is_layer(name[:-1], names)]
+    return [layer.rstrip(".") for layer in layers if _last_word(layer.rstrip(".")) in _PICTURE_LAYERS]
 
 
 def read_light(file: ImageFile, picture: Picture) -> NDArray[np.float32]:

@@ -28,6 +28,7 @@ from bokehnet.rendering.look import (
     prescription_lens,
 )
 from bokehnet.rendering.naming import about
+from bokehnet.rendering.odd_blur import odd_blur
 from bokehnet.rendering.result import RenderReport, RenderResult
 from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
 from bokehnet.rendering.settings import (
@@ -256,7 +257,7 @@ class BokehRenderer:
         check_engine(settings, settings.engine.name or self.engine)
         _watched(None, cancel)(0, 1)
         values = fitted_map(scene, settings.depth)
-        lens, repaired, reason = None, None, ""
+        lens, repaired, reason, notes = None, None, "", scene.notes
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
         elif settings.depth.repair != "off":
@@ -267,7 +268,8 @@ class BokehRenderer:
             lens = focus_lens(
                 replace(scene.depth, values=values), scene.window, settings.focus, settings.camera
             )
-            values = lens.defocus(values)
+            disparity, values = values, lens.defocus(values)
+            notes += odd_blur(scene.depth, disparity, lens, values)
         return FocusedScene(
             image=scene.image,
             defocus=values,
@@ -278,6 +280,7 @@ class BokehRenderer:
             lens=lens,
             repaired=repaired,
             repair_reason=reason,
+            notes=notes,
         )
 
     def _expose(
@@ -337,6 +340,7 @@ class BokehRenderer:
                 repair_reason=scene.repair_reason,
                 focus_disparity=None if found is None else found.near,
                 focus_distance=None if found is None else found.distance,
+                notes=scene.notes,
             ),
         )
 
