@@ -295,14 +295,13 @@ def _camera_of(path: Path) -> Camera | None:
 class EmbeddedDepth:
     """The map that a picture's own file holds: what a phone has put there, or the depth channel of an EXR.
 
-    Depth of an EXR is that of :class:`MetricDepth`. A phone's is blurred as by a full-frame camera: its own
-    lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the camera that
-    has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
+    Depth of an EXR is that of :class:`MetricDepth`, in metres. A phone's is blurred as by a full-frame camera:
+    its own lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the camera
+    that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
 
     Attributes:
         map: What :func:`bokehnet.io.phone_depth.read_phone_depth` gives; None reads the picture's own file.
         relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the file tells.
-        unit: Of the depth of an EXR, as in :class:`MetricDepth`.
 
     Examples:
         >>> near_and_far = np.array([[0.001, 0.0005]], np.float32)  # 1/mm
@@ -317,7 +316,6 @@ class EmbeddedDepth:
 
     map: PhoneDepth | None = None
     relative: bool | None = None
-    unit: str = "m"
 
     @property
     def origin(self) -> str:
@@ -361,11 +359,11 @@ class EmbeddedDepth:
 
     def _of_exr(self, photo: Photo, path: Path, channel: str) -> DepthMap:
         """Depth in a channel beside the colours."""
-        depth = MetricDepth(map=path, channel=channel, unit=self.unit).depth_map(photo)
+        depth = MetricDepth(map=path, channel=channel).depth_map(photo)
         told = replace(
             depth,
             origin=f"the picture's own channel {channel}",
-            notes=(*depth.notes, f"{path}: depth is taken from its channel {channel}, in {self.unit}"),
+            notes=(f"{path}: depth is metres in its channel {channel}; `input.depth` can say otherwise",),
         )
         if not self.relative:
             return told
@@ -521,7 +519,7 @@ def depth_source(settings: RenderSettings) -> DepthSource:
         return NetworkDepth(model=given.depth_model, convention=given.depth_convention or "depth-anything-v2")
     if given.constant_disparity is not None:
         return ConstantDisparity(value=given.constant_disparity)
-    return EmbeddedDepth(relative=settings.camera.blur is not None, unit=reading.unit or "m")
+    return EmbeddedDepth(relative=settings.camera.blur is not None)
 
 
 def tells_distances(settings: RenderSettings, *, blur_pulled: bool = False) -> bool:

@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float32]
 
 
 def odd_blur(depth: DepthMap, disparity: Array, lens: FocusedLens, defocus: Array) -> tuple[str, ...]:
-    """Return a line where all or nothing is sharp; most pictures leave none.
+    """Return a line where all is sharp, or nothing and the focus lies beyond the scene; most leave none.
 
     Args:
         depth: The map as it came.
@@ -45,13 +45,13 @@ def odd_blur(depth: DepthMap, disparity: Array, lens: FocusedLens, defocus: Arra
         return ()
     blocks = [np.abs(defocus[first : first + _ROWS]) for first in range(0, len(defocus), _ROWS)]
     least, most = min(float(b.min()) for b in blocks), max(float(b.max()) for b in blocks)
+    low, high = float(disparity.min()), float(disparity.max())
     if depth.kind == "metric" and most < _UNSEEN * math.hypot(*defocus.shape):
         what = "all is sharp"
-    elif least > _SEEN:
+    elif least > _SEEN and lens.plane is None and (lens.far > high or lens.near < low):
         what = "nothing is sharp"
     else:
         return ()
-    low, high = float(disparity.min()), float(disparity.max())
     focus, remedy = f"{lens.near:g}", ""
     found = f"disparity {low:g} to {high:g}"
     if lens.distance is not None:

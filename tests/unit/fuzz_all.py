@@ -1,6 +1,6 @@
 """Feeds odd input to readers, command line and API: ``python -m tests.unit.fuzz_all SECONDS [SEED]``.
 
-What each may do: give a picture, or fail with one line. Tries run in processes of their own, a few in each, so
+What each may do: give a picture, or fail with one line. Tries run in processes of their own, a few each, so
 that a crash or a hang is counted and the rest goes on.
 """
 
