@@ -4,6 +4,7 @@ Chunks are unpacked here and not by a decoder, which loses its way in deep data 
 takes the process with it. Deep data is stored raw, by run lengths or by zlib, and in no other way.
 """
 
+import os
 import struct
 import zlib
 from collections.abc import Sequence
@@ -112,6 +113,9 @@ def _blocks(
 ) -> list[_Block]:
     """Return the chunks of full size of a part."""
     counts = [_chunk_count(attributes) for attributes in headers.parts]
+    limit = file.seek(0, os.SEEK_END)
+    if 8 * sum(counts) > limit:
+        raise ValueError("the table of chunks is cut off")
     file.seek(headers.end + 8 * sum(counts[:part]))
     table = file.read(8 * counts[part])
     offsets = struct.unpack(f"<{counts[part]}Q", table)
@@ -119,6 +123,8 @@ def _blocks(
     tile = (0, 0) if tiles is None else struct.unpack("<2I", tiles.data[:8])
     blocks = []
     for offset in offsets:
+        if offset > limit:
+            raise ValueError("a chunk beyond the end of the file")
         file.seek(offset + (4 if headers.multi_part else 0))
         if tiles is None:
             (y,) = struct.unpack("<i", file.read(4))
@@ -131,6 +137,8 @@ def _blocks(
         if not (0 <= x < size[0] and 0 <= y < size[1]):
             raise ValueError(f"a chunk at {x}, {y}")
         packed_counts, packed, unpacked = struct.unpack("<3Q", file.read(24))
+        if packed_counts + packed > limit:
+            raise ValueError("a chunk beyond the end of the file")
         start = file.tell()
         pixels = width * height
         width, height = min(width, size[0] - x), min(height, size[1] - y)

@@ -295,7 +295,7 @@ def _camera_of(path: Path) -> Camera | None:
 class EmbeddedDepth:
     """The map that a picture's own file holds: what a phone has put there, or the depth channel of an EXR.
 
-    Depth of an EXR is that of :class:`MetricDepth`, in metres. A phone's is blurred as by a full-frame camera:
+    Depth of an EXR is that of :class:`MetricDepth`, metres. A phone's is blurred as by a full-frame camera:
     its own lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the camera
     that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
 

@@ -1,5 +1,6 @@
 """Deep EXR: every way it is stored, and what its samples show."""
 
+import contextlib
 from itertools import chain
 
 import numpy as np
@@ -186,3 +187,17 @@ def test_more_samples_than_pixels_may_be_are_refused(tmp_path, monkeypatch):
     monkeypatch.setenv(PIXEL_LIMIT_VARIABLE, "321")
     with pytest.raises(ImageFileError, match="deep samples are more than the limit of 321"):
         read_frame(path)
+
+
+@pytest.mark.parametrize("tile", [0, 8])
+def test_places_and_lengths_beyond_the_file_are_an_error(tmp_path, tile):
+    data = write_deep(tmp_path / "a.exr", deep_samples(), tile=tile).read_bytes()
+    rng = np.random.default_rng(0)
+    (tmp_path / "b.exr").write_bytes(data)
+    with ImageFile(tmp_path / "b.exr") as file:
+        end = file.headers.end
+        for place in rng.integers(end, len(data) - 8, 60):
+            damaged = data[:place] + b"\xff" * 8 + data[place + 8 :]
+            (tmp_path / "b.exr").write_bytes(damaged)
+            with contextlib.suppress(ImageFileError):  # and nothing else
+                file.read(file.parts[0], ["Z"])
