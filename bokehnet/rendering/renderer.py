@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_at_least, check_kind, check_number
+from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
 from bokehnet.inference.disparity_repair import DisparityRepair
@@ -302,7 +303,9 @@ class BokehRenderer:
         if keep and overwrite:  # the error map is not to take its place
             defocus = defocus.view()
             defocus.flags.writeable = False
-        lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response}
+        window = scene.window
+        place = Place(window.x, window.y, window.display_width, window.display_height)
+        lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
         alpha = scene.alpha
         names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
         with about("engine", names):
@@ -479,5 +482,8 @@ def _from_disparity(
         raise ParameterError(missing[0], expected, None, f"give {needed}, or `defocus` alone")
     check_at_least("blur", blur, 0)
     check_number("focus", focus)
-    defocus: Array = defocus_from_disparity(np.asarray(disparity), blur, focus)
+    disparity = np.asarray(disparity)
+    if disparity.dtype.kind in "iub":  # a focus below their range is none of theirs
+        disparity = disparity.astype(np.float64)
+    defocus: Array = defocus_from_disparity(disparity, blur, focus)
     return defocus
