@@ -17,7 +17,7 @@ from bokehnet.rendering.sequence import SequenceSettings
 from bokehnet.rendering.setting import Group, Setting, field_settings
 from bokehnet.rendering.settings import all_settings
 
-__all__ = ["Given", "QuickGroup", "SectionedCommand", "told", "with_options"]
+__all__ = ["Given", "QuickGroup", "SectionedCommand", "in_options", "told", "with_options"]
 
 # What was given: by group and field.
 Given = dict[str, dict[str, Any]]

@@ -18,7 +18,7 @@ import typer
 from tqdm import tqdm
 
 from bokehnet.cli.frame import FrameJob, make_renderer, render_frame
-from bokehnet.cli.options import told
+from bokehnet.cli.options import in_options, told
 from bokehnet.cli.progress import compile_notice, progress
 from bokehnet.errors import BokehnetError
 from bokehnet.rendering.frame_names import format_frames
@@ -77,14 +77,22 @@ def render_frames(jobs: Mapping[int, FrameJob], *, processes: int = 1, overwrite
 def _render_here(
     jobs: Mapping[int, FrameJob], renderer: BokehRenderer
 ) -> Generator[tuple[int, str | None], None, None]:
-    for frame, job in jobs.items():
-        yield frame, try_frame(job, renderer)
+    for number, (frame, job) in enumerate(jobs.items()):
+        yield frame, try_frame(job, renderer, tell=number == 0)
 
 
-def try_frame(job: FrameJob, renderer: BokehRenderer) -> str | None:
-    """Render one frame; return None, or why it failed: one line, the traceback of a bug."""
+def try_frame(job: FrameJob, renderer: BokehRenderer, *, tell: bool = False) -> str | None:
+    """Render one frame; return None, or why it failed: one line, the traceback of a bug.
+
+    Args:
+        job: The frame.
+        renderer: What renders it.
+        tell: Whether to say on stderr what looks odd about it, as of the first frame.
+    """
     try:
-        render_frame(job, renderer)
+        notes = render_frame(job, renderer)
+        for note in notes if tell else ():
+            tqdm.write(f"bokehnet: note: {in_options(note)}", file=sys.stderr)
     except BokehnetError as error:
         return " ".join(told(error).split())
     except MemoryError as error:
@@ -174,7 +182,8 @@ def _serve(pipe: Connection, settings: RenderSettings, threads: int, tell_compil
                 job = pipe.recv()
             except (EOFError, ConnectionResetError):  # the parent is done, or gone
                 return
-            failure = try_frame(job, renderer)
+            failure = try_frame(job, renderer, tell=tell_compiling)
+            tell_compiling = False
             with contextlib.suppress(BrokenPipeError):
                 pipe.send(failure)
 

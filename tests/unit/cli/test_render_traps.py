@@ -200,3 +200,17 @@ def test_no_data_of_disparity_is_infinitely_far(folder, cli, write_channels):
     values[:, :20] = 0
     write_channels(folder / "d.exr", disparity=values)
     assert notes(cli("render", "photo.png", "--disparity", "d.exr", *RELATIVE, "-o", "out.png")) == []
+
+
+@pytest.mark.parametrize("jobs", [[], ["--jobs", "2"]])
+def test_of_a_sequence_the_first_frame_tells(folder, cli_process, jobs):
+    write_image("flat.png", np.full((40, 64, 3), 0.5))
+    for frame in (1, 2, 3):
+        write_image(f"shot.{frame}.png", read_image("photo.png"))
+    words = ["--disparity", "flat.png", *RELATIVE, "--disparity-range", "0,1", "--frames", "1-3", *jobs]
+    paths = {"shot.#.png": folder / "shot.#.png", "flat.png": folder / "flat.png"}
+    outcome = cli_process(
+        "render", folder / "shot.#.png", *[paths.get(w, w) for w in words], "-o", folder / "out.#.png"
+    )
+    assert outcome.code == 0
+    assert outcome.err.count("bokehnet: note: nothing is sharp") == 1
