@@ -43,7 +43,10 @@ class FrameJob:
         """Raise unless the settings fit together and the result can be written; no picture is read."""
         check_focus(self.settings)
         check_writable(self.output)
-        check_not_over(self.output, self.image, input_files(self.settings).values())
+        try:
+            check_not_over(self.output, self.image, input_files(self.settings).values())
+        except ParameterError as error:
+            raise error.renamed("--output") from error
         folder = self.settings.output.save_maps
         if folder is None:
             return

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 
 __all__ = ["check_not_over"]
@@ -33,7 +34,7 @@ def check_not_over(output: Path, picture: Path, others: Iterable[Path]) -> None:
         raise _over(output, "is the picture itself, which would be compressed with loss once more")
     try:
         with ImageFile(picture) as file:
-            deep = any(part.deep for part in file.parts[:1])
+            deep = find_picture(file).part.deep
             wide = file.headers is None and any(name != "uint8" for name in file.parts[0].formats)
             other = file.headers is None and output.suffix.lower() == ".exr"
     except ImageFileError:  # told where it is read
@@ -48,4 +49,4 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _over(output: Path, why: str) -> ParameterError:
-    return ParameterError("--output", f"another name: {output} {why}", remedy="write to a new file")
+    return ParameterError("output", f"another name: {output} {why}", remedy="write to a new file")
