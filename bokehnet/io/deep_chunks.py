@@ -81,6 +81,8 @@ def read_samples(
                 f"{path}: expected deep samples packed as none, rle, zips or zip, found compression {packing}"
             )
         channels = channel_list(attributes["channels"])
+        if unknown := set(names) - set(channels):
+            raise ValueError(f"no channel of the name {unknown.pop()!r}")
         with path.open("rb") as file:
             blocks = _blocks(file, headers, part, (left, top), size, packing)
             wanted = [

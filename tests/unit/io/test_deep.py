@@ -201,3 +201,10 @@ def test_places_and_lengths_beyond_the_file_are_an_error(tmp_path, tile):
             (tmp_path / "b.exr").write_bytes(damaged)
             with contextlib.suppress(ImageFileError):  # and nothing else
                 file.read(file.parts[0], ["Z"])
+
+
+def test_a_channel_whose_name_is_no_text_is_an_error(tmp_path):
+    data = write_deep(tmp_path / "a.exr", deep_samples()).read_bytes()
+    (tmp_path / "a.exr").write_bytes(data.replace(b"ZBack", b"ZBa\x97k"))
+    with ImageFile(tmp_path / "a.exr") as file, pytest.raises(ImageFileError, match="no channel of the name"):
+        file.read(file.parts[0], file.parts[0].channels)
