@@ -18,6 +18,7 @@ __all__ = [
     "ClassicalRenderer",
     "ClassicalResult",
     "Frame",
+    "Place",
     "Strip",
     "check_inputs",
     "make_classical",
@@ -60,9 +61,39 @@ class Frame(NamedTuple):
     scale: float
 
     @classmethod
-    def of(cls, height: int, width: int, above: int = 0) -> "Frame":
-        """Frame of a full-size picture of which ``above`` rows are not there."""
-        return cls(0.5 * (width - 1), 0.5 * (height - 1) - above, 2 / math.hypot(width, height))
+    def of(cls, height: int, width: int, above: int = 0, left: int = 0) -> "Frame":
+        """Frame of a full-size picture of which ``above`` rows and ``left`` columns are not there."""
+        return cls(0.5 * (width - 1) - left, 0.5 * (height - 1) - above, 2 / math.hypot(width, height))
+
+
+class Place(NamedTuple):
+    """Where the pixels of arrays lie in the shown picture, from whose middle field positions are measured.
+
+    Attributes:
+        left: Column of the shown picture at which the arrays begin; negative where they hold more.
+        top: Row, likewise.
+        width: Of the shown picture, pixels.
+        height: The same.
+    """
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @classmethod
+    def whole(cls, height: int, width: int) -> "Place":
+        """All that is there is shown."""
+        return cls(0, 0, width, height)
+
+    def below(self, rows: int) -> "Place":
+        """The place of the same arrays without so many rows."""
+        return self._replace(top=self.top + rows)
+
+    @property
+    def frame(self) -> Frame:
+        """Where rows and columns of the arrays lie in the shown picture."""
+        return Frame.of(self.height, self.width, self.top, self.left)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -114,6 +145,7 @@ class ClassicalRenderer(Protocol):
         aperture: Aperture | None = None,
         strip: Strip | None = None,
         lens_response: LensResponse | None = None,
+        place: Place | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -124,6 +156,8 @@ class ClassicalRenderer(Protocol):
             strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
                 the result mean anything.
             lens_response: What the lens does beyond focusing; default a perfect lens.
+            place: Where the whole picture, of which a strip may be a part, lies in the shown one; default:
+                all of it is shown.
         """
         ...
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from numba import prange
 
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, ClassicalResult, Strip, check_inputs
+from bokehnet.classical.base import ALIGNED, ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.layered.aberrated_rays import lens_table
@@ -110,7 +110,12 @@ def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def
 
 
 def _scatter_beyond(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, reach: int, strip: Strip | None
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture,
+    reach: int,
+    strip: Strip | None,
+    place: Place,
 ) -> np.ndarray:
     """Scatter with the border's pixels repeated outwards, as the rays see them.
 
@@ -118,7 +123,7 @@ def _scatter_beyond(
     ends inside the picture nothing is repeated, but rows are left out until blocks lie as in the whole.
     """
     if reach == 0 or aperture.cats_eye > 0:
-        return scatter(image, defocus, aperture)
+        return scatter(image, defocus, aperture, place)
     above = below = reach
     skipped = 0
     if strip is not None and strip.first > 0:
@@ -143,6 +148,7 @@ def _render(
     seed: int = 0,
     layers: Layers | None = None,
     strip: Strip | None = None,
+    place: Place | None = None,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
@@ -152,15 +158,16 @@ def _render(
     defocus = np.clip(defocus, -largest, largest)
     radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.max_coc_radius
     above = 0 if strip is None else strip.first
+    place = place or Place.whole(*size)
     error_map = rays_weight = geometric_error_map(defocus, boundary_threshold(size))
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights = _pattern(aperture, _COLORED_RAYS if colored else _RAYS)
     lens, ray_reach, footprint = None, radius, (1.0, 0.0)
     if lens_response is not None and not lens_response.is_plain:
-        lens = lens_table(lens_response, size[1], size[0], points[0].size, above=above, rows=len(defocus))
+        lens = lens_table(lens_response, place, points[0].size, above=above, shape=defocus.shape)
         footprint, ray_reach = lens.footprint, lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
-    smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip)
+    smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))
     rays_mask = rays_weight > 0
     if strip is not None:  # and a row on either side, with which the results of large discs are averaged
         rays_mask[: max(0, strip.wanted.start - 1)] = rays_mask[strip.wanted.stop + 1 :] = False
@@ -191,6 +198,7 @@ def _render(
         lens=lens,
         seed=seed,
         above=above,
+        place=place,
     )
     add_lights(
         lights,
@@ -200,8 +208,7 @@ def _render(
         aperture,
         result,
         lens_response=lens_response,
-        above=above,
-        full_size=size,
+        place=place.below(above),
     )
     with parallel_region:
         _blend(smooth, rays_weight, rays_mask, result)
@@ -220,6 +227,7 @@ def render_rays(
     aperture: Aperture | None = None,
     strip: Strip | None = None,
     lens_response: LensResponse | None = None,
+    place: Place | None = None,
 ) -> ClassicalResult:
     """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
-    return _render(image, defocus, aperture or Aperture(), lens_response, strip=strip)
+    return _render(image, defocus, aperture or Aperture(), lens_response, strip=strip, place=place)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.classical.base import ClassicalResult, Strip, check_inputs
+from bokehnet.classical.base import ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import pyramid_levels
@@ -46,7 +46,10 @@ def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
 
 
 def scatter(
-    image: Picture, defocus: npt.NDArray[np.floating[Any]], aperture: Aperture | None = None
+    image: Picture,
+    defocus: npt.NDArray[np.floating[Any]],
+    aperture: Aperture | None = None,
+    place: Place | None = None,
 ) -> Picture:
     """Render bokeh by scattering, blind to occlusion.
 
@@ -54,6 +57,7 @@ def scatter(
         image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
         defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
         aperture: Shape of the lens opening; default a plain disc.
+        place: Where the pixels lie in the shown picture, for a cat's-eye; default: all of it is there.
 
     Returns:
         Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
@@ -74,7 +78,9 @@ def scatter(
     values = np.empty((*defocus.shape, 4), light.dtype)  # NumPy's large arrays lie in huge pages, numba's not
     with parallel_region:
         _add_weight(light, values)
-    sums = pyramid_levels.scatter_forward(values, defocus, scatter_operator(aperture), overwrite=True)
+    sums = pyramid_levels.scatter_forward(
+        values, defocus, scatter_operator(aperture), overwrite=True, place=place
+    )
     del values
     bokeh: Any = np.empty_like(light)
     with parallel_region:
@@ -88,6 +94,7 @@ def render_scatter(
     aperture: Aperture | None = None,
     strip: Strip | None = None,
     lens_response: LensResponse | None = None,
+    place: Place | None = None,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
 
@@ -107,6 +114,7 @@ def render_scatter(
             "scatter",
             "use the engine `rays` or `hybrid`",
         )
-    bokeh = scatter(image, defocus, aperture)
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
+    place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)
+    bokeh = scatter(image, defocus, aperture, place)
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

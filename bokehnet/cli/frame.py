@@ -1,7 +1,6 @@
 """Frames: the files of each, what may be asked for, and the rendering of one."""
 
 import os
-import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -9,13 +8,12 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
-import typer
-
 from bokehnet.cli.progress import progress
 from bokehnet.cli.summary import FrameSummary
 from bokehnet.cli.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.image import check_writable
+from bokehnet.io.in_place import check_not_over
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.frame_names import frame_path, is_pattern
@@ -49,6 +47,10 @@ class FrameJob:
         check_focus(self.settings)
         check_writable(self.output)
         check_output(self.output, self.settings.output)
+        try:
+            check_not_over(self.output, self.image, input_files(self.settings).values())
+        except ParameterError as error:
+            raise error.renamed("--output") from error
         folder = self.settings.output.save_maps
         if folder is None:
             return
@@ -115,7 +117,6 @@ def render_frame(
     job: FrameJob,
     renderer: BokehRenderer,
     report: Callable[[int, int], None] | None = None,
-    note: Callable[[str], None] | None = None,
     meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
 ) -> FrameSummary:
     """Read, render and write one frame; the output appears complete or not at all.
@@ -124,7 +125,6 @@ def render_frame(
         job: The frame.
         renderer: Fit for its settings.
         report: Called with (steps done, steps in all).
-        note: Told what of the picture's file is not followed or left out, a line each.
         meanwhile: Makes what surrounds the repair of the map, which computes outside Python.
 
     Raises:
@@ -133,9 +133,6 @@ def render_frame(
     times = [perf_counter()]
     scene = read_scene(job.image, job.settings, number=job.number)
     check_output(job.output, job.settings.output, scene.frame)
-    if note is not None and scene.frame is not None:
-        for line in scene.frame.notes:
-            note(f"{job.image}: {line}")
     times.append(perf_counter())
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
         focused = renderer.prepare(scene, job.settings)
@@ -159,11 +156,6 @@ def render_frame(
 
 
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
-    """Render a frame with a bar and notes, unless it is to be quiet."""
-
-    def tell(line: str) -> None:
-        typer.echo(f"bokehnet: {line}", file=sys.stderr)
-
+    """Render a frame with a bar, unless it is to be quiet."""
     with progress("rendering", hidden=quiet) as report:
-        renderer = make_renderer(job.settings)
-        return render_frame(job, renderer, report, None if quiet else tell, loading_kernels)
+        return render_frame(job, make_renderer(job.settings), report, loading_kernels)

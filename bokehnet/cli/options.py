@@ -17,7 +17,7 @@ from bokehnet.rendering.sequence import SequenceSettings
 from bokehnet.rendering.setting import Group, Setting, field_settings
 from bokehnet.rendering.settings import all_settings
 
-__all__ = ["Given", "QuickGroup", "SectionedCommand", "told", "with_options"]
+__all__ = ["Given", "QuickGroup", "SectionedCommand", "in_options", "told", "with_options"]
 
 # What was given: by group and field.
 Given = dict[str, dict[str, Any]]
@@ -94,7 +94,12 @@ def told(error: BokehnetError) -> str:
     # Only by its path: a bare "image" or "defocus" is an array of a room below.
     if isinstance(error, ParameterError) and "." in error.parameter and error.parameter in _flags():
         error = error.renamed(_flags()[error.parameter])
-    return _QUOTED.sub(lambda match: _flags().get(match[1], match[1]), str(error))
+    return in_options(str(error))
+
+
+def in_options(text: str) -> str:
+    """Return a text with the options in place of the fields that stand in back quotes."""
+    return _QUOTED.sub(lambda match: _flags().get(match[1], match[1]), text)
 
 
 def _flags() -> dict[str, str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 
+from bokehnet.cli.options import in_options
 from bokehnet.cli.progress import write_above
 from bokehnet.errors import ParameterError
 from bokehnet.rendering.result import RenderReport
@@ -56,6 +57,7 @@ class FrameSummary:
             "largest_blur_px": report.largest_blur,
             "repaired": report.repaired,
             "repair_reason": report.repair_reason,
+            "notes": [in_options(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
 
@@ -90,6 +92,8 @@ class Talk:
         if self.as_json:
             _print_json(summary.table())
         elif not self.quiet:
+            for note in summary.report.notes:
+                _say(f"note: {in_options(note)}")
             _say(summary.line())
         if self.verbose:
             _say(f"{summary.steps()}{_peak_memory()}")
@@ -118,8 +122,11 @@ class Talk:
             older = f", {there} there already (--overwrite renders them again)" if there else ""
             _say(f"{_count(len(done))} rendered{older}, {seconds:.1f} s")
 
-    def of_frame(self, frame: int, summary: FrameSummary) -> None:
-        """Tell what was done for one frame of a sequence, if that is asked for."""
+    def of_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
+        """Tell what was done for a frame of a sequence if that is asked for; of the first what looks odd."""
+        if first and not self.quiet and not self.as_json:
+            for note in summary.report.notes:
+                write_above(f"bokehnet: note: {in_options(note)}")
         if self.verbose:
             write_above(f"bokehnet: frame {frame}: {summary.line()} ({summary.steps()})")
 

@@ -70,7 +70,7 @@ def render_frames(
                 write_above(f"bokehnet: frame {frame}: {outcome}")
             else:
                 done[frame] = outcome
-                talk.of_frame(frame, outcome)
+                talk.of_frame(frame, outcome, first=len(done) == 1)
             report(count, len(wanted))
     seconds, there = perf_counter() - begun, len(jobs) - len(wanted)
     talk.of_frames(done, there=there, failed=failed, seconds=seconds)

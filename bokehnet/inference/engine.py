@@ -12,6 +12,7 @@ from bokehnet.checks import check_choice, check_kind, check_number
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
     ClassicalResult,
+    Place,
     Strip,
     check_inputs,
     make_classical,
@@ -79,6 +80,7 @@ class _Lens:
 
     aperture: Aperture
     lens_response: LensResponse
+    place: Place
 
 
 class Engine:
@@ -123,6 +125,7 @@ class Engine:
         *,
         aperture: Aperture | None = None,
         lens_response: LensResponse | None = None,
+        place: Place | None = None,
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
@@ -138,6 +141,8 @@ class Engine:
             aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with
                 other shapes they correct what the classical half made of them.
             lens_response: What the lens does beyond focusing; default a perfect lens.
+            place: Where the pixels lie in the shown picture, from whose middle the lens counts; default: they
+                are all of it.
             gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
                 :func:`bokehnet.optics.tone.gamma_curve`.
             highlights: How clipped lights get their brightness back before blurring. The result keeps
@@ -152,12 +157,13 @@ class Engine:
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
             ParameterError: NaN or infinity in defocus or image; gamma out of range, or not 1 with a hybrid;
-                ``max_memory`` too small, or with a cat's-eye or with networks that cannot work in strips.
+                ``max_memory`` too small, or with networks that cannot work in strips.
         """
         check_kind("aperture", aperture, Aperture, optional=True)
         check_kind("lens_response", lens_response, LensResponse, optional=True)
-        lens = _Lens(aperture or Aperture(), lens_response or LensResponse())
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
+        place = place or Place.whole(*defocus.shape)
+        lens = _Lens(aperture or Aperture(), lens_response or LensResponse(), place)
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
@@ -191,15 +197,12 @@ class Engine:
             from bokehnet.classical.layered.aberrated_rays import lens_table
             from bokehnet.classical.simd.float8 import LANES
 
-            crossed = lens_table(lens.lens_response, width, height, LANES, rows=0).reach(max_coc_radius)
+            crossed = lens_table(lens.lens_response, lens.place, LANES).reach(max_coc_radius)
         strips: list[Strip | None] = [
             *cut_strips(height, width, max_coc_radius, self._classical_name, memory, taken, crossed)
         ]
         if len(strips) <= 1:
             return [None]
-        if lens.aperture.cats_eye > 0:
-            expected = "None, as a cat's-eye needs the whole picture at once"
-            raise ParameterError("max_memory", expected, memory, "leave it out, or set `cats_eye` to 0")
         if self._networks is not None and self._networks.iunet is not None:
             expected = "None, as these networks need the whole picture at once"
             raise ParameterError("max_memory", expected, memory, "leave it out")
@@ -289,8 +292,10 @@ class Engine:
         strip: Strip | None = None,
     ) -> ClassicalResult:
         if curve is None:
-            return self._classical(image, defocus, lens.aperture, strip, lens.lens_response)
-        result = self._classical(curve.encode(image), defocus, lens.aperture, strip, lens.lens_response)
+            return self._classical(image, defocus, lens.aperture, strip, lens.lens_response, lens.place)
+        result = self._classical(
+            curve.encode(image), defocus, lens.aperture, strip, lens.lens_response, lens.place
+        )
         return replace(result, bokeh=curve.decode(result.bokeh))
 
     def _render_coarse_to_fine(

@@ -10,7 +10,16 @@ from typing import BinaryIO
 
 from bokehnet.errors import ImageFileError
 
-__all__ = ["Attribute", "ExrHeaders", "Value", "channel_sizes", "is_exr", "read_headers"]
+__all__ = [
+    "Attribute",
+    "ExrHeaders",
+    "Value",
+    "channel_list",
+    "channel_sizes",
+    "is_exr",
+    "read_headers",
+    "sub_sampled",
+]
 
 Value = float | str | tuple[float, ...]
 
@@ -77,15 +86,38 @@ class ExrHeaders:
         return b"".join(packed) + (b"\0" if self.multi_part else b"")
 
 
-def channel_sizes(channels: Attribute) -> dict[str, int]:
-    """Return the bytes of a value by channel, in the order of the file: 2 for half, 4 for float and uint."""
-    sizes: dict[str, int] = {}
+def channel_list(channels: Attribute) -> dict[str, int]:
+    """Return the type of each channel in the order of the file: 0 for uint, 1 for half, 2 for float.
+
+    Raises:
+        ValueError: the list is damaged, or names a type that there is not.
+    """
+    kinds: dict[str, int] = {}
     rest = channels.data
     while name := rest[: rest.index(b"\0")]:
         rest = rest[len(name) + 1 :]
-        sizes[name.decode("latin-1")] = 2 if rest[0] == 1 else 4
+        kind = int.from_bytes(rest[:4], "little")
+        if len(rest) < 16 or kind > 2:
+            raise ValueError(f"channel {name!r} is of type {kind}")
+        kinds[name.decode("latin-1")] = kind
         rest = rest[16:]  # type, linearity and two sampling rates
-    return sizes
+    return kinds
+
+
+def sub_sampled(channels: Attribute) -> list[str]:
+    """Return the channels that do not have a value for every pixel, such as chroma."""
+    found, rest = [], channels.data
+    while name := rest[: rest.index(b"\0")]:
+        rest = rest[len(name) + 1 :]
+        if rest[8:16] != struct.pack("<2i", 1, 1):
+            found.append(name.decode("latin-1"))
+        rest = rest[16:]
+    return found
+
+
+def channel_sizes(channels: Attribute) -> dict[str, int]:
+    """Return the bytes of a value by channel, in the order of the file: 2 for half, 4 for float and uint."""
+    return {name: 2 if kind == 1 else 4 for name, kind in channel_list(channels).items()}
 
 
 def is_exr(path: Path) -> bool:

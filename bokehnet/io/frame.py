@@ -11,6 +11,7 @@ from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.camera import Camera, camera_from_exif, camera_from_exr
+from bokehnet.io.choices import choices
 from bokehnet.io.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.encode import check_readable
 from bokehnet.io.exr_splice import write_replaced
@@ -52,6 +53,7 @@ class Frame:
         bits: Of its channels; None where a result need not have as many.
         metadata: Its EXIF and XMP, and what of the file a result will not have.
         path: The file; None for arrays.
+        choices: What was chosen where the file holds several pictures, a line each.
     """
 
     image: NDArray[np.float32]
@@ -62,13 +64,14 @@ class Frame:
     bits: Bits | None = None
     metadata: Metadata = field(default_factory=Metadata, repr=False)
     path: Path | None = None
+    choices: tuple[str, ...] = ()
     _origin: _Origin | None = field(default=None, repr=False)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of the file is not followed, or left out of a result, a line each."""
+        """What was chosen, is not followed, or left out of a result, a line each."""
         profile = f"{self.space.note} is not followed" if self.space.note else ""
-        return (*filter(None, [profile]), *self.metadata.left_out)
+        return (*self.choices, *filter(None, [profile]), *self.metadata.left_out)
 
 
 def read_frame(path: Path | str) -> Frame:
@@ -118,15 +121,17 @@ def read_frame(path: Path | str) -> Frame:
                 path=file.path,
             )
         state = file.path.stat()
+        origin = _Origin(
+            path=file.path.absolute(), size=state.st_size, changed=state.st_mtime_ns, picture=picture
+        )
         return Frame(
             image=image,
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
             path=file.path,
-            _origin=_Origin(
-                path=file.path.absolute(), size=state.st_size, changed=state.st_mtime_ns, picture=picture
-            ),
+            choices=choices(file, picture),
+            _origin=None if picture.part.deep else origin,  # blur has no deep samples to put there
         )
 
 

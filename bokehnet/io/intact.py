@@ -1,6 +1,7 @@
 """Whether a file is there, can be named to the decoders, is not cut off, and is no bomb."""
 
 import os
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -12,6 +13,10 @@ __all__ = ["PIXEL_LIMIT_VARIABLE", "check_intact", "check_name", "check_pixel_co
 # A few kilobytes can tell of gigabytes of pixels: larger pictures are read only when they are expected.
 PIXEL_LIMIT_VARIABLE = "BOKEHNET_MAX_PIXELS"
 _MOST_PIXELS = 200_000_000
+
+_JPEG_START, _JPEG_END = b"\xff\xd8", 0xD9
+_ALONE = (0x01, 0xD8)  # markers without a length; those within a scan are not looked for
+_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -25,7 +30,7 @@ def check_name(path: Path) -> None:
 
 
 def check_intact(path: Path) -> None:
-    """Raise ``ImageFileError`` unless ``path`` is a file that can be read and, for PNG, is whole."""
+    """Raise ``ImageFileError`` unless ``path`` is a file that can be read and, for PNG and JPEG, is whole."""
     check_name(path)
     if path.is_dir():
         raise ImageFileError(f"{path}: expected an image file, found a folder")
@@ -38,6 +43,7 @@ def check_intact(path: Path) -> None:
     if path.stat().st_size == 0:
         raise ImageFileError(f"{path}: the file is empty (0 bytes)")
     _check_png(path)
+    _check_jpeg(path)
 
 
 def _check_png(path: Path) -> None:
@@ -56,7 +62,27 @@ def _check_png(path: Path) -> None:
                 raise ImageFileError(f"{path}: the PNG file is damaged before byte {file.tell()}")
 
 
-def check_pixel_count(path: Path | str, width: int, height: int) -> None:
+def _check_jpeg(path: Path) -> None:
+    """Check that a JPEG file ends, because of a cut progressive one the decoder makes up the rest.
+
+    Source: ITU-T T.81, annex B: segments tell their lengths, and scans end with the next marker.
+    """
+    with path.open("rb") as file:
+        if file.read(2) != _JPEG_START:
+            return
+        file.seek(0)
+        data = file.read()
+    at = 2
+    while found := _MARKER.search(data, at):
+        at, kind = found.end(), found[0][-1]
+        if kind == _JPEG_END:
+            return
+        if kind not in _ALONE:
+            at += int.from_bytes(data[at : at + 2])
+    raise ImageFileError(f"{path}: the JPEG file is truncated at byte {len(data)}")
+
+
+def check_pixel_count(path: Path | str, width: int, height: int, what: str = "") -> None:
     """Raise ``ImageFileError`` if a header tells of more pixels than are allowed.
 
     Raises:
@@ -69,7 +95,8 @@ def check_pixel_count(path: Path | str, width: int, height: int) -> None:
     except (ValueError, OverflowError) as problem:
         raise ParameterError(PIXEL_LIMIT_VARIABLE, "a number of pixels", text) from problem
     if width * height > most:
+        found = f"{width} {what}" if what else f"{width}x{height} pixels"
         raise ImageFileError(
-            f"{path}: {width}x{height} pixels are more than the limit of {most}; "
+            f"{path}: {found} are more than the limit of {most}; "
             f"if that is right, raise {PIXEL_LIMIT_VARIABLE} in the environment"
         )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
+from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile, Part
 from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.io.window import Window
@@ -17,14 +18,22 @@ __all__ = [
     "DEPTH_UNITS",
     "depth_channels",
     "depth_to_mm",
+    "own_depth_channel",
     "read_depth",
     "read_disparity",
     "read_map",
     "resize_map",
 ]
 
-_BARE_NAMES = ("z", "depth.z", "depth", "disparity", "y")
-_LAYER_NAMES = ("depth.z", "depth", "disparity", "z", "y")  # under a layer, a bare z says less than depth.z
+_BARE_NAMES = ("z", "depth.z", "depth.v", "depth", "disparity", "y")
+_LAYER_NAMES = (
+    "depth.z",
+    "depth.v",
+    "depth",
+    "disparity",
+    "z",
+    "y",
+)  # under a layer, a bare z says less than depth.z
 _SMOOTH_STEP = 0.05  # of the map's range: a larger step between neighbours is an edge
 
 _MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
@@ -42,7 +51,7 @@ def read_map(
     Args:
         path: image file.
         channel: name of the channel in any part, or part and channel as in ``left.Z``; by default the first
-            of Z, depth.Z, depth, disparity and Y, bare or under a layer name, else the only channel.
+            of Z, depth.Z, depth.V, depth, disparity and Y, bare or under a layer name, else the only channel.
         window: where the pixels of the picture lie, of :class:`bokehnet.io.frame.Frame`. A map that
             shows as large a picture but stores another part of it (overscan, a cropped data window) is
             brought onto that one, its border repeated.
@@ -185,6 +194,44 @@ def depth_channels(names: Sequence[str]) -> list[str]:
     Bare names come before names under a layer; Y and Z of a vector, as in normals, do not count.
     """
     return list(dict.fromkeys(name for group in _depth_groups(names) for name in group))
+
+
+def own_depth_channel(path: Path | str) -> str | None:
+    """Return the channel of an EXR picture that holds its depth, for :func:`read_depth`; None without one.
+
+    Args:
+        path: any image file.
+
+    Raises:
+        ImageFileError: the file cannot be read, or several channels could be meant.
+    """
+    with ImageFile(path) as file:
+        if file.headers is None:
+            return None
+        picture = find_picture(file)
+        layer = picture.colours[0].rpartition(".")[0].rpartition(".")[0]
+        stored = [(part, name) for part in file.parts for name in part.channels]
+        found = [
+            (part, name)
+            for part, name in stored
+            if name.lower().rpartition(".")[2] in ("z", "depth")
+            or name.lower().endswith(("depth.v", "depth.y"))
+            if not _is_vector(name, part.channels) and name not in picture.colours
+        ]
+        beside = [(part, name) for part, name in found if part.index == picture.part.index]
+        same = [(part, name) for part, name in beside if layer and name.startswith(layer + ".")]
+        bare = [(part, name) for part, name in beside if name.lower() in _BARE_NAMES]
+        for group in (same, bare, beside, found):
+            if len(group) == 1:
+                part, name = group[0]
+                shared = sum(name == other for _, other in stored) > 1
+                return f"{part.name}.{name}" if shared and part.name else name
+        if found:
+            names = ", ".join(name for _, name in found)
+            raise ImageFileError(
+                f"{path}: which channel is the depth? Give the file as depth and name one of {names}"
+            )
+        return None
 
 
 def _depth_groups(names: Sequence[str]) -> list[list[str]]:

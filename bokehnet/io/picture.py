@@ -13,7 +13,7 @@ from bokehnet.io.pixels import ImageFile, Part, as_stored
 from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.io.transfer import Curve
 
-__all__ = ["Picture", "find_picture", "read_light", "read_light_and_alpha"]
+__all__ = ["Picture", "find_picture", "picture_layers", "read_light", "read_light_and_alpha"]
 
 _PICTURE_LAYERS = ("combined", "beauty", "rgba", "rgb")
 
@@ -30,12 +30,13 @@ class Picture:
 def find_picture(file: ImageFile) -> Picture:
     """Find the part and the channels that make the picture.
 
-    Parts are searched in their order; one that is called beauty, combined, rgba or rgb comes first.
+    Parts are searched in their order; one that is called beauty, combined, rgba or rgb comes first, a deep
+    one last.
 
     Raises:
         ImageFileError: there are no colours, or several layers of them.
     """
-    parts = sorted(file.parts, key=lambda part: _last_word(part.name) not in _PICTURE_LAYERS)
+    parts = sorted(file.parts, key=lambda part: (_last_word(part.name) not in _PICTURE_LAYERS, part.deep))
     for part in parts:
         names = part.channels
         layers = [name[:-1] for name in names if name.endswith("R") and _is_layer(name[:-1], names)]
@@ -50,12 +51,24 @@ def find_picture(file: ImageFile) -> Picture:
                 f"{file.path}: expected one layer with R, G, B, found {found}; keep one of them"
             )
         grey = [name for name in names if name != part.alpha]
+        if {"Y", "RY", "BY"} <= set(grey):
+            raise ImageFileError(
+                f"{file.path}: expected channels R, G, B, found luminance and chroma, Y, RY, BY; "
+                "write R, G, B instead"
+            )
         if "Y" in grey:
             return Picture(part=part, colours=("Y",), alpha=part.alpha)
         if len(grey) == 1 and file.file_format != "openexr":
             return Picture(part=part, colours=tuple(grey), alpha=part.alpha)
     found = ", ".join(name for part in file.parts for name in part.channels)
     raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {found}")
+
+
+def picture_layers(part: Part) -> list[str]:
+    """Return the layers of a part that are whole pictures by their names, such as ``View Layer.Combined``."""
+    names = part.channels
+    layers = [name[:-1] for name in names if name.endswith("R") and _is_layer(name[:-1], names)]
+    return [layer.rstrip(".") for layer in layers if _last_word(layer.rstrip(".")) in _PICTURE_LAYERS]
 
 
 def read_light(file: ImageFile, picture: Picture, space: ColorSpace) -> NDArray[np.float32]:

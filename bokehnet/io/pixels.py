@@ -14,7 +14,9 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers
+from bokehnet.io.deep import flatten
+from bokehnet.io.deep_chunks import DeepSamples, read_samples
+from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.intact import check_intact, check_pixel_count
 from bokehnet.io.pfm import PfmInput, is_pfm
 from bokehnet.io.window import Window
@@ -46,7 +48,7 @@ class Part:
     For EXR they are those of the data window, and ``name`` is that of the part. ``formats`` are the types
     of the channels (``"half"``, ``"uint8"``, ...). ``alpha`` is the name of the alpha channel, and
     ``premultiplied`` tells whether the colours are already multiplied by it. ``window`` tells where the
-    pixels lie in the shown picture.
+    pixels lie in the shown picture. A part that is ``deep`` is read flattened, see :mod:`bokehnet.io.deep`.
     """
 
     index: int
@@ -60,6 +62,7 @@ class Part:
     premultiplied: bool
     linear: bool
     window: Window
+    deep: bool = False
 
     @property
     def pixel_type(self) -> str:
@@ -83,6 +86,7 @@ class ImageFile:
         self.path = Path(path)
         check_intact(self.path)
         self.headers: ExrHeaders | None = read_headers(self.path) if is_exr(self.path) else None
+        self._check_sampling()
         hints = oiio.ImageSpec()
         hints.attribute("oiio:UnassociatedAlpha", 1)  # hand out the values as stored
         opened = PfmInput(self.path) if is_pfm(self.path) else oiio.ImageInput.open(str(self.path), hints)
@@ -99,6 +103,19 @@ class ImageFile:
         except BaseException:
             self._input.close()
             raise
+
+    def _check_sampling(self) -> None:
+        """Raise if an EXR has channels of fewer values than pixels, which nobody here can read."""
+        for attributes in self.headers.parts if self.headers is not None else ():
+            try:
+                names = sub_sampled(attributes["channels"])
+            except (KeyError, ValueError) as problem:
+                raise ImageFileError(f"{self.path}: the EXR header is damaged ({problem})") from problem
+            if names:
+                raise ImageFileError(
+                    f"{self.path}: expected channels at full size, found {', '.join(names)} sub-sampled, "
+                    "as luminance and chroma are; write R, G, B instead"
+                )
 
     def __enter__(self) -> Self:
         return self
@@ -181,7 +198,35 @@ class ImageFile:
                 values[..., index] = bits[..., 0].view(np.float32)
         return values
 
+    def read_deep(self, part: Part, names: Sequence[str], rows: slice | None = None) -> DeepSamples:
+        """Return the samples of a deep part: its Z, its ZBack and A where it has them, and ``names``.
+
+        Raises:
+            ImageFileError: it has no Z, coverage for each colour of its own, or is truncated or damaged.
+        """
+        assert self.headers is not None
+        if "Z" not in part.channels or {"AR", "AG", "AB"} & set(part.channels):
+            found = ", ".join(part.channels)
+            raise ImageFileError(
+                f"{self.path}: expected deep samples with Z, and A for all colours, found {found}"
+            )
+        needed = [name for name in part.channels if name in ("A", "Z", "ZBack", *names)]
+        rows = rows or slice(0, part.height)
+        return read_samples(self.path, self.headers, part.index, rows, needed)
+
+    def _read_flattened(self, part: Part, rows: slice, names: Sequence[str]) -> NDArray[np.float32]:
+        samples = self.read_deep(part, names, rows)
+        try:
+            flat = flatten(samples, [name for name in names if name not in ("A", "Z", "ZBack")])
+        except ImageFileError as problem:
+            raise ImageFileError(f"{self.path}: {problem}") from problem
+        light = iter(np.moveaxis(flat.light, -1, 0))
+        own = {"A": flat.coverage, "Z": flat.depth, "ZBack": flat.depth}
+        return np.stack([own[name] if name in own else next(light) for name in names], axis=-1)
+
     def _read_rows(self, part: Part, rows: slice, channels: tuple[int, int], kind: str) -> NDArray[Any]:
+        if part.deep:
+            return self._read_flattened(part, rows, part.channels[slice(*channels)])
         spec = self.spec(part)
         top, bottom = spec.y + rows.start, spec.y + rows.stop
         # The decoder may hand out a partial picture beside an error: an error always counts.
@@ -259,6 +304,7 @@ class ImageFile:
             premultiplied=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
             linear=self.file_format in _LINEAR_FORMATS or all(name in _FLOAT_TYPES for name in formats),
             window=window,
+            deep=bool(spec.deep),
         )
 
 

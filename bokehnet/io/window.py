@@ -62,6 +62,9 @@ class Window:
             return values
         result = np.zeros((*size, *values.shape[2:]), values.dtype)
         top, left = max(self.y, 0), max(self.x, 0)
-        part = values[top - self.y : size[0] - self.y, left - self.x : size[1] - self.x]
+        bottom, right = min(self.y + self.height, size[0]), min(self.x + self.width, size[1])
+        if top >= bottom or left >= right:  # none of what is stored is shown
+            return result
+        part = values[top - self.y : bottom - self.y, left - self.x : right - self.x]
         result[top : top + part.shape[0], left : left + part.shape[1]] = part
         return result

@@ -6,7 +6,7 @@ line in :func:`depth_source`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Literal, Protocol
 
@@ -18,9 +18,10 @@ from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.depth_convention import find_convention
 from bokehnet.inference.monocular import DepthEstimator
 from bokehnet.io.camera import Camera, camera_from_exr
-from bokehnet.io.maps import depth_to_mm, read_depth, read_disparity, read_map
+from bokehnet.io.maps import depth_to_mm, own_depth_channel, read_depth, read_disparity, read_map
 from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.io.window import Window
 from bokehnet.optics.coc import disparity_from_depth
 from bokehnet.rendering.camera import full_frame_camera, joined
@@ -44,6 +45,9 @@ Kind = Literal["relative", "metric", "defocus"]
 
 # Distance of the nearest point, mm, where a phone tells no distances; the farthest is at infinity.
 _NEAREST = 1000.0
+
+# Range of a map over its largest value below which it is as good as constant.
+_FLAT = 0.02
 
 # Side of the middle of the photo, over that of the photo, that is sharp when nobody says what shall be.
 _MIDDLE = 1 / 5
@@ -85,6 +89,7 @@ class DepthMap:
         camera: What is known of the camera to blur as, where distances are known.
         focus: Value of the map that stays sharp when nothing else is said; None where that must be said.
         all_in_focus: Picture to render in place of the given one, (H, W, 3): a phone's before it was blurred.
+        notes: What is odd about the map, or was chosen, a line each.
 
     Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
@@ -101,6 +106,7 @@ class DepthMap:
     camera: Camera | None = None
     focus: float | None = None
     all_in_focus: npt.NDArray[np.float32] | None = None
+    notes: tuple[str, ...] = ()
 
 
 class DepthSource(Protocol):
@@ -180,9 +186,13 @@ class RelativeDisparity:
         stored = self.as_stored or self.value_range is not None
         if isinstance(self.map, np.ndarray):
             check_map("disparity", self.map)
-            values = np.asarray(self.map, np.float32) if stored else _stretched(self.map)
+            values = np.asarray(self.map, np.float32)
         else:
-            values = read_disparity(self.map, self.channel, normalise=not stored, window=photo.window)
+            values = read_disparity(self.map, self.channel, normalise=False, window=photo.window)
+        notes: tuple[str, ...] = ()
+        if not stored:
+            notes = _about_range(values)
+            values = _stretched(values)
         if self.value_range is not None:
             low, high = self.value_range
             if not (math.isfinite(low) and math.isfinite(high) and low != high):
@@ -197,7 +207,21 @@ class RelativeDisparity:
                 f"{self.map}: expected disparity in 0..1, as it is stored, in a sequence, found "
                 f"{found}; {way_out}"
             )
-        return DepthMap(values=1 - values if self.invert else values, kind="relative", origin=self.origin)
+        values = 1 - values if self.invert else values
+        return DepthMap(values=values, kind="relative", origin=self.origin, notes=notes)
+
+
+def _about_range(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
+    """What a map that tells next to nothing is worth a word about."""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return (f"the disparity map is {low:g} everywhere: all is blurred alike",)
+    if high - low < _FLAT * max(abs(low), abs(high)):
+        return (
+            f"the disparity map only runs from {low:.6g} to {high:.6g}, which becomes 0 to 1, noise and all; "
+            "`depth.value_range` says which values shall",
+        )
+    return ()
 
 
 def _check_source(name: str, source: object) -> None:
@@ -214,7 +238,10 @@ def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
     low, high = float(values.min()), float(values.max())
     if low == high:
         return np.clip(values, 0, 1).astype(np.float32)
-    return ((values.astype(np.float64) - low) / (high - low)).astype(np.float32)
+    stretched: npt.NDArray[np.float32] = in_row_blocks(
+        lambda rows: ((rows.astype(np.float64) - low) / (high - low)).astype(np.float32), values
+    )
+    return stretched
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -266,14 +293,15 @@ def _camera_of(path: Path) -> Camera | None:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class EmbeddedDepth:
-    """The map that a phone has put into its photo, blurred as by a full-frame camera.
+    """The map that a picture's own file holds: what a phone has put there, or the depth channel of an EXR.
 
-    A phone's own lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the
-    camera that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
+    Depth of an EXR is that of :class:`MetricDepth`, metres. A phone's is blurred as by a full-frame camera:
+    its own lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the camera
+    that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
 
     Attributes:
         map: What :func:`bokehnet.io.phone_depth.read_phone_depth` gives; None reads the picture's own file.
-        relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the phone tells.
+        relative: Whether relative disparity is wanted, 0 to 1, or 1/mm; None is what the file tells.
 
     Examples:
         >>> near_and_far = np.array([[0.001, 0.0005]], np.float32)  # 1/mm
@@ -304,6 +332,8 @@ class EmbeddedDepth:
         found = self.map
         if found is None and photo.path is not None:
             found = read_phone_depth(photo.path)
+            if found is None and (channel := own_depth_channel(photo.path)) is not None:
+                return self._of_exr(photo, photo.path, channel)
         if found is None:
             holder = "the picture" if photo.path is None else photo.path
             raise ParameterError(
@@ -326,6 +356,20 @@ class EmbeddedDepth:
             focus=_middle(values) if focus is None else focus,
             all_in_focus=found.all_in_focus,
         )
+
+    def _of_exr(self, photo: Photo, path: Path, channel: str) -> DepthMap:
+        """Depth in a channel beside the colours."""
+        depth = MetricDepth(map=path, channel=channel).depth_map(photo)
+        told = replace(
+            depth,
+            origin=f"the picture's own channel {channel}",
+            notes=(f"{path}: depth is metres in its channel {channel}; `input.depth` can say otherwise",),
+        )
+        if not self.relative:
+            return told
+        low, high = float(depth.values.min()), float(depth.values.max())
+        values = (depth.values - low) / ((high - low) or 1.0)
+        return replace(told, values=values, kind="relative", camera=None, filtered=None)
 
 
 def _rescaled(found: PhoneDepth, relative: bool) -> tuple[npt.NDArray[np.float32], float | None]:

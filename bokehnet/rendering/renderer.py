@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
+from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
 from bokehnet.forking import ForkSafeLock
@@ -28,6 +29,7 @@ from bokehnet.rendering.look import (
     prescription_lens,
 )
 from bokehnet.rendering.naming import about
+from bokehnet.rendering.odd_blur import odd_blur
 from bokehnet.rendering.result import RenderReport, RenderResult
 from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
 from bokehnet.rendering.settings import (
@@ -266,7 +268,7 @@ class BokehRenderer:
         check_engine(settings, settings.engine.name or self.engine)
         _watched(None, cancel)(0, 1)
         values = fitted_map(scene, settings.depth)
-        lens, repaired, reason = None, None, ""
+        lens, repaired, reason, notes = None, None, "", scene.notes
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
         elif settings.depth.repair != "off":
@@ -277,7 +279,8 @@ class BokehRenderer:
             lens = focus_lens(
                 replace(scene.depth, values=values), scene.window, settings.focus, settings.camera
             )
-            values = lens.defocus(values)
+            disparity, values = values, lens.defocus(values)
+            notes += odd_blur(scene.depth, disparity, lens, values)
         return FocusedScene(
             image=scene.image,
             defocus=values,
@@ -288,6 +291,7 @@ class BokehRenderer:
             lens=lens,
             repaired=repaired,
             repair_reason=reason,
+            notes=notes,
         )
 
     def _expose(
@@ -309,7 +313,9 @@ class BokehRenderer:
         if keep and overwrite:  # the error map is not to take its place
             defocus = defocus.view()
             defocus.flags.writeable = False
-        lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response}
+        window = scene.window
+        place = Place(window.x, window.y, window.display_width, window.display_height)
+        lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
         alpha = scene.alpha
         names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
         with about("engine", names):
@@ -348,6 +354,7 @@ class BokehRenderer:
                 repair_reason=scene.repair_reason,
                 focus_disparity=None if found is None else found.near,
                 focus_distance=None if found is None else found.distance,
+                notes=scene.notes,
             ),
         )
 

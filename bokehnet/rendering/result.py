@@ -32,6 +32,7 @@ class RenderReport:
         focus_disparity: What stays sharp, in the unit of the map, the near end of a range; None where defocus
             was given.
         focus_distance: The same in metres; None where distances are not known.
+        notes: What was chosen, or looks odd, a line each.
 
     Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
@@ -45,6 +46,7 @@ class RenderReport:
     repair_reason: str = ""
     focus_disparity: float | None = None
     focus_distance: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -1,5 +1,6 @@
 """What is rendered: a picture, the map of its depth, and what its file says besides."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_floats, check_image, check_map, check_same_size
+from bokehnet.errors import ShapeError
 from bokehnet.io.camera import Camera
 from bokehnet.io.frame import Frame, read_frame
 from bokehnet.io.maps import resize_map
@@ -18,6 +20,9 @@ from bokehnet.rendering.focus import FocusedLens, check_focus
 from bokehnet.rendering.settings import DepthSettings, RenderSettings
 
 __all__ = ["FocusedScene", "Scene", "fitted_map", "make_scene", "read_scene"]
+
+# Logarithm of the ratio of two ratios of width to height up to which they are alike.
+_ALIKE = 0.05
 
 # Share of mixed pixels beside depth edges from which on the map was filtered as its picture was.
 _MIXED = 0.05
@@ -36,6 +41,7 @@ class Scene:
         window: Where the pixels lie in the shown picture, whose width that of the sensor spans.
         number: Of the frame in its sequence.
         frame: What the picture's file holds besides, for writing back; None for arrays.
+        notes: What was chosen, or is odd about picture and map, a line each.
 
     Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
@@ -50,6 +56,7 @@ class Scene:
     window: Window
     number: int = 0
     frame: Frame | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -66,6 +73,7 @@ class FocusedScene:
         lens: The lens and its focus; None where defocus was given.
         repaired: Whether edges of the map were moved; None where nobody looked.
         repair_reason: Why.
+        notes: As in the scene, and what is odd about the blur.
 
     Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
@@ -86,6 +94,7 @@ class FocusedScene:
     lens: FocusedLens | None
     repaired: bool | None = None
     repair_reason: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def make_scene(
@@ -129,7 +138,7 @@ def make_scene(
     height, width = image.shape[:2]
     window = window or Window.whole(width, height)
     depth = source.depth_map(Photo(image=image, window=window, camera=camera))
-    scene = Scene(image=image, depth=depth, alpha=alpha, window=window, number=number)
+    scene = Scene(image=image, depth=depth, alpha=alpha, window=window, number=number, notes=depth.notes)
     return _unblurred(scene)
 
 
@@ -168,7 +177,13 @@ def read_scene(
     photo = Photo(image=frame.image, window=frame.window, camera=frame.camera, path=Path(path))
     depth = source.depth_map(photo)
     scene = Scene(
-        image=frame.image, depth=depth, alpha=frame.alpha, window=frame.window, number=number, frame=frame
+        image=frame.image,
+        depth=depth,
+        alpha=frame.alpha,
+        window=frame.window,
+        number=number,
+        frame=frame,
+        notes=(*(f"{path}: {note}" for note in frame.notes), *depth.notes),
     )
     return _unblurred(scene)
 
@@ -202,14 +217,27 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
         (24, 32)
     """
     depth, (height, width) = scene.depth, scene.image.shape[:2]
+    what = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
+    if not depth.fits_any_size:
+        _check_upright(depth.values.shape, (height, width), what)
     values = _unmixed(depth, settings)
     if values.shape != (height, width) and depth.fits_any_size and settings.repair != "off":
         values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
     elif values.shape != (height, width) and (settings.resize or depth.fits_any_size):
         values = resize_map(values, height, width)
-    what = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
     check_same_size("the picture", scene.image, f"its {what}", values, "`depth.resize` brings them together")
     return values
+
+
+def _check_upright(found: tuple[int, ...], wanted: tuple[int, int], what: str) -> None:
+    """Raise ``ShapeError`` for a map that fits its picture only when it is turned by 90 degrees."""
+    turned = math.log(found[1] / found[0] * wanted[1] / wanted[0])
+    upright = math.log(found[0] / found[1] * wanted[1] / wanted[0])
+    if abs(turned) < _ALIKE < abs(upright):
+        raise ShapeError(
+            f"the picture is {wanted[1]}x{wanted[0]} pixels but its {what} is {found[1]}x{found[0]}, turned "
+            "by 90 degrees, as where only one of both has an EXIF orientation; turn the map"
+        )
 
 
 def _unmixed(depth: DepthMap, settings: DepthSettings) -> npt.NDArray[np.float32]:

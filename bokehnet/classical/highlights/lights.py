@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from bokehnet.classical.base import Frame
+from bokehnet.classical.base import Place
 from bokehnet.classical.highlight_detection import brightest, light_limit
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
 from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
@@ -168,8 +168,7 @@ def add_lights(
     result: np.ndarray,
     *,
     lens_response: LensResponse | None = None,
-    above: int = 0,
-    full_size: tuple[int, int] | None = None,
+    place: Place | None = None,
 ) -> None:
     """Add every light's disc to the pixels of ``rays_mask`` that see it past what stands in front.
 
@@ -182,13 +181,11 @@ def add_lights(
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
         lens_response: Of the lens; default: a perfect one.
-        above: Rows of the picture above these arrays, where they are a strip of it.
-        full_size: Height and width of the whole picture; default: those of ``rays_mask``.
+        place: Where the arrays lie in the shown picture; default: they are all of it.
     """
     if not len(lights):
         return
-    height, width = full_size or rays_mask.shape
-    frame = Frame.of(height, width, above)
+    frame = (place or Place.whole(*rays_mask.shape)).frame
     if lens_response is None or lens_response.is_plain:
         draw: PerfectPsf | AberratedPsf = PerfectPsf(aperture, lights, frame)
     else:

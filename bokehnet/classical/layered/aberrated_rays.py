@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bokehnet.classical.base import Frame
+from bokehnet.classical.base import Place
 from bokehnet.classical.simd.float8 import broadcast8, divide8
 from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
@@ -109,7 +109,7 @@ class LensTable(NamedTuple):
         return np.interp(field, np.linspace(0, 1, len(strayed)), strayed).astype(np.float32)
 
 
-def _fields(shape: tuple[int, int], above: int, column: float, row: float, scale: float) -> np.ndarray:
+def _fields(shape: tuple[int, ...], above: int, column: float, row: float, scale: float) -> np.ndarray:
     """Field position of each pixel, (H, W, 2) float32."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
     return np.stack([scale * (x - column), scale * (y + above - row)], -1)
@@ -123,22 +123,20 @@ def _variable(wavelength: np.ndarray) -> np.ndarray:
 
 def lens_table(
     lens_response: LensResponse,
-    width: int,
-    height: int,
+    place: Place,
     rays: int,
     *,
     above: int = 0,
-    rows: int | None = None,
+    shape: tuple[int, ...] = (0, 0),
 ) -> LensTable:
     """Prepare a lens response for pictures of a size.
 
     Args:
         lens_response: Of the lens.
-        width: Of the full-size picture, pixels.
-        height: The same.
+        place: Where the pixels of the full-size picture lie in the shown one.
         rays: Rays of the pattern.
         above: Rows of the picture above those to be rendered.
-        rows: How many are to be rendered; default: all.
+        shape: Rows and columns that are to be rendered.
 
     Raises:
         ParameterError: The plane of focus leans so much that some rays never meet the scene.
@@ -152,7 +150,7 @@ def lens_table(
             "tilt less or blur less",
             shown=f"{math.hypot(*aberration_map.tilt):.2g}",
         )
-    column, row, scale = Frame.of(height, width)
+    column, row, scale = place.frame
     half_diagonal = 1 / scale
     wavelengths, colors = lens_response.sample_wavelengths(rays)
     nodes = np.linspace(SHORTEST, LONGEST, _NODES)
@@ -167,13 +165,12 @@ def lens_table(
     else:
         coefficients = values[:1]
     by_field = np.zeros((4, *coefficients.shape[:2], len(_PAIRS)), np.float32)
-    for place, (i, j, k) in enumerate(TERMS):
-        by_field[k, ..., _PAIRS.index((i, j))] = coefficients[..., place]
+    for term, (i, j, k) in enumerate(TERMS):
+        by_field[k, ..., _PAIRS.index((i, j))] = coefficients[..., term]
     chromatic_aberration, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
     if lens_response.chromatic_aberration is not None and not lens_response.chromatic_aberration.is_none:
         chromatic_aberration = half_diagonal * lens_response.chromatic_aberration.strengths(wavelengths)
-        shape = (height if rows is None else rows, width)
-        maps = lens_response.chromatic_aberration.maps(_fields(shape, above, column, row, scale))
+        maps = lens_response.chromatic_aberration.maps(_fields(shape[:2], above, column, row, scale))
     if not lens_response.is_dispersive:
         colors = np.zeros((0, 3))
     largest, strayed, spread = _bounds(lens_response, half_diagonal)

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
 from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
@@ -76,6 +77,7 @@ def _march(  # type: ignore[no-untyped-def]
     weights,
     lens,
     cats_eye,
+    place,
     seed,
     above,
     first,
@@ -118,11 +120,16 @@ def _march(  # type: ignore[no-untyped-def]
                     hashed = _scramble(x, y + above, seed)
                     chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
                     first_chance = broadcast8(np.float32(hashed / 4294967296.0))
-                    shift_x, shift_y = cats_eye_shift(cats_eye, x, y, width, height)
+                    shift_x, shift_y = cats_eye_shift(
+                        cats_eye, x + place[0], y + above + place[1], place[2], place[3]
+                    )
                     place_x, place_y = broadcast8(np.float32(x)), broadcast8(np.float32(y))
                     if lens is not None:
-                        h_x = np.float32((x - lens.column) * lens.scale)
-                        h_y = np.float32((y + above - lens.row) * lens.scale)
+                        far_x = (x - lens.column) * lens.scale
+                        far_y = (y + above - lens.row) * lens.scale
+                        # Overscan is seen as the corner is, up to which a lens is known.
+                        shrink = 1.0 / max(math.sqrt(far_x * far_x + far_y * far_y), 1.0)
+                        h_x, h_y = np.float32(far_x * shrink), np.float32(far_y * shrink)
                         collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
                         field = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
                         wide = broadcast8(np.float32(lens.shaken[int(field)]))
@@ -212,6 +219,7 @@ def march(
     lens: LensTable | None = None,
     seed: int = 0,
     above: int = 0,
+    place: Place | None = None,
 ) -> None:
     """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
 
@@ -229,6 +237,7 @@ def march(
         lens: A lens response, for all rays of ``points`` in their order; default: a perfect lens.
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
+        place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
     """
     height, width = rays_mask.shape
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
@@ -239,5 +248,5 @@ def march(
             bottom = min(height, top + _STRIP)
             first, last = max(0, top - 1), min(height, bottom + 1)
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
-            _march(*arrays, cats_eye, seed, above, first, sums)
+            _march(*arrays, cats_eye, tuple(place or Place.whole(height, width)), seed, above, first, sums)
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)

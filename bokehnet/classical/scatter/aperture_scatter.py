@@ -381,11 +381,16 @@ def _gather(
 
 
 def _prepare(
-    defocus: np.ndarray, aperture: Aperture, dtype: np.dtype, full_shape: tuple[int, int] | None, scale: float
+    defocus: np.ndarray,
+    aperture: Aperture,
+    dtype: np.dtype,
+    full_shape: tuple[int, int] | None,
+    scale: float,
+    origin: tuple[int, int],
 ) -> tuple[np.ndarray, View]:
     """The defocus as the kernels take it, and the grid's place in the picture."""
     height, width = defocus.shape
-    view = make_view(aperture.cats_eye, full_shape or (height, width), scale)
+    view = make_view(aperture.cats_eye, full_shape or (height, width), scale, origin)
     return np.ascontiguousarray(np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS), dtype), view
 
 
@@ -396,6 +401,7 @@ def scatter_forward(
     *,
     full_shape: tuple[int, int] | None = None,
     scale: float = 1.0,
+    origin: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
     """Scatter the values of every pixel over the shape of the opening, and add up.
 
@@ -407,12 +413,13 @@ def scatter_forward(
         aperture: The opening.
         full_shape: Height and width of the full-size picture, for the cat's-eye; default this one's.
         scale: Full-size pixels per pixel: pixel x of this grid is centred on (x + 1/2) scale - 1/2.
+        origin: Column and row of the full-size picture at which this one begins.
 
     Returns:
         Sums (H, W, C), of the values' dtype. The parts of one pixel sum to one (with a cat's-eye within
         half a percent) as long as they fall into the picture.
     """
-    defocus, view = _prepare(defocus, aperture, values.dtype, full_shape, scale)
+    defocus, view = _prepare(defocus, aperture, values.dtype, full_shape, scale, origin)
     return _join([_scatter(group, defocus, aperture, view) for group in _groups(values)], values.shape[2])
 
 
@@ -424,6 +431,7 @@ def scatter_backward(
     *,
     full_shape: tuple[int, int] | None = None,
     scale: float = 1.0,
+    origin: tuple[int, int] = (0, 0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Adjoint of :func:`scatter_forward`, at the same cost.
 
@@ -433,13 +441,14 @@ def scatter_backward(
         grad_sums: Gradient for the sums, (H, W, C).
         aperture: As given to the forward.
         full_shape: The same.
+        origin: The same.
         scale: The same.
 
     Returns:
         Gradients for the values (H, W, C) and the defocus (H, W). The latter is 0 where the magnitude is
         up to 1/2 or above ``LARGEST_RADIUS``.
     """
-    clipped, view = _prepare(defocus, aperture, values.dtype, full_shape, scale)
+    clipped, view = _prepare(defocus, aperture, values.dtype, full_shape, scale, origin)
     grad_values, grad_defocus = [], np.zeros_like(clipped)
     for group, gradient in zip(_groups(values), _groups(grad_sums), strict=True):
         gathered, slopes = _gather(group, clipped, gradient, aperture, view)

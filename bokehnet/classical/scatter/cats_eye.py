@@ -66,12 +66,17 @@ class View(NamedTuple):
     dv: float
 
 
-def make_view(cats_eye: float, full_shape: tuple[int, int], scale: float) -> View:
-    """Return the view of a grid whose pixel x is centred on ``(x + 1/2) scale - 1/2`` of the full size."""
-    height, width = full_shape
+def make_view(
+    cats_eye: float, full_shape: tuple[int, int], scale: float, origin: tuple[int, int] = (0, 0)
+) -> View:
+    """Return the view of a grid whose pixel x is centred on ``(x + 1/2) scale - 1/2`` of the full size.
+
+    There it begins at the column and row ``origin``.
+    """
+    (height, width), (left, top) = full_shape, origin
     first, second = 0.5 * scale - 0.5, 1.5 * scale - 0.5
-    u, v = cats_eye_shift(cats_eye, first, first, width, height)
-    next_u, next_v = cats_eye_shift(cats_eye, second, second, width, height)
+    u, v = cats_eye_shift(cats_eye, first + left, first + top, width, height)
+    next_u, next_v = cats_eye_shift(cats_eye, second + left, second + top, width, height)
     return View(float(cats_eye), u, v, next_u - u, next_v - v)
 
 

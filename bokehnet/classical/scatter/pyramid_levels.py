@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bokehnet.classical.base import Place
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import disc_scatter
 from bokehnet.classical.scatter.disc_scatter import in_fours, joined
@@ -63,9 +64,11 @@ class ScatterOperator:
     """How one level is scattered: an operator that is linear in its values, and its adjoint.
 
     Attributes:
-        forward: ``(values, defocus, full_shape=, scale=) -> sums``. ``full_shape`` is the height and width
-            of the whole picture, ``scale`` how many of its pixels one of this level is wide.
-        backward: ``(values, defocus, grad_sums, full_shape=, scale=) -> (grad_values, grad_defocus)``.
+        forward: ``(values, defocus, full_shape=, scale=, origin=) -> sums``. ``full_shape`` is the height and
+            width of the whole picture, ``scale`` how many of its pixels one of this level is wide, ``origin``
+            the column and row at which the level begins.
+        backward: ``(values, defocus, grad_sums, full_shape=, scale=, origin=) -> (grad_values,
+            grad_defocus)``.
         variance: Variance of a shape of radius 1 along an axis.
         merge_above: Radius, in pixels of a level, above which shapes go to the next; infinity for never.
     """
@@ -85,14 +88,15 @@ DISC = ScatterOperator(forward=_scatter_discs, backward=_gather_discs)
 
 
 class _Level(NamedTuple):
-    """Which part of the whole picture a level is: its height and width, and how many pixels one covers."""
+    """Which part of the whole picture a level is: its height and width, pixels in one, the first one."""
 
     full_shape: tuple[int, int]
     scale: float
+    origin: tuple[int, int] = (0, 0)
 
     def half(self) -> "_Level":
         """Of half the size."""
-        return _Level(self.full_shape, 2 * self.scale)
+        return self._replace(scale=2 * self.scale)
 
 
 def _merge(
@@ -150,7 +154,12 @@ def _backward(
 
 
 def scatter_forward(
-    values: np.ndarray, defocus: np.ndarray, operator: ScatterOperator = DISC, *, overwrite: bool = False
+    values: np.ndarray,
+    defocus: np.ndarray,
+    operator: ScatterOperator = DISC,
+    *,
+    overwrite: bool = False,
+    place: Place | None = None,
 ) -> np.ndarray:
     """Scatter every pixel over its shape and add up.
 
@@ -160,13 +169,15 @@ def scatter_forward(
         defocus: Signed blur radius in pixels, (H, W), of the same dtype, up to ``LARGEST_RADIUS``.
         operator: The shape.
         overwrite: Whether ``values`` may be used as working memory.
+        place: Where the pixels lie in the shown picture; default: all of it is there.
 
     Returns:
         Sums (H, W, C) of the values' dtype.
     """
     if not overwrite:
         values = values.copy()
-    level = _Level((values.shape[0], values.shape[1]), 1.0)
+    place = place or Place.whole(values.shape[0], values.shape[1])
+    level = _Level((place.height, place.width), 1.0, (place.left, place.top))
     sums = [_forward(group, defocus.copy(), operator, level) for group in in_fours(values)]
     return joined(sums, values.shape[2])
 

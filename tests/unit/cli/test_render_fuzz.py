@@ -92,7 +92,8 @@ def test_a_picture_or_one_line(folder, cli, words):
     if outcome.code == 1:
         assert outcome.err.rstrip("\n").splitlines()[-1].startswith("bokehnet: error: ")
     else:
-        assert outcome.err.startswith("bokehnet: ")
-        assert outcome.err.count("\n") == 1
+        *notes, summary = outcome.err.splitlines()
+        assert summary.startswith("bokehnet: out.")
+        assert all(line.startswith("bokehnet: note: ") for line in notes)
         assert list(folder.glob("out.*"))
     assert not list(folder.glob(".bokehnet-*"))

@@ -64,7 +64,7 @@ def defocus(portrait, cli):
     def call(*arguments):
         outcome = cli("render", "portrait.jpg", "-o", "out.jpg", *FAST, *arguments)
         assert (outcome.code, outcome.out) == (0, "")
-        assert outcome.err.startswith(f"bokehnet: portrait.jpg: {LEFT_OUT}\n")
+        assert outcome.err.startswith(f"bokehnet: note: portrait.jpg: {LEFT_OUT}\n")
         assert outcome.err.count("\n") == 2
         assert read_image("out.jpg").shape == (HEIGHT, WIDTH, 3)
         return read_map("maps/defocus.exr")

@@ -64,6 +64,7 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "focus_distance_m": None,
         "repaired": None,
         "repair_reason": "",
+        "notes": [],
     }
 
 

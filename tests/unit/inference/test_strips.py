@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bokehnet.classical.base import ALIGNED
+from bokehnet.classical.base import ALIGNED, Place
 from bokehnet.errors import ParameterError
+from bokehnet.inference.engine import Engine
 from bokehnet.inference.strips import BYTES_PER_PIXEL, StripAccumulator, cut_strips
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.chromatic_aberration import ChromaticAberration
@@ -90,13 +91,59 @@ def test_too_little_memory_tells_how_much_it_takes():
         BokehRenderer("rays").render(image, defocus, max_memory=1000)
 
 
-def test_a_cats_eye_is_not_cut():
+@pytest.mark.parametrize("engine", ["rays", "scatter", "fast"])
+@pytest.mark.parametrize("shape", [{}, {"blades": 5}])
+def test_a_cats_eye_in_strips_gives_the_whole_picture(engine, shape):
     image, defocus = tall_picture()
-    renderer = BokehRenderer("rays", aperture=Aperture(cats_eye=0.5))
-    with pytest.raises(
-        ParameterError, match="max_memory: expected None, as a cat's-eye needs the whole picture"
-    ):
-        renderer.render(image, defocus, max_memory=520 * 120 * BYTES_PER_PIXEL["rays"])
+    renderer = BokehRenderer(engine, aperture=Aperture(cats_eye=0.9, **shape))
+    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["rays" if engine == "rays" else "scatter"]
+    whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
+    assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 60
+
+
+COLOURS = LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0, lateral=2.0))
+
+
+@pytest.mark.parametrize(
+    ("engine", "aperture", "lens_response"),
+    [
+        ("scatter", Aperture(cats_eye=0.9), None),
+        ("rays", Aperture(cats_eye=0.9), None),
+        ("rays", Aperture(), LensResponse(aberration_map=GLASS)),
+        ("rays", Aperture(), COLOURS),
+    ],
+)
+def test_a_data_window_off_the_middle_is_blurred_as_in_the_whole_picture(engine, aperture, lens_response):
+    """Authority: the whole picture, cut; the noise of rays is another one."""
+    image, defocus = tall_picture(520, 240)
+    image = np.minimum(image, 4)
+    top, left = 256, 128
+    lens = {"aperture": aperture, "lens_response": lens_response}
+    whole = Engine(engine).render(image, defocus, **lens).bokeh
+    cut = (image[top:, left:], defocus[top:, left:])
+    placed = Engine(engine).render(*cut, **lens, place=Place(left, top, 240, 520)).bokeh
+    alone = Engine(engine).render(*cut, **lens).bokeh
+    inner = np.s_[32:-20, 32:-20]  # farther from the cut than any blur
+    expected = whole[top:, left:][inner]
+    error = [np.sqrt(np.mean((found[inner] - expected) ** 2)) for found in (placed, alone)]
+    assert error[0] < (1e-5 if engine == "scatter" else 0.02)
+    assert error[1] > 1.5 * error[0]
+
+
+@pytest.mark.parametrize("engine", ["rays", "scatter"])
+def test_overscan_is_blurred_as_if_it_were_not_there(engine):
+    """Authority: the shown picture alone, away from its border."""
+    image, defocus = tall_picture(384, 240)
+    image = np.minimum(image, 4)
+    lens = {"aperture": Aperture(cats_eye=0.9)}
+    if engine == "rays":
+        lens["lens_response"] = LensResponse(aberration_map=GLASS)
+    shown = np.s_[128:-128, 32:-32]
+    larger = Engine(engine).render(image, defocus, **lens, place=Place(-32, -128, 176, 128)).bokeh
+    alone = Engine(engine).render(image[shown], defocus[shown], **lens).bokeh
+    inner = np.s_[20:-20, 20:-20]
+    error = np.sqrt(np.mean((larger[shown][inner] - alone[inner]) ** 2))
+    assert error < (1e-5 if engine == "scatter" else 0.03)
 
 
 @pytest.mark.parametrize("engine", ["rays", "scatter", "hybrid"])

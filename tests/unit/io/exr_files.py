@@ -1,5 +1,7 @@
 """EXR files as compositors have them, written with the decoder's own library: not a test itself."""
 
+from itertools import chain
+
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 
@@ -54,3 +56,54 @@ def read_spec(path, part=0):
     spec = source.spec()
     source.close()
     return spec
+
+
+def deep_samples(seed=0, height=16, width=20, most=4, volumes=False):
+    """Make random samples front to back: lists (H, W) of lists of dictionaries by channel."""
+    rng = np.random.default_rng(seed)
+    pixels = []
+    for _ in range(height * width):
+        count = int(rng.integers(0, most))
+        near = np.sort(rng.uniform(1, 9, count)).astype(np.float32)
+        far = near + rng.uniform(0.1, 4, count).astype(np.float32) if volumes else near
+        cover = rng.uniform(0, 1, count).astype(np.float16)
+        colours = rng.uniform(0, 1, (count, 3)) * cover[:, None]
+        pixels.append(
+            [
+                dict(zip("RGB", colours[i].astype(np.float16), strict=True))
+                | {"A": cover[i], "Z": near[i], "ZBack": far[i]}
+                for i in range(count)
+            ]
+        )
+    return [pixels[row * width : (row + 1) * width] for row in range(height)]
+
+
+def write_deep(
+    path, pixels, *, channels=("R", "G", "B", "A", "Z", "ZBack"), tile=0, compression="zips", x=0, y=0
+):
+    """Write samples, as :func:`deep_samples` gives them, with the decoder's own library."""
+    height, width = len(pixels), len(pixels[0])
+    spec = oiio.ImageSpec(width, height, len(channels), "float")
+    spec.channelnames, spec.deep = channels, True
+    spec.channelformats = tuple(oiio.TypeHalf if name in "RGBA" else oiio.TypeFloat for name in channels)
+    spec.attribute("compression", compression)
+    spec.tile_width = spec.tile_height = tile
+    spec.x, spec.y = x, y
+    data = oiio.DeepData()
+    data.init(spec)
+    for index, samples in enumerate(chain.from_iterable(pixels)):
+        data.set_samples(index, len(samples))
+        for number, sample in enumerate(samples):
+            for channel, name in enumerate(channels):
+                data.set_deep_value(index, channel, number, float(sample[name]))
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec), output.geterror()
+    ends = (x, x + width, y, y + height)
+    written = (
+        output.write_deep_tiles(*ends, 0, 1, data)
+        if tile
+        else output.write_deep_scanlines(y, y + height, 0, data)
+    )
+    assert written, output.geterror()
+    assert output.close()
+    return path

@@ -228,3 +228,21 @@ def test_real_maps_are_read(shared):
     assert disparity.shape == (1350, 1080)
     assert (disparity.min(), disparity.max()) == (0, 1)
     assert 400 < read_depth(shared("cycles/s1_still_life/depth.exr")).min() < 500
+
+
+@pytest.mark.parametrize("size", [(41, 67), (120, 201), (123, 200), (13, 7), (1, 1)])
+def test_a_slope_stays_a_slope_at_any_factor(size):
+    """Authority: pixel centres at (i + 1/2) of N; between the outermost ones a slope is linear."""
+    values = np.add.outer(np.arange(40) / 40, np.arange(67) / 67).astype(np.float32)
+    found = resize_map(values, *size)
+    rows = np.clip((np.arange(size[0]) + 0.5) / size[0] * 40 - 0.5, 0, 39) / 40
+    columns = np.clip((np.arange(size[1]) + 0.5) / size[1] * 67 - 0.5, 0, 66) / 67
+    assert_allclose(found, np.add.outer(rows, columns), atol=1e-5)
+
+
+@pytest.mark.parametrize("factor", [3, 5, 7])
+def test_a_step_stays_a_step_in_its_place_at_odd_factors(factor):
+    values = np.zeros((5, 8), np.float32)
+    values[:, 3:] = 1
+    found = resize_map(values, 5 * factor, 8 * factor)
+    assert_array_equal(found, np.repeat(np.repeat(values, factor, 0), factor, 1))

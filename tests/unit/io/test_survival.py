@@ -11,6 +11,8 @@ from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.intact import PIXEL_LIMIT_VARIABLE
 from bokehnet.io.maps import read_disparity
+from tests.unit.io.exr_by_hand import MIP, ONE, RIP, scan_lines, tiles
+from tests.unit.io.exr_files import write_exr
 
 ALL = (".png", ".jpg", ".tif", ".webp", ".exr", ".hdr")
 
@@ -145,3 +147,56 @@ def test_a_name_that_is_not_unicode_is_an_error_that_can_be_printed(tmp_path):
     with pytest.raises(ImageFileError, match="not UTF-8; rename it") as caught:
         read_image(path)
     str(caught.value).encode()
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_a_cut_jpeg_is_never_made_up(tmp_path, progressive):
+    """Authority: ITU-T T.81: a file ends with the marker EOI; what follows it is no part of it."""
+    pillow = pytest.importorskip("PIL.Image")
+    rng = np.random.default_rng(0)
+    picture = pillow.fromarray(rng.integers(0, 256, (40, 60, 3), dtype=np.uint8))
+    picture.save(tmp_path / "a.jpg", progressive=progressive)
+    data = (tmp_path / "a.jpg").read_bytes()
+    for cut in rng.integers(2, len(data), 40):
+        (tmp_path / "b.jpg").write_bytes(data[:cut])
+        with pytest.raises(ImageFileError, match=r"truncated|damaged"):
+            read_image(tmp_path / "b.jpg")
+    (tmp_path / "c.jpg").write_bytes(data + b"more \xff\xd8 of something")
+    assert_array_equal(read_image(tmp_path / "c.jpg"), read_image(tmp_path / "a.jpg"))
+
+
+def test_an_exr_of_which_nothing_is_shown_is_black(tmp_path):
+    rgb = {name: np.ones((4, 6), np.float32) for name in "RGB"}
+    path = write_exr(
+        tmp_path / "a.exr",
+        {
+            "channels": {name: ("half", array) for name, array in rgb.items()},
+            "x": 20, "y": 3,"full_width": 10, "full_height": 8,
+        },
+    )  # fmt: skip
+    frame = read_frame(path)
+    write_frame(tmp_path / "b.png", frame, frame.image)
+    assert_array_equal(read_image(tmp_path / "b.png"), np.zeros((8, 10, 3)))
+
+
+@pytest.mark.parametrize("read", [read_image, read_frame, read_disparity])
+@pytest.mark.parametrize("sampling", [{"Y": (1, 1)}, {"RY": (2, 2), "BY": (2, 2)}])
+def test_luminance_and_chroma_are_not_taken_for_grey(tmp_path, read, sampling):
+    names = ("Y", "RY", "BY")
+    arrays = {name: ("half", np.full((4, 6), 0.5)) for name in names}
+    (tmp_path / "a.exr").write_bytes(scan_lines(arrays, sampling))
+    if read is read_disparity and "Y" in sampling:
+        assert read(tmp_path / "a.exr").shape == (4, 6)  # of a map, luminance will do
+        return
+    with pytest.raises(ImageFileError, match=r"found .*RY.*; write R, G, B instead"):
+        read(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize("mode", [ONE, MIP, RIP])
+def test_of_an_exr_with_levels_the_largest_is_the_picture(tmp_path, mode):
+    """Authority: "OpenEXR File Layout", openexr.com, whose bytes the test writes by itself."""
+    rng = np.random.default_rng(0)
+    arrays = {name: ("half", rng.random((9, 13)).astype(np.float16)) for name in "RGB"}
+    (tmp_path / "a.exr").write_bytes(tiles(arrays, 5, mode))
+    expected = np.stack([arrays[name][1] for name in "RGB"], axis=-1)
+    assert_array_equal(read_image(tmp_path / "a.exr"), expected)
