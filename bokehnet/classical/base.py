@@ -114,6 +114,7 @@ class ClassicalRenderer(Protocol):
         aperture: Aperture | None = None,
         strip: Strip | None = None,
         lens_response: LensResponse | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -124,6 +125,7 @@ class ClassicalRenderer(Protocol):
             strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
                 the result mean anything.
             lens_response: What the lens does beyond focusing; default a perfect lens.
+            progress: Called with the share of the work that is done, 0 to 1.
         """
         ...
 

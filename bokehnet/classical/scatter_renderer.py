@@ -1,5 +1,6 @@
 """The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
@@ -87,6 +88,7 @@ def render_scatter(
     aperture: Aperture | None = None,
     strip: Strip | None = None,
     lens_response: LensResponse | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
 
@@ -107,5 +109,7 @@ def render_scatter(
             "use the engine `rays` or `hybrid`",
         )
     bokeh = scatter(image, defocus, aperture)
+    if progress is not None:
+        progress(0.9)
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bokehnet.cli.progress import progress
+from bokehnet.cli.progress import stages
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.inference.engine import Progress
 from bokehnet.io.image import check_writable
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
@@ -102,21 +103,34 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 
 
 def render_frame(
-    job: FrameJob, renderer: BokehRenderer, report: Callable[[int, int], None] | None = None
+    job: FrameJob, renderer: BokehRenderer, begin: Callable[[str], Progress] = lambda label: _untold
 ) -> None:
     """Read, render and write one frame; the output appears complete or not at all.
+
+    Args:
+        job: What is to be done.
+        renderer: Renders it.
+        begin: Is told of every stage, and gives what its progress is reported to.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
-    focused = renderer.prepare(read_scene(job.image, job.settings, number=job.number), job.settings)
-    result = renderer.render(focused, job.settings, report, overwrite=True)
+    begin("reading")(0, 1)
+    scenes = [read_scene(job.image, job.settings, number=job.number)]
+    focused = renderer.prepare(scenes.pop(), job.settings, begin("depth"))
+    result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
+    del focused
+    begin("writing")(0, 1)
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
     result.save(job.output)
 
 
+def _untold(done: int, total: int) -> None:
+    """Progress that nobody follows."""
+
+
 def render_one(job: FrameJob) -> None:
-    """Render a frame with a bar."""
-    with progress("rendering") as report:
-        render_frame(job, make_renderer(job.settings), report)
+    """Render a frame with a bar for each stage that takes long."""
+    with stages() as begin:
+        render_frame(job, make_renderer(job.settings), begin)

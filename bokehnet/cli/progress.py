@@ -1,16 +1,18 @@
 """What is shown while one waits: a bar for callbacks, and why nothing seems to happen at first."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import typer
 
-__all__ = ["compile_notice", "progress"]
+__all__ = ["compile_notice", "progress", "stages"]
 
 _DELAY = 1.0  # s: what is done sooner needs no bar
 _LOG_INTERVAL = 10.0  # s between lines when stderr is not a terminal
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left"
 _NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
 
 
@@ -34,6 +36,55 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
             bar.update(done - bar.n)
 
         yield report
+
+
+@contextmanager
+def stages() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """Show a bar on stderr for each stage of the block, once a second has gone by since the first began.
+
+    Yields:
+        A callback that ends the bar before and begins that of a stage, such as ``"rendering"``; it gives a
+        callback ``report(done, total)`` as :func:`progress` does.
+    """
+    from tqdm import tqdm  # here, so that --help stays fast
+
+    interval = 0.1 if sys.stderr.isatty() else _LOG_INTERVAL
+    begun = time.monotonic()
+    bars: list[Any] = []
+
+    def end() -> None:
+        if bars and bars[0].total:
+            bars[0].update(bars[0].total - bars[0].n)
+        while bars:
+            bars.pop().close()
+
+    def begin(label: str) -> Callable[[int, int], None]:
+        end()
+        late = time.monotonic() - begun > _DELAY
+        bar = tqdm(
+            desc=label,
+            total=1,
+            file=sys.stderr,
+            delay=0 if late else _DELAY,
+            mininterval=interval,
+            dynamic_ncols=True,
+            leave=True,
+            bar_format=_BAR,
+        )
+        bars.append(bar)
+
+        def report(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        return report
+
+    try:
+        yield begin
+        end()
+    finally:
+        while bars:
+            bars.pop().close()
 
 
 @contextmanager

@@ -9,7 +9,8 @@ from bokehnet.classical.parallel import parallel_region
 
 __all__ = ["align_steps"]
 
-# Half the width of the window beside a step in which a pixel may change sides: what doubling a map leaves open.
+# Half the width of the window beside a step in which a pixel may change sides: as much as doubling a map
+# leaves open.
 _REACH = 2
 
 # Half the width of the window that tells the colours of both sides.

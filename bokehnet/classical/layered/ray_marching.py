@@ -8,6 +8,7 @@ through layered height fields.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit, prange
@@ -211,6 +212,7 @@ def march(
     lens: LensTable | None = None,
     seed: int = 0,
     above: int = 0,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
     """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
 
@@ -228,8 +230,10 @@ def march(
         lens: A lens response, for all rays of ``points`` in their order; default: a perfect lens.
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
+        progress: Called with the share of the pixels that is done, 0 to 1.
     """
     height, width = rays_mask.shape
+    done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
@@ -240,3 +244,5 @@ def march(
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
             _march(*arrays, cats_eye, seed, above, first, sums)
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)
+            if progress is not None and done is not None:
+                progress(done[bottom - 1] / max(done[-1], 1))
