@@ -144,10 +144,10 @@ class _Work:
         ]
         self._progress = progress
 
-    def report(self, left: int, share: float) -> None:
-        """Tell that this share of the smallest of the ``left`` sizes ...."""
+    def report(self, smaller: int, share: float) -> None:
+        """Tell that this share of a size is done, and all of those that are ``smaller``, so many."""
         if self._progress is not None:
-            at = len(self._costs) - left  # sizes that are left count from this one down
+            at = len(self._costs) - 1 - smaller
             done = sum(self._costs[at + 1 :]) + share * self._costs[at]
             self._progress(round(1000 * done / sum(self._costs)), 1000)
 
@@ -276,12 +276,12 @@ class DisparityRepair:
         """Repair a map with the help of the picture, at this and at smaller sizes.
 
         Args:
-            sizes: The picture, (3, H, W), the largest first; emptied, as is
-            maps: The map alone, (H, W), so that nothing is held longer than it is needed.
+            sizes: The picture, (3, H, W), the largest first.
+            maps: The map, (H, W), alone. Both lists are emptied, so that nothing is held longer than needed.
             span: Of the whole map.
             work: Is told of what is done.
         """
-        image, disparity, left = sizes.pop(0), maps.pop(), len(sizes) + 1
+        image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
         if sizes:
             small = _half_map(disparity)
@@ -292,14 +292,14 @@ class DisparityRepair:
             del repaired_small, change
             if max(height, width) > _NETWORK_SIDE:
                 aligned = align_steps(image.transpose(1, 2, 0), disparity, STEP * span)
-                work.report(left, 1)
+                work.report(number, 1)
                 return aligned
         disparity = pad_to_multiple(disparity, _BLOCK)
         result = disparity.copy()
         busy = _step_sizes(disparity) > STEP * span
         tiles = [*_tiles(busy)]
         for done, tile in enumerate(tiles):
-            work.report(left, done / len(tiles))
+            work.report(number, done / len(tiles))
             rows, columns = tile
             top, left = max(0, rows.start - _HALO), max(0, columns.start - _HALO)
             window = (slice(top, rows.stop + _HALO), slice(left, columns.stop + _HALO))
@@ -307,7 +307,7 @@ class DisparityRepair:
             result[tile] = repaired[
                 rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
             ]
-        work.report(left, 1)
+        work.report(number, 1)
         return np.ascontiguousarray(crop_to(result, height, width))
 
 
