@@ -17,7 +17,10 @@ from bokehnet.coarse_to_fine import BLOCK, CoarseNetwork, ask_arnet, find_change
 from bokehnet.fusion import fuse
 from bokehnet.pyramid import count_halvings, upsample2
 
-__all__ = ["CoarseCorrection", "CoarseInput", "Corrected"]
+__all__ = ["ARNET_BYTES", "MOST_PIXELS", "CoarseCorrection", "CoarseInput", "Corrected"]
+
+# Bytes that ARNet takes for a pixel that it sees, and pixels that it sees at most.
+ARNET_BYTES, MOST_PIXELS = 1100, 2_200_000
 
 # Small pixels around those that are wanted on which their doubling depends.
 _AROUND = 2
@@ -116,10 +119,20 @@ class CoarseInput:
         width: Of the picture.
         max_coc_radius: Its largest blur radius, pixels.
         network_max_radius: Largest radius that ARNet was trained for.
+        most_pixels: Of what ARNet sees; the picture is halved until it has no more.
     """
 
-    def __init__(self, height: int, width: int, max_coc_radius: float, network_max_radius: float) -> None:
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        max_coc_radius: float,
+        network_max_radius: float,
+        most_pixels: int = MOST_PIXELS,
+    ) -> None:
         self.halvings = count_halvings(max_coc_radius, network_max_radius)
+        while height * width > most_pixels << 2 * self.halvings:
+            self.halvings += 1
         self._factor = 2**self.halvings
         self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
         self._height = height

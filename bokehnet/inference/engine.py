@@ -10,6 +10,7 @@ import numpy as np
 
 from bokehnet.checks import check_choice, check_kind, check_number
 from bokehnet.classical.base import (
+    ALIGNED,
     CLASSICAL_RENDERERS,
     ClassicalResult,
     Strip,
@@ -19,7 +20,7 @@ from bokehnet.classical.base import (
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
-from bokehnet.inference.coarse_to_fine import CoarseInput
+from bokehnet.inference.coarse_to_fine import ARNET_BYTES, MOST_PIXELS, CoarseInput
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.strips import WORKING_MEMORY, StripAccumulator, cut_strips, worth_cutting
 from bokehnet.inference.tiling import refine_in_tiles
@@ -182,10 +183,16 @@ class Engine:
             check_number("max_memory", max_memory)
         strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = progress or _ignore, _max_coc_radius(defocus)  # before it may be written over
+        small = None
+        if self._networks is not None and self._networks.iunet is None:
+            left = MOST_PIXELS if max_memory is None else (max_memory - memory_taken) // ARNET_BYTES
+            most = max(ALIGNED**2, min(MOST_PIXELS, left))
+            height, width = defocus.shape
+            small = CoarseInput(height, width, largest, self._networks.network_max_radius, most)
         if len(strips) > 1:
-            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite)
+            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite, small)
         else:
-            result = self._render_whole(image, defocus, lens, curve, report)
+            result = self._render_whole(image, defocus, lens, curve, report, small)
         return replace(result, largest_blur=largest)
 
     def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int | None, taken: int) -> list[Strip | None]:
@@ -228,6 +235,7 @@ class Engine:
         lens: _Lens,
         curve: GammaCurve | None,
         report: Progress,
+        small: CoarseInput | None,
     ) -> EngineResult:
         steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
@@ -238,11 +246,9 @@ class Engine:
         if self._networks is None:
             bokeh, classical_error_map = classical.bokeh, classical.error_map
             return EngineResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=classical_error_map)
-        if self._networks.iunet is not None:
+        if small is None:
             result = self._render_coarse_to_fine(image, defocus, classical)
         else:
-            height, width = defocus.shape
-            small = CoarseInput(height, width, _max_coc_radius(defocus), self._networks.network_max_radius)
             small.add(0, image, defocus, classical)
             correction = small.correct(self._networks.arnet, self._networks.max_valid_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
@@ -261,17 +267,13 @@ class Engine:
         strips: Sequence[Strip | None],
         report: Progress,
         overwrite: bool,
+        small: CoarseInput | None,
     ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
         results = [StripAccumulator(array, overwrite) for array in (image, defocus)]
         bokeh, error_map = (result.array for result in results)
-        height, width = defocus.shape
-        small = (
-            None
-            if networks is None
-            else CoarseInput(height, width, _max_coc_radius(defocus), networks.network_max_radius)
-        )
+        height = len(defocus)
         steps = _STEPS * (len(strips) + (networks is not None))
         for done, strip in enumerate(strips):
             assert strip is not None
