@@ -17,10 +17,18 @@ from bokehnet.coarse_to_fine import BLOCK, CoarseNetwork, ask_arnet, find_change
 from bokehnet.fusion import fuse
 from bokehnet.pyramid import count_halvings, upsample2
 
-__all__ = ["ARNET_BYTES", "MOST_PIXELS", "CoarseCorrection", "CoarseInput", "Corrected"]
+__all__ = [
+    "ARNET_BYTES",
+    "LEAST_PIXELS",
+    "MOST_PIXELS",
+    "CoarseCorrection",
+    "CoarseInput",
+    "Corrected",
+]
 
-# Bytes that ARNet takes for a pixel that it sees, and pixels that it sees at most.
-ARNET_BYTES, MOST_PIXELS = 1100, 2_200_000
+# Bytes that ARNet takes for a pixel that it sees; pixels that it sees at most, and where memory is bounded at
+# the least.
+ARNET_BYTES, MOST_PIXELS, LEAST_PIXELS = 1100, 2_200_000, 2**18
 
 # Small pixels around those that are wanted on which their doubling depends.
 _AROUND = 2

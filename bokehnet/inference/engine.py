@@ -10,7 +10,6 @@ import numpy as np
 
 from bokehnet.checks import check_choice, check_kind, check_number
 from bokehnet.classical.base import (
-    ALIGNED,
     CLASSICAL_RENDERERS,
     ClassicalResult,
     Strip,
@@ -20,7 +19,7 @@ from bokehnet.classical.base import (
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
-from bokehnet.inference.coarse_to_fine import ARNET_BYTES, MOST_PIXELS, CoarseInput
+from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PIXELS, CoarseInput
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.strips import WORKING_MEMORY, StripAccumulator, cut_strips, worth_cutting
 from bokehnet.inference.tiling import refine_in_tiles
@@ -186,7 +185,7 @@ class Engine:
         small = None
         if self._networks is not None and self._networks.iunet is None:
             left = MOST_PIXELS if max_memory is None else (max_memory - memory_taken) // ARNET_BYTES
-            most = max(ALIGNED**2, min(MOST_PIXELS, left))
+            most = max(LEAST_PIXELS, min(MOST_PIXELS, left))
             height, width = defocus.shape
             small = CoarseInput(height, width, largest, self._networks.network_max_radius, most)
         if len(strips) > 1:

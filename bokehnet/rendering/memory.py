@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 from bokehnet.errors import ParameterError
+from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
 from bokehnet.inference.disparity_repair import network_memory
 from bokehnet.inference.engine import CLASSICAL_HALVES
 from bokehnet.inference.strips import BYTES_PER_PIXEL, least_rows
@@ -44,6 +45,8 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int)
     held = _HELD + (4 if settings.output.save_maps is not None else 0)
     rows = least_rows(height, _least_radius(settings), classical)
     stages.append(PROGRAM + held * pixels + rows * width * BYTES_PER_PIXEL[classical])
+    if engine in CLASSICAL_HALVES:
+        stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
     return max(stages)
 
 
