@@ -19,6 +19,9 @@ from bokehnet.rendering.settings import RenderSettings
 
 __all__ = ["FrameJob", "frame_jobs", "make_renderer", "render_frame", "render_one"]
 
+# Values of a picture from which on its stages take long.
+_LARGE = 12_000_000
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameJob:
@@ -103,24 +106,27 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 
 
 def render_frame(
-    job: FrameJob, renderer: BokehRenderer, begin: Callable[[str], Progress] = lambda label: _untold
+    job: FrameJob,
+    renderer: BokehRenderer,
+    begin: Callable[[str, bool], Progress] = lambda label, long: _untold,
 ) -> None:
     """Read, render and write one frame; the output appears complete or not at all.
 
     Args:
         job: What is to be done.
         renderer: Renders it.
-        begin: Is told of every stage, and gives what its progress is reported to.
+        begin: Is told of every stage, and whether it will take long; gives what its progress is reported to.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
-    begin("reading")(0, 1)
+    begin("reading", False)
     scenes = [read_scene(job.image, job.settings, number=job.number)]
-    focused = renderer.prepare(scenes.pop(), job.settings, begin("depth"))
-    result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
+    long = scenes[0].image.size > _LARGE
+    focused = renderer.prepare(scenes.pop(), job.settings, begin("depth", long))
+    result = renderer.render(focused, job.settings, begin("rendering", long), overwrite=True)
     del focused
-    begin("writing")(0, 1)
+    begin("writing", long)
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
     result.save(job.output)

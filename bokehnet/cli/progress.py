@@ -39,12 +39,13 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @contextmanager
-def stages() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Show a bar on stderr for each stage of the block, once a second has gone by since the first began.
+def stages() -> Iterator[Callable[[str, bool], Callable[[int, int], None]]]:
+    """Show a bar on stderr for each stage of the block that runs longer than a second.
 
     Yields:
         A callback that ends the bar before and begins that of a stage, such as ``"rendering"``; it gives a
-        callback ``report(done, total)`` as :func:`progress` does.
+        callback ``report(done, total)`` as :func:`progress` does. Where it is told that the stage will take
+        long, the bar shows at once if the block has run for a second by then.
     """
     from tqdm import tqdm  # here, so that --help stays fast
 
@@ -58,9 +59,9 @@ def stages() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
         while bars:
             bars.pop().close()
 
-    def begin(label: str) -> Callable[[int, int], None]:
+    def begin(label: str, long: bool) -> Callable[[int, int], None]:
         end()
-        late = time.monotonic() - begun > _DELAY
+        late = long and time.monotonic() - begun > _DELAY
         bar = tqdm(
             desc=label,
             total=1,
