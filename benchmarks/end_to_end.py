@@ -4,7 +4,9 @@ photograph: every engine, warm, on a photograph of 1080x1350 pixels, beside the 
 the same run: a scatter as a double loop over every disc, and ARNet and IUNet of the published widths over
 the whole picture, in torch. cold: the command line from its start to the written file, in turns with
 ``--help``. large: 24 megapixels with radii up to 160 pixels, and 100 megapixels with bounded memory, through
-the command line, with its peak memory. SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
+the command line, with its peak memory. enlarged: a photograph and its map at 6, 24 and 100 megapixels, all
+options at their defaults, with a lens, in bounded memory, and with large radii. SHARED holds ``real/21.jpg``
+with its disparity ``21.png``.
 """
 
 import argparse
@@ -26,7 +28,10 @@ from benchmarks.measurement import scene, time_in_turns
 from benchmarks.rivals import double_loop
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.inference.engine import ENGINES
-from bokehnet.io.image import write_image, write_map
+from bokehnet.io.image import read_image, write_image, write_map
+from bokehnet.io.maps import read_map
+from bokehnet.io.png import write_png
+from bokehnet.io.resample import resample
 from bokehnet.rendering.renderer import BokehRenderer
 
 PUBLISHED = "published wiring"
@@ -147,13 +152,69 @@ def large_section(engines: list[str]) -> None:
                 )
 
 
+def _write_enlarged(shared: str, folder: str, width: int, height: int) -> None:
+    """Write ``photo.jpg``, ``photo.exr`` and ``map.png`` (16 bit): photograph 21, enlarged."""
+    image = resample(read_image(f"{shared}/real/21.jpg"), height, width)
+    for extension in ("jpg", "exr"):
+        write_image(f"{folder}/photo.{extension}", np.clip(image, 0, 1))
+    values = resample(read_map(f"{shared}/real/21.png"), height, width)
+    stored = np.rint(65535 * values).astype(np.uint16)[..., None]
+    write_png(Path(folder) / "map.png", (height, width, 1), np.uint16, lambda rows: stored[rows])
+
+
+# Size, blur, files in and out, options: of the section enlarged.
+_ENLARGED: tuple[tuple[tuple[int, int], int, str, tuple[str, ...]], ...] = (
+    ((4380, 5475), 60, "jpg png", ()),
+    ((4380, 5475), 60, "jpg png", ("--engine", "hybrid")),
+    ((4380, 5475), 60, "jpg png", ("--lens", "double_gauss")),
+    ((4380, 5475), 60, "jpg png", ("--preset", "petzval-swirl")),
+    ((4380, 5475), 60, "jpg png", ("--max-memory", "2G")),
+    ((4380, 5475), 60, "exr exr", ("--max-memory", "2G")),
+    ((8944, 11180), 60, "jpg png", ("--max-memory", "4G")),
+    ((8944, 11180), 60, "exr exr", ("--max-memory", "4G")),
+    ((2190, 2738), 92, "jpg png", ()),
+    ((2190, 2738), 185, "jpg png", ()),
+    ((2190, 2738), 369, "jpg png", ()),
+    ((2190, 2738), 615, "jpg png", ()),
+)
+
+
+def enlarged_section(shared: Path, megapixels: float) -> None:
+    """Print seconds, processor time and peak memory of an enlarged photograph; each is rendered once."""
+    print("== enlarged: photograph 21 and its map, through the command line, reading and writing included")
+    before: tuple[int, int] | None = None
+    with tempfile.TemporaryDirectory() as folder:
+        for size, blur, files, extra in _ENLARGED:
+            if size[0] * size[1] > 1e6 * megapixels:
+                continue
+            if size != before:
+                with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+                    pool.submit(_write_enlarged, str(shared), folder, *size).result()
+                before = size
+            source, target = files.split()
+            held = os.times()
+            seconds, memory = run_command(
+                *("render", f"{folder}/photo.{source}", "--disparity", f"{folder}/map.png"),
+                *("--blur", f"{blur}", "--focus", f"{FOCUS:g}", "-o", f"{folder}/out.{target}", *extra),
+            )
+            now = os.times()
+            processor = now.children_user + now.children_system - held.children_user - held.children_system
+            options = f"blur {blur:3d}, {source} to {target} {' '.join(extra):24s}"
+            print(
+                f"{size[0] * size[1] / 1e6:6.1f} MP, {options}"
+                f"{seconds:7.1f} s, of processors {processor:7.1f} s, {memory / 2**30:6.2f} GB",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    sections = ("photograph", "cold", "large")
+    sections = ("photograph", "cold", "large", "enlarged")
     parser.add_argument("sections", nargs="*", metavar="SECTION", default=sections, help=", ".join(sections))
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--megapixels", type=float, default=100, help="at most, of the section enlarged")
     parser.add_argument("--engines", nargs="+", default=["rays", "hybrid"], help="of the section large")
     arguments = parser.parse_args()
     for section in arguments.sections:
@@ -163,6 +224,8 @@ def main() -> None:
             cold_section(arguments.shared, arguments.rounds)
         elif section == "large":
             large_section(arguments.engines)
+        elif section == "enlarged":
+            enlarged_section(arguments.shared, arguments.megapixels)
         else:
             parser.error(f"unknown section {section}; expected {', '.join(sections)}")
 

@@ -56,9 +56,13 @@ class OnnxSession:
         found: list[Any] = self._opened().get_inputs()
         return found
 
-    def run(self, arrays: Mapping[str, Any]) -> list[Any]:
-        """Return all its outputs for the inputs by name."""
-        results: list[Any] = self._opened().run(None, dict(arrays))
+    def run(self, arrays: Mapping[str, Any], *, release: bool = False) -> list[Any]:
+        """Return all its outputs for the inputs by name; ``release`` gives its memory back afterwards."""
+        options = None
+        if release:
+            options = load_onnxruntime().RunOptions()
+            options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
+        results: list[Any] = self._opened().run(None, dict(arrays), options)
         return results
 
     def renew(self) -> None:

@@ -146,6 +146,7 @@ class ClassicalRenderer(Protocol):
         strip: Strip | None = None,
         lens_response: LensResponse | None = None,
         place: Place | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:
         """Render.
 
@@ -158,6 +159,7 @@ class ClassicalRenderer(Protocol):
             lens_response: What the lens does beyond focusing; default a perfect lens.
             place: Where the whole picture, of which a strip may be a part, lies in the shown one; default:
                 all of it is shown.
+            progress: Called with the share of the work that is done, 0 to 1.
         """
         ...
 

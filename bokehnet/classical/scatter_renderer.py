@@ -1,5 +1,6 @@
 """The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar, cast
 
@@ -95,6 +96,7 @@ def render_scatter(
     strip: Strip | None = None,
     lens_response: LensResponse | None = None,
     place: Place | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
 
@@ -117,4 +119,6 @@ def render_scatter(
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)
     bokeh = scatter(image, defocus, aperture, place)
+    if progress is not None:
+        progress(0.9)
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

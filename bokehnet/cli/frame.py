@@ -8,10 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
-from bokehnet.cli.progress import progress
+from bokehnet.cli.progress import stages
 from bokehnet.cli.summary import FrameSummary
 from bokehnet.cli.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.inference.engine import Progress
 from bokehnet.io.image import check_writable
 from bokehnet.io.in_place import check_not_over
 from bokehnet.rendering.depth_source import tells_distances
@@ -116,7 +117,7 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 def render_frame(
     job: FrameJob,
     renderer: BokehRenderer,
-    report: Callable[[int, int], None] | None = None,
+    begin: Callable[[str], Progress] = lambda label: _untold,
     meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
 ) -> FrameSummary:
     """Read, render and write one frame; the output appears complete or not at all.
@@ -124,22 +125,25 @@ def render_frame(
     Args:
         job: The frame.
         renderer: Fit for its settings.
-        report: Called with (steps done, steps in all).
+        begin: Is told of every stage; gives what its progress is reported to.
         meanwhile: Makes what surrounds the repair of the map, which computes outside Python.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
     times = [perf_counter()]
-    scene = read_scene(job.image, job.settings, number=job.number)
-    check_output(job.output, job.settings.output, scene.frame)
+    begin("reading")
+    scenes = [read_scene(job.image, job.settings, number=job.number)]
+    check_output(job.output, job.settings.output, scenes[0].frame)
     times.append(perf_counter())
+    report = begin("depth")
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
-        focused = renderer.prepare(scene, job.settings)
-    del scene
+        focused = renderer.prepare(scenes.pop(), job.settings, report)
     times.append(perf_counter())
-    result = renderer.render(focused, job.settings, report, overwrite=True)
+    result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
+    del focused
     times.append(perf_counter())
+    begin("writing")
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
     result.save(job.output)
@@ -155,7 +159,11 @@ def render_frame(
     )
 
 
+def _untold(done: int, total: int) -> None:
+    """Progress that nobody follows."""
+
+
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
-    """Render a frame with a bar, unless it is to be quiet."""
-    with progress("rendering", hidden=quiet) as report:
-        return render_frame(job, make_renderer(job.settings), report, loading_kernels)
+    """Render a frame with a bar for each stage that takes long, unless it is to be quiet."""
+    with stages(hidden=quiet) as begin:
+        return render_frame(job, make_renderer(job.settings), begin, loading_kernels)

@@ -3,23 +3,25 @@
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
-__all__ = ["compile_notice", "progress", "write_above"]
+__all__ = ["compile_notice", "progress", "stages", "write_above"]
 
 _DELAY = 1.0  # s: what is done sooner needs no bar
 _LOG_INTERVAL = 10.0  # s between lines when stderr is not a terminal
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left"
 _NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
 
 
 @contextmanager
-def progress(label: str, *, hidden: bool = False) -> Iterator[Callable[[int, int], None]]:
+def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Iterator[Callable[[int, int], None]]:
     """Show a bar on stderr while the block runs longer than a second, also before anything is done.
 
     Args:
         label: what is being done, such as ``"rendering"``.
         hidden: show none.
+        counted: show how many things are done; else the share.
 
     Yields:
         A callback ``report(done, total)``; both count the same things, ``done`` from 0 to ``total``.
@@ -35,6 +37,7 @@ def progress(label: str, *, hidden: bool = False) -> Iterator[Callable[[int, int
         mininterval=interval,
         dynamic_ncols=True,
         disable=hidden,
+        bar_format=None if counted else _BAR,
     ) as bar:
 
         def report(done: int, total: int) -> None:
@@ -66,6 +69,26 @@ def write_above(line: str) -> None:
     tqdm.write(line, file=sys.stderr)
     for bar in list(getattr(tqdm, "_instances", ())):  # which are all shown from now on
         bar.delay = 0
+
+
+@contextmanager
+def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """Show a bar on stderr for each stage of the block that runs longer than a second.
+
+    Args:
+        hidden: Show none.
+
+    Yields:
+        A callback that ends the bar before and begins that of a stage, such as ``"rendering"``; it gives a
+        callback ``report(done, total)`` as :func:`progress` does.
+    """
+    with ExitStack() as shown:
+
+        def begin(label: str) -> Callable[[int, int], None]:
+            shown.close()
+            return shown.enter_context(progress(label, hidden=hidden, counted=False))
+
+        yield begin
 
 
 @contextmanager

@@ -18,7 +18,18 @@ from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.pyramid import count_halvings, upsample2
 
-__all__ = ["CoarseCorrection", "CoarseInput", "Corrected"]
+__all__ = [
+    "ARNET_BYTES",
+    "LEAST_PIXELS",
+    "MOST_PIXELS",
+    "CoarseCorrection",
+    "CoarseInput",
+    "Corrected",
+]
+
+# Bytes that ARNet takes for a pixel that it sees; pixels that it sees at most, and where memory is bounded at
+# the least.
+ARNET_BYTES, MOST_PIXELS, LEAST_PIXELS = 1100, 2_200_000, 2**18
 
 # Small pixels around those that are wanted on which their doubling depends.
 _AROUND = 2
@@ -117,10 +128,20 @@ class CoarseInput:
         width: Of the picture.
         max_coc_radius: Its largest blur radius, pixels.
         network_max_radius: Largest radius that ARNet was trained for.
+        most_pixels: Of what ARNet sees; the picture is halved until it has no more.
     """
 
-    def __init__(self, height: int, width: int, max_coc_radius: float, network_max_radius: float) -> None:
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        max_coc_radius: float,
+        network_max_radius: float,
+        most_pixels: int = MOST_PIXELS,
+    ) -> None:
         self.halvings = count_halvings(max_coc_radius, network_max_radius)
+        while height * width > most_pixels << 2 * self.halvings:
+            self.halvings += 1
         self._factor = 2**self.halvings
         self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
         self._height = height

@@ -20,24 +20,30 @@ from bokehnet.classical.base import (
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
-from bokehnet.inference.coarse_to_fine import CoarseInput
+from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PIXELS, CoarseInput
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.inference.strips import StripAccumulator, cut_strips
+from bokehnet.inference.strips import WORKING_MEMORY, StripAccumulator, cut_strips, worth_cutting
 from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.io.row_blocks import in_row_blocks
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
-__all__ = ["ENGINES", "Engine", "EngineResult", "Progress"]
+__all__ = ["CLASSICAL_HALVES", "ENGINES", "Engine", "EngineResult", "Progress"]
 
 # Engines with networks: the best, on the rays, and a faster one on the scatter.
 HYBRIDS = ("hybrid", "fast")
+
+# The classical half of each, as the networks that ship with the package tell it.
+CLASSICAL_HALVES = {"hybrid": "rays", "fast": "scatter"}
 
 # Classical renderers are engines of their own.
 ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
 
 Progress = Callable[[int, int], None]
+
+# Steps of progress in a strip, and in the network's work.
+_STEPS = 100
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -180,16 +186,27 @@ class Engine:
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         if max_memory is not None:
             check_number("max_memory", max_memory)
-        strips = [None] if max_memory is None else self._cut(defocus, lens, max_memory, memory_taken)
+        strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = progress or _ignore, _max_coc_radius(defocus)  # before it may be written over
+        small = None
+        if self._networks is not None and self._networks.iunet is None:
+            left = MOST_PIXELS if max_memory is None else (max_memory - memory_taken) // ARNET_BYTES
+            most = max(LEAST_PIXELS, min(MOST_PIXELS, left))
+            height, width = defocus.shape
+            small = CoarseInput(height, width, largest, self._networks.network_max_radius, most)
         if len(strips) > 1:
-            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite)
+            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite, small)
         else:
-            result = self._render_whole(image, defocus, lens, curve, report)
+            result = self._render_whole(image, defocus, lens, curve, report, small)
         return replace(result, largest_blur=largest)
 
-    def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int, taken: int) -> list[Strip | None]:
+    def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int | None, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
+        uncut = lens.aperture.cats_eye > 0 or (
+            self._networks is not None and self._networks.iunet is not None
+        )
+        if memory is None and uncut:
+            return [None]
         height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus))
         crossed = None
@@ -198,6 +215,11 @@ class Engine:
             from bokehnet.classical.simd.float8 import LANES
 
             crossed = lens_table(lens.lens_response, lens.place, LANES).reach(max_coc_radius)
+        if memory is None:
+            reach = max(max_coc_radius, crossed or 0)
+            if not worth_cutting(height, width, reach, self._classical_name):
+                return [None]
+            memory, taken = WORKING_MEMORY, 0
         strips: list[Strip | None] = [
             *cut_strips(height, width, max_coc_radius, self._classical_name, memory, taken, crossed)
         ]
@@ -215,26 +237,27 @@ class Engine:
         lens: _Lens,
         curve: GammaCurve | None,
         report: Progress,
+        small: CoarseInput | None,
     ) -> EngineResult:
-        steps = 1 if self._networks is None else 2
+        steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
-        classical = self._render_classical(image, defocus, lens, curve)
-        report(1, steps)
+        classical = self._render_classical(
+            image, defocus, lens, curve, progress=lambda share: report(int(share * _STEPS), steps)
+        )
+        report(_STEPS, steps)
         if self._networks is None:
             bokeh, classical_error_map = classical.bokeh, classical.error_map
             return EngineResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=classical_error_map)
-        if self._networks.iunet is not None:
+        if small is None:
             result = self._render_coarse_to_fine(image, defocus, classical)
         else:
-            height, width = defocus.shape
-            small = CoarseInput(height, width, _max_coc_radius(defocus), self._networks.network_max_radius)
             small.add(0, image, defocus, classical)
             correction = small.correct(self._networks.arnet, self._networks.max_valid_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
             result = EngineResult(
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
             )
-        report(2, steps)
+        report(2 * _STEPS, steps)
         return result
 
     def _render_strips(
@@ -246,23 +269,23 @@ class Engine:
         strips: Sequence[Strip | None],
         report: Progress,
         overwrite: bool,
+        small: CoarseInput | None,
     ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
         results = [StripAccumulator(array, overwrite) for array in (image, defocus)]
         bokeh, error_map = (result.array for result in results)
-        height, width = defocus.shape
-        small = (
-            None
-            if networks is None
-            else CoarseInput(height, width, _max_coc_radius(defocus), networks.network_max_radius)
-        )
-        steps = len(strips) + (networks is not None)
+        height = len(defocus)
+        steps = _STEPS * (len(strips) + (networks is not None))
         for done, strip in enumerate(strips):
             assert strip is not None
-            report(done, steps)
+            report(_STEPS * done, steps)
             rows = slice(strip.first, strip.last)
-            part = self._render_classical(image[rows], defocus[rows], lens, curve, strip)
+
+            def tell(share: float, done: int = done) -> None:
+                report(int(_STEPS * (done + share)), steps)
+
+            part = self._render_classical(image[rows], defocus[rows], lens, curve, strip, tell)
             first, wanted = strip.first + strip.wanted.start, strip.wanted
             kept = part.rows(wanted)
             inner = slice(first, first + len(kept.bokeh))
@@ -272,7 +295,7 @@ class Engine:
             for result, array in zip(results, (kept.bokeh, kept.error_map), strict=True):
                 result.add(first, array, height if later is None else later.first)
         if networks is not None and small is not None:
-            report(len(strips), steps)
+            report(_STEPS * len(strips), steps)
             correction = small.correct(networks.arnet, networks.max_valid_radius)
             for strip in strips:
                 assert strip is not None
@@ -290,12 +313,12 @@ class Engine:
         lens: _Lens,
         curve: GammaCurve | None,
         strip: Strip | None = None,
+        progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:
+        how = (defocus, lens.aperture, strip, lens.lens_response, lens.place, progress)
         if curve is None:
-            return self._classical(image, defocus, lens.aperture, strip, lens.lens_response, lens.place)
-        result = self._classical(
-            curve.encode(image), defocus, lens.aperture, strip, lens.lens_response, lens.place
-        )
+            return self._classical(image, *how)
+        result = self._classical(curve.encode(image), *how)
         return replace(result, bokeh=curve.decode(result.bokeh))
 
     def _render_coarse_to_fine(

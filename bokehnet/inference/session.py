@@ -54,16 +54,17 @@ class OnnxNetwork:
         self._input_names = input_names
         self._taken = {item.name for item in self._session.inputs()}
 
-    def __call__(self, *arrays: np.ndarray | None) -> Any:
+    def __call__(self, *arrays: np.ndarray | None, release: bool = False) -> Any:
         """Run on float32 arrays (B, C, H, W), in the order of the input names; one array or a tuple back.
 
-        Inputs that the network does not take are left out and may be ``None``.
+        Inputs that the network does not take are left out and may be ``None``. ``release`` gives the memory
+        of the layers back afterwards, which costs time when the network runs again.
         """
         fed = dict(zip(self._input_names, arrays, strict=True))
         contiguous = {
             key: np.ascontiguousarray(fed[_OLD_INPUTS.get(key, key)], np.float32) for key in self._taken
         }
-        results = self._session.run(contiguous)
+        results = self._session.run(contiguous, release=release)
         return results[0] if len(results) == 1 else tuple(results)
 
 

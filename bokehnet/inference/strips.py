@@ -8,19 +8,48 @@ import numpy as np
 from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.errors import ParameterError
 
-__all__ = ["StripAccumulator", "cut_strips"]
+__all__ = ["StripAccumulator", "cut_strips", "least_rows", "worth_cutting"]
 
 # Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
-BYTES_PER_PIXEL = {"rays": 125, "scatter": 45}
+BYTES_PER_PIXEL = {"rays": 140, "scatter": 45}
 
 # Rows around a strip that its result depends on, in units of the blur radius: those that a ray crosses, and
 # those from which what they hide is filled. Windows of a few pixels come on top.
 _HALO = {"rays": 2, "scatter": 1}
 _FEW = 32
 
+# Bytes that a strip takes where nobody says how much may be taken: less is faster, as it is used again.
+WORKING_MEMORY = 2**30
+
+# Rows of a strip, over those around it that are looked at as well, from which on such strips are worth it.
+_WORTH = 6
+
 
 def _aligned(row: int) -> int:
     return row // ALIGNED * ALIGNED
+
+
+def _halo(height: int, reach: int, classical: str) -> int:
+    return _HALO[classical] * min(reach, height) + _FEW
+
+
+def least_rows(height: int, reach: int, classical: str) -> int:
+    """Rows that the narrowest strip holds, with those around it, in a picture of that height."""
+    return min(height, 2 * _halo(height, reach, classical) + 2 * ALIGNED)
+
+
+def worth_cutting(height: int, width: int, reach: int, classical: str) -> bool:
+    """Whether a picture is cut into strips though nobody bounds its memory: large ones, where little is lost.
+
+    Args:
+        height: Of the picture.
+        width: Of the picture.
+        reach: Pixels within which rays stay.
+        classical: Name of the classical renderer.
+    """
+    most = WORKING_MEMORY // (BYTES_PER_PIXEL[classical] * width)
+    halo = _halo(height, reach, classical)
+    return most < height and most - 2 * halo - ALIGNED >= _WORTH * halo
 
 
 def cut_strips(
@@ -46,11 +75,12 @@ def cut_strips(
     Raises:
         ParameterError: Not even the narrowest strip fits.
     """
-    halo = _HALO[classical] * min(max(max_coc_radius, crossed or 0), height) + _FEW
+    reach = max(max_coc_radius, crossed or 0)
+    halo = _halo(height, reach, classical)
     most = max(0, memory - taken) // (BYTES_PER_PIXEL[classical] * width)
     rows = height if most >= height else _aligned(most - 2 * halo - ALIGNED)
     if rows < ALIGNED and rows < height:
-        least = (2 * halo + 2 * ALIGNED) * width * BYTES_PER_PIXEL[classical]
+        least = least_rows(height, reach, classical) * width * BYTES_PER_PIXEL[classical]
         which = "in all" if taken else "beyond the pictures themselves"
         raise ParameterError(
             "max_memory",

@@ -19,6 +19,7 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import Highlights
+from bokehnet.rendering import memory
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import (
     make_aperture,
@@ -46,9 +47,6 @@ __all__ = ["BokehRenderer", "CancelSignal"]
 
 Array = npt.NDArray[np.float32]
 Made = TypeVar("Made")
-
-# Bytes that the program takes before it holds a picture: libraries, kernels, buffers of the decoders.
-PROGRAM = 560 * 2**20
 
 # Engines, networks and looks that a renderer keeps.
 _MOST_KEPT = 16
@@ -245,9 +243,20 @@ class BokehRenderer:
         return self._render_arrays(image, defocus, watch, overwrite, **options)
 
     def prepare(
-        self, scene: Scene, settings: RenderSettings | None = None, *, cancel: CancelSignal | None = None
+        self,
+        scene: Scene,
+        settings: RenderSettings | None = None,
+        progress: Progress | None = None,
+        *,
+        cancel: CancelSignal | None = None,
     ) -> FocusedScene:
         """Repair the map of a scene and find its focus: all but the blur itself.
+
+        Args:
+            scene: The scene.
+            settings: All that is asked for.
+            progress: Called with (steps done, steps in all) of the repair.
+            cancel: Is asked between steps; once it is set, the work ends.
 
         Raises:
             BokehnetError: As :meth:`render`.
@@ -266,14 +275,15 @@ class BokehRenderer:
         settings = RenderSettings() if settings is None else settings
         check_kind("settings", settings, RenderSettings)
         check_engine(settings, settings.engine.name or self.engine)
-        _watched(None, cancel)(0, 1)
+        watch = _watched(progress, cancel)
+        watch(0, 1)
         values = fitted_map(scene, settings.depth)
         lens, repaired, reason, notes = None, None, "", scene.notes
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
         elif settings.depth.repair != "off":
             repairer = self._keep("repair", lambda: DisparityRepair(threads=self._threads))
-            found = repairer.repair(scene.image, values, settings.depth.repair)
+            found = repairer.repair(scene.image, values, settings.depth.repair, watch)
             values, repaired, reason = found.disparity, found.repaired, found.reason
         if scene.depth.kind != "defocus":
             lens = focus_lens(
@@ -321,7 +331,7 @@ class BokehRenderer:
         with about("engine", names):
             if alpha is not None:
                 alpha = _spread_coverage(engine, alpha, defocus, lens, look.max_memory, image.nbytes)
-            taken = PROGRAM + image.nbytes + defocus.nbytes
+            taken = memory.PROGRAM + image.nbytes + defocus.nbytes
             taken += defocus.nbytes if keep and overwrite else 0
             taken += 0 if overwrite else image.nbytes + defocus.nbytes
             taken += 0 if scene.alpha is None else 2 * defocus.nbytes
@@ -459,7 +469,7 @@ def _spread_coverage(
 ) -> Array:
     """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
     grey = np.repeat(alpha[..., None], 3, axis=-1)
-    held = PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + taken
+    held = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + taken
     spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_taken=held).bokeh
     coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
     return coverage

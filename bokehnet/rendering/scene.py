@@ -17,6 +17,7 @@ from bokehnet.io.resample import resample
 from bokehnet.io.window import Window
 from bokehnet.rendering.depth_source import DepthMap, DepthSource, Photo, depth_source
 from bokehnet.rendering.focus import FocusedLens, check_focus
+from bokehnet.rendering.memory import check_memory
 from bokehnet.rendering.settings import DepthSettings, RenderSettings
 
 __all__ = ["FocusedScene", "Scene", "fitted_map", "make_scene", "read_scene"]
@@ -173,6 +174,7 @@ def read_scene(
     if source is None:
         check_focus(settings)
         source = depth_source(settings)
+    check_memory(path, settings)
     frame = read_frame(path)
     photo = Photo(image=frame.image, window=frame.window, camera=frame.camera, path=Path(path))
     depth = source.depth_map(photo)

@@ -8,6 +8,7 @@ through layered height fields.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import prange
@@ -220,6 +221,7 @@ def march(
     seed: int = 0,
     above: int = 0,
     place: Place | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
     """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
 
@@ -238,8 +240,10 @@ def march(
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
+        progress: Called with the share of the pixels that is done, 0 to 1.
     """
     height, width = rays_mask.shape
+    done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
@@ -250,3 +254,5 @@ def march(
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
             _march(*arrays, cats_eye, tuple(place or Place.whole(height, width)), seed, above, first, sums)
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)
+            if progress is not None and done is not None:
+                progress(done[bottom - 1] / max(done[-1], 1))

@@ -1,6 +1,6 @@
 import numba
 
-from bokehnet.cli.progress import compile_notice, progress
+from bokehnet.cli.progress import compile_notice, progress, stages
 
 
 def make_kernel():
@@ -50,6 +50,20 @@ def test_progress_is_silent_when_the_work_is_short(capsys):
         report(0, 3)
         report(3, 3)
     assert capsys.readouterr() == ("", "")
+
+
+def test_stages_that_take_long_show_and_short_ones_are_silent(capsys, monkeypatch):
+    with stages() as begin:
+        begin("reading")
+        begin("writing")(1, 1)
+    assert capsys.readouterr() == ("", "")
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+    with stages() as begin:
+        begin("rendering")(1, 4)
+        begin("writing")(1, 2)
+    shown = capsys.readouterr().err
+    assert shown.index("rendering:  25%") < shown.index("writing:  50%")
+    assert "left" in shown
 
 
 def test_progress_shows_label_and_count_on_stderr_when_the_work_is_long(capsys, monkeypatch):

@@ -86,7 +86,7 @@ def test_progress_counts_the_strips():
 def test_too_little_memory_tells_how_much_it_takes():
     image, defocus = tall_picture()
     with pytest.raises(
-        ParameterError, match=r"max_memory: expected at least 6 MB .* width of 120 .* 14 pixels"
+        ParameterError, match=r"max_memory: expected at least 7 MB .* width of 120 .* 14 pixels"
     ):
         BokehRenderer("rays").render(image, defocus, max_memory=1000)
 
@@ -181,7 +181,7 @@ def test_memory_that_is_taken_counts():
     assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
         *cut_strips(1000, 80, 10, "rays", left)
     ]
-    with pytest.raises(ParameterError, match="max_memory: expected at least 1004 MB in all"):
+    with pytest.raises(ParameterError, match="max_memory: expected at least 1005 MB in all"):
         [*cut_strips(1000, 80, 10, "rays", 10**9, 10**9)]
 
 

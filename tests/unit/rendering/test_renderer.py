@@ -20,7 +20,6 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
-from bokehnet.rendering import renderer as renderer_module
 from bokehnet.rendering.depth_source import ConstantDisparity, DefocusMap, MetricDepth, RelativeDisparity
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import make_scene, read_scene
@@ -171,7 +170,7 @@ def test_coverage_is_spread_as_the_light_is(photo, steps, defocus):
 
 def test_strips_give_the_same_picture(scene, monkeypatch):
     """Oracle: the whole picture at once; only rounding differs."""
-    monkeypatch.setattr(renderer_module, "PROGRAM", 0)
+    monkeypatch.setattr("bokehnet.rendering.memory.PROGRAM", 0)
     monkeypatch.setattr("bokehnet.inference.strips._FEWEST_ROWS", 1, raising=False)
     tall = np.random.default_rng(1).random((600, 48, 3), dtype=np.float32)
     ramp = np.linspace(0, 1, 600 * 48, dtype=np.float32).reshape(600, 48)

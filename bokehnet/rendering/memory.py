@@ -1,0 +1,83 @@
+"""What a rendering takes of the memory, known before any pixel is read."""
+
+import math
+from pathlib import Path
+
+from bokehnet.errors import ParameterError
+from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
+from bokehnet.inference.disparity_repair import network_memory
+from bokehnet.inference.engine import CLASSICAL_HALVES
+from bokehnet.inference.strips import BYTES_PER_PIXEL, least_rows
+from bokehnet.io.heif import is_heif
+from bokehnet.io.picture import find_picture
+from bokehnet.io.pixels import ImageFile
+from bokehnet.rendering.settings import RenderSettings
+
+__all__ = ["PROGRAM", "check_memory", "least_memory"]
+
+# Bytes that the program takes beside its pictures: libraries, kernels, their compiler where no cache holds
+# them yet, buffers of the decoders, images of lights.
+PROGRAM = 640 * 2**20
+
+# Those of them that only rendering takes.
+_RENDERING = 400 * 2**20
+
+# Bytes of a pixel of the whole picture: light and map; and what is held beside them at most while they are
+# read, repaired or turned into defocus.
+_HELD, _READ, _REPAIRED, _FOCUSED = 16, 5, 14, 12
+
+
+def least_memory(settings: RenderSettings, engine: str, width: int, height: int) -> int:
+    """Bytes that the program takes at the least for a picture of that size, about.
+
+    Args:
+        settings: All that is asked for. Where they do not tell the largest blur, it is taken to be small.
+        engine: What renders.
+        width: Of the picture.
+        height: Of the picture.
+    """
+    pixels = width * height
+    started = max(0, PROGRAM - _RENDERING)
+    stages = [started + (_HELD + max(_READ, _FOCUSED)) * pixels]
+    if settings.depth.repair != "off" and settings.input.defocus is None:
+        stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
+    classical = CLASSICAL_HALVES.get(engine, engine)
+    held = _HELD + (4 if settings.output.save_maps is not None else 0)
+    rows = least_rows(height, _least_radius(settings), classical)
+    stages.append(PROGRAM + held * pixels + rows * width * BYTES_PER_PIXEL[classical])
+    if engine in CLASSICAL_HALVES:
+        stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
+    return max(stages)
+
+
+def check_memory(path: Path | str, settings: RenderSettings) -> None:
+    """Raise unless a picture can be rendered within ``engine.max_memory``; its header alone is read.
+
+    Raises:
+        ParameterError: The bound is too small; what it takes is told.
+        ImageFileError: The file cannot be read.
+    """
+    bound = settings.engine.max_memory
+    if bound is None or is_heif(path):
+        return
+    with ImageFile(path) as file:
+        part = find_picture(file).part
+    width, height = (part.height, part.width) if part.orientation >= 5 else (part.width, part.height)
+    least = least_memory(settings, settings.engine.name or "rays", width, height)
+    if bound < least:
+        raise ParameterError(
+            "engine.max_memory",
+            f"at least {math.ceil(least / 1e6)} MB for {width}x{height} pixels",
+            bound,
+            shown=f"{bound / 1e6:.0f} MB",
+        )
+
+
+def _least_radius(settings: RenderSettings) -> int:
+    """Largest blur radius that a map from 0 to 1 has, pixels; 0 where it cannot be told."""
+    focus, depth, blur = settings.focus, settings.depth, settings.camera.blur
+    leans = focus.plane is not None or focus.tilt_x or focus.tilt_y
+    own_range = depth.as_stored or depth.value_range is not None or settings.input.disparity is None
+    if blur is None or focus.value is None or focus.range is not None or leans or own_range:
+        return 0
+    return math.ceil(blur * max(abs(focus.value), abs(1 - focus.value)))
