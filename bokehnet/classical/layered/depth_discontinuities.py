@@ -18,6 +18,9 @@ FRONT, BACK = 1, 2
 # Widest ramp, in pixels, that is taken for a blurred depth discontinuity.
 _WIDEST_RAMP = 16
 
+# A surface between two others goes on within so many pixels, at the same defocus but for so much.
+_SUPPORT, _SAME = 2, 0.25
+
 
 @njit(cache=True)
 def _span(values, y, x):  # type: ignore[no-untyped-def]
@@ -57,7 +60,9 @@ def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
     A resized, smoothed or estimated disparity map passes from one surface to the next through values
     that belong to neither; where they pass through focus a renderer would draw a sharp sliver. A pixel
     inside such a ramp, with neighbours more than ``DISCONTINUITY_THRESHOLD`` above and below it, takes the
-    value at that end of the ramp which is closer to its own.
+    value at that end of the ramp which is closer to its own. Surfaces that stand between two others, as a wire
+    between a blade of grass and the lawn, are told from ramps by pixels of the same defocus close by that are
+    not between others.
 
     Args:
         defocus: (H, W), float32.
@@ -66,8 +71,24 @@ def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
         A new map (H, W). Steps of one pixel and slopes below ``DISCONTINUITY_THRESHOLD`` a pixel stay as they
         are.
     """
-    on_ramps = np.argwhere(discontinuity_sides(defocus) == FRONT | BACK)
+    between = discontinuity_sides(defocus) == FRONT | BACK
+    on_ramps = np.argwhere(between)
+    if len(on_ramps):
+        on_ramps = on_ramps[~_is_supported(defocus, between, on_ramps)]
     return _sharpen(defocus, on_ramps) if len(on_ramps) else defocus.copy()
+
+
+@njit(cache=True)
+def _is_supported(defocus, between, places):  # type: ignore[no-untyped-def]
+    """Whether a pixel of the same surface that is not between others is near each of ``places``, (N,)."""
+    height, width = defocus.shape
+    found = np.zeros(len(places), np.bool_)
+    for i in range(len(places)):
+        y, x = places[i]
+        for v in range(max(0, y - _SUPPORT), min(height, y + _SUPPORT + 1)):
+            for u in range(max(0, x - _SUPPORT), min(width, x + _SUPPORT + 1)):
+                found[i] |= not between[v, u] and abs(defocus[v, u] - defocus[y, x]) <= _SAME
+    return found
 
 
 @njit(cache=True)

@@ -9,29 +9,19 @@ import numpy.typing as npt
 from numba import prange
 
 from bokehnet.checks import check_finite, check_rank
+from bokehnet.classical.highlight_detection import brightest, light_limit
 from bokehnet.classical.layered.depth_discontinuities import (
-    BACK,
     DISCONTINUITY_THRESHOLD,
-    FRONT,
     discontinuity_sides,
     sharpen_discontinuities,
 )
 from bokehnet.classical.layered.occluded_background import occluded_background
+from bokehnet.classical.layered.unmixing import unmix
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.kernels import njit
 
 __all__ = ["Layers", "split_layers"]
-
-# Half the width of the window that tells the pure colours of both sides of a depth discontinuity.
-_WINDOW = 2
-
-# Squared difference of two colours, as a part of the sum of their squares, below which a mixed pixel says
-# little about its coverage.
-_REGULARISATION = 0.03
-
-# Coverage below this is left out.
-_LEAST_COVERAGE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -97,41 +87,6 @@ def _are_sound(colors, defocus, coverage):  # type: ignore[no-untyped-def]
     return faults == 0
 
 
-@njit(cache=True)
-def _pure(image, defocus, sides, y, x, depth, color):  # type: ignore[no-untyped-def]
-    """Write the mean colour around (y, x) of the surface at ``depth``, where not mixed; False if none."""
-    height, width = defocus.shape
-    weight = 0.0
-    color[:] = 0.0
-    for v in range(max(0, y - _WINDOW), min(height, y + _WINDOW + 1)):
-        for u in range(max(0, x - _WINDOW), min(width, x + _WINDOW + 1)):
-            if sides[v, u] == 0 and abs(defocus[v, u] - depth) <= DISCONTINUITY_THRESHOLD:
-                w = 1.0 / (1.0 + (v - y) * (v - y) + (u - x) * (u - x))
-                weight += w
-                for c in range(3):
-                    color[c] += w * image[v, u, c]
-    if weight == 0.0:
-        return False
-    color /= weight
-    return True
-
-
-@njit(cache=True)
-def _purest(image, defocus, y, x, depth, back, color):  # type: ignore[no-untyped-def]
-    """Write the colour of a thin thing at ``depth``: of its pixels, the one least like what is behind it."""
-    height, width = defocus.shape
-    largest = -1.0
-    for v in range(max(0, y - _WINDOW), min(height, y + _WINDOW + 1)):
-        for u in range(max(0, x - _WINDOW), min(width, x + _WINDOW + 1)):
-            if abs(defocus[v, u] - depth) <= DISCONTINUITY_THRESHOLD:
-                square = 0.0
-                for c in range(3):
-                    square += (image[v, u, c] - back[c]) ** 2
-                if square > largest:
-                    largest = square
-                    color[:] = image[v, u]
-
-
 @njit(cache=True, parallel=True)
 def _stack(image, defocus, hidden, behind, colors, depths, coverage):  # type: ignore[no-untyped-def]
     """Write what is seen and what is hidden as two layers, (H, W, 2, ...)."""
@@ -145,44 +100,19 @@ def _stack(image, defocus, hidden, behind, colors, depths, coverage):  # type: i
 
 
 @njit(cache=True, parallel=True)
-def _split_mixed(image, defocus, sides, colors, depths, coverage):  # type: ignore[no-untyped-def]
-    """Part mixed pixels at discontinuities into near and far surface; layers (H, W, 2, ...) in place."""
-    height, width = defocus.shape
-    for y in prange(height):
-        front, back = np.empty(3), np.empty(3)
-        for x in range(width):
-            side = sides[y, x]
-            if side != FRONT and side != BACK:
-                continue
-            near = far = defocus[y, x]
-            for v in range(max(0, y - 1), min(height, y + 2)):
-                for u in range(max(0, x - 1), min(width, x + 2)):
-                    near = max(near, defocus[v, u]) if side == BACK else near
-                    far = min(far, defocus[v, u]) if side == FRONT else far
-            if not _pure(image, defocus, sides, y, x, far, back):
-                continue
-            if not _pure(image, defocus, sides, y, x, near, front):
-                _purest(image, defocus, y, x, near, back, front)
-            along = across = 0.0
-            regularisation = 1e-12
-            for c in range(3):
-                regularisation += _REGULARISATION * (front[c] * front[c] + back[c] * back[c])
-                along += (image[y, x, c] - back[c]) * (front[c] - back[c])
-                across += (front[c] - back[c]) * (front[c] - back[c])
-            share = (along + (regularisation if side == FRONT else 0.0)) / (across + regularisation)
-            if side == FRONT:
-                share = min(max(share, 0.5), 1.0)
-                coverage[y, x, 0] = share
-                for c in range(3):
-                    colors[y, x, 0, c] = max(0.0, (image[y, x, c] - (1.0 - share) * back[c]) / share)
-            elif share > _LEAST_COVERAGE:
-                share = min(share, 0.5)
-                coverage[y, x, 0] = share
-                depths[y, x, 0] = near
-                depths[y, x, 1] = defocus[y, x]
-                for c in range(3):
-                    colors[y, x, 0, c] = front[c]
-                    colors[y, x, 1, c] = max(0.0, (image[y, x, c] - share * front[c]) / (1.0 - share))
+def _lay_mixed(rows, columns, front, back, near, far, share, is_front, colors, depths, coverage):  # type: ignore[no-untyped-def]
+    """Lay the nearer surface of mixed pixels over the farther one; layers (H, W, 2, ...) in place."""
+    for i in prange(len(rows)):
+        y, x = rows[i], columns[i]
+        coverage[y, x, 0] = share[i]
+        depths[y, x, 0] = near[i]
+        one = abs(depths[y, x, 1] - far[i]) <= DISCONTINUITY_THRESHOLD
+        for c in range(3):
+            colors[y, x, 0, c] = front[i, c]
+            if one or not is_front[i]:
+                colors[y, x, 1, c] = back[i, c]
+        if not is_front[i]:
+            depths[y, x, 1] = far[i]
 
 
 def split_layers(
@@ -193,11 +123,10 @@ def split_layers(
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened
-    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), the occluded
-    background is filled (:func:`bokehnet.classical.layered.occluded_background.occluded_background`), and
-    pixels at an edge, whose colour mixes both sides, are parted: the share of the nearer side follows from
-    the pure colours beside the edge, at least one half where the pixel's own depth is the nearer one, at most
-    one half otherwise.
+    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge, whose
+    colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`), and the occluded
+    background is filled from what is left
+    (:func:`bokehnet.classical.layered.occluded_background.occluded_background`).
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -212,11 +141,15 @@ def split_layers(
         np.asarray(image, np.float32),
         sharpen_discontinuities(np.ascontiguousarray(defocus, np.float32)),
     )
-    hidden, behind = occluded_background(image, sharp, max_coc_radius)
+    sides = discontinuity_sides(sharp)
+    reach = math.ceil(float(np.abs(sharp).max())) if max_coc_radius is None else max_coc_radius
+    mixed = unmix(image, sharp, sides, brightest(image) > light_limit(image, reach))
+    own = image.copy()
+    own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
+    hidden, behind = occluded_background(own, sharp, reach)
     colors = np.empty((*sharp.shape, 2, 3), np.float32)
     depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
-    sides = discontinuity_sides(sharp)
     with parallel_region:
         _stack(image, sharp, hidden, behind, colors, depths, coverage)
-        _split_mixed(image, sharp, sides, colors, depths, coverage)
+        _lay_mixed(*mixed, colors, depths, coverage)
     return Layers(colors=colors, defocus=depths, coverage=coverage)

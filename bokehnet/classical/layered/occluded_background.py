@@ -15,93 +15,121 @@ from bokehnet.kernels import njit
 
 __all__ = ["occluded_background"]
 
-# Samples along each side of the window from which a hidden pixel takes its colour.
-_TAPS = 7
+# Ways in which a hidden pixel looks for the surface that goes on behind it: rows, columns.
+_WAYS = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)])
 
-# A pixel as one number: its row above these bits, its column in them.
-_ROW, _COLUMN = 32, 2**32 - 1
+# Spacing of the samples that a hidden pixel averages, in parts of its distance from the edge.
+_SPACING = 0.25
 
-
-@njit(cache=True, parallel=True)
-def _at_discontinuities(defocus, source):  # type: ignore[no-untyped-def]
-    """Give each pixel that stands before a depth discontinuity its farthest neighbour as source."""
-    height, width = defocus.shape
-    for y in prange(height):
-        for x in range(width):
-            lowest = defocus[y, x] - DISCONTINUITY_THRESHOLD
-            for v in range(max(0, y - 1), min(height, y + 2)):
-                for u in range(max(0, x - 1), min(width, x + 2)):
-                    if defocus[v, u] < lowest:
-                        lowest = defocus[v, u]
-                        source[y, x] = v << _ROW | u
+# Defocus by which a surface may change from pixel to pixel and still be one on both sides of what hides it.
+_SLOPE = 0.1
 
 
 @njit(cache=True)
-def _adopt(defocus, source, y, x, v, u):  # type: ignore[no-untyped-def]
-    """Let pixel (y, x) take the source of its neighbour (v, u) where that is nearer than its own.
+def _step(defocus, steps, y, x, v, u, length):  # type: ignore[no-untyped-def]
+    """Steps from (y, x) by way of its neighbour (v, u) to the surface that goes on behind it, 0 for none.
 
     A ray that passes an edge at defocus f falls at most f - b pixels behind it before it meets b.
     """
     height, width = defocus.shape
     if not (0 <= v < height and 0 <= u < width):
-        return
-    found, own = source[v, u], source[y, x]
-    if found < 0 or found == own:
-        return
-    a, b = found >> _ROW, found & _COLUMN
-    step = defocus[y, x] - defocus[a, b]
-    square = (y - a) * (y - a) + (x - b) * (x - b)
-    if step <= DISCONTINUITY_THRESHOLD or square > (step + 2.0) ** 2:
-        return
-    c, d = own >> _ROW, own & _COLUMN
-    if own < 0 or square < (y - c) * (y - c) + (x - d) * (x - d):
-        source[y, x] = found
-
-
-@njit(cache=True)
-def _carry_inwards(defocus, source):  # type: ignore[no-untyped-def]
-    """Give each pixel the nearest source, in two sweeps, each along every row in both directions."""
-    height, width = defocus.shape
-    for sweep in range(2):
-        up = -1 if sweep == 0 else 1
-        for line in range(height):
-            y = line if sweep == 0 else height - 1 - line
-            for x in range(width):
-                _adopt(defocus, source, y, x, y + up, x - 1)
-                _adopt(defocus, source, y, x, y + up, x)
-                _adopt(defocus, source, y, x, y + up, x + 1)
-                _adopt(defocus, source, y, x, y, x - 1)
-            for x in range(width - 1, -1, -1):
-                _adopt(defocus, source, y, x, y, x + 1)
+        return 0
+    if defocus[v, u] < defocus[y, x] - DISCONTINUITY_THRESHOLD:
+        return 1
+    count = steps[v, u] + 1
+    if count == 1 or count > 65535:
+        return 0
+    gap = defocus[y, x] - defocus[y + count * (v - y), x + count * (u - x)]
+    return count if gap > DISCONTINUITY_THRESHOLD and count * length <= gap + 2.0 else 0
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, lights, source, colors, depths):  # type: ignore[no-untyped-def]
-    """Mean over a window around the source, half as wide as the source is far, of its own surface."""
+def _carry_inwards(defocus, steps):  # type: ignore[no-untyped-def]
+    """Count, per way, the steps from each pixel to the surface that goes on behind it, (ways, H, W)."""
     height, width = defocus.shape
+    for way in prange(len(_WAYS)):
+        down, right = _WAYS[way]
+        length = math.sqrt(down * down + right * right)
+        for line in range(height):
+            y = height - 1 - line if down > 0 else line
+            for place in range(width):
+                x = width - 1 - place if right > 0 else place
+                steps[way, y, x] = _step(defocus, steps[way], y, x, y + down, x + right, length)
+
+
+@njit(cache=True)
+def _are_one(a, b, apart):  # type: ignore[no-untyped-def]
+    """Whether two places, so many pixels apart, may be of one surface."""
+    return abs(a - b) <= DISCONTINUITY_THRESHOLD + _SLOPE * apart
+
+
+@njit(cache=True)
+def _choose(depths, distances):  # type: ignore[no-untyped-def]
+    """Number of the way that leads to the surface which most, and the nearest, ways lead to; -1 for none."""
+    best, chosen = 0.0, -1
+    for i in range(len(depths)):
+        if distances[i] == 0.0:
+            continue
+        weight = 0.0
+        for j in range(len(depths)):
+            apart = max(distances[i], distances[j])
+            if distances[j] > 0.0 and _are_one(depths[i], depths[j], apart):
+                weight += 1.0 / (distances[j] * distances[j])
+        if weight > best:
+            best, chosen = weight, i
+    return chosen
+
+
+@njit(cache=True, parallel=True)
+def _fill(image, defocus, lights, steps, colors, depths):  # type: ignore[no-untyped-def]
+    """Mean of what all ways to one surface lead to, the nearer the more."""
+    height, width = defocus.shape
+    ways = len(_WAYS)
     for y in prange(height):
+        found, distances = np.zeros(ways), np.zeros(ways)
         for x in range(width):
-            if source[y, x] < 0:
+            for way in range(ways):
+                count = np.int64(steps[way, y, x])
+                down, right = _WAYS[way]
+                distances[way] = count * math.sqrt(down * down + right * right)
+                found[way] = defocus[y + count * down, x + count * right]
+            chosen = _choose(found, distances)
+            if chosen < 0:
                 continue
-            a, b = source[y, x] >> _ROW, source[y, x] & _COLUMN
-            radius = max(1.0, 0.5 * math.sqrt((y - a) * (y - a) + (x - b) * (x - b)))
-            weight = depth = red = green = blue = 0.0
-            for i in range(_TAPS):
-                v = a + int(round((2.0 * i / (_TAPS - 1) - 1.0) * radius))
-                for j in range(_TAPS):
-                    u = b + int(round((2.0 * j / (_TAPS - 1) - 1.0) * radius))
-                    if not (0 <= v < height and 0 <= u < width):
-                        continue
-                    if abs(defocus[v, u] - defocus[a, b]) > DISCONTINUITY_THRESHOLD:
-                        continue
-                    w = 1e-3 if lights[v, u] else 1.0
-                    weight += w
-                    depth += w * defocus[v, u]
-                    red += w * image[v, u, 0]
-                    green += w * image[v, u, 1]
-                    blue += w * image[v, u, 2]
-            colors[y, x, 0], colors[y, x, 1], colors[y, x, 2] = red / weight, green / weight, blue / weight
-            depths[y, x] = depth / weight
+            total = depth = red = green = blue = 0.0
+            for way in range(ways):
+                apart = max(distances[way], distances[chosen])
+                if distances[way] == 0.0 or not _are_one(found[way], found[chosen], apart):
+                    continue
+                count = np.int64(steps[way, y, x])
+                spacing = max(1, int(round(count * _SPACING)))
+                down, right = _WAYS[way]
+                a, b = y + count * down, x + count * right
+                share = 1e-9  # of the edge's own pixel, for surfaces that nothing else shows
+                sum_depth = share * defocus[a, b]
+                sum_red, sum_green = share * image[a, b, 0], share * image[a, b, 1]
+                sum_blue = share * image[a, b, 2]
+                for i in range(-1, 2):
+                    for j in range(-1, 2):
+                        v, u = a + spacing * (down + i), b + spacing * (right + j)
+                        if not (0 <= v < height and 0 <= u < width):
+                            continue
+                        if abs(defocus[v, u] - defocus[a, b]) > DISCONTINUITY_THRESHOLD:
+                            continue
+                        w = 1e-3 if lights[v, u] else 1.0
+                        share += w
+                        sum_depth += w * defocus[v, u]
+                        sum_red += w * image[v, u, 0]
+                        sum_green += w * image[v, u, 1]
+                        sum_blue += w * image[v, u, 2]
+                w = 1.0 / (distances[way] * distances[way])
+                total += w
+                depth += w / share * sum_depth
+                red += w / share * sum_red
+                green += w / share * sum_green
+                blue += w / share * sum_blue
+            colors[y, x, 0], colors[y, x, 1], colors[y, x, 2] = red / total, green / total, blue / total
+            depths[y, x] = min(depth / total, defocus[y, x])
 
 
 def occluded_background(
@@ -111,10 +139,12 @@ def occluded_background(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
-    The nearest surface that ends behind a depth discontinuity is carried on under the foreground at the
-    defocus it has there; its colour is averaged over a window that widens with the distance from the edge,
-    since what is farther inside is known less. Lights are not carried on: one behind the edge says nothing of
-    another.
+    Along rows, columns and diagonals each pixel looks for the first surface that goes on behind it. Of those
+    found, the one that most and the nearest ways lead to is carried on, so that a pole behind a blade of grass
+    stays a pole; its colour and defocus are means over all ways to it, weighted by the squared inverse of
+    their lengths, so that what is hidden goes over from one side to the other. Each way brings an average over
+    samples that lie the wider apart the longer it is, since what is farther inside is known less. Lights are
+    not carried on: one behind the edge says nothing of another.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -130,7 +160,7 @@ def occluded_background(
         ParameterError: NaN or infinity in either.
 
     Source:
-        Danielsson, "Euclidean distance mapping", 1980, for the sweeps.
+        Shepard, "A two-dimensional interpolation function for irregularly-spaced data", 1968, for the weights.
     """
     image, defocus = check_inputs(image, defocus)
     colors, depths = image.copy(), defocus.copy()
@@ -138,12 +168,11 @@ def occluded_background(
         image, math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     )
     lights = brightest(image) > limit
-    source = np.full(defocus.shape, -1, np.int64)  # the pixel that ends behind a depth discontinuity
+    steps = np.zeros((len(_WAYS), *defocus.shape), np.uint16)
     with parallel_region:
-        _at_discontinuities(defocus, source)
-        _carry_inwards(defocus, source)
-        _fill(image, defocus, lights, source, colors, depths)
+        _carry_inwards(defocus, steps)
+        _fill(image, defocus, lights, steps, colors, depths)
     filled = brightest(colors)
-    y, x = np.nonzero((source >= 0) & (filled > limit))
+    y, x = np.nonzero(steps.any(0) & (filled > limit))
     colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]
     return colors, depths
