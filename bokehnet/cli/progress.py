@@ -15,7 +15,9 @@ _NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
 
 
 @contextmanager
-def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Iterator[Callable[[int, int], None]]:
+def progress(
+    label: str, *, hidden: bool = False, counted: bool = True
+) -> Iterator[Callable[[int, int], None]]:
     """Show a bar on stderr while the block runs longer than a second, also before anything is done.
 
     Args:

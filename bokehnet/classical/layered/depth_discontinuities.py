@@ -60,9 +60,9 @@ def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
     A resized, smoothed or estimated disparity map passes from one surface to the next through values
     that belong to neither; where they pass through focus a renderer would draw a sharp sliver. A pixel
     inside such a ramp, with neighbours more than ``DISCONTINUITY_THRESHOLD`` above and below it, takes the
-    value at that end of the ramp which is closer to its own. Surfaces that stand between two others, as a wire
-    between a blade of grass and the lawn, are told from ramps by pixels of the same defocus close by that are
-    not between others.
+    value at that end of the ramp which is closer to its own. Surfaces that stand between two others, as a
+    wire between a blade of grass and the lawn, are told from ramps by pixels of the same defocus close by
+    that are not between others.
 
     Args:
         defocus: (H, W), float32.

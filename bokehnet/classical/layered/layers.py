@@ -123,9 +123,9 @@ def split_layers(
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened
-    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge, whose
-    colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`), and the occluded
-    background is filled from what is left
+    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge,
+    whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`), and the
+    occluded background is filled from what is left
     (:func:`bokehnet.classical.layered.occluded_background.occluded_background`).
 
     Args:

@@ -140,11 +140,11 @@ def occluded_background(
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
     Along rows, columns and diagonals each pixel looks for the first surface that goes on behind it. Of those
-    found, the one that most and the nearest ways lead to is carried on, so that a pole behind a blade of grass
-    stays a pole; its colour and defocus are means over all ways to it, weighted by the squared inverse of
-    their lengths, so that what is hidden goes over from one side to the other. Each way brings an average over
-    samples that lie the wider apart the longer it is, since what is farther inside is known less. Lights are
-    not carried on: one behind the edge says nothing of another.
+    found, the one that most and the nearest ways lead to is carried on, so that a pole behind a blade of
+    grass stays a pole; its colour and defocus are means over all ways to it, weighted by the inverse squares
+    of their lengths, so that what is hidden goes over from one side to the other. Each way brings an average
+    over samples that lie the wider apart the longer it is, since what is farther inside is known less.
+    Lights are not carried on: one behind the edge says nothing of another.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -160,7 +160,8 @@ def occluded_background(
         ParameterError: NaN or infinity in either.
 
     Source:
-        Shepard, "A two-dimensional interpolation function for irregularly-spaced data", 1968, for the weights.
+        Shepard, "A two-dimensional interpolation function for irregularly-spaced data", 1968, for the
+        weights.
     """
     image, defocus = check_inputs(image, defocus)
     colors, depths = image.copy(), defocus.copy()

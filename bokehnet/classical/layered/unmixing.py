@@ -1,36 +1,36 @@
 """Pixels at depth discontinuities parted into the two surfaces that they mix.
 
-A pixel there shows ``I = a F + (1 - a) B``: the nearer surface's colour F, of which the pixel filter passes the
-share a, and the farther one's B. All three are unknown, but not equally: a follows from where the map of depth
-has its step, weighted by the pixel filter, up to the part of a pixel by which the true edge may lie elsewhere;
-F and B are near the means of their surfaces' purer pixels close by, and vary as those do. The most probable
-answer under these normal distributions is a least-squares problem per pixel,
+A pixel there shows ``I = a F + (1 - a) B``: the nearer surface's colour F, of which the pixel filter passes
+the share a, and the farther one's B. All three are unknown, but not equally: a follows from where the map of
+depth has its step, weighted by the pixel filter, up to the part of a pixel by which the true edge may lie
+elsewhere; F and B are near the means of their surfaces' purer pixels close by, and vary as those do. The most
+probable answer under these normal distributions is a least-squares problem per pixel,
 
-    minimise (a - a0)^2 / s_a^2 + |F - F0|^2 / s_F^2 + |B - B0|^2 / s_B^2   subject to   I = a F + (1 - a) B,
+    minimise (a - a0)^2 / s_a^2 + |F - F0|^2 / s_F^2 + |B - B0|^2 / s_B^2  subject to  I = a F + (1 - a) B,
 
 linearised at the means. With ``D = F0 - B0`` and ``e = I - a0 F0 - (1 - a0) B0``, the multiplier is
-``c = C^-1 e`` for ``C = s_a^2 D D^T + (a0^2 s_F^2 + (1 - a0)^2 s_B^2) 1``, which Sherman and Morrison's formula
-inverts. So what does not fit is given to the place of the edge where both sides differ much, and to the colours
-where they are textured. Light is not negative; what that cuts off is given to the other side, so that the two
-surfaces add up to the picture.
+``c = C^-1 e`` for ``C = s_a^2 D D^T + (a0^2 s_F^2 + (1 - a0)^2 s_B^2) 1``, which the formula of Sherman and
+Morrison inverts. So what does not fit is given to the place of the edge where both sides differ much, and to
+the colours where they are textured. Light is not negative; what that cuts off is given to the other side, so
+that the two surfaces add up to the picture.
 
-Source: Tarantola, "Inverse problem theory", 2005, for the least squares with uncertain priors; Chuang et al.,
-"A Bayesian approach to digital matting", CVPR 2001, for colours and share of two surfaces as one estimate. Shares
-that start from the map and the pixel filter are ours.
+Source: Tarantola, "Inverse problem theory", 2005, for least squares with uncertain priors; Chuang et al., "A
+Bayesian approach to digital matting", CVPR 2001, for colours and share of two surfaces as one estimate.
+Shares that start from the map and the pixel filter are ours.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
 
 __all__ = ["MixedPixels", "unmix"]
 
-# What a pixel and its two neighbours on either side pass of a Blackman-Harris filter 3 pixels wide, integrated
-# over their widths.
+# Of a Blackman-Harris filter 3 pixels wide, the part over a pixel itself and over its two neighbours.
 _PIXEL_FILTER = np.array([0.1186, 0.7628, 0.1186])
 
 # Standard deviation of the share of the nearer side.
@@ -96,7 +96,7 @@ def _surfaces(defocus, y, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no-untyped-def]
-    """Write the colour that the surface at ``depth`` has around (y, x); return its variance, below 0 if none."""
+    """Write the colour of the surface at ``depth`` around (y, x); return its variance, below 0 if none."""
     height, width = defocus.shape
     total = square = 0.0
     color[:] = 0.0
