@@ -18,13 +18,13 @@ def demo(
     engine: Annotated[str, typer.Option(help=f"One of {', '.join(get_args(EngineName))}.")] = "rays",
 ) -> None:
     """Render a picture that comes with the package at three focus distances, as one contact sheet."""
-    from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
+    from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
     from bokehnet.io.image import check_writable, write_image
     from bokehnet.rendering.demo import demo_sheet
     from bokehnet.rendering.renderer import BokehRenderer
 
     check_writable(output)
     renderer = BokehRenderer(engine)  # type: ignore[arg-type]  # it says what is expected
-    with progress("rendering") as report:
+    with compile_notice(), progress("rendering") as report:
         write_image(output, demo_sheet(renderer, report))
     typer.echo(f"wrote {output}: the input, its disparity and three focus distances (engine {engine})")

@@ -38,8 +38,16 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def compile_notice() -> Iterator[None]:
-    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache."""
+    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache.
+
+    On a terminal a count of what has been compiled follows.
+    """
     from numba.core import event  # here, so that --help stays fast
+    from tqdm import tqdm
+
+    counter = tqdm(
+        desc="compiling", unit=" functions", file=sys.stderr, delay=_DELAY, disable=not sys.stderr.isatty()
+    )
 
     class Listener(event.Listener):  # type: ignore[misc]
         told = False
@@ -50,7 +58,7 @@ def compile_notice() -> Iterator[None]:
                 typer.echo(_NOTICE, file=sys.stderr)
 
         def on_end(self, event: Any) -> None:
-            pass
+            counter.update()
 
-    with event.install_listener("numba:compile", Listener()):
+    with counter, event.install_listener("numba:compile", Listener()):
         yield
