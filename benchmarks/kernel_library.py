@@ -30,7 +30,6 @@ _C_NAMES = {
     ctypes.c_void_p: "ptr",
     ctypes.c_float: "float",
     ctypes.c_double: "double",
-    ctypes.c_bool: "i1",
 }
 _TARGET = {"reloc": "pic", "codemodel": "small", "opt": 3}
 

@@ -40,6 +40,9 @@ OPTIONS = {
         --device --fresh --height --layers --output --samples
         --seed --width
     """,
+    "warm-up": """
+        --all
+    """,
 }
 
 
