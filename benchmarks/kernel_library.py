@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
+import numpy as np
 from llvmlite import binding as llvm
 from numba import njit, types
 from numba.core.registry import cpu_target
@@ -169,13 +170,22 @@ def _globals(function: FunctionType) -> Iterator[tuple[str, Any]]:
 def _module_files(module: ModuleType, seen: frozenset[str] = frozenset()) -> set[str]:
     """A module's file, and those of the package's modules that its constants come from."""
     path = Path(str(module.__file__))
-    found = {path.relative_to(PACKAGE).as_posix()}
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    found, tree = {path.relative_to(PACKAGE).as_posix()}, ast.parse(path.read_text("utf-8"))
+    constants = [
+        node.value for node in tree.body if isinstance(node, ast.Assign | ast.AnnAssign) and node.value
+    ]
+    makers = {name.id for value in constants for name in ast.walk(value) if isinstance(name, ast.Name)}
+    for node in ast.walk(tree):
         if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith(f"{PACKAGE.name}."):
             continue
-        values = [getattr(module, alias.asname or alias.name, None) for alias in node.names]
-        constant = any(isinstance(value, int | float | str | tuple) for value in values)
-        source = sys.modules[str(node.module)]
-        if constant and source.__name__ not in seen:
+        names = [alias.asname or alias.name for alias in node.names]
+        values = [getattr(module, name, None) for name in names]
+        fixed = any(
+            isinstance(value, int | float | str | tuple | np.ndarray | np.generic) for value in values
+        )
+        source = sys.modules.get(str(node.module))
+        if source is None or source.__name__ in (*seen, f"{PACKAGE.name}.kernels"):
+            continue
+        if fixed or makers & set(names):
             found |= _module_files(source, seen | {module.__name__})
     return found

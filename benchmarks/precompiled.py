@@ -20,7 +20,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "scatter": {"engine": {"name": "scatter"}},
     "rays": {},
     "six blades, scatter": {"engine": {"name": "scatter"}, "aperture": {"blades": 6}},
-    "colour fringes, rays": {"color": {"axial_fringe": 0.4}},
+    "colour fringes, rays": {"color": {"axial": 0.4}},
     "lens double_gauss, rays": {"lens": {"name": "double_gauss"}},
 }
 

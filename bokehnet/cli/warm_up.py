@@ -12,7 +12,7 @@ _LOOKS: tuple[dict[str, Any], ...] = (
     {"aperture": {"blades": 6}},
     {"aperture": {"blades": 6, "cats_eye": 0.5}},
     {"aperture": {"cats_eye": 0.5}},
-    {"color": {"axial_fringe": 0.4}},
+    {"color": {"axial": 0.4}},
     {"lens": {"name": "double_gauss"}},
     {"lens": {"spherical": 0.5}},
     {"effects": {"grain": 1600.0}},
