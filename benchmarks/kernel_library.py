@@ -35,21 +35,21 @@ _C_NAMES = {
 _TARGET = {"reloc": "pic", "codemodel": "small", "opt": 3}
 
 
-def build(kernels: Iterable[Kernel], folder: Path, processor: str, features: str) -> list[str]:
-    """Compile every kernel for the types that it was called with, and write library and table.
+def build(kernels: Iterable[Kernel], folder: Path, processors: dict[str, str]) -> list[str]:
+    """Compile every kernel for the types that it was called with, and write libraries and table.
 
     Args:
         kernels: With what they were called with.
-        folder: Where the library and its table go.
-        processor: LLVM's name of the class of processors, such as ``x86-64-v3``.
-        features: What LLVM may use of it, as ``NUMBA_CPU_FEATURES`` says; numba must have been started so.
+        folder: Where the libraries and their table go.
+        processors: LLVM's names of classes of processors, such as ``x86-64-v3``, to further features of
+            theirs. All get what numba makes for the one that it was started for.
 
     Returns:
         Kernels that are left to numba, because Python cannot take what they return, with the reason.
     """
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    table: dict[str, Any] = {"format": FORMAT, "kernels": {}, "sources": {}}
+    table: dict[str, Any] = {"format": FORMAT, "kernels": {}, "libraries": {}, "sources": {}}
     left: list[str] = []
     whole = llvm.parse_assembly("")
     entries = set()
@@ -73,9 +73,11 @@ def build(kernels: Iterable[Kernel], folder: Path, processor: str, features: str
             table["kernels"][kernel.name] = {"sources": sources, "entries": found}
             table["sources"] |= {source: digest(source) for source in sources}
     _keep_only(whole, entries)
-    _link(whole, library_file(folder, processor), processor, features)
-    table["library"] = file_digest(library_file(folder, processor))
-    table_file(folder, processor).write_text(json.dumps(table, indent=1, sort_keys=True) + "\n", "utf-8")
+    for processor, features in processors.items():
+        path = library_file(folder, processor)
+        _link(whole, path, processor, features)
+        table["libraries"][processor] = file_digest(path)
+    table_file(folder).write_text(json.dumps(table, indent=1, sort_keys=True) + "\n", "utf-8")
     return left
 
 
@@ -132,8 +134,11 @@ def _link(module: Any, path: Path, processor: str, features: str) -> None:
         compiled.write_bytes(machine.emit_object(module))
         runtime = PACKAGE / "precompiled/runtime.c"
         options = ("-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-pthread", "-s", "-Wall", "-Wextra")
+        meant = f'-DPROCESSOR="{processor}"'
         linker = ("-Wl,-z,defs", "-Wl,-z,noexecstack", "-Wl,--build-id=none", "-Wl,--gc-sections", "-lm")
-        subprocess.run(["gcc", *options, str(runtime), str(compiled), "-o", str(path), *linker], check=True)
+        subprocess.run(
+            ["gcc", *options, meant, str(runtime), str(compiled), "-o", str(path), *linker], check=True
+        )
 
 
 def _sources(kernel: Kernel) -> set[str]:

@@ -15,29 +15,30 @@ import bokehnet
 
 _FOLDER = Path(bokehnet.__file__).parent / "precompiled"
 
-# Class of processors to what LLVM may use of it.
-PROCESSORS = {"x86-64-v3": "+avx2,+fma,+bmi,+bmi2,+f16c,+lzcnt,+movbe,+popcnt,+sse4.2"}
+# What numba compiles for: its loops are those that all classes get.
+_NUMBA = {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "+avx2,+fma,+bmi,+bmi2,+f16c,+lzcnt,+movbe"}
+
+# Classes of processors to what LLVM shall know of them beside. Wide registers slow some of them down.
+PROCESSORS = {"x86-64-v3": "", "x86-64-v4": "+prefer-256-bit"}
 
 
 def main() -> None:
-    """Compile for each class of processors, in programs of their own: numba reads the class as it starts."""
-    for processor, features in PROCESSORS.items():
-        environment = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": features}
-        command = [sys.executable, "-m", "benchmarks.precompile", processor]
-        subprocess.run(command, env=os.environ | environment, check=True)
+    """Compile in a program of its own: numba reads the class of processors as it starts."""
+    command = [sys.executable, "-m", "benchmarks.precompile", "here"]
+    subprocess.run(command, env=os.environ | _NUMBA, check=True)
 
 
-def compile_for(processor: str) -> None:
-    """Run everything, and compile what was called; numba must have been started for this class."""
+def compile_here() -> None:
+    """Run everything, and compile what was called."""
     from benchmarks.kernel_library import build
     from bokehnet.precompiled.kernel import KERNELS, record_calls
 
     with tempfile.TemporaryDirectory() as folder, record_calls():
         _run_everything(Path(folder))
     called = [kernel for kernel in KERNELS.values() if kernel.called]
-    for line in build(called, _FOLDER, processor, PROCESSORS[processor]):
+    for line in build(called, _FOLDER, PROCESSORS):
         print(f"left to numba: {line}")
-    print(f"{len(called)} kernels for {processor}")
+    print(f"{len(called)} kernels for {', '.join(PROCESSORS)}")
 
 
 def _run_everything(folder: Path) -> None:
@@ -56,4 +57,4 @@ def _run_everything(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main() if len(sys.argv) == 1 else compile_for(sys.argv[1])
+    main() if len(sys.argv) == 1 else compile_here()

@@ -15,7 +15,18 @@ from typing import Any, TypedDict
 from bokehnet.precompiled.arguments import c_types
 from bokehnet.precompiled.results import result_reader
 
-__all__ = ["FORMAT", "OFF", "PACKAGE", "Table", "digest", "file_digest", "find", "library_file", "table_file"]
+__all__ = [
+    "FORMAT",
+    "OFF",
+    "PACKAGE",
+    "PROCESSORS",
+    "Table",
+    "digest",
+    "file_digest",
+    "find",
+    "library_file",
+    "table_file",
+]
 
 # Set to leave everything to numba.
 OFF = "BOKEHNET_NO_PRECOMPILED"
@@ -23,7 +34,7 @@ OFF = "BOKEHNET_NO_PRECOMPILED"
 PACKAGE = Path(__file__).parent.parent
 
 # Classes of processors that the package has kernels for, the best first.
-_PROCESSORS = ("x86-64-v3",)
+PROCESSORS = ("x86-64-v4", "x86-64-v3")
 
 # Of tables and of the way in which arguments are handed over; a library of another one is left alone.
 FORMAT = 1
@@ -40,18 +51,18 @@ class _Entries(TypedDict):
 
 
 class Table(TypedDict):
-    """What a library holds.
+    """What the libraries hold, all of them the same.
 
     Attributes:
         format: :data:`FORMAT`.
-        library: SHA-256 of the library that the table belongs to.
+        libraries: SHA-256 of each library that the table belongs to, by class of processors.
         sources: SHA-256 of every file of the package that machine code was made from.
         kernels: By full name: the files that a kernel depends on, and for each type of its arguments
             (:func:`bokehnet.precompiled.arguments.describe`) the symbol and what it returns.
     """
 
     format: int
-    library: str
+    libraries: dict[str, str]
     sources: dict[str, str]
     kernels: dict[str, _Entries]
 
@@ -73,9 +84,9 @@ def library_file(folder: Path, processor: str) -> Path:
     return folder / f"kernels-{processor}-linux.so"
 
 
-def table_file(folder: Path, processor: str) -> Path:
-    """Where the table of that library lies."""
-    return library_file(folder, processor).with_suffix(".json")
+def table_file(folder: Path) -> Path:
+    """Where the table of the libraries lies."""
+    return folder / "kernels-linux.json"
 
 
 @functools.cache
@@ -110,14 +121,17 @@ def _open(folder: Path) -> tuple[ctypes.CDLL, Table] | None:
     here = sys.platform == "linux" and platform.machine() == "x86_64" and sys.maxsize > 2**32
     if not here or os.environ.get(OFF, "0") != "0" or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return None
-    for processor in _PROCESSORS:
+    try:
+        table: Table = json.loads(table_file(folder).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    for processor in PROCESSORS if table["format"] == FORMAT else ():
+        path = library_file(folder, processor)
+        if table["libraries"].get(processor) != file_digest(path):
+            continue
         try:
-            table: Table = json.loads(table_file(folder, processor).read_text("utf-8"))
-            whole = table["library"] == file_digest(library_file(folder, processor))
-            if table["format"] != FORMAT or not whole:
-                continue
-            library = ctypes.CDLL(str(library_file(folder, processor)))
-        except (OSError, ValueError):  # not there, or of another C library
+            library = ctypes.CDLL(str(path))
+        except OSError:  # it asks for another C library
             continue
         if library.bokehnet_fits():
             return library, table

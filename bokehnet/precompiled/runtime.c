@@ -13,7 +13,8 @@ __asm__(".symver pthread_join, pthread_join@GLIBC_2.2.5");
 
 #define PUBLIC __attribute__((visibility("default")))
 
-PUBLIC int bokehnet_fits(void) { return __builtin_cpu_supports("x86-64-v3") != 0; }
+/* PROCESSOR, the class that the kernels were made for, is given to the compiler. */
+PUBLIC int bokehnet_fits(void) { return __builtin_cpu_supports(PROCESSOR) != 0; }
 
 /* ---- Memory: an array's owner counts who holds it, and goes with the last one. ---- */
 
