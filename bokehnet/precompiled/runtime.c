@@ -7,9 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The oldest versions of these functions, so that the library loads also with C libraries since 2.14. */
+/* The oldest versions of these functions, so that the library loads also with C libraries since 2.29. */
 __asm__(".symver pthread_create, pthread_create@GLIBC_2.2.5");
 __asm__(".symver pthread_join, pthread_join@GLIBC_2.2.5");
+
+__asm__(".symver oldest_hypot, hypot@GLIBC_2.2.5");
+double oldest_hypot(double, double);
+double hypot(double x, double y) { return oldest_hypot(x, y); }
 
 #define PUBLIC __attribute__((visibility("default")))
 
