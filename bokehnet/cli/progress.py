@@ -38,16 +38,8 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def compile_notice() -> Iterator[None]:
-    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache.
-
-    On a terminal a count of what has been compiled follows.
-    """
+    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache."""
     from numba.core import event  # here, so that --help stays fast
-    from tqdm import tqdm
-
-    counter = tqdm(
-        desc="compiling", unit=" functions", file=sys.stderr, delay=_DELAY, disable=not sys.stderr.isatty()
-    )
 
     class Listener(event.Listener):  # type: ignore[misc]
         told = False
@@ -58,7 +50,7 @@ def compile_notice() -> Iterator[None]:
                 typer.echo(_NOTICE, file=sys.stderr)
 
         def on_end(self, event: Any) -> None:
-            counter.update()
+            pass
 
-    with counter, event.install_listener("numba:compile", Listener()):
+    with event.install_listener("numba:compile", Listener()):
         yield
