@@ -175,13 +175,13 @@ def write(folder: Path) -> None:
     print(f"bokehnet of {Path(bokehnet.__file__).parent}")
     inputs = folder / "inputs"
     inputs.mkdir(parents=True)
-    _make_inputs(inputs)
+    make_inputs(inputs)
     for name, words in RENDERS.items():
-        _in_folder(folder / name, inputs, lambda words=words: run(["render", *words]))
-    _in_folder(folder / "demo", inputs, lambda: run(["demo", "-o", "out.png"]))
-    _in_folder(folder / "depth", inputs, lambda: run(["depth", "portrait.jpg", "-o", "out.exr"]))
+        in_folder(folder / name, inputs, lambda words=words: run(["render", *words]))
+    in_folder(folder / "demo", inputs, lambda: run(["demo", "-o", "out.png"]))
+    in_folder(folder / "depth", inputs, lambda: run(["depth", "portrait.jpg", "-o", "out.exr"]))
     for name, export in _EXPORTS.items():
-        _in_folder(folder / name, inputs, export)
+        in_folder(folder / name, inputs, export)
 
 
 def compare(before: Path, now: Path) -> int:
@@ -224,7 +224,7 @@ def _verdict(before: Path, now: Path) -> str:
     return f"{'' if decibels >= _LEAST else 'WRONG: '}{decibels:.1f} dB"
 
 
-def _in_folder(folder: Path, inputs: Path, action: Callable[[], int | None]) -> None:
+def in_folder(folder: Path, inputs: Path, action: Callable[[], int | None]) -> None:
     """Run in a folder that holds links to the inputs."""
     import os
 
@@ -350,7 +350,8 @@ def _store(
     assert output.close()
 
 
-def _make_inputs(folder: Path) -> None:
+def make_inputs(folder: Path) -> None:
+    """Write the pictures and maps that the command lines read."""
     assets = _ROOT / "bokehnet/assets"
     large = oiio.ImageBuf(str(assets / "demo.png")).get_pixels(oiio.UINT8)[..., :3]
     map_of_large = oiio.ImageBuf(str(assets / "demo_disparity.png")).get_pixels(oiio.UINT16)[..., :1]

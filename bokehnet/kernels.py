@@ -1,4 +1,4 @@
-"""How kernels are compiled: the one place that decides about numba's cache of machine code and its threads.
+"""How kernels come to run: as machine code of the package, or by numba, with its cache and its threads.
 
 Every kernel of the package is made by :func:`njit` of this module, which takes what numba's own takes.
 """
@@ -12,6 +12,8 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache
 
+from bokehnet.precompiled.kernel import Kernel
+
 __all__ = ["njit"]
 
 _log = logging.getLogger(__name__)
@@ -22,16 +24,21 @@ if numba.config.THREADING_LAYER == "default":  # type: ignore[attr-defined]
 
 
 def njit(function: Callable | None = None, *, cache: bool = False, **options: Any) -> Any:
-    """Compile a function at its first call, as ``numba.njit``.
+    """Make a kernel of a function: precompiled (:mod:`bokehnet.precompiled`), or compiled at its first call.
 
     Args:
-        function: What is compiled.
+        function: In the part of Python that ``numba.njit`` takes.
         cache: Whether the machine code is kept for the next program, where a folder can be written. Where
             none can, one line says so, by ``logging``: on stderr unless the program wants it elsewhere.
         options: As numba's.
     """
     if function is None:
         return partial(njit, cache=cache, **options)
+    return Kernel(function, options, partial(_dispatcher, function, cache, options))
+
+
+def _dispatcher(function: Callable, cache: bool, options: dict[str, Any]) -> Any:
+    """What ``numba.njit`` makes of a function, with our cache."""
     made = numba.njit(**options)(function)
     if cache and hasattr(made, "enable_caching"):  # not with NUMBA_DISABLE_JIT
         try:

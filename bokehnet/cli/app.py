@@ -17,6 +17,7 @@ from bokehnet.cli.presets import presets
 from bokehnet.cli.render import render
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
+from bokehnet.cli.warm_up import warm_up
 from bokehnet.errors import BokehnetError
 from bokehnet.version import __version__
 
@@ -44,6 +45,7 @@ app.command()(lens)
 app.command()(presets)
 app.command()(synth)
 app.command()(trace)
+app.command()(warm_up)
 
 
 def _show_version(wanted: bool) -> None:

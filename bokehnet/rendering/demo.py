@@ -10,10 +10,10 @@ from bokehnet.io.color import srgb_to_linear
 from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.rendering.depth_source import RelativeDisparity
 from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import Scene, read_scene
+from bokehnet.rendering.scene import Scene, make_scene, read_scene
 from bokehnet.rendering.settings import CameraSettings, DepthSettings, FocusSettings, RenderSettings
 
-__all__ = ["ASSETS", "BLUR", "FOCUS", "demo_scene", "demo_sheet"]
+__all__ = ["ASSETS", "BLUR", "FOCUS", "demo_scene", "demo_settings", "demo_sheet", "small_demo_scene"]
 
 # Holds demo.png and demo_disparity.png.
 ASSETS = Path(__file__).parent.parent / "assets"
@@ -33,6 +33,27 @@ def demo_scene() -> Scene:
         (0.46, 0.46)
     """
     return read_scene(ASSETS / "demo.png", source=RelativeDisparity(map=ASSETS / "demo_disparity.png"))
+
+
+def small_demo_scene() -> Scene:
+    """Return every fifth row and column of the scene.
+
+    Examples:
+        >>> small_demo_scene().image.shape
+        (96, 144, 3)
+    """
+    scene = demo_scene()
+    map_of_scene = RelativeDisparity(map=scene.depth.values[::5, ::5])
+    return make_scene(scene.image[::5, ::5], map_of_scene)
+
+
+def demo_settings(focus: str) -> RenderSettings:
+    """Return the settings that the sheet has for a focus, "near", "middle" or "far"."""
+    return RenderSettings(
+        camera=CameraSettings(blur=BLUR),
+        focus=FocusSettings(value=FOCUS[focus]),
+        depth=DepthSettings(repair="off"),
+    )
 
 
 def demo_sheet(
@@ -55,12 +76,8 @@ def demo_sheet(
     for index, (name, focus) in enumerate(FOCUS.items()):
         if progress is not None:
             progress(index, len(FOCUS))
-        settings = RenderSettings(
-            camera=CameraSettings(blur=BLUR),
-            focus=FocusSettings(value=focus),
-            depth=DepthSettings(repair="off"),
-        )
-        results.append((f"focus {name} ({focus:.2f})", renderer.render(scene, settings).bokeh))
+        rendered = renderer.render(scene, demo_settings(name))
+        results.append((f"focus {name} ({focus:.2f})", rendered.bokeh))
     if progress is not None:
         progress(len(FOCUS), len(FOCUS))
     return contact_sheet([inputs, results])

@@ -42,6 +42,9 @@ OPTIONS = {
         --device --fresh --height --layers --output --samples
         --seed --width
     """,
+    "warm-up": """
+        --all
+    """,
 }
 
 

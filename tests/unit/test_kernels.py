@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import bokehnet
+from bokehnet.precompiled.library import OFF
 
 PACKAGE = Path(bokehnet.__file__).parent
 
@@ -111,7 +112,7 @@ assert kernel_file.triple(0.5) == 1.5
 
 def test_the_line_goes_to_a_programs_own_log(kernel_file, nowhere):
     (kernel_file / "__pycache__").write_text("")
-    source = "import logging; logging.basicConfig(filename='log.txt'); import kernel_file"
+    source = "import logging; logging.basicConfig(filename='log.txt'); import kernel_file as k; k.triple(2)"
     outcome = run(["-c", source], kernel_file, **nowhere)
     assert (outcome.returncode, outcome.stderr) == (0, "")
     assert (kernel_file / "log.txt").read_text().count("NUMBA_CACHE_DIR") == 1
@@ -124,7 +125,7 @@ def test_a_picture_is_rendered_where_nothing_can_be_written_but_the_picture(tmp_
     for folder in [copy, *(path for path in copy.rglob("*") if path.is_dir())]:
         (folder / "__pycache__").write_text("")
     arguments = ["-m", "bokehnet", "demo", "--engine", "scatter", "-o", tmp_path / "demo.png"]
-    outcome = run(arguments, tmp_path, PYTHONPATH=copy.parent, **nowhere)
+    outcome = run(arguments, tmp_path, PYTHONPATH=copy.parent, **nowhere, **{OFF: "1"})
     assert outcome.returncode == 0, outcome.stderr
     assert (tmp_path / "demo.png").stat().st_size > 100_000
     assert outcome.stderr.count("cannot be kept") == 1

@@ -1,6 +1,7 @@
 import numba
 
 from bokehnet.cli.progress import compile_notice, progress, stages
+from bokehnet.precompiled.library import OFF
 
 
 def make_kernel():
@@ -33,6 +34,7 @@ def test_kernels_that_are_there_are_run_in_silence(capsys):
 def test_the_first_render_tells_that_it_compiles_and_the_second_does_not(folder, cli_process, monkeypatch):
     """In processes of their own, with an empty cache of numba's."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "cache"))
+    monkeypatch.setenv(OFF, "1")
     photo, disparity, output = (folder / name for name in ("photo.png", "disparity.png", "out.png"))
     words = ("render", photo, "--disparity", disparity, "--blur", 2, "--focus", 0, "-o", output)
     words += ("--engine", "scatter", "--repair-disparity", "off")

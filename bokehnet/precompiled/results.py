@@ -1,0 +1,56 @@
+"""What kernels return: nothing, a number, several numbers, or an array that they have made."""
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from bokehnet.precompiled.arguments import SCALARS, c_types
+
+__all__ = ["result_reader"]
+
+_OWNER, _DATA = 0, 4  # among the numbers of an array
+
+
+class _Memory:
+    """Memory of an array that a kernel has made; it goes back when nobody holds the array any more."""
+
+    def __init__(self, owner: int, release: Callable[[int], None], interface: dict[str, Any]) -> None:
+        self._owner, self._release = owner, release
+        self.__array_interface__ = interface
+
+    def __del__(self) -> None:
+        self._release(self._owner)
+
+
+def result_reader(
+    returned: str, release: Any
+) -> tuple[type[ctypes.Structure], Callable[[ctypes.Structure], Any]]:
+    """The structure that a kernel writes its result to, and what reads it.
+
+    Args:
+        returned: "" for nothing, ``i8`` for a number, ``i8,f8,`` for a tuple, ``f4[2C]`` for an array.
+        release: Function of the library that takes an array's owner back.
+    """
+    words = [word for word in returned.split(",") if word]
+    kinds = c_types(f"({returned})") if "[" in returned else [SCALARS[word] for word in words]
+    names = [f"value{index}" for index in range(len(kinds))]
+    structure = type("Result", (ctypes.Structure,), {"_fields_": list(zip(names, kinds, strict=True))})
+    release.argtypes, release.restype = [ctypes.c_void_p], None
+
+    def read(result: ctypes.Structure) -> Any:
+        values = tuple(getattr(result, name) for name in names)
+        if "[" in returned:
+            return _array(values, returned.partition("[")[0], release)
+        return None if not values else values if returned.endswith(",") else values[0]
+
+    return structure, read
+
+
+def _array(values: tuple[Any, ...], dtype: str, release: Callable[[int], None]) -> np.ndarray:
+    shape = values[_DATA + 1 : _DATA + 1 + (len(values) - _DATA - 1) // 2]
+    interface = {"version": 3, "typestr": f"<{dtype}", "shape": shape, "data": (values[_DATA], False)}
+    if dtype[1] == "1":
+        interface["typestr"] = f"|{dtype}"
+    return np.asarray(_Memory(values[_OWNER], release, interface))
