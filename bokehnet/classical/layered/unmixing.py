@@ -42,9 +42,6 @@ _WINDOW, _SQUARE, _MIXED = 3, 4.0, 0.2
 # Colours vary by at least this part of themselves, and by this much.
 _RELATIVE, _LEAST = 0.02, 1e-4
 
-# Times that what does not add up is given back.
-_ROUNDS = 3
-
 
 class MixedPixels(NamedTuple):
     """Both surfaces of every pixel at a depth discontinuity.
@@ -132,16 +129,20 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
         difference = front[c] - back[c]
         error = pixel[c] - share * front[c] - (1.0 - share) * back[c]
         multiplier = (error - shift * along * difference) / spread
-        front[c] = max(front[c] + own * multiplier, min(pixel[c], 0.0))
-        back[c] = max(back[c] + other * multiplier, min(pixel[c], 0.0))
+        front[c] += own * multiplier
+        back[c] += other * multiplier
     share = min(max(share + shift * along, 0.0), 1.0)
     own, other = share * front_variance, (1.0 - share) * back_variance
     spread = share * own + (1.0 - share) * other
-    for c in range(3):
-        for _ in range(_ROUNDS):
-            error = pixel[c] - share * front[c] - (1.0 - share) * back[c]
-            front[c] = max(front[c] + own / spread * error, min(pixel[c], 0.0))
-            back[c] = max(back[c] + other / spread * error, min(pixel[c], 0.0))
+    for c in range(3):  # exactly, and without negative light where the picture has none
+        error = pixel[c] - share * front[c] - (1.0 - share) * back[c]
+        front[c] += own / spread * error
+        back[c] += other / spread * error
+        least = min(pixel[c], 0.0)
+        if front[c] < least and share < 1.0:
+            front[c], back[c] = least, (pixel[c] - share * least) / (1.0 - share)
+        elif back[c] < least and share > 0.0:
+            front[c], back[c] = (pixel[c] - (1.0 - share) * least) / share, least
     return share
 
 
