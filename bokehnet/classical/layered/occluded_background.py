@@ -21,6 +21,9 @@ _WAYS = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-
 # Spacing of the samples that a hidden pixel averages, in parts of its distance from the edge.
 _SPACING = 0.25
 
+# Half the width of the window over which what is hidden is averaged.
+_SMOOTH = 2
+
 # Defocus by which a surface may change from pixel to pixel and still be one on both sides of what hides it.
 _SLOPE = 0.1
 
@@ -132,6 +135,28 @@ def _fill(image, defocus, lights, steps, colors, depths):  # type: ignore[no-unt
             depths[y, x] = min(depth / total, defocus[y, x])
 
 
+@njit(cache=True, parallel=True)
+def _smooth(steps, colors, depths, smooth_colors, smooth_depths):  # type: ignore[no-untyped-def]
+    """Average what is hidden over its surface, so that single ways leave no streaks."""
+    height, width = depths.shape
+    for y in prange(height):
+        for x in range(width):
+            if not steps[:, y, x].any():
+                continue
+            weight = depth = red = green = blue = 0.0
+            for v in range(max(0, y - _SMOOTH), min(height, y + _SMOOTH + 1)):
+                for u in range(max(0, x - _SMOOTH), min(width, x + _SMOOTH + 1)):
+                    if abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD:
+                        weight += 1.0
+                        depth += depths[v, u]
+                        red += colors[v, u, 0]
+                        green += colors[v, u, 1]
+                        blue += colors[v, u, 2]
+            smooth_colors[y, x, 0], smooth_colors[y, x, 1] = red / weight, green / weight
+            smooth_colors[y, x, 2] = blue / weight
+            smooth_depths[y, x] = depth / weight
+
+
 def occluded_background(
     image: npt.NDArray[np.floating[Any]],
     defocus: npt.NDArray[np.floating[Any]],
@@ -173,6 +198,10 @@ def occluded_background(
     with parallel_region:
         _carry_inwards(defocus, steps)
         _fill(image, defocus, lights, steps, colors, depths)
+        rough_colors, rough_depths = colors, depths
+        colors, depths = rough_colors.copy(), rough_depths.copy()
+        _smooth(steps, rough_colors, rough_depths, colors, depths)
+    depths = np.minimum(depths, defocus)
     filled = brightest(colors)
     y, x = np.nonzero(steps.any(0) & (filled > limit))
     colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]

@@ -34,10 +34,10 @@ __all__ = ["MixedPixels", "unmix"]
 _PIXEL_FILTER = np.array([0.1186, 0.7628, 0.1186])
 
 # Standard deviation of the share of the nearer side.
-_SHARE_SPREAD = 0.07
+_SHARE_SPREAD = 0.1
 
 # Half the width of the window, squared deviation of the weights and weight of mixed pixels, for the colours.
-_WINDOW, _SQUARE, _MIXED = 3, 4.0, 0.2
+_WINDOW, _SQUARE, _MIXED = 3, 4.0, 0.35
 
 # Colours vary by at least this part of themselves, and by this much.
 _RELATIVE, _LEAST = 0.02, 1e-4

@@ -78,3 +78,28 @@ def test_lights_are_not_carried_on():
     image[20:28, 22:24] = 50.0  # lamps that touch the square's left side
     colors, _ = occluded_background(image, defocus)
     assert colors[inside].max() < 5.0
+
+
+def test_a_pole_behind_a_blade_of_grass_stays_a_pole():
+    """A blade two pixels wide crosses a pole before a wall: both go on behind it."""
+    image = np.full((30, 40, 3), (0.1, 0.2, 0.8), np.float32)
+    defocus = np.full((30, 40), -9.0, np.float32)
+    image[12:18], defocus[12:18] = (0.7, 0.7, 0.2), 0.0
+    expected = image.copy(), defocus.copy()
+    image[:, 20:22], defocus[:, 20:22] = (0.0, 1.0, 0.0), 6.0
+    colors, depths = occluded_background(image, defocus)
+    hidden = np.s_[4:26, 20:22]
+    np.testing.assert_array_equal(np.abs(depths[hidden] - expected[1][hidden]) < 0.5, True)
+    np.testing.assert_allclose(colors[hidden], expected[0][hidden], atol=0.01)
+
+
+def test_what_is_hidden_goes_over_from_one_side_to_the_other():
+    image = np.zeros((20, 30, 3), np.float32)
+    image[:, :10], image[:, 20:] = 0.2, 0.8
+    defocus = np.where((np.arange(30) >= 10) & (np.arange(30) < 20), 12.0, 0.0).astype(np.float32)
+    colors, _ = occluded_background(image, np.repeat(defocus[None], 20, 0))
+    row = colors[10, 8:22, 0]
+    assert (np.diff(row) >= -1e-6).all()
+    assert row[2:-2].min() < 0.3
+    assert row[2:-2].max() > 0.7
+    assert np.abs(np.diff(row)).max() < 0.2
