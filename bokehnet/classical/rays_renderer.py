@@ -24,7 +24,7 @@ from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.sampling import halton, rotate_points
+from bokehnet.optics.sampling import sobol
 
 __all__ = ["rays", "render_rays"]
 
@@ -39,7 +39,7 @@ _FAINTEST = 0.02
 # Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
 _LARGEST = 4.0
 
-# Rotations of the pattern; which one a pixel takes is drawn at random.
+# Scramblings of the pattern; which one a pixel takes is drawn at random.
 _VARIANTS = 16
 
 
@@ -47,9 +47,7 @@ _VARIANTS = 16
 def _pattern(aperture: Aperture, rays_per_pixel: int) -> tuple[np.ndarray, np.ndarray]:
     """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus."""
     count = SETS * rays_per_pixel
-    square = np.stack([halton(count, 2), halton(count, 3)], -1)[None]
-    shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
-    square = rotate_points(square, shifts).reshape(-1, 2)
+    square = np.concatenate([sobol(count, np.random.default_rng(seed)) for seed in range(_VARIANTS)])
     sides = [pupil_points(aperture, square, side) for side in (1, -1)]
     points = sides[0][0].reshape(-1, rays_per_pixel, 2).transpose(2, 0, 1).astype(np.float32)
     weights = np.stack([side[1].reshape(-1, rays_per_pixel) for side in sides]).astype(np.float32)

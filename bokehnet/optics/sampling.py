@@ -6,7 +6,10 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["disc_from_square", "halton", "rotate_points"]
+__all__ = ["disc_from_square", "halton", "rotate_points", "sobol"]
+
+# Binary digits of a point that follow the sequence; what comes after them is random.
+_DIGITS = 16
 
 
 def halton(count: int, base: int, start: int = 1) -> np.ndarray:
@@ -24,6 +27,38 @@ def halton(count: int, base: int, start: int = 1) -> np.ndarray:
         result += fraction * (index % base)
         index //= base
     return result
+
+
+def sobol(count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the first points of the scrambled Sobol' sequence in the unit square, (count, 2) float64.
+
+    Of every 2^m consecutive points that begin at a multiple of 2^m, m up to 16, each box of area 2^-m whose
+    sides are powers of two holds one. Scrambling keeps that and makes each point uniform.
+
+    Args:
+        count: How many, up to 65536.
+        rng: Of the scrambling.
+
+    Source:
+        Sobol', "On the distribution of points in a cube and the approximate evaluation of integrals", 1967;
+        Owen, "Randomly permuted (t, m, s)-nets and (t, s)-sequences", 1995, for the scrambling.
+    """
+    index = np.arange(count)
+    directions = [[1 << (_DIGITS - 1 - k) for k in range(_DIGITS)], [1 << (_DIGITS - 1)]]
+    while len(directions[1]) < _DIGITS:
+        directions[1].append(directions[1][-1] ^ directions[1][-1] >> 1)
+    points = []
+    for numbers in directions:
+        value = np.zeros(count, np.int64)
+        for k, number in enumerate(numbers):
+            value ^= np.where(index >> k & 1, number, 0)
+        scrambled = np.zeros(count, np.int64)
+        for k in range(_DIGITS):  # a digit is flipped or not for all points that agree in those before it
+            digit = value >> (_DIGITS - 1 - k) & 1
+            flips = rng.integers(0, 2, 1 << k)
+            scrambled = scrambled << 1 | digit ^ flips[value >> (_DIGITS - k)]
+        points.append((scrambled + rng.random(count)) / (1 << _DIGITS))
+    return np.stack(points, -1)
 
 
 def rotate_points(points: Array, shift: Array) -> Array:

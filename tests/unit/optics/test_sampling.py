@@ -1,13 +1,41 @@
 import numpy as np
+import pytest
 import torch
 from numpy.testing import assert_allclose
 
-from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
+from bokehnet.optics.sampling import disc_from_square, halton, rotate_points, sobol
 
 
 def test_halton_in_base_two_reverses_the_bits():
     assert_allclose(halton(7, 2), [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8, 3 / 8, 7 / 8])
     assert_allclose(halton(4, 3), [1 / 3, 2 / 3, 1 / 9, 4 / 9])
+
+
+@pytest.mark.parametrize("first", [0, 64, 512])
+def test_every_box_of_its_share_holds_one_point_of_a_sobol_block(first):
+    """Sobol's first two dimensions are a (0, 2)-sequence in base 2; Owen's scrambling keeps that."""
+    points = sobol(first + 64, np.random.default_rng(3))[first:]
+    assert points.min() >= 0
+    assert points.max() < 1
+    for wide in range(7):
+        boxes = np.floor(points * [2**wide, 2 ** (6 - wide)]).astype(int)
+        assert len(np.unique(boxes, axis=0)) == 64
+
+
+def test_sobol_averages_are_as_good_as_those_of_scipy():
+    """Averages of smooth functions over 1024 points agree far below what independent points would give."""
+    qmc = pytest.importorskip("scipy.stats").qmc
+    for values in (lambda p: p[:, 0] * p[:, 1], lambda p: np.exp(p[:, 0]) * np.cos(p[:, 1])):
+        truth = values(qmc.Sobol(2, scramble=True, seed=1).random(65536)).mean()
+        found = [values(sobol(1024, np.random.default_rng(seed))).mean() for seed in range(8)]
+        assert_allclose(found, truth, atol=1e-4)
+
+
+def test_scrambled_points_are_uniform_and_differ_by_seed():
+    one = np.array([sobol(5, np.random.default_rng(seed))[4] for seed in range(2000)])
+    assert_allclose(one.mean(0), 0.5, atol=0.03)
+    assert_allclose(one.var(0), 1 / 12, atol=0.01)
+    assert abs(np.corrcoef(one.T)[0, 1]) < 0.08
 
 
 def test_disc_points_are_uniform_by_area():
