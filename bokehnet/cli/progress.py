@@ -101,11 +101,13 @@ def compile_notice(*, hidden: bool = False) -> Iterator[None]:
         return
     from numba.core import event  # here, so that --help stays fast
 
+    own = threading.get_ident()
+
     class Listener(event.Listener):  # type: ignore[misc]
         told = False
 
         def on_start(self, event: Any) -> None:
-            if not self.told:
+            if not self.told and threading.get_ident() == own:  # another thread only looks what there is
                 self.told = True
                 write_above(_NOTICE)
 

@@ -35,6 +35,11 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int)
         engine: What renders.
         width: Of the picture.
         height: Of the picture.
+
+    Examples:
+        >>> small, large = (least_memory(RenderSettings(), "hybrid", n, n) for n in (400, 4000))
+        >>> large > small
+        True
     """
     pixels = width * height
     started = max(0, PROGRAM - _RENDERING)
@@ -56,6 +61,9 @@ def check_memory(path: Path | str, settings: RenderSettings) -> None:
     Raises:
         ParameterError: The bound is too small; what it takes is told.
         ImageFileError: The file cannot be read.
+
+    Examples:
+        >>> check_memory("no/such/photo.jpg", RenderSettings())  # nothing is bounded, nothing is read
     """
     bound = settings.engine.max_memory
     if bound is None or is_heif(path):

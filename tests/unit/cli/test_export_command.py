@@ -9,7 +9,7 @@ from tests.unit.onnx_file.running import picture, start, steps
 
 
 @pytest.mark.parametrize("flag", [[], ["--full"]], ids=["plain", "as older scripts say it"])
-def test_one_file_is_written_that_renders(cli, tmp_path, random_weights, flag):
+def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights, flag):
     import numpy as np
     import onnx
 

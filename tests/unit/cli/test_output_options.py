@@ -30,10 +30,10 @@ def test_what_is_not_blurred_comes_back_bit_by_bit(p3, cli):
     import tifffile
 
     levels, deep = p3
-    assert cli("render", "photo.png", *SHARP, "-o", "out.png").err == ""
+    assert cli("render", "photo.png", *SHARP, "-o", "out.png", "-q").err == ""
     assert_array_equal(np.asarray(Image.open("out.png")), levels)
     assert Image.open("out.png").info["icc_profile"] == profiles.KNOWN["p3"]
-    assert cli("render", "deep.tif", *SHARP, "-o", "out.tif").err == ""
+    assert cli("render", "deep.tif", *SHARP, "-o", "out.tif", "-q").err == ""
     assert_array_equal(tifffile.imread("out.tif"), deep)
     assert read_frame("out.tif").space.icc == profiles.KNOWN["prophoto"]
 

@@ -93,7 +93,8 @@ def test_a_picture_or_one_line(folder, cli, words):
         assert outcome.err.rstrip("\n").splitlines()[-1].startswith("bokehnet: error: ")
     else:
         *notes, summary = outcome.err.splitlines()
-        assert summary.startswith("bokehnet: out.")
+        assert summary.startswith("bokehnet: ")
+        assert "error" not in summary
         assert all(line.startswith("bokehnet: note: ") for line in notes)
         assert list(folder.glob("out.*"))
     assert not list(folder.glob(".bokehnet-*"))
