@@ -42,7 +42,8 @@ def test_how_far_it_is_stands_on_stderr(words, cli, monkeypatch):
     arguments, label = words
     outcome = cli(*arguments)
     assert outcome.code == 0
-    assert outcome.err.startswith("\rreading: " if label == "rendering" else f"\r{label}: ")
+    first = "reading" if arguments[0] == "render" else label
+    assert outcome.err.startswith(f"\r{first}: ")
     assert f"{label}: 100%" in outcome.err
 
 
