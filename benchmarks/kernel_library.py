@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
+import numba
 import numpy as np
 from llvmlite import binding as llvm
 from numba import njit, types
@@ -131,7 +132,7 @@ def _link(module: Any, path: Path, processor: str, features: str) -> None:
     module.data_layout = str(machine.target_data)
     with tempfile.TemporaryDirectory() as folder:
         compiled = Path(folder, "kernels.o")
-        compiled.write_bytes(machine.emit_object(module))
+        compiled.write_bytes(_without_folders(machine.emit_object(module)))
         runtime = PACKAGE / "precompiled/runtime.c"
         options = ("-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-pthread", "-s", "-Wall", "-Wextra")
         meant = f'-DPROCESSOR="{processor}"'
@@ -139,6 +140,14 @@ def _link(module: Any, path: Path, processor: str, features: str) -> None:
         subprocess.run(
             ["gcc", *options, meant, str(runtime), str(compiled), "-o", str(path), *linker], check=True
         )
+
+
+def _without_folders(code: bytes) -> bytes:
+    """Machine code whose errors name their files without the folders of this machine, at equal length."""
+    for folder in (PACKAGE.parent, Path(numba.__file__).parents[1]):
+        path = f"{folder}/".encode()
+        code = code.replace(path, b"." + b"/" * (len(path) - 1))
+    return code
 
 
 def _sources(kernel: Kernel) -> set[str]:

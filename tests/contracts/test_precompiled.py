@@ -27,3 +27,12 @@ def test_no_source_has_changed_since():
     """Else numba compiles these kernels: right, but the first picture waits for it."""
     changed = [source for source, stamp in TABLE["sources"].items() if digest(source) != stamp]
     assert changed == [], REMEDY
+
+
+def test_no_library_names_a_folder_of_the_machine_that_made_it():
+    """Files in it are named from the package's parent on."""
+    for processor in PROCESSORS:
+        code = library_file(FOLDER, processor).read_bytes()
+        assert b"/bokehnet/classical/" in code
+        assert b"site-packages" not in code
+        assert str(PACKAGE).encode() not in code
