@@ -2,6 +2,7 @@
 
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
+``python -m train.export --edges runs/edges_long/last.pt --out bokehnet/weights/edges``
 """
 
 import argparse
@@ -35,7 +36,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for name in ("arnet", "iunet", "repair"):
+    for name in ("arnet", "iunet", "repair", "edges"):
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument(
         "--max-valid-radius",
@@ -45,9 +46,9 @@ def main() -> None:
     )
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args()
-    chosen = [name for name in ("arnet", "iunet", "repair") if getattr(arguments, name)]
-    if chosen not in (["arnet"], ["arnet", "iunet"], ["repair"]):
-        parser.error("expected either --arnet, with or without --iunet, or --repair")
+    chosen = [name for name in ("arnet", "iunet", "repair", "edges") if getattr(arguments, name)]
+    if chosen not in (["arnet"], ["arnet", "iunet"], ["repair"], ["edges"]):
+        parser.error("expected --arnet, with or without --iunet, or --repair, or --edges")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
         notes = {name: {"steps": state["step"], "run": state["run"]} for name, state in states.items()}

@@ -4,13 +4,16 @@ import numpy as np
 
 from bokehnet.io.row_blocks import cut_row_blocks, make_in_row_blocks
 
-__all__ = ["STEP", "extremes", "repair_soft_edges", "soft_edge_fraction", "with_halo"]
+__all__ = ["STEP", "extremes", "repair_soft_edges", "sharpen_if_soft", "soft_edge_fraction", "with_halo"]
 
 # A span of the map's values, as a share of the whole map's, that makes a step.
 STEP = 0.05
 
 # Between the extremes, in shares of the step, from which on a pixel stands on a slope of it.
 _BETWEEN = 0.2
+
+# Share of soft steps from which on all are sharpened before a network sees the map.
+_SOFT = 0.3
 
 # Half widths of the windows, one after the other; together they turn ramps of ten pixels into steps.
 _RADII = (3, 2)
@@ -79,3 +82,8 @@ def repair_soft_edges(disparity: np.ndarray) -> np.ndarray:
         return sharp[inner]
 
     return make_in_row_blocks(make, disparity.shape, np.float32)
+
+
+def sharpen_if_soft(disparity: np.ndarray) -> np.ndarray:
+    """The map itself, or where many of its steps are soft, with all of them sharp; (H, W), any unit."""
+    return repair_soft_edges(disparity) if soft_edge_fraction(disparity) > _SOFT else disparity

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
-from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, soft_edge_fraction
+from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, sharpen_if_soft
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges
 from bokehnet.inference.memory import give_back
@@ -58,9 +58,6 @@ _NETWORK_SIDE = 2048
 
 # What the network costs for a pixel, over what it costs to put a step there to the picture's edge.
 _COSTLY = 10
-
-# Share of soft steps from which on all are sharpened before the network sees the map.
-_SOFT = 0.3
 
 # Share of the pixels at steps that stand out of place from which on "auto" takes the repaired map.
 _IMPERFECT = 0.01
@@ -209,7 +206,7 @@ class DisparityRepair:
         if span == 0 or mode == "off":
             reason = "switched off" if mode == "off" else "the map is constant"
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
-        start = repair_soft_edges(disparity) if soft_edge_fraction(disparity) > _SOFT else disparity
+        start = sharpen_if_soft(disparity)
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]

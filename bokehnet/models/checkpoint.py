@@ -10,6 +10,7 @@ from bokehnet.config import build_config, to_dict
 from bokehnet.errors import DataFileError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
+from bokehnet.models.edges import EdgeNet, EdgeNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.repair import RepairNet, RepairNetConfig
 
@@ -27,6 +28,7 @@ NETWORKS = {
     "arnet": _Network(ARNet, ARNetConfig),
     "iunet": _Network(IUNet, IUNetConfig),
     "repair": _Network(RepairNet, RepairNetConfig),
+    "edges": _Network(EdgeNet, EdgeNetConfig),
 }
 
 

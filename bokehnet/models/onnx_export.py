@@ -16,6 +16,7 @@ from bokehnet.errors import ModelFileError
 from bokehnet.io.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
+from bokehnet.models.edges import EdgeNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.repair import RepairNet
 from bokehnet.onnx_session import OnnxSession
@@ -43,7 +44,7 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
     def noise(channels: int, rows: int = height, columns: int = width) -> Tensor:
         return torch.rand(1, channels, rows, columns, generator=generator)
 
-    if isinstance(network, RepairNet):
+    if isinstance(network, RepairNet | EdgeNet):
         return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
@@ -68,7 +69,12 @@ def _export(network: nn.Module, path: Path) -> None:
         sizes["coarse"] = {2: block // 2 * rows, 3: block // 2 * columns}
     if "span" in sizes:
         sizes["span"] = {}
-    outputs = {"ARNet": ["bokeh", "error_map"], "IUNet": ["bokeh"], "RepairNet": ["repaired", "votes"]}
+    outputs = {
+        "ARNet": ["bokeh", "error_map"],
+        "IUNet": ["bokeh"],
+        "RepairNet": ["repaired", "votes"],
+        "EdgeNet": ["surfaces"],
+    }
     program = torch.onnx.export(
         network,
         tuple(inputs.values()),
@@ -112,7 +118,7 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, or ``arnet`` and ``iunet`` with the same
+        networks: Trained networks by name: ``repair``, ``edges``, or ``arnet`` and ``iunet`` with the same
             ``network_max_radius``.
         folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
         manifest: What else to write into the manifest: how the networks were made, and for a pair the

@@ -87,7 +87,9 @@ class SynthConfig:
         views: Pictures with bokeh of each scene, each with its own focus and aperture.
         bokeh_samples: Rays per pixel of a bokeh picture.
         bright_factor: How many times more rays a scene with lamps gets: few rays meet them.
-        image_samples: Rays per pixel of the all-in-focus picture.
+        image_samples: Rays per pixel of the all-in-focus picture, or per fine pixel where there are such.
+        fine: Where not 0, the disparity is also written at so many times the size, an even number, so that
+            what stands inside a pixel is known; such sets may have no views.
         defocus: Range from which the largest blur radius of a view is drawn (log-uniform), pixels.
         sensor_width: Sensor width, mm.
         sensor_distance: Lens to sensor, mm, equal for all views so that refocusing does not zoom.
@@ -108,6 +110,7 @@ class SynthConfig:
     bokeh_samples: int = 64
     bright_factor: int = 3
     image_samples: int = 16
+    fine: int = 0
     defocus: tuple[float, float] = (3.0, 26.0)
     sensor_width: float = 36.0
     sensor_distance: float = 50.0
@@ -121,7 +124,6 @@ class SynthConfig:
         for name in (
             "scenes",
             "scenes_per_shard",
-            "views",
             "bokeh_samples",
             "bright_factor",
             "image_samples",
@@ -130,6 +132,9 @@ class SynthConfig:
         for name in ("width", "height"):
             check_at_least(name, getattr(self, name), 8)
         check_at_least("seed", self.seed, 0)
+        check_at_least("views", self.views, 0 if self.fine else 1)
+        if self.fine < 0 or self.fine % 2:
+            raise ParameterError("fine", "0 or an even number", self.fine)
         if not 0 < self.defocus[0] <= self.defocus[1]:
             raise ParameterError("defocus", "two rising radii above 0", self.defocus)
         self._check_catalog()

@@ -142,6 +142,80 @@ def fence(rng: np.random.Generator, draw: Draw) -> list[GridMesh]:
     return moved(meshes, turn_about(1, rng.normal(0, 0.7)))
 
 
+def net(rng: np.random.Generator, draw: Draw) -> list[GridMesh]:
+    """Wires or cords crossed at right angles or aslant, between posts or hanging freely."""
+    texture, half, height = draw(), rng.uniform(0.4, 1.2), rng.uniform(0.5, 1.0)
+    gap = np.exp(rng.uniform(np.log(0.03), np.log(0.15)))
+    thick, slant, sag = gap * rng.uniform(0.03, 0.15), rng.random() < 0.5, rng.uniform(0, 0.06)
+    t = np.linspace(0, 1, 9)
+
+    def wire(start: np.ndarray, end: np.ndarray) -> GridMesh:
+        line = start + t[:, None] * (end - start)
+        bent = np.stack([line[:, 0], -line[:, 1], sag * np.sin(5 * line[:, 0] + 3 * line[:, 1])], -1)
+        return tube(bent, np.full(len(t), thick), texture, 4)
+
+    meshes = []
+    if slant:
+        for offset in np.arange(-half - height, half, gap):
+            first, last = max(-half - offset, 0.0), min(half - offset, height)
+            if last > first:
+                for side in (1, -1):
+                    start, end = (np.array([side * (offset + a), a]) for a in (first, last))
+                    meshes.append(wire(start, end))
+    else:
+        meshes += [wire(np.array([x, 0]), np.array([x, height])) for x in np.arange(-half, half, gap)]
+        meshes += [wire(np.array([-half, y]), np.array([half, y])) for y in np.arange(gap, height, gap)]
+    if rng.random() < 0.6:
+        for x in (-half, half):
+            path = np.array([[x, 0, 0], [x, -height / 2, 0], [x, -1.05 * height, 0]])
+            meshes.append(tube(path, np.full(3, rng.uniform(0.01, 0.04)), texture, 8))
+    return moved(meshes, turn_about(1, rng.normal(0, 0.5)))
+
+
+def wheel(rng: np.random.Generator, draw: Draw) -> list[GridMesh]:
+    """A rim, a hub and spokes."""
+    texture, radius, count = draw(), rng.uniform(0.3, 0.5), int(rng.integers(6, 36))
+    around = np.linspace(0, 2 * np.pi, 49)
+    ring = np.stack([radius * np.sin(around), radius * np.cos(around) - radius, 0 * around], -1)
+    meshes = [tube(ring, np.full(49, rng.uniform(0.008, 0.05)), draw(), 8)]
+    thick, lead = rng.uniform(0.002, 0.012), rng.uniform(0, 0.6)
+    for i, angle in enumerate(np.linspace(0, 2 * np.pi, count, endpoint=False)):
+        start = angle + (lead if i % 2 else -lead)
+        inner = 0.1 * radius * np.array([np.sin(start), np.cos(start)])
+        outer = radius * np.array([np.sin(angle), np.cos(angle)])
+        t = np.linspace(0, 1, 4)[:, None]
+        path = np.concatenate([inner + t * (outer - inner) - [0, radius], 0 * t], -1)
+        meshes.append(tube(path, np.full(4, thick), texture, 4))
+    return moved(meshes, turn_about(1, rng.normal(0, 0.8)))
+
+
+def cables(rng: np.random.Generator, draw: Draw) -> list[GridMesh]:
+    """Lines that sag between two ends."""
+    texture, half = draw(), rng.uniform(0.8, 2.0)
+    t = np.linspace(-1, 1, 24)
+    meshes = []
+    for _ in range(rng.integers(2, 8)):
+        height, fall, sag = rng.uniform(0.3, 1.6), rng.normal(0, 0.2), rng.uniform(0.02, 0.4)
+        path = np.stack([half * t, -(height + fall * t + sag * (t * t - 1)), 0 * t + rng.normal(0, 0.1)], -1)
+        meshes.append(tube(path, np.full(24, np.exp(rng.uniform(np.log(0.002), np.log(0.02)))), texture, 5))
+    return moved(meshes, turn_about(1, rng.normal(0, 0.5)))
+
+
+def meadow(rng: np.random.Generator, draw: Draw) -> list[GridMesh]:
+    """Many blades of grass or reeds, one behind the other."""
+    meshes, textures = [], [draw() for _ in range(2)]
+    t = np.linspace(0, 1, 6)[:, None]
+    spread, wide = rng.uniform(0.3, 1.2), rng.uniform(0.003, 0.02)
+    for _ in range(rng.integers(60, 200)):
+        foot = np.array([rng.normal(0, spread), 0, rng.normal(0, spread)])
+        bend = np.array([rng.normal(0, 0.25), 0, rng.normal(0, 0.25)])
+        path = foot + rng.uniform(0.3, 0.9) * (t * [0, -1, 0] + t * t * bend)
+        angle = rng.uniform(0, np.pi)
+        across = wide * rng.uniform(0.6, 1.4) * np.array([np.cos(angle), 0, np.sin(angle)])
+        meshes.append(ribbon(path, (1 - 0.95 * t) * across, textures[rng.integers(2)]))
+    return meshes
+
+
 def plant(rng: np.random.Generator, draw: Draw) -> list[GridMesh]:
     """Twigs with leaves."""
     meshes: list[GridMesh] = []
@@ -212,7 +286,18 @@ def _any(objects: tuple[ObjectMaker, ...], rng: np.random.Generator, draw: Draw)
 
 SMALL: tuple[ObjectMaker, ...] = (crate, pile, ball, rock, vase, knot, card)
 SOLID: tuple[ObjectMaker, ...] = (*SMALL, slab, table, curtain)
-THIN: tuple[ObjectMaker, ...] = (pole, fence, plant, plant, tuft, hair)
+THIN: tuple[ObjectMaker, ...] = (
+    pole,
+    fence,
+    net,
+    wheel,
+    cables,
+    plant,
+    plant,
+    tuft,
+    meadow,
+    hair,
+)
 FOREGROUND: tuple[ObjectMaker, ...] = (
     plant,
     plant,
@@ -220,6 +305,8 @@ FOREGROUND: tuple[ObjectMaker, ...] = (
     hair,
     pole,
     fence,
+    net,
+    cables,
     crate,
     ball,
     vase,

@@ -15,6 +15,7 @@ from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.lamps import add_lamps
 from bokehnet.synth.scenes import random_scene
 from bokehnet.synth.shards import TrainingSample
+from bokehnet.synth.subpixel import draw_pixel_filter, filter_pixels
 from bokehnet.synth.surface_textures import MIDDLE_GREY
 from bokehnet.synth.training_lenses import make_training_lens
 
@@ -37,11 +38,13 @@ class _Subject:
     Attributes:
         image: All in focus, (H, W, 3).
         disparity: Relative, (H, W) float32.
+        fine_disparity: The same on the finer grid, (k H, k W) float32; k may be 0.
         bokeh: Gives a picture, (H, W, 3).
     """
 
     image: np.ndarray
     disparity: np.ndarray
+    fine_disparity: np.ndarray
     bokeh: Callable[[float, float, int], np.ndarray]
 
 
@@ -53,10 +56,12 @@ def make_sample(config: SynthConfig, index: int) -> TrainingSample:
     bokeh = [subject.bokeh(blur, focus, int(seed)) for (blur, focus), seed in zip(views, seeds, strict=True)]
     assert np.isfinite(subject.image).all()
     assert np.isfinite(bokeh).all()
+    pictures = np.stack(bokeh) if bokeh else np.zeros((0, *subject.image.shape))
     return TrainingSample(
         image=subject.image.astype(np.float16),
         disparity=subject.disparity,
-        bokeh=np.stack(bokeh).astype(np.float16),
+        fine_disparity=subject.fine_disparity.astype(np.float16),
+        bokeh=pictures.astype(np.float16),
         blur=np.array([blur for blur, _ in views], np.float32),
         focus=np.array([focus for _, focus in views], np.float32),
     )
@@ -67,8 +72,14 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
     scene = random_scene(rng, config)
     pinhole = _camera(config, _pinhole(config))
     seeds = rng.integers(2**62, size=config.views + 1)
-    image = render_all_in_focus(scene, pinhole, config.image_samples, int(seeds[0])).numpy()
     disparity = render_disparity(scene, pinhole).numpy() * np.float32(config.nearest_distance)
+    finer = _finer(config)
+    fine_camera = _camera(finer, _pinhole(finer))
+    image = render_all_in_focus(scene, fine_camera, config.image_samples, int(seeds[0])).numpy()
+    fine_disparity = np.zeros((0, 0), np.float32)
+    if config.fine:
+        image = filter_pixels(image, config.fine, draw_pixel_filter(config.fine, rng))
+        fine_disparity = render_disparity(scene, fine_camera).numpy() * np.float32(config.nearest_distance)
     brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
     samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
 
@@ -77,7 +88,8 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
         picture: np.ndarray = render_bokeh(scene, view, samples, seed).numpy()
         return picture
 
-    return _Subject(image=image, disparity=disparity, bokeh=bokeh), seeds[1:]
+    subject = _Subject(image=image, disparity=disparity, fine_disparity=fine_disparity, bokeh=bokeh)
+    return subject, seeds[1:]
 
 
 def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np.ndarray]:
@@ -86,14 +98,10 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
     seeds = rng.integers(2**62, size=config.views + 1)
     stops = rng.uniform(*config.scene.exposure_stops)
 
-    def render(lens: LensModel, samples: int, seed: int, pupil: bool) -> np.ndarray:
-        view = View(
-            width=config.width,
-            height=config.height,
-            pixel_pitch=config.pixel_pitch,
-            samples=samples,
-            seed=seed,
-        )
+    def render(
+        lens: LensModel, samples: int, seed: int, pupil: bool, size: SynthConfig = config
+    ) -> np.ndarray:
+        view = _view(size, samples, seed)
         picture = clutter.scene.render(lens, view, pupil)
         if clutter.lamps:
             assert isinstance(lens, ThinLens)
@@ -101,9 +109,13 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
         return picture
 
     pinhole = _pinhole(config)
-    image = render(pinhole, config.image_samples, int(seeds[0]), False)
-    view = View(width=config.width, height=config.height, pixel_pitch=config.pixel_pitch, samples=1, seed=0)
-    inverse_depth = clutter.scene.disparity(pinhole, view)
+    finer = _finer(config)
+    image = render(pinhole, config.image_samples, int(seeds[0]), False, finer)
+    inverse_depth = clutter.scene.disparity(pinhole, _view(config, 1, 0))
+    fine_depth = np.zeros((0, 0), np.float32)
+    if config.fine:
+        image = filter_pixels(image, config.fine, draw_pixel_filter(config.fine, rng))
+        fine_depth = clutter.scene.disparity(pinhole, _view(finer, 1, 0))
     nearest = rng.uniform(*_NEAREST) / max(float(inverse_depth.max()), 1e-9)
     scaled = replace(config, nearest_distance=float(nearest))
     # Lamps are left out, so that the rest is as bright in scenes with lamps as in others.
@@ -115,8 +127,29 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
         lens = lens_for_view(blur, focus, scaled) if clutter.lamps else _draw_lens(blur, focus, scaled, seed)
         return gain * render(lens, config.bokeh_samples, seed, True)
 
-    disparity = inverse_depth * np.float32(nearest)
-    return _Subject(image=gain * image, disparity=disparity, bokeh=bokeh), seeds[1:]
+    subject = _Subject(
+        image=gain * image,
+        disparity=inverse_depth * np.float32(nearest),
+        fine_disparity=fine_depth * np.float32(nearest),
+        bokeh=bokeh,
+    )
+    return subject, seeds[1:]
+
+
+def _finer(config: SynthConfig) -> SynthConfig:
+    """The same with the pixels of the finer grid, if there is one."""
+    factor = max(1, config.fine)
+    return replace(config, width=factor * config.width, height=factor * config.height)
+
+
+def _view(config: SynthConfig, samples: int, seed: int) -> View:
+    return View(
+        width=config.width,
+        height=config.height,
+        pixel_pitch=config.pixel_pitch,
+        samples=samples,
+        seed=seed,
+    )
 
 
 def lens_for_view(blur: float, focus: float, config: SynthConfig) -> ThinLens:

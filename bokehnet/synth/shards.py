@@ -37,6 +37,7 @@ class TrainingSample:
     Attributes:
         image: All in focus, scene-linear, (H, W, 3) float16.
         disparity: Relative inverse depth in [0, 1], 0 = infinitely far, (H, W) float32.
+        fine_disparity: The same at the centres of the pixels of a finer grid, (k H, k W) float16; k may be 0.
         bokeh: The truth for each view, scene-linear, (V, H, W, 3) float16.
         blur: Radius in pixels per unit of disparity, (V,) float32.
         focus: Relative disparity that is sharp, (V,) float32.
@@ -44,6 +45,7 @@ class TrainingSample:
 
     image: np.ndarray
     disparity: np.ndarray
+    fine_disparity: np.ndarray
     bokeh: np.ndarray
     blur: np.ndarray
     focus: np.ndarray

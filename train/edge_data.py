@@ -1,0 +1,155 @@
+"""Examples for EdgeNet: a picture, augmented disparity, and true disparities inside its pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from bokehnet.errors import DataFileError
+from bokehnet.inference.disparity_edges import sharpen_if_soft
+from bokehnet.synth.shards import ShardSet
+from train.augmentation import augment_disparity
+
+__all__ = ["EdgeDataConfig", "EdgeExamples", "edge_loader", "edge_pair"]
+
+# Crops to choose from; where there is no step there is nothing to learn.
+TRIES = 3
+
+# A difference of neighbours that makes a step, as a share of the map's span.
+_STEP = 0.03
+
+# Largest noise of a picture, of its encoded values, and the share of pictures that have some.
+_NOISE, _NOISY = 0.03, 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgeDataConfig:
+    """Where the pictures come from and what is done to them.
+
+    Attributes:
+        folder: Shards for training, with fine disparity.
+        also: Further sets of them; every set is as likely as the others.
+        validation: Shards for validation, of another seed.
+        batch_size: Examples a step.
+        workers: Loader processes; 0 loads in the training process.
+        clean: Share of examples whose disparity stays as it is.
+        bent: Share whose disparity, true and augmented alike, goes through a power first, as relative
+            disparity of unknown scale does.
+        crop: Side of the crops, pixels.
+        around: Pixels around a crop that are augmented with it.
+        samples: True disparities inside each pixel that an example holds.
+    """
+
+    folder: str
+    validation: str
+    batch_size: int = 4
+    workers: int = 0
+    clean: float = 0.3
+    bent: float = 0.3
+    crop: int = 192
+    around: int = 24
+    also: tuple[str, ...] = ()
+    samples: int = 6
+
+
+def edge_pair(
+    image: np.ndarray,
+    disparity: np.ndarray,
+    fine: np.ndarray,
+    rng: np.random.Generator,
+    config: EdgeDataConfig,
+) -> dict[str, np.ndarray]:
+    """Draw one example from a whole picture (H, W, 3), its disparity (H, W) and fine disparity (k H, k W)."""
+    factor = fine.shape[0] // disparity.shape[0]
+    inside = fine.reshape(disparity.shape[0], factor, disparity.shape[1], factor)
+    inside = inside.transpose(0, 2, 1, 3).reshape(*disparity.shape, -1)
+    window = _busy_window(disparity, config.crop, rng)
+    larger = tuple(slice(max(0, s.start - config.around), s.stop + config.around) for s in window)
+    inner = tuple(
+        slice(s.start - large.start, s.stop - large.start) for s, large in zip(window, larger, strict=True)
+    )
+    image, disparity, inside = (x[larger].astype(np.float32) for x in (image, disparity, inside))
+    low, high = float(disparity.min()), float(disparity.max())
+    true, inside = ((x - low) / max(high - low, 1e-6) for x in (disparity, inside))
+    if rng.random() < config.bent:
+        power = np.float32(2.0 ** rng.uniform(-1, 1))
+        true, inside = true**power, np.maximum(inside, 0) ** power
+    augmented = true if rng.random() < config.clean else augment_disparity(true, rng, image)
+    augmented = sharpen_if_soft(augmented)
+    span = max(float(augmented.max() - augmented.min()), 1e-6)
+    chosen = rng.permutation(inside.shape[-1])[: config.samples]
+    gain = np.float32(2.0 ** rng.uniform(-1, 1))
+    colors = gain * image[inner][..., rng.permutation(3)]
+    if rng.random() < _NOISY:
+        noise = np.float32(rng.uniform(0, _NOISE)) * rng.standard_normal(colors.shape).astype(np.float32)
+        colors = np.maximum(colors + 2 * np.sqrt(np.clip(colors, 1e-4, 1)) * noise, 0)
+    turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
+
+    def turned(x: np.ndarray) -> np.ndarray:
+        """Channels first."""
+        x = np.rot90(x, turns)
+        x = x[:, ::-1] if mirrored else x
+        return np.ascontiguousarray(x.transpose(2, 0, 1), np.float32)
+
+    return {
+        "image": turned(colors),
+        "disparity": turned(augmented[inner][..., None]),
+        "truth": turned(true[inner][..., None]),
+        "inside": turned(inside[inner][..., chosen]),
+        "span": np.full((1, 1, 1), span, np.float32),
+    }
+
+
+def _busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:
+    """Of a few random windows, the one with the most steps."""
+    height, width = true.shape
+    least = _STEP * float(np.ptp(true))
+    steps = np.zeros(true.shape, bool)
+    steps[1:] |= np.abs(np.diff(true, axis=0)) > least
+    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > least
+    tops = rng.integers(max(1, height - crop + 1), size=TRIES)
+    lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
+    windows = [np.s_[top : top + crop, left : left + crop] for top, left in zip(tops, lefts, strict=True)]
+    return max(windows, key=lambda window: int(steps[window].sum()))
+
+
+class EdgeExamples(Dataset):
+    """Example number i of an endless, fixed sequence: all that is random follows from (seed, i)."""
+
+    def __init__(self, folders: Sequence[str], config: EdgeDataConfig, seed: int, length: int) -> None:
+        self.config, self.seed, self.length = config, seed, length
+        self.sets = [ShardSet(Path(folder)) for folder in folders]
+        self._seen: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, index: int) -> dict[str, Tensor]:
+        rng = np.random.default_rng([self.seed, index])
+        chosen = int(rng.integers(len(self.sets)))
+        number = chosen, int(rng.integers(len(self.sets[chosen])))
+        if number not in self._seen:
+            sample = self.sets[chosen][number[1]]
+            if sample.fine_disparity.size == 0:
+                folder = self.sets[chosen].folder
+                raise DataFileError(f"{folder}: expected fine disparity, found none; make it with `fine` = 4")
+            self._seen[number] = sample.image, sample.disparity, sample.fine_disparity
+        pair = edge_pair(*self._seen[number], rng, self.config)
+        return {name: torch.from_numpy(x) for name, x in pair.items()}
+
+
+def edge_loader(config: EdgeDataConfig, *, seed: int, steps: int, first_step: int) -> DataLoader[Any]:
+    """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen."""
+    examples = EdgeExamples((config.folder, *config.also), config, seed, steps * config.batch_size)
+    return DataLoader(
+        examples,
+        batch_size=config.batch_size,
+        sampler=range(first_step * config.batch_size, len(examples)),
+        num_workers=config.workers,
+        multiprocessing_context="spawn" if config.workers else None,
+    )
