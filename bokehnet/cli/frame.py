@@ -132,8 +132,8 @@ def render_frame(
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
     times = [perf_counter()]
-    begin("reading")
-    scenes = [read_scene(job.image, job.settings, number=job.number)]
+    report = begin("reading")
+    scenes = [read_scene(job.image, job.settings, number=job.number, progress=report)]
     check_output(job.output, job.settings.output, scenes[0].frame)
     times.append(perf_counter())
     report = begin("depth")
@@ -143,10 +143,10 @@ def render_frame(
     result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
     del focused
     times.append(perf_counter())
-    begin("writing")
+    report = begin("writing")
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
-    result.save(job.output)
+    result.save(job.output, report)
     times.append(perf_counter())
     taken = (end - begin for begin, end in pairwise(times))
     height, width = result.bokeh.shape[:2]

@@ -12,9 +12,11 @@ def info(
     file: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.")],
 ) -> None:
     """Say what is in an image: size, channels, colour space, depth range."""
-    from bokehnet.io.info import image_info  # after parsing, so --help stays fast
+    from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
+    from bokehnet.io.info import image_info
 
-    found = image_info(file)
+    with progress("reading", counted=False) as report:
+        found = image_info(file, report)
     turned = "" if found.orientation == 1 else f" (turned upright, EXIF orientation {found.orientation})"
     space = found.color_space
     decoded = space if space == "linear" else f"{space} as a picture, unchanged as a map"

@@ -1,6 +1,6 @@
 """Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +15,7 @@ from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges
 from bokehnet.inference.memory import give_back
 from bokehnet.inference.session import WEIGHTS, load_network
-from bokehnet.io.row_blocks import make_in_row_blocks
+from bokehnet.io.row_blocks import Progress, make_in_row_blocks
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = [
@@ -26,8 +26,6 @@ __all__ = [
     "misplaced_edge_fraction",
     "network_memory",
 ]
-
-Progress = Callable[[int, int], None]
 
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)

@@ -10,6 +10,7 @@ from bokehnet.io.file_color import file_color_space
 from bokehnet.io.maps import depth_channels
 from bokehnet.io.metadata import read_metadata
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.row_blocks import Progress
 
 __all__ = ["ChannelRange", "ImageInfo", "image_info"]
 
@@ -45,16 +46,17 @@ class ImageInfo:
     ranges: dict[str, ChannelRange]
 
 
-def image_info(path: Path | str) -> ImageInfo:
+def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
     """Describe an image file. All pixels are decoded, so a damaged file is found out.
 
     Args:
         path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
+        progress: Is told how far it is, for each part and each few of its channels anew.
 
     Raises:
         ImageFileError: the file cannot be read, or its colour profile is of a kind that is not followed.
     """
-    with ImageFile(path) as file:
+    with ImageFile(path, progress) as file:
         ranges: dict[str, ChannelRange] = {}
         for part in file.parts:
             wanted = depth_channels(part.channels)

@@ -22,7 +22,7 @@ from bokehnet.io.output_format import (
     target_space,
 )
 from bokehnet.io.png import compressed_profile, text_chunk
-from bokehnet.io.row_blocks import cut_row_blocks
+from bokehnet.io.row_blocks import Progress, cut_row_blocks
 
 __all__ = ["store_picture"]
 
@@ -45,6 +45,7 @@ def store_picture(
     bits: Bits | None = None,
     metadata: Metadata | None = None,
     origin: Path | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write a picture atomically; its arrays and its format are checked already.
 
@@ -57,6 +58,7 @@ def store_picture(
         bits: That it came in.
         metadata: That it came with.
         origin: File that it came in, for messages.
+        progress: Is told how far it is, by several threads.
 
     Raises:
         ImageFileError: The file cannot be written, or cannot hold the picture.
@@ -101,6 +103,7 @@ def store_picture(
         attributes,
         chunks=_png_chunks(target, profile, metadata),
         finish=lambda temporary: add_metadata(temporary, width, height, metadata, profile),
+        progress=progress,
     )
 
 
