@@ -111,7 +111,7 @@ class BokehRenderer:
         self._kept = {}
 
     def warm_up(self, settings: RenderSettings | None = None) -> None:
-        """Load or compile the kernels and run the networks once, before the first picture.
+        """Open the networks, load or compile the kernels and run them once, before the first picture.
 
         Args:
             settings: Of the pictures that come: their engine, opening and lens; default those of the
@@ -122,6 +122,8 @@ class BokehRenderer:
         defocus = np.full((64, 64), -12, np.float32)
         defocus[:, 32:] = 12
         settings = settings or RenderSettings()
+        if settings.depth.repair != "off" and settings.input.defocus is None:
+            self._repairer()
         aperture, lens_response, _ = self._look(settings)
         engine = self._engine(*self._engine_of(settings))
         with about("engine", {"engine": "name"} | leaning(settings)):
