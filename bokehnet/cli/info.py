@@ -20,6 +20,8 @@ def info(
     turned = "" if found.orientation == 1 else f" (turned upright, EXIF orientation {found.orientation})"
     space = found.color_space
     decoded = space if space == "linear" else f"{space} as a picture, unchanged as a map"
+    if found.refusal:
+        decoded = f"no picture ({found.refusal.removeprefix(f'{file}: ')}); unchanged as a map"
     parts = "" if found.parts == 1 else f" in {found.parts} parts"
     rows = {
         "format": found.file_format,

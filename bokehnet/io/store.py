@@ -32,6 +32,9 @@ _WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: not told which ki
 _GREY_TOO = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _CODECS = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp", ".jxl": "jpegxl"}
 
+# Quality from which on WebP codes without loss: otherwise it has its colours at half the resolution.
+_WITHOUT_LOSS = 100
+
 Array = NDArray[Any]
 
 
@@ -88,6 +91,8 @@ def store_picture(
         )
     elif extension in _CODECS:
         attributes["compression"] = f"{_CODECS[extension]}:{wanted.quality}"
+        if extension == ".webp" and wanted.quality == _WITHOUT_LOSS:
+            attributes["compression"] = "lossless"
         if _CODECS[extension] == "jpeg":
             attributes["jpeg:subsampling"] = wanted.subsampling
     if extension in (".tif", ".tiff", ".jxl") and profile is not None:
