@@ -124,7 +124,7 @@ def compile_notice(*, hidden: bool = False) -> Iterator[None]:
                 self.told = 1
                 write_above(_NOTICE)
             self.begun, self.within = self.begun + 1, self.within + 1
-            _add_to_bars(f"compiling, {self.begun} functions so far")
+            _add_to_bars(f"compiling, functions so far: {self.begun}")
 
         def on_end(self, event: Any) -> None:
             if threading.get_ident() == own:
