@@ -164,18 +164,18 @@ def _write_enlarged(shared: str, folder: str, width: int, height: int) -> None:
 
 # Size, blur, files in and out, options: of the section enlarged.
 _ENLARGED: tuple[tuple[tuple[int, int], int, str, tuple[str, ...]], ...] = (
-    ((4380, 5475), 60, "jpg png", ()),
-    ((4380, 5475), 60, "jpg png", ("--engine", "hybrid")),
-    ((4380, 5475), 60, "jpg png", ("--lens", "double_gauss")),
-    ((4380, 5475), 60, "jpg png", ("--preset", "petzval-swirl")),
-    ((4380, 5475), 60, "jpg png", ("--max-memory", "2G")),
+    ((4380, 5475), 60, "jpg jpg", ()),
+    ((4380, 5475), 60, "jpg jpg", ("--engine", "hybrid")),
+    ((4380, 5475), 60, "jpg jpg", ("--lens", "double_gauss")),
+    ((4380, 5475), 60, "jpg jpg", ("--preset", "petzval-swirl")),
+    ((4380, 5475), 60, "jpg jpg", ("--max-memory", "2G")),
     ((4380, 5475), 60, "exr exr", ("--max-memory", "2G")),
-    ((8944, 11180), 60, "jpg png", ("--max-memory", "4G")),
+    ((8944, 11180), 60, "jpg jpg", ("--max-memory", "4G")),
     ((8944, 11180), 60, "exr exr", ("--max-memory", "4G")),
-    ((2190, 2738), 92, "jpg png", ()),
-    ((2190, 2738), 185, "jpg png", ()),
-    ((2190, 2738), 369, "jpg png", ()),
-    ((2190, 2738), 615, "jpg png", ()),
+    ((2190, 2738), 92, "jpg jpg", ()),
+    ((2190, 2738), 185, "jpg jpg", ()),
+    ((2190, 2738), 369, "jpg jpg", ()),
+    ((2190, 2738), 615, "jpg jpg", ()),
 )
 
 

@@ -25,6 +25,6 @@ def demo(
 
     check_writable(output)
     renderer = BokehRenderer(engine)  # type: ignore[arg-type]  # it says what is expected
-    with compile_notice(), progress("rendering") as report:
+    with compile_notice(), progress("rendering", counted=False) as report:
         write_image(output, demo_sheet(renderer, report))
     typer.echo(f"wrote {output}: the input, its disparity and three focus distances (engine {engine})")

@@ -57,7 +57,7 @@ def depth(
     try:
         with progress("estimating depth") as report:
             report(0, 1)
-            scene = read_scene(image, source=source)
+            scene = read_scene(image, source=source, progress=report)
             report(1, 1)
     except ParameterError as error:
         if error.parameter != "input.disparity":

@@ -126,27 +126,28 @@ def render_frame(
         job: The frame.
         renderer: Fit for its settings.
         begin: Is told of every stage; gives what its progress is reported to.
-        meanwhile: Makes what surrounds the repair of the map, which computes outside Python.
+        meanwhile: Makes what surrounds the reading and the repair of the map, much of which is done outside
+            Python.
 
     Raises:
         BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
     """
     times = [perf_counter()]
-    begin("reading")
-    scenes = [read_scene(job.image, job.settings, number=job.number)]
-    check_output(job.output, job.settings.output, scenes[0].frame)
-    times.append(perf_counter())
-    report = begin("depth")
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
+        report = begin("reading")
+        scenes = [read_scene(job.image, job.settings, number=job.number, progress=report)]
+        check_output(job.output, job.settings.output, scenes[0].frame)
+        times.append(perf_counter())
+        report = begin("depth")
         focused = renderer.prepare(scenes.pop(), job.settings, report)
     times.append(perf_counter())
     result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
     del focused
     times.append(perf_counter())
-    begin("writing")
+    report = begin("writing")
     if job.settings.output.save_maps is not None:
         result.save_maps(job.settings.output.save_maps, job.settings)
-    result.save(job.output)
+    result.save(job.output, report)
     times.append(perf_counter())
     taken = (end - begin for begin, end in pairwise(times))
     height, width = result.bokeh.shape[:2]

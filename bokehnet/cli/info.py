@@ -12,12 +12,16 @@ def info(
     file: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.")],
 ) -> None:
     """Say what is in an image: size, channels, colour space, depth range."""
-    from bokehnet.io.info import image_info  # after parsing, so --help stays fast
+    from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
+    from bokehnet.io.info import image_info
 
-    found = image_info(file)
+    with progress("reading", counted=False) as report:
+        found = image_info(file, report)
     turned = "" if found.orientation == 1 else f" (turned upright, EXIF orientation {found.orientation})"
     space = found.color_space
     decoded = space if space == "linear" else f"{space} as a picture, unchanged as a map"
+    if found.refusal:
+        decoded = f"no picture ({found.refusal.removeprefix(f'{file}: ')}); unchanged as a map"
     parts = "" if found.parts == 1 else f" in {found.parts} parts"
     rows = {
         "format": found.file_format,

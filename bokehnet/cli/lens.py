@@ -44,9 +44,13 @@ def lens(
     chosen = load_lens(name, focal_length=focal, f_number=f_number, focus_distance=focus_distance)
     rows = describe_lens(chosen)
     if plot is not None:
+        from bokehnet.cli.progress import progress
         from bokehnet.lenses.plot import plot_lens
 
-        plot_lens(chosen, plot)
+        with progress("drawing", counted=False) as report:
+            report(0, 1)
+            plot_lens(chosen, plot)
+            report(1, 1)
     if psf_sheet is not None:
         rows["blur of points"] = _draw_psfs(chosen, psf_sheet)
     width = max(map(len, rows))

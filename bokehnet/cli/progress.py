@@ -10,7 +10,7 @@ __all__ = ["compile_notice", "progress", "stages", "write_above"]
 
 _DELAY = 1.0  # s: what is done sooner needs no bar
 _LOG_INTERVAL = 10.0  # s between lines when stderr is not a terminal
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left"
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
 _NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
 
 
@@ -64,6 +64,14 @@ def progress(
                 ticker.join()
 
 
+def _add_to_bars(text: str) -> None:
+    """Let bars that are shown say more, from their next refreshing on."""
+    from tqdm import tqdm
+
+    for bar in list(getattr(tqdm, "_instances", ())):
+        bar.set_postfix_str(text, refresh=False)
+
+
 def write_above(line: str) -> None:
     """Write a line on stderr, above a bar that is shown."""
     from tqdm import tqdm
@@ -95,7 +103,10 @@ def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Callable[[int, i
 
 @contextmanager
 def compile_notice(*, hidden: bool = False) -> Iterator[None]:
-    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache."""
+    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache.
+
+    A bar that is shown tells how many functions were compiled, as long as that goes on.
+    """
     if hidden:
         yield
         return
@@ -104,15 +115,22 @@ def compile_notice(*, hidden: bool = False) -> Iterator[None]:
     own = threading.get_ident()
 
     class Listener(event.Listener):  # type: ignore[misc]
-        told = False
+        told = begun = within = 0
 
         def on_start(self, event: Any) -> None:
-            if not self.told and threading.get_ident() == own:  # another thread only looks what there is
-                self.told = True
+            if threading.get_ident() != own:  # another thread only looks what there is
+                return
+            if not self.told:
+                self.told = 1
                 write_above(_NOTICE)
+            self.begun, self.within = self.begun + 1, self.within + 1
+            _add_to_bars(f"compiling, functions so far: {self.begun}")
 
         def on_end(self, event: Any) -> None:
-            pass
+            if threading.get_ident() == own:
+                self.within -= 1
+                if not self.within:
+                    _add_to_bars("")
 
     with event.install_listener("numba:compile", Listener()):
         yield

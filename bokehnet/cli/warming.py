@@ -1,4 +1,4 @@
-"""Loading kernels while something else is done."""
+"""Opening networks and loading kernels while something else is done."""
 
 import threading
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ class _NotCompiledYet(Exception):  # noqa: N818 - it is no error
 
 @contextmanager
 def loading_kernels(renderer: BokehRenderer, settings: RenderSettings) -> Iterator[None]:
-    """Load from numba's cache what a rendering needs, in a thread, while the block runs.
+    """Open the networks and load the kernels that a rendering needs, in a thread, while the block runs.
 
     Nothing is compiled there: that takes long, and could not be interrupted.
     """

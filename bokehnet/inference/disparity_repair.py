@@ -1,8 +1,7 @@
 """Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -11,11 +10,12 @@ import numpy.typing as npt
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, sharpen_if_soft
+from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
-from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges
+from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.memory import give_back
 from bokehnet.inference.session import WEIGHTS, load_network
-from bokehnet.io.row_blocks import make_in_row_blocks
+from bokehnet.io.row_blocks import Progress, make_in_row_blocks
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = [
@@ -27,20 +27,8 @@ __all__ = [
     "network_memory",
 ]
 
-Progress = Callable[[int, int], None]
-
 RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
-
-# The network halves its input three times.
-_BLOCK = 8
-
-# Pixels around a tile that its result depends on: windows of 7 and of 23, seven 3x3 convolutions at half
-# size, seven at a quarter, five at an eighth.
-_HALO = 112
-
-# Largest side of what the network sees at once, halos and all.
-_TILE = 1248
 
 # Bytes that the network takes for a pixel that it sees at once.
 _NETWORK_BYTES = 420
@@ -53,7 +41,7 @@ _LARGEST_SIDE = 1024
 
 # Longest side of the sizes at which the network looks. What it found there is enlarged and put to the edges
 # of the larger picture, which on path-traced scenes of four times the size places more pixels right than
-# the network does, in a sixth of its time.
+# the network does (docs/large.md).
 _NETWORK_SIDE = 2048
 
 # What the network costs for a pixel, over what it costs to put a step there to the picture's edge.
@@ -67,9 +55,9 @@ _SURELY_RIGHT = 0.005
 
 
 def _step_sizes(disparity: np.ndarray) -> np.ndarray:
-    """Span of the map in the 3x3 blocks of ``_BLOCK`` pixels around each block, (H / 8, W / 8)."""
+    """Span of the map in the 3x3 blocks of ``BLOCK`` pixels around each block, (H / 8, W / 8)."""
     height, width = disparity.shape
-    blocks = disparity.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
+    blocks = disparity.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK)
     low, high = np.pad(blocks.min((1, 3)), 1, "edge"), np.pad(blocks.max((1, 3)), 1, "edge")
     rows, columns = blocks.shape[0], blocks.shape[2]
     windows = [(slice(y, y + rows), slice(x, x + columns)) for y in range(3) for x in range(3)]
@@ -93,13 +81,13 @@ def misplaced_edge_fraction(disparity: np.ndarray, repaired: np.ndarray) -> floa
 
 def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> tuple[int, int]:
     """Pixels near steps of at least ``least``, and how many of them changed by over a quarter of theirs."""
-    spans = _step_sizes(pad_to_multiple(disparity, _BLOCK))
+    spans = _step_sizes(pad_to_multiple(disparity, BLOCK))
     near = moved = 0
     for top in range(0, len(disparity), _BLOCK_ROWS):
         rows = slice(top, top + _BLOCK_ROWS)
         was, now = disparity[rows], repaired[rows]
-        blocks = spans[top // _BLOCK : (top + _BLOCK_ROWS) // _BLOCK]
-        steps = np.kron(blocks, np.ones((_BLOCK, _BLOCK), np.float32))[: len(was), : was.shape[1]]
+        blocks = spans[top // BLOCK : (top + _BLOCK_ROWS) // BLOCK]
+        steps = np.kron(blocks, np.ones((BLOCK, BLOCK), np.float32))[: len(was), : was.shape[1]]
         at_steps = steps > least
         near += int(at_steps.sum())
         moved += int((at_steps & (np.abs(now - was) > 0.25 * steps)).sum())
@@ -123,7 +111,7 @@ class RepairedMap:
 
 def network_memory(height: int, width: int) -> int:
     """Bytes that the network takes while it looks at a picture of that size."""
-    return _NETWORK_BYTES * min(height, _TILE) * min(width, _TILE)
+    return _NETWORK_BYTES * min(height * width, TILE)
 
 
 class _Work:
@@ -216,9 +204,10 @@ class DisparityRepair:
             sizes.append(_half(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress)
         large = len(sizes) > 1
-        maps = [shift_edges(start, self._edge_bias(sizes, start, span))]
+        shift, smallest = self._edge_bias(sizes, start, span, work)
+        maps = [shift_edges(start, shift)]
         del start
-        repaired = self._repair(sizes, maps, span, work)
+        repaired = self._repair(sizes, maps, span, work, None if shift else smallest)
         if large:
             self._give_back()
         if mode == "on":
@@ -231,7 +220,7 @@ class DisparityRepair:
 
     def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:
         """Whether the repair moves next to nothing in those parts of the picture that hold the most steps."""
-        disparity = pad_to_multiple(disparity, _BLOCK)
+        disparity = pad_to_multiple(disparity, BLOCK)
         counts = [
             _count_moved(
                 disparity[window], self._run(image[:, *window], disparity[window], span)[0], STEP * span
@@ -241,34 +230,47 @@ class DisparityRepair:
         near, moved = np.sum(counts, 0) if counts else (0, 0)
         return bool(moved < _SURELY_RIGHT * max(near, 1))
 
-    def _edge_bias(self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float) -> int:
-        """Pixels by which near things should grow everywhere, found at the smallest of the sizes."""
+    def _edge_bias(
+        self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float, work: "_Work"
+    ) -> tuple[int, np.ndarray]:
+        """Pixels by which near things should grow everywhere, found at the smallest of the sizes.
+
+        Also returns the repaired map of that size, from which this is seen where they should not.
+        """
         for _ in sizes[1:]:
             disparity = _half_map(disparity)
-        disparity = pad_to_multiple(disparity, _BLOCK)
+        repaired, found = self._look(sizes[-1], disparity, span, lambda share: work.report(0, share))
+        if stands_right(found):
+            return 0, repaired
+        disparity = pad_to_multiple(disparity, BLOCK)
 
         def votes(window: tuple[slice, slice], moved: np.ndarray) -> np.ndarray:
             found: np.ndarray = self._run(sizes[-1][:, *window], moved, span)[1][0]
             return found
 
         busy = _step_sizes(disparity) > STEP * span
-        return 2 ** (len(sizes) - 1) * find_edge_bias(disparity, busy, votes)
+        return 2 ** (len(sizes) - 1) * find_edge_bias(disparity, busy, votes), repaired
 
     def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
         """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
         # The picture may end within the last block of the map.
-        fed = pad_to_multiple(image[None], _BLOCK), disparity[None, None]
+        fed = pad_to_multiple(image[None], BLOCK), disparity[None, None]
         repaired, votes = self._network(*fed, np.full((1, 1, 1, 1), span, np.float32))
         return repaired[0, 0], votes
 
     def _give_back(self) -> None:
         """Return the memory of the network's layers to the system, all but that of a single block."""
-        block = np.zeros((1, 3, _BLOCK, _BLOCK), np.float32)
+        block = np.zeros((1, 3, BLOCK, BLOCK), np.float32)
         self._network(block, block[:, :1], np.ones((1, 1, 1, 1), np.float32), release=True)
         give_back()
 
     def _repair(
-        self, sizes: list[np.ndarray], maps: list[np.ndarray], span: float, work: "_Work"
+        self,
+        sizes: list[np.ndarray],
+        maps: list[np.ndarray],
+        span: float,
+        work: "_Work",
+        smallest: np.ndarray | None,
     ) -> np.ndarray:
         """Repair a map with the help of the picture, at this and at smaller sizes.
 
@@ -277,12 +279,13 @@ class DisparityRepair:
             maps: The map, (H, W), alone. Both lists are emptied, so that nothing is held longer than needed.
             span: Of the whole map.
             work: Is told of what is done.
+            smallest: The repaired map at the smallest of the sizes, where it is known.
         """
         image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
         if sizes:
             small = _half_map(disparity)
-            repaired_small = self._repair(sizes, [small], span, work)
+            repaired_small = self._repair(sizes, [small], span, work, smallest)
             change = repaired_small - small
             del small
             disparity = _with_moved(disparity, repaired_small, change, STEP * span)
@@ -291,21 +294,41 @@ class DisparityRepair:
                 aligned = align_steps(image.transpose(1, 2, 0), disparity, STEP * span)
                 work.report(number, 1)
                 return aligned
-        disparity = pad_to_multiple(disparity, _BLOCK)
-        result = disparity.copy()
-        busy = _step_sizes(disparity) > STEP * span
-        tiles = [*_tiles(busy)]
+        elif smallest is not None:
+            return smallest
+        repaired, _ = self._look(image, disparity, span, lambda share: work.report(number, share))
+        return repaired
+
+    def _look(
+        self, image: np.ndarray, disparity: np.ndarray, span: float, report: Callable[[float], None]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Let the network look wherever there are steps.
+
+        Args:
+            image: (3, H, W).
+            disparity: (H, W).
+            span: Of the whole map.
+            report: Is told which share is done.
+
+        Returns:
+            The repaired map, (H, W), and the votes, (4,).
+        """
+        height, width = disparity.shape
+        disparity = pad_to_multiple(disparity, BLOCK)
+        result, votes = disparity.copy(), np.zeros(4)
+        tiles = [*repair_tiles(_step_sizes(disparity) > STEP * span)]
         for done, tile in enumerate(tiles):
-            work.report(number, done / len(tiles))
+            report(done / len(tiles))
             rows, columns = tile
-            top, left = max(0, rows.start - _HALO), max(0, columns.start - _HALO)
-            window = (slice(top, rows.stop + _HALO), slice(left, columns.stop + _HALO))
-            repaired, _ = self._run(image[:, *window], disparity[window], span)
+            top, left = max(0, rows.start - HALO), max(0, columns.start - HALO)
+            window = (slice(top, rows.stop + HALO), slice(left, columns.stop + HALO))
+            repaired, found = self._run(image[:, *window], disparity[window], span)
+            votes += found[0]
             result[tile] = repaired[
                 rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
             ]
-        work.report(number, 1)
-        return np.ascontiguousarray(crop_to(result, height, width))
+        report(1)
+        return np.ascontiguousarray(crop_to(result, height, width)), votes
 
 
 def _half_map(disparity: np.ndarray) -> np.ndarray:
@@ -354,27 +377,3 @@ def _with_moved(
     joined = make_in_row_blocks(make, disparity.shape, np.float32)
     # What moved comes from the smaller map, and is as soft as that.
     return repair_soft_edges(joined) if found else joined
-
-
-def _tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
-    """Tiles of like size around the blocks that are ``busy``, each cut to the rectangle that holds them."""
-    for down in _parts(busy.shape[0]):
-        for across in _parts(busy.shape[1]):
-            part = busy[down, across]
-            rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
-            if len(rows):
-                yield (
-                    slice(_BLOCK * (down.start + int(rows[0])), _BLOCK * (down.start + int(rows[-1]) + 1)),
-                    slice(
-                        _BLOCK * (across.start + int(columns[0])),
-                        _BLOCK * (across.start + int(columns[-1]) + 1),
-                    ),
-                )
-
-
-def _parts(blocks: int) -> list[slice]:
-    """As few equal parts of a side as fit into a tile with their halos; in blocks."""
-    most, halo = _TILE // _BLOCK, _HALO // _BLOCK
-    count = 1 if blocks <= most else 2 if blocks <= 2 * (most - halo) else -(-blocks // (most - 2 * halo))
-    ends = [blocks * i // count for i in range(count + 1)]
-    return [slice(first, last) for first, last in pairwise(ends)]

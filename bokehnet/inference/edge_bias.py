@@ -7,7 +7,7 @@ import numpy as np
 from bokehnet.inference.disparity_edges import extremes, with_halo
 from bokehnet.io.row_blocks import make_in_row_blocks
 
-__all__ = ["busiest_windows", "find_edge_bias", "shift_edges"]
+__all__ = ["busiest_windows", "find_edge_bias", "shift_edges", "stands_right"]
 
 # Votes of the network on a part of the picture, 4 values: pixels of the far side of steps that should become
 # near, how many there are, and both numbers of the near side.
@@ -41,6 +41,18 @@ def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
     return make_in_row_blocks(make, disparity.shape, np.float32)
 
 
+def stands_right(votes: np.ndarray) -> bool:
+    """Whether about as many steps ask to grow as to shrink, by the votes of the network, (4,)."""
+    return abs(_count(votes)[0]) < _CLOSE
+
+
+def _count(votes: np.ndarray) -> tuple[float, float]:
+    """By how much more steps ask to grow than to shrink, and how many ask for either; shares."""
+    grow, far, shrink, near = (float(vote) for vote in votes)
+    out, back = grow / max(far, 1), shrink / max(near, 1)
+    return out - back - _RIGHT, out + back
+
+
 def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int:
     """Pixels by which the near sides of all steps should grow, negative where they should shrink.
 
@@ -65,9 +77,7 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
     def bias(shift: int) -> float:
         if shift not in biases:
             moved = [(window, shift_edges(disparity[window], shift)) for window in windows]
-            grow, far, shrink, near = np.sum([votes(*part) for part in moved], 0)
-            out, back = float(grow / max(far, 1)), float(shrink / max(near, 1))
-            biases[shift], objections[shift] = out - back - _RIGHT, out + back
+            biases[shift], objections[shift] = _count(np.sum([votes(*part) for part in moved], 0))
         return biases[shift]
 
     if abs(bias(0)) < _CLOSE:

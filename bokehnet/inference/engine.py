@@ -24,7 +24,7 @@ from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PI
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.strips import WORKING_MEMORY, StripAccumulator, cut_strips, worth_cutting
 from bokehnet.inference.tiling import refine_in_tiles
-from bokehnet.io.row_blocks import in_row_blocks
+from bokehnet.io.row_blocks import Progress, in_row_blocks
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
@@ -39,8 +39,6 @@ CLASSICAL_HALVES = {"hybrid": "rays", "fast": "scatter"}
 
 # Classical renderers are engines of their own.
 ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
-
-Progress = Callable[[int, int], None]
 
 # Steps of progress in a strip, and in the network's work.
 _STEPS = 100

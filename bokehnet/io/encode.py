@@ -1,5 +1,6 @@
 """Arrays to image files."""
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from bokehnet.io.atomic import write_atomic
 from bokehnet.io.pfm import write_pfm
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.png import write_png
-from bokehnet.io.row_blocks import make_in_row_blocks
+from bokehnet.io.row_blocks import Progress, make_in_row_blocks, part_of
 
 __all__ = ["check_readable", "encode"]
 
@@ -30,6 +31,7 @@ def encode(
     *,
     chunks: Sequence[tuple[bytes, bytes]] = ((b"sRGB", b"\0"),),
     finish: Callable[[Path], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Encode a picture a band of rows after the other and put it in place atomically.
 
@@ -43,10 +45,14 @@ def encode(
         attributes: of the file, such as its compression.
         chunks: of a PNG file, before its pixels.
         finish: adds to the file when its pixels are in it.
+        progress: is told how far it is, by several threads.
 
     Raises:
         ImageFileError: the file cannot be written.
     """
+    checked = path.suffix.lower() not in (".png", ".pfm")
+    if progress is not None:
+        stored = _counted(stored, shape[0], part_of(progress, 0, 2) if checked else progress)
     if path.suffix.lower() == ".png":
         write_atomic(path, lambda temporary: write_png(temporary, shape, dtype, stored, chunks))
         return
@@ -81,11 +87,29 @@ def encode(
             raise OSError(problem or output.geterror())
         if finish is not None:
             finish(temporary)
-        check_readable(temporary)
+        check_readable(temporary, progress=part_of(progress, 1, 2))
 
     # On a full disk the encoders crash or hang, so the room is proven first; none needs more than this.
     room = shape[0] * shape[1] * shape[2] * np.dtype(dtype).itemsize
     write_atomic(path, fill, room=room * 3 // 2 + 2**16)
+
+
+def _counted(
+    stored: Callable[[slice], NDArray[Any]], height: int, progress: Progress | None
+) -> Callable[[slice], NDArray[Any]]:
+    """Tell how many of the rows were asked for; some are, twice."""
+    lock, given = threading.Lock(), 0
+
+    def give(rows: slice) -> NDArray[Any]:
+        nonlocal given
+        values = stored(rows)
+        with lock:
+            given = min(given + len(values), height)
+            if progress is not None:
+                progress(given, height)
+        return values
+
+    return give
 
 
 def _make_band(
@@ -99,10 +123,10 @@ def _make_band(
     return make_in_row_blocks(make, shape, dtype)
 
 
-def check_readable(path: Path, part: int = 0) -> None:
+def check_readable(path: Path, part: int = 0, progress: Progress | None = None) -> None:
     """Raise ``OSError`` unless the pixels can be read: encoders miss some failures of their last write."""
     try:
-        with ImageFile(path) as file:
+        with ImageFile(path, progress) as file:
             found = file.parts[part]
             for rows in file.bands(found):
                 file.read_stored(found, rows)

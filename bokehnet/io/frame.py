@@ -22,6 +22,7 @@ from bokehnet.io.metadata import Metadata, read_metadata
 from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.store import store_picture
 from bokehnet.io.window import Window
 
@@ -74,7 +75,7 @@ class Frame:
         return (*self.choices, *filter(None, [profile]), *self.metadata.left_out)
 
 
-def read_frame(path: Path | str) -> Frame:
+def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
     """Read a picture with alpha, camera, colour space and metadata.
 
     Unlike :func:`bokehnet.io.image.read_image` it leaves the picture in its own primaries: no colour is
@@ -83,6 +84,7 @@ def read_frame(path: Path | str) -> Frame:
     Args:
         path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF, without
             camera.
+        progress: Is told how far it is.
 
     Raises:
         ImageFileError: The file cannot be read, has no colours, its colours or alpha hold NaN or infinity,
@@ -101,7 +103,7 @@ def read_frame(path: Path | str) -> Frame:
             metadata=found.metadata,
             path=Path(path),
         )
-    with ImageFile(path) as file:
+    with ImageFile(path, progress) as file:
         picture = find_picture(file)
         metadata = read_metadata(file.path, file.file_format)
         space = file_color_space(file, picture.part, metadata.exif)
@@ -141,6 +143,7 @@ def write_frame(
     bokeh: NDArray[Any],
     alpha: NDArray[Any] | None = None,
     wanted: OutputFormat | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write ``bokeh`` in the place of the picture of ``frame``, atomically.
 
@@ -160,6 +163,7 @@ def write_frame(
             there is alpha.
         alpha: its coverage, (H, W), 0 to 1; None keeps that of the frame.
         wanted: what the file is to be like.
+        progress: is told how far it is, by several threads.
 
     Raises:
         ImageFileError: unknown extension, the file cannot be written, or the frame's own file has changed.
@@ -175,7 +179,7 @@ def write_frame(
         check_same_size("the frame", frame.image, "its alpha", alpha)
     check_frame_format(path, frame, wanted)
     if frame._origin is not None and path.suffix.lower() == ".exr":
-        _write_back(path, frame._origin, bokeh, alpha)
+        _write_back(path, frame._origin, bokeh, alpha, progress)
         return
     alpha = frame.alpha if alpha is None else alpha
     shown = None if alpha is None else frame.window.shown(alpha)
@@ -188,6 +192,7 @@ def write_frame(
         bits=frame.bits,
         metadata=frame.metadata,
         origin=frame.path,
+        progress=progress,
     )
 
 
@@ -217,7 +222,13 @@ def check_frame_format(path: Path, frame: Frame, wanted: OutputFormat) -> None:
             raise ParameterError(name, expected, asked, "leave it out, or write another format")
 
 
-def _write_back(path: Path, origin: _Origin, bokeh: NDArray[Any], alpha: NDArray[Any] | None) -> None:
+def _write_back(
+    path: Path,
+    origin: _Origin,
+    bokeh: NDArray[Any],
+    alpha: NDArray[Any] | None,
+    progress: Progress | None,
+) -> None:
     """Write the frame's EXR file with other colours."""
     picture = origin.picture
     formats = dict(zip(picture.part.channels, picture.part.formats, strict=True))
@@ -232,7 +243,7 @@ def _write_back(path: Path, origin: _Origin, bokeh: NDArray[Any], alpha: NDArray
             expected = f"None, as the picture in {origin.path} has no alpha channel"
             raise ParameterError("alpha", expected, alpha, "leave `alpha` out")
         replaced[picture.alpha] = np.asarray(alpha, np.float32)
-    with ImageFile(origin.path) as source:
+    with ImageFile(origin.path, part_of(progress, 0, 2)) as source:
         state = origin.path.stat()
         if (state.st_size, state.st_mtime_ns) != (origin.size, origin.changed):
             raise ImageFileError(f"{origin.path}: the file has changed since it was read; read it again")
@@ -240,7 +251,7 @@ def _write_back(path: Path, origin: _Origin, bokeh: NDArray[Any], alpha: NDArray
 
         def fill(temporary: Path) -> None:
             write_replaced(temporary, source, part, replaced)
-            check_readable(temporary, part.index)
+            check_readable(temporary, part.index, part_of(progress, 1, 2))
 
         # Room for the file and for its part once more: encoders do not survive a full disk.
         own = part.width * part.height * len(part.channels) * 4

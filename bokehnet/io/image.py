@@ -100,7 +100,7 @@ def write_image(
         path: Where the picture goes; one of ``IMAGE_EXTENSIONS``.
         image: Scene-linear Rec.709, (H, W, 3), finite; premultiplied where there is alpha.
         alpha: Coverage, (H, W), 0 to 1, finite.
-        quality: Of JPEG, WebP and JPEG XL, 1 to 100.
+        quality: Of JPEG, WebP and JPEG XL, 1 to 100; WebP of 100 is without loss.
         bits: Per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for EXR.
             None takes the first of these.
         color_space: Of the file, with a profile that tells it unless it is sRGB; "keep" is sRGB, too.

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.errors import ImageFileError
 from bokehnet.io.file_color import file_color_space
 from bokehnet.io.maps import depth_channels
 from bokehnet.io.metadata import read_metadata
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.row_blocks import Progress
 
 __all__ = ["ChannelRange", "ImageInfo", "image_info"]
 
@@ -30,8 +32,9 @@ class ImageInfo:
 
     ``width`` and ``height`` are pixels of the upright picture, ``orientation`` is the EXIF tag that turned
     it (1: none). ``color_space`` is ``"linear"``, or the space through which the file would be read:
-    ``"sRGB"``, or the name in its colour profile. ``channels`` and ``ranges`` are over all parts; ``ranges``
-    holds depth-like channels only.
+    ``"sRGB"``, or the name in its colour profile; it is empty where the profile is damaged or of a kind
+    that is not followed, and ``refusal`` says why such a file is not read as a picture. ``channels`` and
+    ``ranges`` are over all parts; ``ranges`` holds depth-like channels only.
     """
 
     width: int
@@ -40,21 +43,23 @@ class ImageInfo:
     pixel_type: str
     file_format: str
     color_space: str
+    refusal: str
     orientation: int
     parts: int
     ranges: dict[str, ChannelRange]
 
 
-def image_info(path: Path | str) -> ImageInfo:
+def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
     """Describe an image file. All pixels are decoded, so a damaged file is found out.
 
     Args:
         path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
+        progress: Is told how far it is, for each part and each few of its channels anew.
 
     Raises:
-        ImageFileError: the file cannot be read, or its colour profile is of a kind that is not followed.
+        ImageFileError: the file cannot be read.
     """
-    with ImageFile(path) as file:
+    with ImageFile(path, progress) as file:
         ranges: dict[str, ChannelRange] = {}
         for part in file.parts:
             wanted = depth_channels(part.channels)
@@ -63,7 +68,12 @@ def image_info(path: Path | str) -> ImageInfo:
                 values = file.read(part, names)
                 ranges |= {name: _range(values[..., i]) for i, name in enumerate(names) if name in wanted}
         first = file.parts[0]
-        space = file_color_space(file, first, read_metadata(file.path, file.file_format).exif)
+        name, refusal = "", ""
+        try:
+            space = file_color_space(file, first, read_metadata(file.path, file.file_format).exif)
+            name = "linear" if space.is_linear and space.icc is None else space.name
+        except ImageFileError as problem:
+            refusal = str(problem)
         turned = first.orientation >= 5
         return ImageInfo(
             width=first.height if turned else first.width,
@@ -71,7 +81,8 @@ def image_info(path: Path | str) -> ImageInfo:
             channels=tuple(name for part in file.parts for name in part.channels),
             pixel_type=first.pixel_type,
             file_format=file.file_format,
-            color_space="linear" if space.is_linear and space.icc is None else space.name,
+            color_space=name,
+            refusal=refusal,
             orientation=first.orientation,
             parts=len(file.parts),
             ranges=ranges,

@@ -11,7 +11,7 @@ from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile, Part
-from bokehnet.io.row_blocks import in_row_blocks
+from bokehnet.io.row_blocks import Progress, in_row_blocks
 from bokehnet.io.window import Window
 
 __all__ = [
@@ -42,7 +42,11 @@ DEPTH_UNITS = (*_MM, _PER_METRE)
 
 
 def read_map(
-    path: Path | str, channel: str | None = None, *, window: Window | None = None
+    path: Path | str,
+    channel: str | None = None,
+    *,
+    window: Window | None = None,
+    progress: Progress | None = None,
 ) -> NDArray[np.float32]:
     """Read one channel as it is stored: integers scaled to [0, 1] without sRGB decoding, floats raw.
 
@@ -55,6 +59,7 @@ def read_map(
         window: where the pixels of the picture lie, of :class:`bokehnet.io.frame.Frame`. A map that
             shows as large a picture but stores another part of it (overscan, a cropped data window) is
             brought onto that one, its border repeated.
+        progress: is told how far the reading is.
 
     Returns:
         Map of shape (H, W).
@@ -62,7 +67,7 @@ def read_map(
     Raises:
         ImageFileError: the file cannot be read, or it is not clear which channel is meant.
     """
-    with ImageFile(path) as file:
+    with ImageFile(path, progress) as file:
         return _read(file, channel, window)[0]
 
 
@@ -73,6 +78,7 @@ def read_disparity(
     invert: bool = False,
     normalise: bool = True,
     window: Window | None = None,
+    progress: Progress | None = None,
 ) -> NDArray[np.float32]:
     """Read a relative disparity map; near is large in the result.
 
@@ -83,6 +89,7 @@ def read_disparity(
         normalise: bring the map to [0, 1] by its own minimum and maximum; a constant map keeps its value,
             clipped to [0, 1]. Else values stay as stored, which keeps the frames of a sequence alike.
         window: as for :func:`read_map`.
+        progress: as for :func:`read_map`.
 
     Returns:
         Map of shape (H, W), unitless.
@@ -90,7 +97,7 @@ def read_disparity(
     Raises:
         ImageFileError: as :func:`read_map`, or the map holds NaN or infinity.
     """
-    values = read_map(path, channel, window=window)
+    values = read_map(path, channel, window=window, progress=progress)
     way_out = "set them to finite values"
     if invert:
         way_out += "; metric depth, where sky may be infinite, is read as depth"
@@ -105,7 +112,12 @@ def read_disparity(
 
 
 def read_depth(
-    path: Path | str, channel: str | None = None, *, unit: str = "m", window: Window | None = None
+    path: Path | str,
+    channel: str | None = None,
+    *,
+    unit: str = "m",
+    window: Window | None = None,
+    progress: Progress | None = None,
 ) -> NDArray[np.float32]:
     """Read metric depth, mm in the result.
 
@@ -116,6 +128,7 @@ def read_depth(
         channel: as for :func:`read_map`.
         unit: of the file, one of ``DEPTH_UNITS``; ``1/m`` is metric disparity, where sky is 0.
         window: as for :func:`read_map`.
+        progress: as for :func:`read_map`.
 
     Returns:
         Map of shape (H, W) in mm.
@@ -126,7 +139,7 @@ def read_depth(
         ParameterError: unknown unit.
     """
     check_choice("unit", unit, DEPTH_UNITS)
-    with ImageFile(path) as file:
+    with ImageFile(path, progress) as file:
         values, part = _read(file, channel, window)
     if not part.linear:
         raise ImageFileError(

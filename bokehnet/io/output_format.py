@@ -65,7 +65,7 @@ class OutputFormat:
         color_space: ``"keep"`` for that of the picture's file, or one of ``COLOR_SPACE_NAMES``.
         bits: Of each channel, or the type of floating-point values; None takes those of the picture's file
             where the format has them.
-        quality: Of JPEG, WebP and JPEG XL, 1 to 100.
+        quality: Of JPEG, WebP and JPEG XL, 1 to 100; WebP of 100 is without loss.
         subsampling: Of the colours of a JPEG.
         dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
 

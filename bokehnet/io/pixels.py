@@ -19,6 +19,7 @@ from bokehnet.io.deep_chunks import DeepSamples, read_samples
 from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.intact import check_intact, check_pixel_count
 from bokehnet.io.pfm import PfmInput, is_pfm
+from bokehnet.io.row_blocks import Progress
 from bokehnet.io.window import Window
 
 __all__ = [
@@ -75,6 +76,7 @@ class ImageFile:
 
     Args:
         path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
+        progress: Is told how far its reading is, in rows of a part.
 
     Raises:
         ImageFileError: the file is missing, a folder, empty, damaged, of another format, or has more pixels
@@ -82,8 +84,8 @@ class ImageFile:
         ParameterError: that variable is not a number.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path | str, progress: Progress | None = None) -> None:
+        self.path, self._progress = Path(path), progress
         check_intact(self.path)
         self.headers: ExrHeaders | None = read_headers(self.path) if is_exr(self.path) else None
         self._check_sampling()
@@ -225,6 +227,8 @@ class ImageFile:
         return np.stack([own[name] if name in own else next(light) for name in names], axis=-1)
 
     def _read_rows(self, part: Part, rows: slice, channels: tuple[int, int], kind: str) -> NDArray[Any]:
+        if self._progress is not None:
+            self._progress(rows.start, part.height)
         if part.deep:
             return self._read_flattened(part, rows, part.channels[slice(*channels)])
         spec = self.spec(part)

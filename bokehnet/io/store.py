@@ -22,7 +22,7 @@ from bokehnet.io.output_format import (
     target_space,
 )
 from bokehnet.io.png import compressed_profile, text_chunk
-from bokehnet.io.row_blocks import cut_row_blocks
+from bokehnet.io.row_blocks import Progress, cut_row_blocks
 
 __all__ = ["store_picture"]
 
@@ -31,6 +31,9 @@ _WIDEST_HDR = 32767  # beyond it the run lengths of its rows no longer fit
 _WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: not told which kind it is
 _GREY_TOO = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _CODECS = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp", ".jxl": "jpegxl"}
+
+# Quality from which on WebP codes without loss: otherwise it has its colours at half the resolution.
+_WITHOUT_LOSS = 100
 
 Array = NDArray[Any]
 
@@ -45,6 +48,7 @@ def store_picture(
     bits: Bits | None = None,
     metadata: Metadata | None = None,
     origin: Path | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Write a picture atomically; its arrays and its format are checked already.
 
@@ -57,6 +61,7 @@ def store_picture(
         bits: That it came in.
         metadata: That it came with.
         origin: File that it came in, for messages.
+        progress: Is told how far it is, by several threads.
 
     Raises:
         ImageFileError: The file cannot be written, or cannot hold the picture.
@@ -86,6 +91,8 @@ def store_picture(
         )
     elif extension in _CODECS:
         attributes["compression"] = f"{_CODECS[extension]}:{wanted.quality}"
+        if extension == ".webp" and wanted.quality == _WITHOUT_LOSS:
+            attributes["compression"] = "lossless"
         if _CODECS[extension] == "jpeg":
             attributes["jpeg:subsampling"] = wanted.subsampling
     if extension in (".tif", ".tiff", ".jxl") and profile is not None:
@@ -101,6 +108,7 @@ def store_picture(
         attributes,
         chunks=_png_chunks(target, profile, metadata),
         finish=lambda temporary: add_metadata(temporary, width, height, metadata, profile),
+        progress=progress,
     )
 
 

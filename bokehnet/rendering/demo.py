@@ -1,6 +1,5 @@
 """The scene that comes with the package, traced by ``examples/demo_scene.py``, and its contact sheet."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy.typing as npt
 
 from bokehnet.io.color import srgb_to_linear
 from bokehnet.io.contact_sheet import contact_sheet
+from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.rendering.depth_source import RelativeDisparity
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import Scene, make_scene, read_scene
@@ -62,13 +62,13 @@ def demo_settings(focus: str) -> RenderSettings:
 
 
 def demo_sheet(
-    renderer: BokehRenderer | None = None, progress: Callable[[int, int], None] | None = None
+    renderer: BokehRenderer | None = None, progress: Progress | None = None
 ) -> npt.NDArray[np.float32]:
     """Return one contact sheet of the scene, its disparity and three focus distances, scene-linear.
 
     Args:
         renderer: By default one of the engine "rays".
-        progress: Called with (pictures done, pictures in all).
+        progress: Called with (steps done, steps in all).
 
     Examples:
         >>> demo_sheet(BokehRenderer("scatter")).shape
@@ -79,10 +79,6 @@ def demo_sheet(
     inputs = [("input", scene.image), ("disparity, near is bright", np.repeat(shown[..., None], 3, axis=-1))]
     results = []
     for index, (name, focus) in enumerate(FOCUS.items()):
-        if progress is not None:
-            progress(index, len(FOCUS))
-        rendered = renderer.render(scene, demo_settings(name))
+        rendered = renderer.render(scene, demo_settings(name), part_of(progress, index, len(FOCUS)))
         results.append((f"focus {name} ({focus:.2f})", rendered.bokeh))
-    if progress is not None:
-        progress(len(FOCUS), len(FOCUS))
     return contact_sheet([inputs, results])

@@ -22,12 +22,14 @@ _ROWS = 256  # at a time
 Array = npt.NDArray[np.float32]
 
 
-def odd_blur(depth: DepthMap, disparity: Array, lens: FocusedLens, defocus: Array) -> tuple[str, ...]:
+def odd_blur(
+    depth: DepthMap, ends: tuple[float, float], lens: FocusedLens, defocus: Array
+) -> tuple[str, ...]:
     """Return a line where all is sharp, or nothing and the focus lies beyond the scene; most leave none.
 
     Args:
         depth: The map as it came.
-        disparity: Of each pixel, (H, W).
+        ends: Smallest and largest disparity, before the map was repaired.
         lens: Lens and focus.
         defocus: Blur radius of each pixel, (H, W), pixels.
 
@@ -38,14 +40,14 @@ def odd_blur(depth: DepthMap, disparity: Array, lens: FocusedLens, defocus: Arra
         >>> values = np.full((4, 6), 0.25, np.float32)
         >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
         >>> lens = focus_lens(depth, Window.whole(6, 4), FocusSettings(value=0.75), CameraSettings(blur=8))
-        >>> odd_blur(depth, values, lens, lens.defocus(values))
+        >>> odd_blur(depth, (0.25, 0.25), lens, lens.defocus(values))
         ('nothing is sharp: focus is at 0.75, disparity 0.25 to 0.25, blur radius 4 to 4 pixels',)
     """
     if depth.origin == "input.constant_disparity":
         return ()
     blocks = [np.abs(defocus[first : first + _ROWS]) for first in range(0, len(defocus), _ROWS)]
     least, most = min(float(b.min()) for b in blocks), max(float(b.max()) for b in blocks)
-    low, high = float(disparity.min()), float(disparity.max())
+    low, high = ends
     if depth.kind == "metric" and most < _UNSEEN * math.hypot(*defocus.shape):
         what = "all is sharp"
     elif least > _SEEN and lens.plane is None and (lens.far > high or lens.near < low):

@@ -1,17 +1,14 @@
 """The renderer that people use: a scene and settings in, the picture out; without torch."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
-from bokehnet.classical.base import Place
-from bokehnet.effects import CameraEffects, View
-from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.errors import ParameterError
 from bokehnet.forking import ForkSafeLock
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine, Progress
@@ -19,22 +16,19 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.tone import Highlights
-from bokehnet.rendering import memory
-from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
+from bokehnet.rendering.cancelling import CancelSignal, watched
+from bokehnet.rendering.exposure import Optics, expose, leaning
 from bokehnet.rendering.look import (
     make_aperture,
     make_effects,
-    make_highlights,
     make_lens_response,
-    picture_aberrations,
     prescription_lens,
 )
 from bokehnet.rendering.naming import about
-from bokehnet.rendering.odd_blur import odd_blur
+from bokehnet.rendering.preparation import prepare
 from bokehnet.rendering.result import RenderReport, RenderResult
-from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
+from bokehnet.rendering.scene import FocusedScene, Scene
 from bokehnet.rendering.settings import (
-    RAY_ENGINES,
     ApertureSettings,
     ColorSettings,
     EngineName,
@@ -50,28 +44,6 @@ Made = TypeVar("Made")
 
 # Engines, networks and looks that a renderer keeps.
 _MOST_KEPT = 16
-
-
-class CancelSignal(Protocol):
-    """Says whether to stop, such as a ``threading.Event``.
-
-    Examples:
-        >>> from time import monotonic
-        >>> class Deadline:
-        ...     def __init__(self, seconds):
-        ...         self.end = monotonic() + seconds
-        ...     def is_set(self):
-        ...         return monotonic() >= self.end
-        >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
-        >>> BokehRenderer("scatter").render(picture, defocus, cancel=Deadline(seconds=0))
-        Traceback (most recent call last):
-            ...
-        bokehnet.errors.RenderCancelled: rendering was cancelled
-    """
-
-    def is_set(self) -> bool:
-        """Whether nobody wants the result any more."""
-        ...
 
 
 class BokehRenderer:
@@ -139,7 +111,7 @@ class BokehRenderer:
         self._kept = {}
 
     def warm_up(self, settings: RenderSettings | None = None) -> None:
-        """Load or compile the kernels and run the networks once, before the first picture.
+        """Open the networks, load or compile the kernels and run them once, before the first picture.
 
         Args:
             settings: Of the pictures that come: their engine, opening and lens; default those of the
@@ -150,9 +122,11 @@ class BokehRenderer:
         defocus = np.full((64, 64), -12, np.float32)
         defocus[:, 32:] = 12
         settings = settings or RenderSettings()
+        if settings.depth.repair != "off" and settings.input.defocus is None:
+            self._repairer()
         aperture, lens_response, _ = self._look(settings)
-        engine = self._engine(settings.engine.name or self.engine, settings.engine.weights or self._weights)
-        with about("engine", {"engine": "name"} | _leaning(settings)):
+        engine = self._engine(*self._engine_of(settings))
+        with about("engine", {"engine": "name"} | leaning(settings)):
             engine.render(image, defocus, aperture=aperture, lens_response=lens_response)
 
     def check(self, settings: RenderSettings) -> None:
@@ -165,10 +139,10 @@ class BokehRenderer:
             >>> from bokehnet.rendering.settings import LensSettings
             >>> BokehRenderer().check(RenderSettings(lens=LensSettings(name="petzval", f_number=4)))
         """
-        check_engine(settings, settings.engine.name or self.engine)
+        check_engine(settings, self._engine_of(settings)[0])
         prescription_lens(settings.lens)
         self._look(settings)
-        self._engine(settings.engine.name or self.engine, settings.engine.weights or self._weights)
+        self._engine(*self._engine_of(settings))
 
     @overload
     def render(
@@ -233,13 +207,16 @@ class BokehRenderer:
             LensError: The lens cannot focus there.
             RenderCancelled: ``cancel`` was set.
         """
-        watch = _watched(progress, cancel)
+        watch = watched(progress, cancel)
         if isinstance(image, Scene | FocusedScene):
             settings = RenderSettings() if defocus is None else defocus
             check_kind("settings", settings, RenderSettings)
             if isinstance(image, Scene):
                 image = self.prepare(image, settings, cancel=cancel)
-            return self._expose(image, settings, watch, overwrite)
+            name, weights = self._engine_of(settings)
+            check_engine(settings, name)  # may be others than those of `prepare`
+            engine = self._engine(name, weights)
+            return expose(image, settings, engine, self._look(settings), watch, overwrite)
         return self._render_arrays(image, defocus, watch, overwrite, **options)
 
     def prepare(
@@ -274,99 +251,9 @@ class BokehRenderer:
         """
         settings = RenderSettings() if settings is None else settings
         check_kind("settings", settings, RenderSettings)
-        check_engine(settings, settings.engine.name or self.engine)
-        watch = _watched(progress, cancel)
-        watch(0, 1)
-        values = fitted_map(scene, settings.depth)
-        lens, repaired, reason, notes = None, None, "", scene.notes
-        if scene.depth.kind == "defocus":
-            check_nothing_to_focus(settings)
-        elif settings.depth.repair != "off":
-            repairer = self._keep("repair", lambda: DisparityRepair(threads=self._threads))
-            found = repairer.repair(scene.image, values, settings.depth.repair, watch)
-            values, repaired, reason = found.disparity, found.repaired, found.reason
-        if scene.depth.kind != "defocus":
-            lens = focus_lens(
-                replace(scene.depth, values=values), scene.window, settings.focus, settings.camera
-            )
-            disparity, values = values, lens.defocus(values)
-            notes += odd_blur(scene.depth, disparity, lens, values)
-        return FocusedScene(
-            image=scene.image,
-            defocus=values,
-            alpha=scene.alpha,
-            window=scene.window,
-            number=scene.number,
-            frame=scene.frame,
-            lens=lens,
-            repaired=repaired,
-            repair_reason=reason,
-            notes=notes,
-        )
-
-    def _expose(
-        self, scene: FocusedScene, settings: RenderSettings, report: Progress, overwrite: bool
-    ) -> RenderResult:
-        """Blur, and let the camera take the picture."""
-        look = settings.engine
-        check_engine(settings, look.name or self.engine)  # may be others than those of `prepare`
-        engine = self._engine(look.name or self.engine, look.weights or self._weights)
-        aperture, lens_response, effects = self._look(settings)
-        aberrations = None
-        if scene.lens is not None:
-            aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
-        if aberrations is not None and engine.name in RAY_ENGINES:
-            lens_response = replace(lens_response, aberration_map=lens_response.aberration_map + aberrations)
-        overwrite = overwrite and look.max_memory is not None
-        defocus, image = scene.defocus, scene.image
-        keep = not overwrite or settings.output.save_maps is not None
-        if keep and overwrite:  # the error map is not to take its place
-            defocus = defocus.view()
-            defocus.flags.writeable = False
-        window = scene.window
-        place = Place(window.x, window.y, window.display_width, window.display_height)
-        lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
-        alpha = scene.alpha
-        names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
-        with about("engine", names):
-            if alpha is not None:
-                alpha = _spread_coverage(engine, alpha, defocus, lens, look.max_memory, image.nbytes)
-            taken = memory.PROGRAM + image.nbytes + defocus.nbytes
-            taken += defocus.nbytes if keep and overwrite else 0
-            taken += 0 if overwrite else image.nbytes + defocus.nbytes
-            taken += 0 if scene.alpha is None else 2 * defocus.nbytes
-            rendered = engine.render(
-                image,
-                defocus,
-                report,
-                **lens,
-                gamma=settings.highlights.gamma,
-                highlights=make_highlights(settings.highlights),
-                max_memory=look.max_memory,
-                memory_taken=taken,
-                overwrite=overwrite,
-            )
-        bokeh, alpha = _taken(rendered.bokeh, alpha, effects, scene)
-        found = scene.lens
-        return RenderResult(
-            bokeh=bokeh,
-            alpha=alpha,
-            classical=rendered.classical,
-            neural=rendered.neural,
-            error_map=rendered.error_map,
-            defocus=defocus if keep else None,
-            frame=scene.frame,
-            output=settings.output,
-            report=RenderReport(
-                engine=engine.name,
-                largest_blur=rendered.largest_blur,
-                repaired=scene.repaired,
-                repair_reason=scene.repair_reason,
-                focus_disparity=None if found is None else found.near,
-                focus_distance=None if found is None else found.distance,
-                notes=scene.notes,
-            ),
-        )
+        check_engine(settings, self._engine_of(settings)[0])
+        watch = watched(progress, cancel)
+        return prepare(scene, settings, watch, self._repairer)
 
     def _render_arrays(
         self,
@@ -407,10 +294,10 @@ class BokehRenderer:
             ),
         )
 
-    def _look(self, settings: RenderSettings) -> tuple[Aperture, LensResponse, CameraEffects | None]:
+    def _look(self, settings: RenderSettings) -> Optics:
         """Aperture, lens and effects of the settings, made once."""
 
-        def make() -> tuple[Aperture, LensResponse, CameraEffects | None]:
+        def make() -> Optics:
             aperture, lens, color = settings.aperture, settings.lens, settings.color
             plain = lens == LensSettings() and color == ColorSettings()
             return (
@@ -420,6 +307,13 @@ class BokehRenderer:
             )
 
         return self._keep((settings.aperture, settings.lens, settings.color, settings.effects), make)
+
+    def _engine_of(self, settings: RenderSettings) -> tuple[str, Path | None]:
+        """Name and weights of the engine that the settings ask for."""
+        return settings.engine.name or self.engine, settings.engine.weights or self._weights
+
+    def _repairer(self) -> DisparityRepair:
+        return self._keep("repair", lambda: DisparityRepair(threads=self._threads))
 
     def _engine(self, name: str, weights: Path | None) -> Engine:
         def make() -> Engine:
@@ -441,52 +335,6 @@ class BokehRenderer:
             if len(self._kept) > _MOST_KEPT:
                 del self._kept[next(iter(self._kept))]
             return made
-
-
-def _watched(progress: Progress | None, cancel: CancelSignal | None) -> Progress:
-    """A progress callback that ends the work once it is cancelled."""
-
-    def report(done: int, total: int) -> None:
-        if cancel is not None and cancel.is_set():
-            raise RenderCancelled("rendering was cancelled")
-        if progress is not None:
-            progress(done, total)
-
-    return report
-
-
-def _leaning(settings: RenderSettings) -> dict[str, str]:
-    """What leans the plane of focus, for messages about its tilt."""
-    focus = settings.focus
-    if focus.plane is not None:
-        return {"tilt": "focus.plane"}
-    leaning = next((name for name in ("tilt_x", "tilt_y") if getattr(focus, name)), None)
-    return {} if leaning is None else {"tilt": f"focus.{leaning}"}
-
-
-def _spread_coverage(
-    engine: Engine, alpha: Array, defocus: Array, lens: dict[str, Any], max_memory: int | None, taken: int
-) -> Array:
-    """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
-    grey = np.repeat(alpha[..., None], 3, axis=-1)
-    held = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + taken
-    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_taken=held).bokeh
-    coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
-    return coverage
-
-
-def _taken(
-    bokeh: Array, alpha: Array | None, effects: CameraEffects | None, scene: FocusedScene
-) -> tuple[Array, Array | None]:
-    """Light (H, W, 3), premultiplied where there is alpha, and coverage (H, W) as the camera takes them."""
-    if effects is None:
-        return bokeh, alpha
-    window = scene.window
-    view = View(width=window.display_width, height=window.display_height, left=window.x, top=window.y)
-    picture = bokeh if alpha is None else np.dstack([bokeh, alpha])
-    with about("effects", {"distortion": "brown"}):  # the division model never folds
-        taken = effects.apply(picture, view=view, frame=scene.number)
-    return taken[..., :3], None if alpha is None else taken[..., 3]
 
 
 def _from_disparity(

@@ -10,6 +10,7 @@ from bokehnet.errors import ImageFileError
 from bokehnet.io.color_space import LINEAR_REC709, convert
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
+from bokehnet.io.row_blocks import Progress
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.output import make_output_format
 from bokehnet.rendering.settings import OutputSettings, RenderSettings
@@ -85,11 +86,15 @@ class RenderResult:
     frame: Frame | None = field(default=None, repr=False)
     output: OutputSettings = field(default_factory=OutputSettings)
 
-    def save(self, path: Path | str) -> None:
+    def save(self, path: Path | str, progress: Progress | None = None) -> None:
         """Write the picture as ``output`` says, atomically; the extension picks the format.
 
         In the place of the picture in an EXR file, all else in the file stays; see
         :func:`bokehnet.io.frame.write_frame`.
+
+        Args:
+            path: Where it goes.
+            progress: Called with (steps done, steps in all), by several threads.
 
         Raises:
             ImageFileError: Unknown extension, or the file cannot be written.
@@ -100,7 +105,7 @@ class RenderResult:
             if self.frame is None:
                 write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted))
             else:
-                write_frame(path, self.frame, self.bokeh, self.alpha, wanted)
+                write_frame(path, self.frame, self.bokeh, self.alpha, wanted, progress)
 
     def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
         """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.

@@ -14,6 +14,7 @@ from bokehnet.io.frame import Frame, read_frame
 from bokehnet.io.maps import resize_map
 from bokehnet.io.mixed import repair_mixed, share_of_mixed
 from bokehnet.io.resample import resample
+from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.window import Window
 from bokehnet.rendering.depth_source import DepthMap, DepthSource, Photo, depth_source
 from bokehnet.rendering.focus import FocusedLens, check_focus
@@ -149,6 +150,7 @@ def read_scene(
     *,
     source: DepthSource | None = None,
     number: int = 0,
+    progress: Progress | None = None,
 ) -> Scene:
     """Read a picture and what tells its depth.
 
@@ -157,6 +159,7 @@ def read_scene(
         settings: Say where its depth comes from, and how it is read.
         source: Tells the depth in place of the settings.
         number: Of the frame in its sequence.
+        progress: Called with (steps done, steps in all).
 
     Raises:
         ParameterError: The settings do not fit to what tells the depth; nothing is read then.
@@ -175,8 +178,14 @@ def read_scene(
         check_focus(settings)
         source = depth_source(settings)
     check_memory(path, settings)
-    frame = read_frame(path)
-    photo = Photo(image=frame.image, window=frame.window, camera=frame.camera, path=Path(path))
+    frame = read_frame(path, part_of(progress, 0, 2))
+    photo = Photo(
+        image=frame.image,
+        window=frame.window,
+        camera=frame.camera,
+        path=Path(path),
+        progress=part_of(progress, 1, 2),
+    )
     depth = source.depth_map(photo)
     scene = Scene(
         image=frame.image,

@@ -323,7 +323,9 @@ class OutputSettings(Group):
         None,
         "8, 10, 16, half or float for each channel, as the format can; default: as the picture's file.",
     )
-    quality: int = setting(95, "Of JPEG, WebP and JPEG XL, 1 to 100; default 95.", low=1, high=100)
+    quality: int = setting(
+        95, "Of JPEG, WebP and JPEG XL, 1 to 100; default 95. WebP of 100 is without loss.", low=1, high=100
+    )
     subsampling: SubsamplingName = setting(
         "4:4:4", "Of a JPEG's colours: 4:4:4 (full, the default), 4:2:2 or 4:2:0."
     )

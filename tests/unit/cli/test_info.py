@@ -1,9 +1,12 @@
 import numpy as np
 import pytest
+from PIL import Image
 
 from bokehnet.errors import ImageFileError
+from bokehnet.io.frame import read_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.info import image_info
+from tests.unit.io import profiles
 
 
 def test_info_describes_a_photo(tmp_path, cli):
@@ -52,6 +55,22 @@ def test_info_names_the_colour_space_of_maps_and_exr(tmp_path):
     assert list(image_info(tmp_path / "m.exr").ranges) == ["disparity"]
     found = image_info(tmp_path / "i.exr")
     assert (found.pixel_type, found.color_space, found.ranges, found.parts) == ("half", "linear", {}, 1)
+
+
+def test_info_tells_why_a_profile_is_refused_and_all_else(tmp_path, cli):
+    """A profile that is a table, as printers have them."""
+    table = profiles.profile(b"RGB ", {b"desc": profiles.named("lut"), b"A2B0": b"mft2"})
+    picture = Image.new("RGB", (6, 4), (200, 100, 50))
+    picture.save(tmp_path / "a.jpg", icc_profile=table)
+    with pytest.raises(ImageFileError) as told:
+        read_frame(tmp_path / "a.jpg")
+    found = image_info(tmp_path / "a.jpg")
+    assert (found.width, found.height, found.color_space) == (6, 4, "")
+    assert found.refusal == str(told.value)
+    outcome = cli("info", tmp_path / "a.jpg")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "6 x 4 pixels" in outcome.out
+    assert f"no picture ({str(told.value).removeprefix(str(tmp_path / 'a.jpg') + ': ')})" in outcome.out
 
 
 def test_info_finds_out_a_damaged_file(tmp_path):

@@ -1,4 +1,5 @@
 import numba
+from tqdm import tqdm
 
 from bokehnet.cli.progress import compile_notice, progress, stages
 from bokehnet.precompiled.library import OFF
@@ -20,6 +21,18 @@ def test_compiling_is_told_once(capsys):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == "bokehnet: compiling for this machine, once; it may take a minute\n"
+
+
+def test_a_bar_tells_what_is_compiled_while_that_goes_on(capsys, monkeypatch):
+    monkeypatch.setattr("bokehnet.cli.progress._DELAY", 0.0)
+    kernel, shown = make_kernel(), []
+    with compile_notice(), stages() as begin:
+        begin("rendering")(1, 4)
+        (bar,) = list(tqdm._instances)
+        monkeypatch.setattr(bar, "set_postfix_str", lambda text, refresh: shown.append(text))
+        kernel(1)
+    assert shown[0] == "compiling, functions so far: 1"
+    assert shown[-1] == ""
 
 
 def test_kernels_that_are_there_are_run_in_silence(capsys):

@@ -121,7 +121,7 @@ def test_a_camera_that_blurs_nothing_is_told(folder, cli, write_channels):
     write_channels(folder / "z.exr", Z=np.tile(np.linspace(900, 5000, 64), (40, 1)))
     words = [*CAMERA, "--focus-distance", "2000", "--engine", "scatter", "-o", "out.png"]
     (found,) = notes(cli("render", "photo.png", "--depth", "z.exr", *words))
-    assert found.startswith("all is sharp: focus is at 2000 m, depth 900 to ")
+    assert found.startswith("all is sharp: focus is at 2000 m, depth 900 to 5000 m, ")
 
 
 def test_the_depth_of_an_exr_is_its_own(folder, cli):

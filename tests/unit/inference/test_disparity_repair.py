@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import maximum_filter
 
 from bokehnet.errors import ModelFileError, ParameterError, ShapeError
-from bokehnet.inference import disparity_repair
+from bokehnet.inference import disparity_repair, disparity_tiles
 from bokehnet.inference.disparity_repair import DisparityRepair, misplaced_edge_fraction
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.models.repair import RepairNet, RepairNetConfig
@@ -49,6 +49,7 @@ def test_a_common_shift_is_taken_back_before_the_network_looks(untrained, monkey
     repair = DisparityRepair(untrained[0])
     wanted = {}
     for shift in (0, -2):
+        monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: False)
         monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_, shift=shift: shift)
         wanted[shift] = repair(image, maximum_filter(disparity, 1 - 2 * shift, mode="nearest"))
     assert_allclose(wanted[-2], wanted[0], atol=1e-6)  # opening a disc with a small square leaves it
@@ -59,7 +60,7 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     image, disparity = scene(320, 400)
     repair = DisparityRepair(untrained[0])
     whole = repair(image, disparity)
-    monkeypatch.setattr(disparity_repair, "_TILE", 288)
+    monkeypatch.setattr(disparity_tiles, "TILE", 288 * 288)
     near = np.abs(repair(image, disparity) - whole)
     assert_allclose(near, 0, atol=1e-5)
     assert np.abs(whole - disparity).max() > 0.1

@@ -316,3 +316,17 @@ def test_the_same_picture_gives_the_same_bytes(tmp_path, photo):
 def test_info_names_the_colour_space(tmp_path, photo):
     Image.fromarray(photo).save(tmp_path / "a.png", icc_profile=profiles.KNOWN["p3"])
     assert image_info(tmp_path / "a.png").color_space == "Display P3"
+
+
+def test_webp_of_the_best_quality_is_without_loss(tmp_path, photo):
+    """At any other its colours have half the resolution, which costs more than a unit of CIEDE2000 here."""
+    profile = profiles.KNOWN["p3"]
+    Image.fromarray(photo).save(tmp_path / "a.png", icc_profile=profile)
+    frame = read_frame(tmp_path / "a.png")
+    differences = {}
+    for quality in (95, 100):
+        write_frame(tmp_path / "b.webp", frame, frame.image, wanted=OutputFormat(quality=quality))
+        stored = stored_values(tmp_path / "b.webp")
+        differences[quality] = difference(photo, profile, stored, profile).mean()
+    assert differences[100] == 0
+    assert differences[95] > 1

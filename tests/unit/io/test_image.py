@@ -177,7 +177,7 @@ def test_what_cannot_be_read_back_never_takes_the_name(tmp_path, monkeypatch):
     write_image(tmp_path / "a.tif", np.zeros((4, 4, 3)))
     old = (tmp_path / "a.tif").read_bytes()
 
-    def cut_then_open(path):
+    def cut_then_open(path, progress):
         path.write_bytes(path.read_bytes()[:-20])
         return original(path)
 

@@ -172,11 +172,15 @@ def png_of_all_kinds(folder, rng):
     return _pillow(folder, rng, "png", ["1", "L", "LA", "P", "RGB", "RGBA", "I;16"])
 
 
-def png_animated(folder, rng):
+def _animated(folder, rng, extension):
     height, width = _size(rng)
     frames = [Image.fromarray(_bytes(rng, height, width, 3)) for _ in range(3)]
-    frames[0].save(folder / "a.png", save_all=True, append_images=frames[1:])
-    return folder / "a.png"
+    frames[0].save(folder / f"a.{extension}", save_all=True, append_images=frames[1:])
+    return folder / f"a.{extension}"
+
+
+def png_animated(folder, rng):
+    return _animated(folder, rng, "png")
 
 
 def jpeg_of_all_kinds(folder, rng):
@@ -212,10 +216,7 @@ def webp_of_all_kinds(folder, rng):
 
 
 def webp_animated(folder, rng):
-    height, width = _size(rng)
-    frames = [Image.fromarray(_bytes(rng, height, width, 3)) for _ in range(3)]
-    frames[0].save(folder / "a.webp", save_all=True, append_images=frames[1:])
-    return folder / "a.webp"
+    return _animated(folder, rng, "webp")
 
 
 def hdr(folder, rng):

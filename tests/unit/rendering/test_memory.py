@@ -25,7 +25,7 @@ def test_it_is_refused_before_the_pixels_are_read_and_the_least_is_enough(tmp_pa
     write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
     read = []
     kept = scene_module.read_frame
-    monkeypatch.setattr(scene_module, "read_frame", lambda path: read.append(path) or kept(path))
+    monkeypatch.setattr(scene_module, "read_frame", lambda path, told: read.append(path) or kept(path, told))
     with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as told:
         read_scene("photo.png", bounded(10**8))
     assert not read

@@ -1,0 +1,62 @@
+"""All of a frame but the blur itself: the map repaired, the focus found."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from bokehnet.inference.disparity_repair import DisparityRepair
+from bokehnet.inference.engine import Progress
+from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
+from bokehnet.rendering.odd_blur import odd_blur
+from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
+from bokehnet.rendering.settings import RenderSettings
+
+__all__ = ["prepare"]
+
+
+def prepare(
+    scene: Scene, settings: RenderSettings, report: Progress, repairer: Callable[[], DisparityRepair]
+) -> FocusedScene:
+    """Repair the map of a scene and find its focus; see :meth:`BokehRenderer.prepare`.
+
+    Args:
+        scene: The scene.
+        settings: All that is asked for, checked.
+        report: Is told of the progress of the repair; what it raises ends it.
+        repairer: Gives what repairs, which is opened where it is needed.
+
+    Examples:
+        >>> import numpy as np
+        >>> from bokehnet.rendering.depth_source import RelativeDisparity
+        >>> from bokehnet.rendering.scene import make_scene
+        >>> disparity = np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1))
+        >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=disparity))
+        >>> told = {"camera": {"blur": 8}, "focus": {"value": 1}, "depth": {"repair": "off"}}
+        >>> settings = RenderSettings().updated(told)
+        >>> float(prepare(scene, settings, lambda done, total: None, DisparityRepair).defocus.min())
+        -8.0
+    """
+    report(0, 1)
+    values = fitted_map(scene, settings.depth)
+    ends = float(values.min()), float(values.max())
+    lens, repaired, reason, notes = None, None, "", scene.notes
+    if scene.depth.kind == "defocus":
+        check_nothing_to_focus(settings)
+    elif settings.depth.repair != "off":
+        found = repairer().repair(scene.image, values, settings.depth.repair, report)
+        values, repaired, reason = found.disparity, found.repaired, found.reason
+    if scene.depth.kind != "defocus":
+        lens = focus_lens(replace(scene.depth, values=values), scene.window, settings.focus, settings.camera)
+        values = lens.defocus(values)
+        notes += odd_blur(scene.depth, ends, lens, values)
+    return FocusedScene(
+        image=scene.image,
+        defocus=values,
+        alpha=scene.alpha,
+        window=scene.window,
+        number=scene.number,
+        frame=scene.frame,
+        lens=lens,
+        repaired=repaired,
+        repair_reason=reason,
+        notes=notes,
+    )
