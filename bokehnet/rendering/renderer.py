@@ -18,8 +18,10 @@ from bokehnet.inference.engine import Engine, Progress
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.tone import Highlights
 from bokehnet.rendering import memory
+from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import (
     make_aperture,
@@ -196,6 +198,7 @@ class BokehRenderer:
         highlights: Highlights | None = None,
         max_memory: int | None = None,
         memory_taken: int = 0,
+        pixel_filter: PixelFilter | None = None,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
     ) -> RenderResult: ...
@@ -223,7 +226,7 @@ class BokehRenderer:
                 afterwards; in strips this saves their memory.
             options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
                 in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``max_memory`` and ``memory_taken`` of
+                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory`` and ``memory_taken`` of
                 :meth:`bokehnet.inference.engine.Engine.render`.
 
         Raises:
@@ -278,6 +281,7 @@ class BokehRenderer:
         watch = _watched(progress, cancel)
         watch(0, 1)
         values = fitted_map(scene, settings.depth)
+        mixes = (settings.engine.name or self.engine) in RAY_ENGINES
         lens, repaired, reason, notes = None, None, "", scene.notes
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
@@ -301,6 +305,7 @@ class BokehRenderer:
             lens=lens,
             repaired=repaired,
             repair_reason=reason,
+            pixel_filter=choose_filter(scene, settings.depth.pixel_filter) if mixes else None,
             notes=notes,
         )
 
@@ -325,7 +330,9 @@ class BokehRenderer:
             defocus.flags.writeable = False
         window = scene.window
         place = Place(window.x, window.y, window.display_width, window.display_height)
+        chosen = scene.pixel_filter
         lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
+        lens["pixel_filter"] = None if chosen is None else chosen.pixel_filter
         alpha = scene.alpha
         names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
         with about("engine", names):
@@ -364,6 +371,7 @@ class BokehRenderer:
                 repair_reason=scene.repair_reason,
                 focus_disparity=None if found is None else found.near,
                 focus_distance=None if found is None else found.distance,
+                pixel_filter=chosen if engine.name in RAY_ENGINES else None,
                 notes=scene.notes,
             ),
         )

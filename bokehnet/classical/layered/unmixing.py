@@ -27,11 +27,12 @@ from numba import prange
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["MixedPixels", "unmix"]
 
-# Of a Blackman-Harris filter 3 pixels wide, the part over a pixel itself and over its two neighbours.
-_PIXEL_FILTER = np.array([0.1186, 0.7628, 0.1186])
+# What the pixel filter sees of each of its pixels at the least: neighbours tell the two surfaces apart.
+_LEAST_WEIGHT = 1e-6
 
 # Standard deviation of the share of the nearer side.
 _SHARE_SPREAD = 0.1
@@ -68,16 +69,17 @@ class MixedPixels(NamedTuple):
 
 
 @njit(cache=True)
-def _surfaces(defocus, y, x):  # type: ignore[no-untyped-def]
+def _surfaces(defocus, weights, y, x):  # type: ignore[no-untyped-def]
     """Near and far defocus of a pixel, the share of the nearer, and whether that is its own."""
     height, width = defocus.shape
+    reach = len(weights) // 2
     own = near = far = defocus[y, x]
     before = behind = 0.0
     same = 0.0
-    for i in range(-1, 2):
-        for j in range(-1, 2):
+    for i in range(-reach, reach + 1):
+        for j in range(-reach, reach + 1):
             v, u = min(max(y + i, 0), height - 1), min(max(x + j, 0), width - 1)
-            weight = _PIXEL_FILTER[i + 1] * _PIXEL_FILTER[j + 1]
+            weight = weights[i + reach] * weights[j + reach]
             if defocus[v, u] > own + DISCONTINUITY_THRESHOLD:
                 before += weight
                 near = max(near, defocus[v, u])
@@ -147,11 +149,11 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
 
 
 @njit(cache=True, parallel=True)
-def _unmix(image, defocus, spared, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
+def _unmix(image, defocus, weights, spared, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
     """Fill colours (N, 2, 3) of front and back, and (N, 4): near, far, coverage, whether near is the own."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
-        near, far, share, is_front = _surfaces(defocus, y, x)
+        near, far, share, is_front = _surfaces(defocus, weights, y, x)
         front_variance = _mean(image, defocus, spared, sides, y, x, near, colors[i, 0])
         back_variance = _mean(image, defocus, spared, sides, y, x, far, colors[i, 1])
         least = _LEAST * _LEAST
@@ -166,7 +168,13 @@ def _unmix(image, defocus, spared, sides, places, colors, surfaces):  # type: ig
         )
 
 
-def unmix(image: np.ndarray, defocus: np.ndarray, sides: np.ndarray, spared: np.ndarray) -> MixedPixels:
+def unmix(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    sides: np.ndarray,
+    spared: np.ndarray,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
+) -> MixedPixels:
     """Part the pixels at depth discontinuities into the two surfaces that they mix.
 
     Args:
@@ -174,15 +182,17 @@ def unmix(image: np.ndarray, defocus: np.ndarray, sides: np.ndarray, spared: np.
         defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32, with sharp steps.
         sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`.
         spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (H, W) bool.
+        pixel_filter: Of the picture.
 
     Returns:
         Both surfaces of all pixels of ``sides`` that are not spared. They add up to the picture but for
         rounding, wherever that is not below 0.
     """
     places = np.argwhere((sides != 0) & ~spared)
+    weights = np.maximum(pixel_filter.weights(), _LEAST_WEIGHT)
     colors, surfaces = np.empty((len(places), 2, 3)), np.empty((len(places), 4))
     with parallel_region:
-        _unmix(image, defocus, spared, sides, places, colors, surfaces)
+        _unmix(image, defocus, weights, spared, sides, places, colors, surfaces)
     colors, surfaces = colors.astype(np.float32), surfaces.astype(np.float32)
     return MixedPixels(
         rows=places[:, 0],
