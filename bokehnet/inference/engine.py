@@ -152,8 +152,8 @@ class Engine:
             lens_response: What the lens does beyond focusing; default a perfect lens.
             place: Where the pixels lie in the shown picture, from whose middle the lens counts; default: they
                 are all of it.
-            pixel_filter: Of the picture, by which its pixels at edges mix both sides; default Blackman-Harris of
-                1.5, as of Blender.
+            pixel_filter: Of the picture, by which its pixels at edges mix both sides; default
+                Blackman-Harris of 1.5, as of Blender.
             gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
                 :func:`bokehnet.optics.tone.gamma_curve`.
             highlights: How clipped lights get their brightness back before blurring. The result keeps

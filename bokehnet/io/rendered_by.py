@@ -19,8 +19,8 @@ def renderer_of(attributes: Mapping[str, Value]) -> str | None:
     """Return the renderer that wrote a header: "cycles", "blender", "arnold", or None where none of them did.
 
     None of them tells its pixel filter, so that its usual one is the best guess. Others tell their names too
-    (``vrayInfo/``, ``rs/`` of Redshift, ``husk:`` of Karma), but have filters that are not known here, or several
-    from version to version; RenderMan tells no name.
+    (``vrayInfo/``, ``rs/`` of Redshift, ``husk:`` of Karma), but have filters that are not known here, or
+    several from version to version; RenderMan tells no name.
 
     Args:
         attributes: By name as stored.

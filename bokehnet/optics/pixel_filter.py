@@ -6,13 +6,15 @@ integral of 1. Each is told by a name and by its width as its renderer counts it
 - ``box``: even over ``width`` pixels; 1 is the pixel itself.
 - ``blackman-harris``: the four-term window over twice ``width``; Blender and Cycles, 1.5 by default.
 - ``gaussian``: ``exp(-2 (2 x / width)^2)``, cut off at half of ``width``; Arnold and RenderMan, 2 by default.
-- ``mitchell``: the cubic with B = C = 1/3 over ``width``, which is 4 as published; its outer parts are negative.
+- ``mitchell``: the cubic with B = C = 1/3 over ``width``, which is 4 as published; its outer parts are
+  negative.
 
-Source: Harris, "On the use of windows for harmonic analysis with the discrete Fourier transform", 1978. Cycles,
-``scene/film.cpp`` (``filter_table``: the window is twice as wide as the setting), and Blender's manual, "Film",
-for 1.5 pixels. Pixar, "The RenderMan Interface", version 3.2, ``RiGaussianFilter``, and the RenderMan
-documentation, "Filtering", for 2x2 pixels. Arnold's SDK, filter nodes, for the same Gaussian, and its user guide,
-"Filter", for a width of 2. Mitchell and Netravali, "Reconstruction filters in computer graphics", SIGGRAPH 1988.
+Source: Harris, "On the use of windows for harmonic analysis with the discrete Fourier transform", 1978.
+Cycles, ``scene/film.cpp`` (``filter_table``: the window is twice as wide as the setting), and Blender's
+manual, "Film", for 1.5 pixels. Pixar, "The RenderMan Interface", version 3.2, ``RiGaussianFilter``, and the
+RenderMan documentation, "Filtering", for 2x2 pixels. Arnold's SDK, filter nodes, for the same Gaussian, and
+its user guide, "Filter", for a width of 2. Mitchell and Netravali, "Reconstruction filters in computer
+graphics", SIGGRAPH 1988.
 """
 
 import math
@@ -97,9 +99,9 @@ class PixelFilter:
         return 0.5 + 0.5 * np.sign(t) * half
 
     def weights(self) -> Array:
-        """Integrals over the pixel in the middle and its neighbours, three or, where the outer are 0.01, five.
+        """Integrals over the pixel in the middle and its neighbours; their sum is 1.
 
-        Their sum is 1.
+        They are three, or five where the outermost are 0.01 or more.
         """
         found = np.diff(self.cumulative(np.arange(-_FARTHEST, _FARTHEST + 1)))
         if abs(found[0]) < _LEAST_WEIGHT:

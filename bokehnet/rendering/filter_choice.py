@@ -12,8 +12,8 @@ def choose_filter(scene: Scene, told: str) -> FilterChoice:
 
     Args:
         scene: With its file, where it has one.
-        told: A filter or a renderer, or ``auto``: that of the renderer that wrote the file, else by the edges of
-            the picture.
+        told: A filter or a renderer, or ``auto``: that of the renderer that wrote the file, else by the
+            edges of the picture.
 
     Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity

@@ -154,7 +154,7 @@ class DepthSettings(Group):
         "How pixels at edges mix both sides: auto (default) by the picture's file, else by its edges; "
         f"{', '.join(FILTER_NAMES)}; with a width in pixels, as gaussian:2.",
         metavar="NAME[:WIDTH]",
-        expected=f"auto, or one of {', '.join(FILTER_NAMES)}, with a width in range if need be, as gaussian:2",
+        expected=f"auto, or one of {', '.join(FILTER_NAMES)}, if need be with a width, as gaussian:2",
         accepts=_names_filter,
     )
     repair: Mode = setting(

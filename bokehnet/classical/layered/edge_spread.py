@@ -1,17 +1,18 @@
 """The pixel filter of a picture, estimated from its own sharpest edges.
 
-A straight edge between two even surfaces is drawn as the integral of the pixel filter, the edge-spread function.
-Profiles across clear edges, nine pixels long, are compared with those of Gaussian filters of all widths and
-positions; the best one tells how wide the filter is there. An edge that slants is drawn wider along a row, by the
-cosine of its angle. Shadows and blurred things are wider than the filter, nothing is sharper: the narrower half
-of the edges tells it.
+A straight edge between two even surfaces is drawn as the integral of the pixel filter, the edge-spread
+function. Profiles across clear edges, nine pixels long, are compared with those of Gaussian filters of all
+widths and positions; the best one tells how wide the filter is there. An edge that slants is drawn wider
+along a row, by the cosine of its angle. Shadows and blurred things are wider than the filter, nothing is
+sharper: the narrower half of the edges tells it.
 
 All in linear light. Edges of clipped light are left out, as they look sharper than they are.
 
-Source: ISO 12233, "Photography: electronic still picture imaging: resolution", 2017, for edges as a measure of
-sharpness. Templates in place of derivatives, and the quantile, are ours.
+Source: ISO 12233, "Photography: electronic still picture imaging: resolution", 2017, for edges as a measure
+of sharpness. Templates in place of derivatives, and the quantile, are ours.
 """
 
+import math
 from functools import cache
 
 import numpy as np
@@ -24,15 +25,17 @@ __all__ = ["edge_widths", "estimate_filter"]
 # Half the length of a profile, pixels, and edges that are looked at, at the most.
 _HALF, _MOST = 4, 20000
 
-# An edge is clear where its sides differ by this part of their sum, by this much light, and by so many times what
-# does not fit; it slants by no more than this slope, and shines no brighter than this part of the brightest.
+# An edge is clear where its sides differ by this part of their sum and by this part of the brightest light
+# (of 1 where that is more), where this part of it at most does not fit, and where its slope is no steeper.
+# Pictures that go no higher than 1 may be clipped from here on.
 _CONTRAST, _LEAST_STEP, _FIT, _SLOPE, _CLIPPED = 0.15, 0.02, 0.09, 0.7, 0.97
 
 # Widths of the Gaussians that are tried, and places of the edge in its pixel.
 _WIDTHS = np.geomspace(0.8, 5.0, 36)
 _PLACES = np.linspace(-0.5, 0.5, 17)
 
-# The filter is that of this quantile; so many edges that agree with it, but for this ratio, are believed half.
+# The filter is that of this quantile; so many edges that agree with it, but for this ratio, are believed
+# half.
 _QUANTILE, _HALF_SURE, _ALIKE = 0.3, 50, 1.15
 
 # Fewest edges that are believed at all.
@@ -54,17 +57,19 @@ def _templates() -> Array:
     return templates
 
 
-def _along_rows(light: npt.NDArray[np.float32], brightest: float) -> Array:
-    """Widths of the clear edges that rows cross, (N,), pixels of a Gaussian filter."""
+def _along_rows(light: npt.NDArray[np.float32], least: float, clipped: float) -> Array:
+    """Widths of the clear edges that rows cross, (N,), pixels of a Gaussian filter.
+
+    ``least`` is the smallest step, ``clipped`` the light from which on all may be clipped.
+    """
     height, width = light.shape
     if height < 3 or width < 2 * _HALF + 3:
         return np.empty(0)
-    middle = light[1:-1, _HALF:-_HALF]
     across = light[1:-1, _HALF + 1 : width - _HALF + 1] - light[1:-1, _HALF - 1 : width - _HALF - 1]
     step = light[1:-1, 2 * _HALF :] - light[1:-1, : -2 * _HALF]
     total = light[1:-1, 2 * _HALF :] + light[1:-1, : -2 * _HALF]
-    clear = (np.abs(step) > _CONTRAST * total) & (np.abs(step) > _LEAST_STEP * brightest)
-    clear &= (np.abs(across) > 0.3 * np.abs(step)) & (middle < _CLIPPED * brightest)
+    clear = (np.abs(step) > _CONTRAST * total) & (np.abs(step) > least)
+    clear &= np.abs(across) > 0.3 * np.abs(step)
     rows, columns = np.nonzero(clear)
     if len(rows) > _MOST:
         kept = np.linspace(0, len(rows) - 1, _MOST).astype(int)
@@ -72,6 +77,7 @@ def _along_rows(light: npt.NDArray[np.float32], brightest: float) -> Array:
     rows, columns = rows + 1, columns + _HALF
     offsets = np.arange(-_HALF, _HALF + 1)
     profiles = light[rows[:, None], columns[:, None] + offsets].astype(np.float64)
+    is_clipped = profiles.max(1) >= clipped
     profiles *= np.sign(profiles[:, -1] - profiles[:, 0])[:, None]
     profiles -= profiles.mean(1, keepdims=True)
     length = np.linalg.norm(profiles, axis=1)
@@ -82,7 +88,7 @@ def _along_rows(light: npt.NDArray[np.float32], brightest: float) -> Array:
     right = light[rows, columns + 1] - light[rows, columns - 1]
     slope = np.abs(down / np.where(right == 0, 1, right))
     kept = (np.sqrt(np.maximum(1 - likeness.max(1) ** 2, 0)) < _FIT) & (slope < _SLOPE)
-    kept &= (np.abs(place) < 0.5) & (light[rows[:, None], columns[:, None] + offsets].max(1) < _CLIPPED * brightest)
+    kept &= (np.abs(place) < 0.5) & ~is_clipped
     return np.asarray(_WIDTHS[best // len(_PLACES)] / np.hypot(1, slope))[kept]
 
 
@@ -93,22 +99,24 @@ def edge_widths(image: npt.NDArray[np.floating]) -> Array:
         image: Scene-linear, (H, W, 3).
     """
     light = np.asarray(image, np.float32).mean(axis=2)
-    brightest = float(np.quantile(light[:: max(1, len(light) // 500)], 0.999)) if light.size else 0.0
-    return np.concatenate([_along_rows(light, brightest), _along_rows(light.T, brightest)])
+    brightest = float(np.quantile(light[:: max(1, len(light) // 500)], 0.999))
+    clipped = _CLIPPED if image.max() <= 1 + 1e-4 else math.inf
+    least = _LEAST_STEP * min(brightest, 1.0)
+    return np.concatenate([_along_rows(light, least, clipped), _along_rows(light.T, least, clipped)])
 
 
 def estimate_filter(image: npt.NDArray[np.floating]) -> FilterChoice:
-    """Estimate the pixel filter of a picture as a Gaussian; the default where it has fewer than 20 clear edges.
+    """Estimate the pixel filter of a picture as a Gaussian; the default where fewer than 20 edges are clear.
 
-    With n edges that agree with each other the estimate counts n / (n + 50), its confidence, and the default the
-    rest.
+    With n edges that agree with each other the estimate counts n / (n + 50), its confidence, and the default
+    the rest.
 
     Args:
         image: Scene-linear, (H, W, 3).
 
     Examples:
-        >>> ramp = np.repeat(PixelFilter("gaussian", 2.4).cumulative(np.arange(40.0) - 20), 3)
-        >>> estimate_filter(np.broadcast_to(ramp.reshape(1, 40, 3), (400, 40, 3)) + 0.1).pixel_filter.width
+        >>> edge = 0.1 + 0.8 * PixelFilter("gaussian", 2.4).cumulative(np.arange(40.0) - 20)
+        >>> estimate_filter(np.broadcast_to(edge[:, None], (400, 40, 3))).pixel_filter.width
         2.3...
     """
     widths = edge_widths(image)

@@ -2,16 +2,7 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.layered.depth_discontinuities import discontinuity_sides
-from bokehnet.classical.layered.unmixing import (
-    _LEAST,
-    _LEAST_WEIGHT,
-    _MIXED,
-    _RELATIVE,
-    _SHARE_SPREAD,
-    _SQUARE,
-    _WINDOW,
-    unmix,
-)
+from bokehnet.classical.layered.unmixing import LEAST_WEIGHT, PRIOR, unmix
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, parse_pixel_filter
 
 FILTERS = ["blackman-harris", "box", "gaussian", "gaussian:3.6", "mitchell"]
@@ -20,7 +11,8 @@ NOTHING_SPARED = np.zeros((20, 24), bool)
 
 def seen(labels, pixel_filter=DEFAULT_FILTER):
     """What the filter sees of labels (H, W), over the squares of neighbours with their weights, (H, W)."""
-    weights = np.maximum(pixel_filter.weights(), _LEAST_WEIGHT)
+    weights = np.maximum(pixel_filter.weights(), LEAST_WEIGHT)
+    weights /= weights.sum()
     reach = len(weights) // 2
     height, width = labels.shape
     label = np.pad(labels.astype(float), reach, "edge")
@@ -49,10 +41,12 @@ def literal(image, defocus, sides, y, x, pixel_filter):
 
     def mean(depth):
         total, colors, squares = 0.0, np.zeros(3), 0.0
-        for v in range(max(0, y - _WINDOW), min(20, y + _WINDOW + 1)):
-            for u in range(max(0, x - _WINDOW), min(24, x + _WINDOW + 1)):
+        for v in range(max(0, y - PRIOR.window), min(20, y + PRIOR.window + 1)):
+            for u in range(max(0, x - PRIOR.window), min(24, x + PRIOR.window + 1)):
                 if defocus[v, u] == depth:
-                    weight = np.exp(-((v - y) ** 2 + (u - x) ** 2) / _SQUARE) * (_MIXED if sides[v, u] else 1)
+                    weight = np.exp(-((v - y) ** 2 + (u - x) ** 2) / PRIOR.square) * (
+                        PRIOR.mixed if sides[v, u] else 1
+                    )
                     color = image[v, u].astype(float)
                     total, colors = total + weight, colors + weight * color
                     squares += weight * (color @ color)
@@ -60,9 +54,9 @@ def literal(image, defocus, sides, y, x, pixel_filter):
         return colors, (squares / total - colors @ colors) / 3
 
     (front, front_variance), (back, back_variance) = mean(depths[True]), mean(depths[False])
-    least = _LEAST**2 + _RELATIVE**2 * (front @ front + back @ back) / 3
+    least = PRIOR.least**2 + PRIOR.relative**2 * (front @ front + back @ back) / 3
     share = float(seen(defocus == depths[True], pixel_filter)[y, x])
-    prior = np.diag([_SHARE_SPREAD**2] + 3 * [front_variance + least] + 3 * [back_variance + least])
+    prior = np.diag([PRIOR.share_spread**2] + 3 * [front_variance + least] + 3 * [back_variance + least])
     row = np.hstack([(front - back)[:, None], share * np.eye(3), (1 - share) * np.eye(3)])
     error = image[y, x] - share * front - (1 - share) * back
     moved = prior @ row.T @ np.linalg.solve(row @ prior @ row.T, error)
@@ -81,11 +75,16 @@ def test_pixels_are_parted_as_the_least_squares_say(name):
     sides = discontinuity_sides(defocus, len(pixel_filter.weights()) // 2)
     found = unmix(image, defocus, sides, NOTHING_SPARED, pixel_filter)
     assert len(found.rows) == np.count_nonzero(sides) > 30
+    compared = 0
     for i, (y, x) in enumerate(zip(found.rows, found.columns, strict=True)):
         share, front, back = literal(image, defocus, sides, y, x, pixel_filter)
         assert found.coverage[i] == pytest.approx(share, abs=1e-5)
+        if min(front.min(), back.min()) < 0:  # which the kernel does not leave as it is
+            continue
+        compared += 1
         np.testing.assert_allclose(found.front[i], front, atol=1e-5)
         np.testing.assert_allclose(found.back[i], back, atol=1e-5)
+    assert compared > 0.7 * len(found.rows)
 
 
 @pytest.mark.parametrize("lowest", [0.0, -0.2])
