@@ -11,6 +11,7 @@ import numpy as np
 from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = [
     "ALIGNED",
@@ -147,6 +148,7 @@ class ClassicalRenderer(Protocol):
         lens_response: LensResponse | None = None,
         place: Place | None = None,
         progress: Callable[[float], None] | None = None,
+        pixel_filter: PixelFilter = DEFAULT_FILTER,
     ) -> ClassicalResult:
         """Render.
 
@@ -160,6 +162,7 @@ class ClassicalRenderer(Protocol):
             place: Where the whole picture, of which a strip may be a part, lies in the shown one; default:
                 all of it is shown.
             progress: Called with the share of the work that is done, 0 to 1.
+            pixel_filter: Of the picture, by which its pixels at edges mix both sides.
         """
         ...
 

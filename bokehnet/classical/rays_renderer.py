@@ -24,6 +24,7 @@ from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import halton, rotate_points, sobol
 
 __all__ = ["rays", "render_rays"]
@@ -72,6 +73,7 @@ def rays(
     lens_response: LensResponse | None = None,
     seed: int = 0,
     layers: Layers | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
 ) -> npt.NDArray[np.float32]:
     """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
@@ -90,6 +92,7 @@ def rays(
         seed: Of the noise; two seeds differ by noise alone.
         layers: True layers, from a renderer that can see behind things. Default: made from the picture
             (:func:`bokehnet.classical.layered.layers.split_layers`).
+        pixel_filter: Of the picture, by which its pixels at edges mix both sides.
 
     Returns:
         Picture (H, W, 3) float32.
@@ -102,7 +105,8 @@ def rays(
         Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
-    return _render(image, defocus, aperture or Aperture(), lens_response, seed, layers).bokeh
+    look = (aperture or Aperture(), lens_response, seed, layers)
+    return _render(image, defocus, *look, pixel_filter=pixel_filter).bokeh
 
 
 _fuse = njit()(fuse)
@@ -176,6 +180,7 @@ def _render(
     strip: Strip | None = None,
     place: Place | None = None,
     progress: Callable[[float], None] | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
@@ -209,7 +214,7 @@ def _render(
             disocclusion_weight=np.zeros_like(error_map),
         )
     faintest = 0.0 if lens is None else _FAINTEST
-    stack = layers or split_layers(image, defocus, ray_reach)
+    stack = layers or split_layers(image, defocus, ray_reach, pixel_filter)
     rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     tell(1, 1)
     colors, cells = rest.colors, layer_cells(rest)
@@ -261,8 +266,16 @@ def render_rays(
     lens_response: LensResponse | None = None,
     place: Place | None = None,
     progress: Callable[[float], None] | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
 ) -> ClassicalResult:
     """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
     return _render(
-        image, defocus, aperture or Aperture(), lens_response, strip=strip, place=place, progress=progress
+        image,
+        defocus,
+        aperture or Aperture(),
+        lens_response,
+        strip=strip,
+        place=place,
+        progress=progress,
+        pixel_filter=pixel_filter,
     )

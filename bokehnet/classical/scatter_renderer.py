@@ -18,6 +18,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["render_scatter", "scatter"]
 
@@ -97,8 +98,11 @@ def render_scatter(
     lens_response: LensResponse | None = None,
     place: Place | None = None,
     progress: Callable[[float], None] | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
+
+    It parts no pixels, so that the pixel filter is of no use to it.
 
     Of what a lens does beyond focusing it knows the tilt of the focus plane alone, and of that only what the
     defocus says: its discs stay round.

@@ -41,8 +41,10 @@ class FrameSummary:
         return f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
 
     def steps(self) -> str:
-        """Tell in one line what each step took."""
-        return ", ".join(f"{step} {seconds:.2f} s" for step, seconds in self.seconds.items())
+        """Tell in one line what each step took, and by which filter pixels were parted."""
+        steps = ", ".join(f"{step} {seconds:.2f} s" for step, seconds in self.seconds.items())
+        chosen = self.report.pixel_filter
+        return steps if chosen is None else f"{steps}, pixel filter {chosen}"
 
     def table(self) -> dict[str, Any]:
         """Tell it to a program; what was not found is null."""
@@ -57,6 +59,9 @@ class FrameSummary:
             "largest_blur_px": report.largest_blur,
             "repaired": report.repaired,
             "repair_reason": report.repair_reason,
+            "pixel_filter": report.pixel_filter and str(report.pixel_filter.pixel_filter),
+            "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
+            "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
             "notes": [in_options(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }

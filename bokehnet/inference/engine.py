@@ -27,6 +27,7 @@ from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.io.row_blocks import Progress, in_row_blocks
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
 __all__ = ["CLASSICAL_HALVES", "ENGINES", "Engine", "EngineResult", "Progress"]
@@ -80,11 +81,12 @@ def _ignore(done: int, total: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lens:
-    """What one picture is rendered through."""
+    """What one picture was taken with and is rendered through."""
 
     aperture: Aperture
     lens_response: LensResponse
     place: Place
+    pixel_filter: PixelFilter
 
 
 class Engine:
@@ -130,6 +132,7 @@ class Engine:
         aperture: Aperture | None = None,
         lens_response: LensResponse | None = None,
         place: Place | None = None,
+        pixel_filter: PixelFilter | None = None,
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
@@ -147,6 +150,8 @@ class Engine:
             lens_response: What the lens does beyond focusing; default a perfect lens.
             place: Where the pixels lie in the shown picture, from whose middle the lens counts; default: they
                 are all of it.
+            pixel_filter: Of the picture, by which its pixels at edges mix both sides; default
+                Blackman-Harris of 1.5, as of Blender.
             gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
                 :func:`bokehnet.optics.tone.gamma_curve`.
             highlights: How clipped lights get their brightness back before blurring. The result keeps
@@ -166,8 +171,11 @@ class Engine:
         check_kind("aperture", aperture, Aperture, optional=True)
         check_kind("lens_response", lens_response, LensResponse, optional=True)
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
+        check_kind("pixel_filter", pixel_filter, PixelFilter, optional=True)
         place = place or Place.whole(*defocus.shape)
-        lens = _Lens(aperture or Aperture(), lens_response or LensResponse(), place)
+        lens = _Lens(
+            aperture or Aperture(), lens_response or LensResponse(), place, pixel_filter or DEFAULT_FILTER
+        )
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
@@ -313,7 +321,15 @@ class Engine:
         strip: Strip | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:
-        how = (defocus, lens.aperture, strip, lens.lens_response, lens.place, progress)
+        how = (
+            defocus,
+            lens.aperture,
+            strip,
+            lens.lens_response,
+            lens.place,
+            progress,
+            lens.pixel_filter,
+        )
         if curve is None:
             return self._classical(image, *how)
         result = self._classical(curve.encode(image), *how)

@@ -22,6 +22,7 @@ from bokehnet.io.metadata import Metadata, read_metadata
 from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.rendered_by import renderer_of
 from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.store import store_picture
 from bokehnet.io.window import Window
@@ -53,6 +54,7 @@ class Frame:
         space: Colour space that the values of the file have.
         bits: Of its channels; None where a result need not have as many.
         metadata: Its EXIF and XMP, and what of the file a result will not have.
+        renderer: What wrote the file, as :func:`bokehnet.io.rendered_by.renderer_of` knows it, or None.
         path: The file; None for arrays.
         choices: What was chosen where the file holds several pictures, a line each.
     """
@@ -64,6 +66,7 @@ class Frame:
     space: ColorSpace = LINEAR_REC709
     bits: Bits | None = None
     metadata: Metadata = field(default_factory=Metadata, repr=False)
+    renderer: str | None = None
     path: Path | None = None
     choices: tuple[str, ...] = ()
     _origin: _Origin | None = field(default=None, repr=False)
@@ -131,6 +134,7 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
             alpha=alpha,
             camera=camera_from_exr(attributes),
             window=picture.part.window,
+            renderer=renderer_of(attributes),
             path=file.path,
             choices=choices(file, picture),
             _origin=None if picture.part.deep else origin,  # blur has no deep samples to put there

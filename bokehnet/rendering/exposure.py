@@ -71,7 +71,9 @@ def expose(
         defocus.flags.writeable = False
     window = scene.window
     place = Place(window.x, window.y, window.display_width, window.display_height)
+    chosen = scene.pixel_filter
     lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
+    lens["pixel_filter"] = None if chosen is None else chosen.pixel_filter
     alpha = scene.alpha
     names = {"gamma": "highlights.gamma", "engine": "name"} | leaning(settings)
     with about("engine", names):
@@ -110,6 +112,7 @@ def expose(
             repair_reason=scene.repair_reason,
             focus_disparity=None if found is None else found.near,
             focus_distance=None if found is None else found.distance,
+            pixel_filter=chosen if engine.name in RAY_ENGINES else None,
             notes=scene.notes,
         ),
     )

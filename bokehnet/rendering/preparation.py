@@ -5,22 +5,28 @@ from dataclasses import replace
 
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Progress
+from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.odd_blur import odd_blur
 from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.settings import RAY_ENGINES, RenderSettings
 
 __all__ = ["prepare"]
 
 
 def prepare(
-    scene: Scene, settings: RenderSettings, report: Progress, repairer: Callable[[], DisparityRepair]
+    scene: Scene,
+    settings: RenderSettings,
+    engine: str,
+    report: Progress,
+    repairer: Callable[[], DisparityRepair],
 ) -> FocusedScene:
     """Repair the map of a scene and find its focus; see :meth:`BokehRenderer.prepare`.
 
     Args:
         scene: The scene.
         settings: All that is asked for, checked.
+        engine: Name of the one that will render.
         report: Is told of the progress of the repair; what it raises ends it.
         repairer: Gives what repairs, which is opened where it is needed.
 
@@ -32,7 +38,7 @@ def prepare(
         >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=disparity))
         >>> told = {"camera": {"blur": 8}, "focus": {"value": 1}, "depth": {"repair": "off"}}
         >>> settings = RenderSettings().updated(told)
-        >>> float(prepare(scene, settings, lambda done, total: None, DisparityRepair).defocus.min())
+        >>> float(prepare(scene, settings, "rays", lambda done, total: None, DisparityRepair).defocus.min())
         -8.0
     """
     report(0, 1)
@@ -58,5 +64,6 @@ def prepare(
         lens=lens,
         repaired=repaired,
         repair_reason=reason,
+        pixel_filter=choose_filter(scene, settings.depth.pixel_filter) if engine in RAY_ENGINES else None,
         notes=notes,
     )

@@ -15,6 +15,7 @@ from bokehnet.inference.engine import Engine, Progress
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.tone import Highlights
 from bokehnet.rendering.cancelling import CancelSignal, watched
 from bokehnet.rendering.exposure import Optics, expose, leaning
@@ -170,6 +171,7 @@ class BokehRenderer:
         highlights: Highlights | None = None,
         max_memory: int | None = None,
         memory_taken: int = 0,
+        pixel_filter: PixelFilter | None = None,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
     ) -> RenderResult: ...
@@ -197,7 +199,7 @@ class BokehRenderer:
                 afterwards; in strips this saves their memory.
             options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
                 in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``max_memory`` and ``memory_taken`` of
+                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory`` and ``memory_taken`` of
                 :meth:`bokehnet.inference.engine.Engine.render`.
 
         Raises:
@@ -251,9 +253,9 @@ class BokehRenderer:
         """
         settings = RenderSettings() if settings is None else settings
         check_kind("settings", settings, RenderSettings)
-        check_engine(settings, self._engine_of(settings)[0])
-        watch = watched(progress, cancel)
-        return prepare(scene, settings, watch, self._repairer)
+        engine, _ = self._engine_of(settings)
+        check_engine(settings, engine)
+        return prepare(scene, settings, engine, watched(progress, cancel), self._repairer)
 
     def _render_arrays(
         self,

@@ -11,6 +11,7 @@ from bokehnet.io.color_space import LINEAR_REC709, convert
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.row_blocks import Progress
+from bokehnet.optics.pixel_filter import FilterChoice
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.output import make_output_format
 from bokehnet.rendering.settings import OutputSettings, RenderSettings
@@ -33,6 +34,7 @@ class RenderReport:
         focus_disparity: What stays sharp, in the unit of the map, the near end of a range; None where defocus
             was given.
         focus_distance: The same in metres; None where distances are not known.
+        pixel_filter: By which pixels at edges were taken to mix both sides; None where none was parted.
         notes: What was chosen, or looks odd, a line each.
 
     Examples:
@@ -47,6 +49,7 @@ class RenderReport:
     repair_reason: str = ""
     focus_disparity: float | None = None
     focus_distance: float | None = None
+    pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
 
 

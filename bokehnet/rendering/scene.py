@@ -16,6 +16,7 @@ from bokehnet.io.mixed import repair_mixed, share_of_mixed
 from bokehnet.io.resample import resample
 from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.window import Window
+from bokehnet.optics.pixel_filter import FilterChoice
 from bokehnet.rendering.depth_source import DepthMap, DepthSource, Photo, depth_source
 from bokehnet.rendering.focus import FocusedLens, check_focus
 from bokehnet.rendering.memory import check_memory
@@ -75,6 +76,7 @@ class FocusedScene:
         lens: The lens and its focus; None where defocus was given.
         repaired: Whether edges of the map were moved; None where nobody looked.
         repair_reason: Why.
+        pixel_filter: By which pixels at edges mix both sides; None where the engine parts none.
         notes: As in the scene, and what is odd about the blur.
 
     Examples:
@@ -96,6 +98,7 @@ class FocusedScene:
     lens: FocusedLens | None
     repaired: bool | None = None
     repair_reason: str = ""
+    pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
 
 

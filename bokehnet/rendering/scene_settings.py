@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from bokehnet.errors import ParameterError
+from bokehnet.optics.pixel_filter import FILTER_NAMES, parse_pixel_filter
 from bokehnet.rendering.setting import Group, check_needed, parse_numbers, setting
 
 __all__ = [
@@ -30,6 +31,14 @@ SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
 _SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 _BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+
+
+def _names_filter(text: str) -> bool:
+    """Whether it is a pixel filter, or ``auto``."""
+    try:
+        return text == "auto" or bool(parse_pixel_filter(text))
+    except ParameterError:
+        return False
 
 
 def _pixel(text: str) -> tuple[int, ...]:
@@ -139,6 +148,14 @@ class DepthSettings(Group):
         "auto",
         "Mend values between two surfaces at edges; auto: in --depth, where there are many.",
         flag="mixed-depth",
+    )
+    pixel_filter: str = setting(
+        "auto",
+        "How pixels at edges mix both sides: auto (default) by the picture's file, else by its edges; "
+        f"{', '.join(FILTER_NAMES)}; with a width in pixels, as gaussian:2.",
+        metavar="NAME[:WIDTH]",
+        expected=f"auto, or one of {', '.join(FILTER_NAMES)}, if need be with a width, as gaussian:2",
+        accepts=_names_filter,
     )
     repair: Mode = setting(
         "auto",

@@ -23,23 +23,23 @@ _SUPPORT, _SAME = 2, 0.25
 
 
 @njit(cache=True)
-def _span(values, y, x):  # type: ignore[no-untyped-def]
-    """Lowest and highest value in the 3x3 window."""
+def _span(values, y, x, reach):  # type: ignore[no-untyped-def]
+    """Lowest and highest value among the neighbours up to so many pixels away."""
     low = high = values[y, x]
-    for v in range(max(0, y - 1), min(values.shape[0], y + 2)):
-        for u in range(max(0, x - 1), min(values.shape[1], x + 2)):
+    for v in range(max(0, y - reach), min(values.shape[0], y + reach + 1)):
+        for u in range(max(0, x - reach), min(values.shape[1], x + reach + 1)):
             low = min(low, values[v, u])
             high = max(high, values[v, u])
     return low, high
 
 
 @njit(cache=True, parallel=True)
-def _discontinuity_sides(defocus):  # type: ignore[no-untyped-def]
+def _discontinuity_sides(defocus, reach):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     sides = np.zeros((height, width), np.int8)
     for y in prange(height):
         for x in range(width):
-            low, high = _span(defocus, y, x)
+            low, high = _span(defocus, y, x, reach)
             if low < defocus[y, x] - DISCONTINUITY_THRESHOLD:
                 sides[y, x] |= FRONT
             if high > defocus[y, x] + DISCONTINUITY_THRESHOLD:
@@ -47,10 +47,15 @@ def _discontinuity_sides(defocus):  # type: ignore[no-untyped-def]
     return sides
 
 
-def discontinuity_sides(defocus: np.ndarray) -> np.ndarray:
-    """Bits ``FRONT`` and ``BACK`` of every pixel, 0 away from depth discontinuities, (H, W) int8."""
+def discontinuity_sides(defocus: np.ndarray, reach: int = 1) -> np.ndarray:
+    """Bits ``FRONT`` and ``BACK`` of every pixel, (H, W) int8.
+
+    Args:
+        defocus: (H, W), float32.
+        reach: Pixels from a depth discontinuity, along rows and columns, beyond which all are 0.
+    """
     with parallel_region:
-        sides: np.ndarray = _discontinuity_sides(defocus)
+        sides: np.ndarray = _discontinuity_sides(defocus, reach)
     return sides
 
 
@@ -100,7 +105,7 @@ def _sharpen(defocus, places):  # type: ignore[no-untyped-def]
     for _ in range(_WIDEST_RAMP // 2):
         for i in range(len(places)):
             y, x = places[i]
-            new_lows[i], new_highs[i] = _span(lows, y, x)[0], _span(highs, y, x)[1]
+            new_lows[i], new_highs[i] = _span(lows, y, x, 1)[0], _span(highs, y, x, 1)[1]
         for i in range(len(places)):
             y, x = places[i]
             lows[y, x], highs[y, x] = new_lows[i], new_highs[i]

@@ -20,6 +20,7 @@ from bokehnet.classical.layered.unmixing import unmix
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.kernels import njit
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["Layers", "split_layers"]
 
@@ -119,6 +120,7 @@ def split_layers(
     image: npt.NDArray[np.floating[Any]],
     defocus: npt.NDArray[np.floating[Any]],
     max_coc_radius: int | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
 ) -> Layers:
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
@@ -132,6 +134,7 @@ def split_layers(
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         max_coc_radius: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
+        pixel_filter: Of the picture.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -141,9 +144,9 @@ def split_layers(
         np.asarray(image, np.float32),
         sharpen_discontinuities(np.ascontiguousarray(defocus, np.float32)),
     )
-    sides = discontinuity_sides(sharp)
+    sides = discontinuity_sides(sharp, len(pixel_filter.weights()) // 2)
     reach = math.ceil(float(np.abs(sharp).max())) if max_coc_radius is None else max_coc_radius
-    mixed = unmix(image, sharp, sides, brightest(image) > light_limit(image, reach))
+    mixed = unmix(image, sharp, sides, brightest(image) > light_limit(image, reach), pixel_filter)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)

@@ -27,20 +27,38 @@ from numba import prange
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["MixedPixels", "unmix"]
+__all__ = ["LEAST_WEIGHT", "PRIOR", "TIE", "MixedPixels", "unmix"]
 
-# Of a Blackman-Harris filter 3 pixels wide, the part over a pixel itself and over its two neighbours.
-_PIXEL_FILTER = np.array([0.1186, 0.7628, 0.1186])
+# What the pixel filter sees of each of its pixels at the least: neighbours tell the two surfaces apart.
+LEAST_WEIGHT = 1e-3
 
-# Standard deviation of the share of the nearer side.
-_SHARE_SPREAD = 0.1
+# Sums that differ by no more are the same but for rounding: then what is before a pixel counts.
+TIE = 1e-9
 
-# Half the width of the window, squared deviation of the weights and weight of mixed pixels, for the colours.
-_WINDOW, _SQUARE, _MIXED = 3, 4.0, 0.35
 
-# Colours vary by at least this part of themselves, and by this much.
-_RELATIVE, _LEAST = 0.02, 1e-4
+class _Prior(NamedTuple):
+    """What is assumed before the picture is looked at.
+
+    Attributes:
+        share_spread: Standard deviation of the share of the nearer side.
+        window: Half the width of the window for the colours, pixels.
+        square: Squared deviation of its weights.
+        mixed: Weight of mixed pixels there.
+        relative: Colours vary by at least this part of themselves,
+        least: and by this much.
+    """
+
+    share_spread: float
+    window: int
+    square: float
+    mixed: float
+    relative: float
+    least: float
+
+
+PRIOR = _Prior(share_spread=0.1, window=3, square=4.0, mixed=0.35, relative=0.02, least=1e-4)
 
 
 class MixedPixels(NamedTuple):
@@ -68,16 +86,17 @@ class MixedPixels(NamedTuple):
 
 
 @njit(cache=True)
-def _surfaces(defocus, y, x):  # type: ignore[no-untyped-def]
+def _surfaces(defocus, weights, y, x):  # type: ignore[no-untyped-def]
     """Near and far defocus of a pixel, the share of the nearer, and whether that is its own."""
     height, width = defocus.shape
+    reach = len(weights) // 2
     own = near = far = defocus[y, x]
     before = behind = 0.0
     same = 0.0
-    for i in range(-1, 2):
-        for j in range(-1, 2):
+    for i in range(-reach, reach + 1):
+        for j in range(-reach, reach + 1):
             v, u = min(max(y + i, 0), height - 1), min(max(x + j, 0), width - 1)
-            weight = _PIXEL_FILTER[i + 1] * _PIXEL_FILTER[j + 1]
+            weight = weights[i + reach] * weights[j + reach]
             if defocus[v, u] > own + DISCONTINUITY_THRESHOLD:
                 before += weight
                 near = max(near, defocus[v, u])
@@ -86,7 +105,7 @@ def _surfaces(defocus, y, x):  # type: ignore[no-untyped-def]
                 far = min(far, defocus[v, u])
             else:
                 same += weight
-    if before >= behind:
+    if before >= behind - TIE:
         return near, own, before / (before + same), False
     return own, far, same / (behind + same), True
 
@@ -97,13 +116,13 @@ def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no
     height, width = defocus.shape
     total = square = 0.0
     color[:] = 0.0
-    for v in range(max(0, y - _WINDOW), min(height, y + _WINDOW + 1)):
-        for u in range(max(0, x - _WINDOW), min(width, x + _WINDOW + 1)):
+    for v in range(max(0, y - PRIOR.window), min(height, y + PRIOR.window + 1)):
+        for u in range(max(0, x - PRIOR.window), min(width, x + PRIOR.window + 1)):
             if spared[v, u] or abs(defocus[v, u] - depth) > DISCONTINUITY_THRESHOLD:
                 continue
-            weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / _SQUARE)
+            weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.square)
             if sides[v, u] != 0:
-                weight *= _MIXED
+                weight *= PRIOR.mixed
             total += weight
             for c in range(3):
                 color[c] += weight * image[v, u, c]
@@ -119,7 +138,7 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
     """Move the means ``front`` and ``back`` to the most probable colours; return the share."""
     own, other = share * front_variance, (1.0 - share) * back_variance
     spread = share * own + (1.0 - share) * other
-    shift = _SHARE_SPREAD * _SHARE_SPREAD
+    shift = PRIOR.share_spread * PRIOR.share_spread
     along = across = 0.0
     for c in range(3):
         across += (front[c] - back[c]) ** 2
@@ -147,26 +166,32 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
 
 
 @njit(cache=True, parallel=True)
-def _unmix(image, defocus, spared, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
+def _unmix(image, defocus, weights, spared, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
     """Fill colours (N, 2, 3) of front and back, and (N, 4): near, far, coverage, whether near is the own."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
-        near, far, share, is_front = _surfaces(defocus, y, x)
+        near, far, share, is_front = _surfaces(defocus, weights, y, x)
         front_variance = _mean(image, defocus, spared, sides, y, x, near, colors[i, 0])
         back_variance = _mean(image, defocus, spared, sides, y, x, far, colors[i, 1])
-        least = _LEAST * _LEAST
+        least = PRIOR.least * PRIOR.least
         if front_variance < 0.0 or back_variance < 0.0:  # nothing tells the two apart
             colors[i, 0], colors[i, 1] = image[y, x], image[y, x]
             front_variance = back_variance = 1.0
         for c in range(3):
-            least += _RELATIVE * _RELATIVE * (colors[i, 0, c] ** 2 + colors[i, 1, c] ** 2) / 3.0
+            least += PRIOR.relative * PRIOR.relative * (colors[i, 0, c] ** 2 + colors[i, 1, c] ** 2) / 3.0
         surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
         surfaces[i, 2] = _part(
             image[y, x], colors[i, 0], colors[i, 1], share, front_variance + least, back_variance + least
         )
 
 
-def unmix(image: np.ndarray, defocus: np.ndarray, sides: np.ndarray, spared: np.ndarray) -> MixedPixels:
+def unmix(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    sides: np.ndarray,
+    spared: np.ndarray,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
+) -> MixedPixels:
     """Part the pixels at depth discontinuities into the two surfaces that they mix.
 
     Args:
@@ -174,15 +199,17 @@ def unmix(image: np.ndarray, defocus: np.ndarray, sides: np.ndarray, spared: np.
         defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32, with sharp steps.
         sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`.
         spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (H, W) bool.
+        pixel_filter: Of the picture.
 
     Returns:
         Both surfaces of all pixels of ``sides`` that are not spared. They add up to the picture but for
         rounding, wherever that is not below 0.
     """
     places = np.argwhere((sides != 0) & ~spared)
+    weights = np.maximum(pixel_filter.weights(), LEAST_WEIGHT)
     colors, surfaces = np.empty((len(places), 2, 3)), np.empty((len(places), 4))
     with parallel_region:
-        _unmix(image, defocus, spared, sides, places, colors, surfaces)
+        _unmix(image, defocus, weights, spared, sides, places, colors, surfaces)
     colors, surfaces = colors.astype(np.float32), surfaces.astype(np.float32)
     return MixedPixels(
         rows=places[:, 0],

@@ -1,0 +1,203 @@
+"""Pixels at depth discontinuities parted into the two surfaces that they mix, with gradients. Needs torch.
+
+Model and formulas are those of :mod:`bokehnet.classical.layered.unmixing`, on tensors of any device. Which
+pixels are mixed, and which two surfaces they show, follows from the defocus and has no gradient; colours and
+shares are differentiable in the picture and in a share that is given, as a network predicts it.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from bokehnet.checks import check_rank
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.unmixing import LEAST_WEIGHT, PRIOR, TIE
+from bokehnet.errors import ShapeError
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
+
+__all__ = ["Unmixed", "unmix"]
+
+
+class Unmixed(NamedTuple):
+    """Both surfaces of every pixel; pixels that mix none show the picture, covered by their own surface.
+
+    Attributes:
+        front: Colours of the nearer surface, (B, 3, H, W).
+        back: Of the farther one, (B, 3, H, W).
+        coverage: Share of the nearer surface, (B, 1, H, W) in [0, 1].
+        near: Defocus of the nearer surface, (B, 1, H, W).
+        far: Of the farther one, (B, 1, H, W).
+        is_front: Whether the pixel's own depth is the nearer one, (B, 1, H, W) bool.
+        mixed: Which pixels were parted, (B, 1, H, W) bool.
+    """
+
+    front: Tensor
+    back: Tensor
+    coverage: Tensor
+    near: Tensor
+    far: Tensor
+    is_front: Tensor
+    mixed: Tensor
+
+
+class _Windows:
+    """Values around N places of a batch, up to ``reach`` pixels away, row by row."""
+
+    def __init__(self, places: tuple[Tensor, Tensor, Tensor], reach: int, height: int, width: int) -> None:
+        batch, y, x = places
+        steps = torch.arange(-reach, reach + 1, device=y.device)
+        self.offsets = torch.cartesian_prod(steps, steps).T
+        v, u = y[:, None] + self.offsets[0], x[:, None] + self.offsets[1]
+        self.inside = (v >= 0) & (v < height) & (u >= 0) & (u < width)
+        self.index = batch[:, None], v.clamp(0, height - 1), u.clamp(0, width - 1)
+
+    def of(self, values: Tensor) -> Tensor:
+        """What (B, H, W) or (B, H, W, C) holds there, (N, window) or (N, window, C); beyond it goes on."""
+        return values[self.index]
+
+
+def _sides(defocus: Tensor, reach: int) -> Tensor:
+    """Which pixels of (B, H, W) have another surface within ``reach`` pixels, (B, H, W) bool."""
+    size = 2 * reach + 1
+    high = torch.nn.functional.max_pool2d(defocus[:, None], size, 1, reach)[:, 0]
+    low = -torch.nn.functional.max_pool2d(-defocus[:, None], size, 1, reach)[:, 0]
+    return (high > defocus + DISCONTINUITY_THRESHOLD) | (low < defocus - DISCONTINUITY_THRESHOLD)
+
+
+def _surfaces(around: Tensor, own: Tensor, weights: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Near and far defocus of N pixels, the share of the nearer, and whether that is their own, (N,)."""
+    in_front = around > own[:, None] + DISCONTINUITY_THRESHOLD
+    beyond = around < own[:, None] - DISCONTINUITY_THRESHOLD
+    before, behind, same = (weights * side for side in (in_front, beyond, ~in_front & ~beyond))
+    before, behind, same = before.sum(1), behind.sum(1), same.sum(1)
+    nearest = torch.where(in_front, around, own[:, None]).amax(1)
+    farthest = torch.where(beyond, around, own[:, None]).amin(1)
+    is_front = before < behind - TIE
+    near, far = torch.where(is_front, own, nearest), torch.where(is_front, farthest, own)
+    share = torch.where(is_front, same / (behind + same), before / (before + same))
+    return near, far, share, is_front
+
+
+def _mean(colors: Tensor, weights: Tensor, pixel: Tensor) -> tuple[Tensor, Tensor]:
+    """Weighted means (N, 3) of windows (N, window, 3), and variances (N,): below 0 where nothing has weight.
+
+    Squares are taken about the pixel, which changes nothing but rounding.
+    """
+    total = weights.sum(1)
+    none = total == 0
+    part = weights / torch.where(none, 1.0, total)[:, None]
+    away = colors - pixel.detach()[:, None]
+    mean = (part[..., None] * away).sum(1)
+    square = (part * (away * away).sum(-1)).sum(1)
+    variance = (square - (mean * mean).sum(-1)).clamp(min=0.0) / 3.0
+    found = torch.where(none[:, None], pixel, mean + pixel.detach())
+    return found, torch.where(none, -1.0, variance)
+
+
+def _part(
+    pixel: Tensor, front: Tensor, back: Tensor, share: Tensor, variances: tuple[Tensor, Tensor]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The most probable colours (N, 3) and share (N, 1), of means, a first share and variances (N, 1)."""
+
+    def weights(share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        own, other = share * variances[0], (1.0 - share) * variances[1]
+        return own, other, share * own + (1.0 - share) * other
+
+    own, other, spread = weights(share)
+    shift = PRIOR.share_spread**2
+    difference = front - back
+    error = pixel - share * front - (1.0 - share) * back
+    along = (difference * error).sum(1, keepdim=True)
+    along = along / (spread + shift * (difference * difference).sum(1, keepdim=True))
+    multiplier = (error - shift * along * difference) / spread
+    front, back = front + own * multiplier, back + other * multiplier
+    share = (share + shift * along).clamp(0.0, 1.0)
+    own, other, spread = weights(share)
+    error = pixel - share * front - (1.0 - share) * back
+    front, back = front + own / spread * error, back + other / spread * error
+    least = pixel.clamp(max=0.0)
+    too_dark = (front < least) & (share < 1.0)
+    other_dark = ~too_dark & (back < least) & (share > 0.0)
+    rest_behind = (pixel - share * least) / torch.where(share < 1.0, 1.0 - share, 1.0)
+    rest_before = (pixel - (1.0 - share) * least) / torch.where(share > 0.0, share, 1.0)
+    parted_front = torch.where(too_dark, least, torch.where(other_dark, rest_before, front))
+    parted_back = torch.where(too_dark, rest_behind, torch.where(other_dark, least, back))
+    return parted_front, parted_back, share
+
+
+def unmix(
+    image: Tensor,
+    defocus: Tensor,
+    share: Tensor | None = None,
+    spared: Tensor | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
+) -> Unmixed:
+    """Part the pixels at depth discontinuities; differentiable in picture and share.
+
+    Args:
+        image: All-in-focus pictures, scene-linear, (B, 3, H, W), float32 or float64.
+        defocus: Signed blur radius in pixels, (B, 1, H, W), + in front of focus, with sharp steps.
+        share: First estimate of the share of the nearer surface, (B, 1, H, W) in [0, 1], read at mixed
+            pixels; default: from the defocus and the pixel filter.
+        spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (B, 1, H, W)
+            bool.
+        pixel_filter: Of the pictures.
+
+    Raises:
+        ShapeError: The sizes do not fit.
+    """
+    check_rank("image", image, 4, "(B, 3, H, W)")
+    batch, channels, height, width = image.shape
+    if channels != 3:
+        raise ShapeError(f"image: expected 3 channels, got {channels}")
+    for name, tensor in (("defocus", defocus), ("share", share), ("spared", spared)):
+        if tensor is not None and tensor.shape != (batch, 1, height, width):
+            raise ShapeError(f"{name}: expected {(batch, 1, height, width)}, got {tuple(tensor.shape)}")
+    weights = torch.as_tensor(pixel_filter.weights(), dtype=image.dtype, device=image.device)
+    weights = weights.clamp(min=LEAST_WEIGHT)
+    depth, light = defocus.detach()[:, 0].to(image.dtype), image.movedim(1, -1)
+    sides = _sides(depth, len(weights) // 2)
+    kept = torch.ones_like(sides) if spared is None else ~spared[:, 0]
+    mixed = sides & kept
+    batches, rows, columns = torch.nonzero(mixed, as_tuple=True)
+    places = batches, rows, columns
+
+    near_by = _Windows(places, len(weights) // 2, height, width)
+    near, far, first, is_front = _surfaces(
+        near_by.of(depth), depth[places], torch.outer(weights, weights).ravel()
+    )
+    if share is not None:
+        first = share[:, 0][places]
+
+    window = _Windows(places, PRIOR.window, height, width)
+    around, colors, pixel = window.of(depth), window.of(light), light[places]
+    purity = 1.0 - (1.0 - PRIOR.mixed) * window.of(sides).to(image.dtype)
+    falloff = torch.exp(-(window.offsets**2).sum(0) / PRIOR.square).to(image.dtype)
+    usable = (window.inside & window.of(kept)) * purity * falloff
+
+    means, variances = [], []
+    for surface in (near, far):
+        is_there = (around - surface[:, None]).abs() <= DISCONTINUITY_THRESHOLD
+        mean, variance = _mean(colors, usable * is_there, pixel)
+        means.append(mean)
+        variances.append(variance)
+    alone = ((variances[0] < 0) | (variances[1] < 0))[:, None]  # nothing tells the two apart
+    front, back = (torch.where(alone, pixel, mean) for mean in means)
+    least = PRIOR.least**2 + PRIOR.relative**2 * (front**2 + back**2).sum(1, keepdim=True) / 3.0
+    both = [torch.where(alone, 1.0, variance[:, None]) + least for variance in variances]
+    front, back, parted = _part(pixel, front, back, first[:, None], (both[0], both[1]))
+
+    def put(values: Tensor, found: Tensor) -> Tensor:
+        return values.index_put(places, found).movedim(-1, 1)
+
+    plain, whole = depth[..., None], torch.ones_like(light[..., :1])
+    return Unmixed(
+        front=put(light, front),
+        back=put(light, back),
+        coverage=put(whole, parted),
+        near=put(plain, near[:, None]),
+        far=put(plain, far[:, None]),
+        is_front=put(torch.ones_like(mixed)[..., None], is_front[:, None]),
+        mixed=mixed[:, None],
+    )
