@@ -11,7 +11,14 @@ probable answer under these normal distributions is a least-squares problem per 
 linearised at the means. With ``D = F0 - B0`` and ``e = I - a0 F0 - (1 - a0) B0``, the multiplier is
 ``c = C^-1 e`` for ``C = s_a^2 D D^T + (a0^2 s_F^2 + (1 - a0)^2 s_B^2) 1``, which the formula of Sherman and
 Morrison inverts. So what does not fit is given to the place of the edge where both sides differ much, and to
-the colours where they are textured. Light is not negative; what that cuts off is given to the other side, so
+the colours where they are textured.
+
+Neighbours know more of a surface the more of it they show, which is not known before they are parted. So all
+pixels are parted again, some rounds long, each from the colours that the round before found in the 3x3
+pixels around, weighted by the square of the share that those pixels show of the surface: what Jacobi's
+iteration does for least squares that tie neighbours together. The first shares stay what is assumed.
+
+Light is not negative; what that cuts off is given to the other side, so
 that the two surfaces add up to the picture.
 
 Source: Tarantola, "Inverse problem theory", 2005, for least squares with uncertain priors; Chuang et al., "A
@@ -43,9 +50,12 @@ class _Prior(NamedTuple):
 
     Attributes:
         share_spread: Standard deviation of the share of the nearer side.
-        window: Half the width of the window for the colours, pixels.
+        window: Half the width of the window for the first colours, pixels.
         square: Squared deviation of its weights.
         mixed: Weight of mixed pixels there.
+        rounds: How often all is parted again.
+        near_square: Squared deviation of the weights of the 3x3 pixels then.
+        unseen: Weight, beside the square of its share, of a surface that a pixel shows little of.
         relative: Colours vary by at least this part of themselves,
         least: and by this much.
     """
@@ -54,11 +64,24 @@ class _Prior(NamedTuple):
     window: int
     square: float
     mixed: float
+    rounds: int
+    near_square: float
+    unseen: float
     relative: float
     least: float
 
 
-PRIOR = _Prior(share_spread=0.1, window=3, square=4.0, mixed=0.35, relative=0.02, least=1e-4)
+PRIOR = _Prior(
+    share_spread=0.1,
+    window=3,
+    square=4.0,
+    mixed=0.35,
+    rounds=8,
+    near_square=2.0,
+    unseen=0.1,
+    relative=0.02,
+    least=1e-4,
+)
 
 
 class MixedPixels(NamedTuple):
@@ -134,6 +157,41 @@ def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no
 
 
 @njit(cache=True)
+def _parted_mean(image, defocus, spared, index, colors, surfaces, y, x, depth, color):  # type: ignore[no-untyped-def]
+    """As :func:`_mean`, of the 3x3 pixels around as far as they are parted."""
+    height, width = defocus.shape
+    total = square = 0.0
+    color[:] = 0.0
+    for v in range(max(0, y - 1), min(height, y + 2)):
+        for u in range(max(0, x - 1), min(width, x + 2)):
+            if spared[v, u]:
+                continue
+            weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.near_square)
+            i = index[v, u]
+            if i < 0:
+                if abs(defocus[v, u] - depth) > DISCONTINUITY_THRESHOLD:
+                    continue
+                side = 0
+            else:
+                if abs(surfaces[i, 0] - depth) <= DISCONTINUITY_THRESHOLD:
+                    side, share = 0, surfaces[i, 2]
+                elif abs(surfaces[i, 1] - depth) <= DISCONTINUITY_THRESHOLD:
+                    side, share = 1, 1.0 - surfaces[i, 2]
+                else:
+                    continue
+                weight *= share * share + PRIOR.unseen
+            total += weight
+            for c in range(3):
+                shown = np.float64(image[v, u, c]) if i < 0 else colors[i, side, c]
+                color[c] += weight * shown
+                square += weight * shown * shown
+    if total == 0.0:
+        return -1.0
+    color /= total
+    return max(square / total - (color * color).sum(), 0.0) / 3.0
+
+
+@njit(cache=True)
 def _part(pixel, front, back, share, front_variance, back_variance):  # type: ignore[no-untyped-def]
     """Move the means ``front`` and ``back`` to the most probable colours; return the share."""
     own, other = share * front_variance, (1.0 - share) * back_variance
@@ -165,24 +223,40 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
     return share
 
 
+@njit(cache=True)
+def _part_means(pixel, colors, share, front_variance, back_variance):  # type: ignore[no-untyped-def]
+    """As :func:`_part`, of means (2, 3) and their variances, below 0 where there is nothing to average."""
+    least = PRIOR.least * PRIOR.least
+    if front_variance < 0.0 or back_variance < 0.0:  # nothing tells the two apart
+        colors[0], colors[1] = pixel, pixel
+        front_variance = back_variance = 1.0
+    for c in range(3):
+        least += PRIOR.relative * PRIOR.relative * (colors[0, c] ** 2 + colors[1, c] ** 2) / 3.0
+    return _part(pixel, colors[0], colors[1], share, front_variance + least, back_variance + least)
+
+
 @njit(cache=True, parallel=True)
-def _unmix(image, defocus, weights, spared, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
-    """Fill colours (N, 2, 3) of front and back, and (N, 4): near, far, coverage, whether near is the own."""
+def _unmix(image, defocus, weights, spared, sides, places, shares, colors, surfaces):  # type: ignore[no-untyped-def]
+    """Fill first shares (N,), colours (N, 2, 3), and (N, 4): near, far, share, whether near is the own."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
         near, far, share, is_front = _surfaces(defocus, weights, y, x)
         front_variance = _mean(image, defocus, spared, sides, y, x, near, colors[i, 0])
         back_variance = _mean(image, defocus, spared, sides, y, x, far, colors[i, 1])
-        least = PRIOR.least * PRIOR.least
-        if front_variance < 0.0 or back_variance < 0.0:  # nothing tells the two apart
-            colors[i, 0], colors[i, 1] = image[y, x], image[y, x]
-            front_variance = back_variance = 1.0
-        for c in range(3):
-            least += PRIOR.relative * PRIOR.relative * (colors[i, 0, c] ** 2 + colors[i, 1, c] ** 2) / 3.0
-        surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
-        surfaces[i, 2] = _part(
-            image[y, x], colors[i, 0], colors[i, 1], share, front_variance + least, back_variance + least
-        )
+        shares[i], surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = share, near, far, is_front
+        surfaces[i, 2] = _part_means(image[y, x], colors[i], share, front_variance, back_variance)
+
+
+@njit(cache=True, parallel=True)
+def _unmix_again(image, defocus, spared, index, places, shares, colors, surfaces, new_colors, new_surfaces):  # type: ignore[no-untyped-def]
+    """Fill the new colours and surfaces from those around each pixel."""
+    for i in prange(len(places)):
+        y, x = places[i, 0], places[i, 1]
+        found = (image, defocus, spared, index, colors, surfaces, y, x)
+        front_variance = _parted_mean(*found, surfaces[i, 0], new_colors[i, 0])
+        back_variance = _parted_mean(*found, surfaces[i, 1], new_colors[i, 1])
+        new_surfaces[i] = surfaces[i]
+        new_surfaces[i, 2] = _part_means(image[y, x], new_colors[i], shares[i], front_variance, back_variance)
 
 
 def unmix(
@@ -207,9 +281,16 @@ def unmix(
     """
     places = np.argwhere((sides != 0) & ~spared)
     weights = np.maximum(pixel_filter.weights(), LEAST_WEIGHT)
-    colors, surfaces = np.empty((len(places), 2, 3)), np.empty((len(places), 4))
+    shares, index = np.empty(len(places)), np.full(defocus.shape, -1, np.int32)
+    index[places[:, 0], places[:, 1]] = np.arange(len(places))
+    colors, new_colors = (np.empty((len(places), 2, 3)) for _ in range(2))
+    surfaces, new_surfaces = (np.empty((len(places), 4)) for _ in range(2))
     with parallel_region:
-        _unmix(image, defocus, weights, spared, sides, places, colors, surfaces)
+        _unmix(image, defocus, weights, spared, sides, places, shares, colors, surfaces)
+        around = (image, defocus, spared, index, places, shares)
+        for _ in range(PRIOR.rounds):
+            _unmix_again(*around, colors, surfaces, new_colors, new_surfaces)
+            colors, surfaces, new_colors, new_surfaces = new_colors, new_surfaces, colors, surfaces
     colors, surfaces = colors.astype(np.float32), surfaces.astype(np.float32)
     return MixedPixels(
         rows=places[:, 0],

@@ -126,6 +126,35 @@ def _part(
     return parted_front, parted_back, share
 
 
+def _part_means(
+    pixel: Tensor, means: list[Tensor], variances: list[Tensor], share: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """As :func:`_part`, of variances (N,) that are below 0 where there was nothing to average."""
+    alone = ((variances[0] < 0) | (variances[1] < 0))[:, None]  # nothing tells the two apart
+    front, back = (torch.where(alone, pixel, mean) for mean in means)
+    least = PRIOR.least**2 + PRIOR.relative**2 * (front**2 + back**2).sum(1, keepdim=True) / 3.0
+    both = [torch.where(alone, 1.0, variance[:, None]) + least for variance in variances]
+    return _part(pixel, front, back, share, (both[0], both[1]))
+
+
+def _shown(
+    surface: Tensor, others: Tensor, around: Tensor, colors: Tensor, parted: tuple[Tensor, ...]
+) -> tuple[Tensor, Tensor]:
+    """What the pixels around show of a surface (N, 1): colours (N, window, 3) and weights (N, window).
+
+    ``others`` are the numbers of parted pixels, -1 for whole ones, of defocus ``around`` and ``colors``.
+    """
+    near, far, front, back, share = parted
+    is_parted, number = others >= 0, others.clamp(min=0)
+    in_front = is_parted & ((near[number] - surface).abs() <= DISCONTINUITY_THRESHOLD)
+    behind = is_parted & ~in_front & ((far[number] - surface).abs() <= DISCONTINUITY_THRESHOLD)
+    whole = ~is_parted & ((around - surface).abs() <= DISCONTINUITY_THRESHOLD)
+    shown = torch.where(in_front[..., None], front[number], back[number])
+    shown = torch.where(is_parted[..., None], shown, colors)
+    part = torch.where(in_front, share[number, 0], 1.0 - share[number, 0])
+    return shown, whole + (in_front | behind) * (part * part + PRIOR.unseen)
+
+
 def unmix(
     image: Tensor,
     defocus: Tensor,
@@ -182,11 +211,22 @@ def unmix(
         mean, variance = _mean(colors, usable * is_there, pixel)
         means.append(mean)
         variances.append(variance)
-    alone = ((variances[0] < 0) | (variances[1] < 0))[:, None]  # nothing tells the two apart
-    front, back = (torch.where(alone, pixel, mean) for mean in means)
-    least = PRIOR.least**2 + PRIOR.relative**2 * (front**2 + back**2).sum(1, keepdim=True) / 3.0
-    both = [torch.where(alone, 1.0, variance[:, None]) + least for variance in variances]
-    front, back, parted = _part(pixel, front, back, first[:, None], (both[0], both[1]))
+    front, back, parted = _part_means(pixel, means, variances, first[:, None])
+
+    index = torch.full(mixed.shape, -1, device=rows.device)
+    index[places] = torch.arange(len(rows), device=rows.device)
+    close = _Windows(places, 1, height, width)
+    others, around, colors = close.of(index), close.of(depth), close.of(light)
+    falloff = torch.exp(-(close.offsets**2).sum(0) / PRIOR.near_square).to(image.dtype)
+    usable = (close.inside & close.of(kept)) * falloff
+    for _ in range(PRIOR.rounds if len(rows) else 0):
+        means, variances = [], []
+        for surface in (near, far):
+            shown, weight = _shown(surface[:, None], others, around, colors, (near, far, front, back, parted))
+            mean, variance = _mean(shown, usable * weight, pixel)
+            means.append(mean)
+            variances.append(variance)
+        front, back, parted = _part_means(pixel, means, variances, first[:, None])
 
     def put(values: Tensor, found: Tensor) -> Tensor:
         return values.index_put(places, found).movedim(-1, 1)
