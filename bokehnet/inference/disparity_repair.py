@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
-from bokehnet.inference.disparity_edges import STEP, repair_soft_edges, sharpen_if_soft
+from bokehnet.inference.alike_median import settle_soft_steps, soft_steps
+from bokehnet.inference.disparity_edges import (
+    STEP,
+    repair_soft_edges,
+    sharpen_if_soft,
+    soft_edge_fraction,
+)
 from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
@@ -46,6 +52,9 @@ _NETWORK_SIDE = 2048
 
 # What the network costs for a pixel, over what it costs to put a step there to the picture's edge.
 _COSTLY = 10
+
+# Share of soft steps from which on those are put where the picture's colours part.
+_RAMPS = 0.1
 
 # Share of the pixels at steps that stand out of place from which on "auto" takes the repaired map.
 _IMPERFECT = 0.01
@@ -207,7 +216,8 @@ class DisparityRepair:
         shift, smallest = self._edge_bias(sizes, start, span, work)
         maps = [shift_edges(start, shift)]
         del start
-        repaired = self._repair(sizes, maps, span, work, None if shift else smallest)
+        soft = soft_steps(disparity) if soft_edge_fraction(disparity) > _RAMPS else None
+        repaired = self._repair(sizes, maps, span, work, None if shift else smallest, soft)
         if large:
             self._give_back()
         if mode == "on":
@@ -271,6 +281,7 @@ class DisparityRepair:
         span: float,
         work: "_Work",
         smallest: np.ndarray | None,
+        soft: np.ndarray | None,
     ) -> np.ndarray:
         """Repair a map with the help of the picture, at this and at smaller sizes.
 
@@ -280,24 +291,30 @@ class DisparityRepair:
             span: Of the whole map.
             work: Is told of what is done.
             smallest: The repaired map at the smallest of the sizes, where it is known.
+            soft: Where steps of the map were ramps, (H, W) bool, if anywhere.
         """
         image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
+        too_large = max(height, width) > _NETWORK_SIDE
+        sizes_below = bool(sizes)
         if sizes:
             small = _half_map(disparity)
-            repaired_small = self._repair(sizes, [small], span, work, smallest)
+            below = _half_mask(soft) if soft is not None and too_large else None
+            repaired_small = self._repair(sizes, [small], span, work, smallest, below)
             change = repaired_small - small
             del small
             disparity = _with_moved(disparity, repaired_small, change, STEP * span)
             del repaired_small, change
-            if max(height, width) > _NETWORK_SIDE:
+            if too_large:
                 aligned = align_steps(image.transpose(1, 2, 0), disparity, STEP * span)
                 work.report(number, 1)
                 return aligned
-        elif smallest is not None:
-            return smallest
-        repaired, _ = self._look(image, disparity, span, lambda share: work.report(number, share))
-        return repaired
+        repaired = smallest if not sizes_below else None
+        if repaired is None:
+            repaired, _ = self._look(image, disparity, span, lambda share: work.report(number, share))
+        if soft is None:
+            return repaired
+        return settle_soft_steps(image.transpose(1, 2, 0), repaired, soft, span)
 
     def _look(
         self, image: np.ndarray, disparity: np.ndarray, span: float, report: Callable[[float], None]
@@ -339,6 +356,11 @@ def _half_map(disparity: np.ndarray) -> np.ndarray:
         return downsample2(pad_to_multiple(disparity[2 * rows.start : 2 * rows.stop], 2))
 
     return make_in_row_blocks(make, (height, width), np.float32)
+
+
+def _half_mask(mask: np.ndarray) -> np.ndarray:
+    """Mask (H, W) at half its size: a pixel is in it if one of its four was."""
+    return np.logical_or.reduce([pad_to_multiple(mask, 2)[y::2, x::2] for y in (0, 1) for x in (0, 1)])
 
 
 def _half(image: np.ndarray) -> np.ndarray:
