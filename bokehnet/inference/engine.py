@@ -30,7 +30,7 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
-__all__ = ["CLASSICAL_HALVES", "ENGINES", "Engine", "EngineResult", "Progress"]
+__all__ = ["CLASSICAL_HALVES", "ENGINES", "Engine", "EngineResult", "Progress", "ray_reach"]
 
 # Engines with networks: the best, on the rays, and a faster one on the scatter.
 HYBRIDS = ("hybrid", "fast")
@@ -77,6 +77,22 @@ def _max_coc_radius(defocus: np.ndarray) -> float:
 
 def _ignore(done: int, total: int) -> None:
     """Progress that nobody follows."""
+
+
+def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) -> int:
+    """Pixels within which the rays of a pixel stay, at most.
+
+    Args:
+        lens_response: What the lens does beyond focusing.
+        place: Where the pixels lie in the shown picture.
+        max_coc_radius: Largest blur radius, pixels.
+    """
+    if lens_response.is_plain:
+        return max_coc_radius
+    from bokehnet.classical.layered.aberrated_rays import lens_table
+    from bokehnet.classical.simd.float8 import LANES
+
+    return lens_table(lens_response, place, LANES).reach(max_coc_radius)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,11 +232,8 @@ class Engine:
         height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus))
         crossed = None
-        if self._classical_name == "rays" and not lens.lens_response.is_plain:
-            from bokehnet.classical.layered.aberrated_rays import lens_table
-            from bokehnet.classical.simd.float8 import LANES
-
-            crossed = lens_table(lens.lens_response, lens.place, LANES).reach(max_coc_radius)
+        if self._classical_name == "rays":
+            crossed = ray_reach(lens.lens_response, lens.place, max_coc_radius)
         if memory is None:
             reach = max(max_coc_radius, crossed or 0)
             if not worth_cutting(height, width, reach, self._classical_name):

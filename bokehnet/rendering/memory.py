@@ -1,16 +1,21 @@
 """What a rendering takes of the memory, known before any pixel is read."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
+from bokehnet.classical.base import Place
 from bokehnet.errors import ParameterError
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
 from bokehnet.inference.disparity_repair import network_memory
-from bokehnet.inference.engine import CLASSICAL_HALVES
+from bokehnet.inference.engine import CLASSICAL_HALVES, ray_reach
 from bokehnet.inference.strips import BYTES_PER_PIXEL, least_rows
 from bokehnet.io.heif import is_heif
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
+from bokehnet.io.window import Window
+from bokehnet.rendering.focus import FocusedLens
+from bokehnet.rendering.look import make_lens_response, picture_aberrations
 from bokehnet.rendering.settings import RenderSettings
 
 __all__ = ["PROGRAM", "check_memory", "least_memory"]
@@ -48,7 +53,9 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int)
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
     classical = CLASSICAL_HALVES.get(engine, engine)
     held = _HELD + (4 if settings.output.save_maps is not None else 0)
-    rows = least_rows(height, _least_radius(settings), classical)
+    radius = _least_radius(settings)
+    reach = _reach(settings, radius, height, width) if radius and classical == "rays" else radius
+    rows = least_rows(height, reach, classical)
     stages.append(PROGRAM + held * pixels + rows * width * BYTES_PER_PIXEL[classical])
     if engine in CLASSICAL_HALVES:
         stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
@@ -79,6 +86,17 @@ def check_memory(path: Path | str, settings: RenderSettings) -> None:
             bound,
             shown=f"{bound / 1e6:.0f} MB",
         )
+
+
+def _reach(settings: RenderSettings, radius: int, height: int, width: int) -> int:
+    """Pixels within which rays stay behind the lens of the settings, where disparity is relative."""
+    response = make_lens_response(settings.lens, settings.color)
+    window = Window.whole(width, height)
+    focused = FocusedLens(near=0.0, far=0.0, blur=1.0, camera=None, plane=None, window=window)
+    glass = picture_aberrations(settings.lens, focused, window)
+    if glass is not None:
+        response = replace(response, aberration_map=response.aberration_map + glass)
+    return max(radius, ray_reach(response, Place.whole(height, width), radius))
 
 
 def _least_radius(settings: RenderSettings) -> int:

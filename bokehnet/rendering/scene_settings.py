@@ -29,7 +29,7 @@ ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", 
 BitsName = Literal["8", "10", "16", "half", "float"]
 SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
-_SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
+_SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 _BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 

@@ -1,13 +1,18 @@
 """A bound of the memory that is too small is told before anything is read."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bokehnet.errors import ParameterError
+from bokehnet.inference.engine import Engine
 from bokehnet.io.image import write_image, write_map
+from bokehnet.io.window import Window
 from bokehnet.rendering import scene as scene_module
+from bokehnet.rendering.focus import FocusedLens
+from bokehnet.rendering.look import make_lens_response, picture_aberrations
 from bokehnet.rendering.memory import PROGRAM, least_memory
 from bokehnet.rendering.scene import read_scene
 from bokehnet.rendering.settings import RenderSettings
@@ -42,3 +47,40 @@ def test_the_least_grows_with_the_picture_and_with_what_is_asked_for():
     assert least_memory(bounded(10**9), "scatter", 5000, 5000) > least_memory(settings, "scatter", 5000, 5000)
     wide = settings.updated({"camera": {"blur": 400}})
     assert least_memory(wide, "rays", 5000, 5000) > large
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        {"lens": {"name": "double_gauss"}},
+        {"lens": {"spherical": 0.8, "coma": 30}},
+        {"color": {"axial": 0.8, "lateral": 4.0}},
+        {},
+    ],
+)
+def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
+    """Authority: the least that the engine itself tells once the picture is there, of 400x3000 pixels."""
+    settings = bounded(1, depth={"repair": "off"}, **look)
+    height, width = 3000, 400
+    least = least_memory(settings, "rays", width, height)
+    engine = Engine("rays")
+    defocus = np.full((height, width), -15, np.float32)
+    defocus[0, 0] = 5
+    response = make_lens_response(settings.lens, settings.color)
+    window = Window.whole(width, height)
+    focused = FocusedLens(near=0.25, far=0.25, blur=20, camera=None, plane=None, window=window)
+    glass = picture_aberrations(settings.lens, focused, window)
+    if glass is not None:
+        response = replace(response, aberration_map=response.aberration_map + glass)
+    taken = PROGRAM + 16 * height * width
+    with pytest.raises(ParameterError) as told:
+        engine.render(
+            np.ones((height, width, 3), np.float32),
+            defocus,
+            lens_response=response,
+            max_memory=taken,
+            memory_taken=taken,
+        )
+    found = re.search(r"at least (\d+) MB", str(told.value))
+    assert found is not None
+    assert int(found[1]) == np.ceil(least / 1e6)

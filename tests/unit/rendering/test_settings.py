@@ -279,7 +279,15 @@ def test_a_file_may_use_the_flags_of_the_command_line(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "size"),
-    [("500", 500), ("20k", 20480), ("1.5G", 3 * 2**29), ("2 GiB", 2**31), ("3MB", 3 * 2**20), ("0", 0)],
+    [
+        ("500", 500),
+        ("20k", 20480),
+        ("1.5G", 3 * 2**29),
+        ("2 GiB", 2**31),
+        ("3MB", 3 * 2**20),
+        ("0", 0),
+        ("1056000000", 1056000000),
+    ],
 )
 def test_sizes_are_read_as_people_write_them(text, size):
     assert from_plain(all_settings()["engine.max_memory"], text) == size
