@@ -17,7 +17,7 @@ OPTIONS = {
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
         --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
-        --output --overwrite --preset --pull --refine-disparity --resize-disparity
+        --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
         --bits --color-space --dither --quality --subsampling
         --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
         --quiet --verbose --json -q -v

@@ -35,6 +35,7 @@ OPTIONS = {
     "--blades": ["0", "3", "6", "99"],
     "--depth-unit": ["m", "cm", "1/m", "parsec"],
     "--mixed-depth": ["on", "off", "auto"],
+    "--pixel-filter": ["auto", "box", "gaussian:1.4", "cycles"],
     "--repair-disparity": ["on", "off", "auto"],
     "--max-memory": ["700M", "4G", "1", "4X"],
     "--channel": ["Z", "R", "Y", "Q", ""],

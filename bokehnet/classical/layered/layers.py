@@ -15,6 +15,7 @@ from bokehnet.classical.layered.depth_discontinuities import (
     discontinuity_sides,
     sharpen_discontinuities,
 )
+from bokehnet.classical.layered.light_carriers import part_lights
 from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.classical.layered.unmixing import unmix
 from bokehnet.classical.parallel import parallel_region
@@ -126,8 +127,9 @@ def split_layers(
 
     Soft steps of the defocus are sharpened
     (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge,
-    whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`), and the
-    occluded background is filled from what is left
+    whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`; lights by
+    :func:`bokehnet.classical.layered.light_carriers.part_lights`), and the occluded background is filled from
+    what is left
     (:func:`bokehnet.classical.layered.occluded_background.occluded_background`).
 
     Args:
@@ -146,13 +148,16 @@ def split_layers(
     )
     sides = discontinuity_sides(sharp, len(pixel_filter.weights()) // 2)
     reach = math.ceil(float(np.abs(sharp).max())) if max_coc_radius is None else max_coc_radius
-    mixed = unmix(image, sharp, sides, brightest(image) > light_limit(image, reach), pixel_filter)
+    lights = brightest(image) > light_limit(image, reach)
+    mixed = unmix(image, sharp, sides, lights, pixel_filter), part_lights(image, sharp, sides, lights)
     own = image.copy()
-    own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
+    for pixels in mixed:
+        own[pixels.rows, pixels.columns] = np.where(pixels.is_front[:, None], pixels.front, pixels.back)
     hidden, behind = occluded_background(own, sharp, reach)
     colors = np.empty((*sharp.shape, 2, 3), np.float32)
     depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
     with parallel_region:
         _stack(image, sharp, hidden, behind, colors, depths, coverage)
-        _lay_mixed(*mixed, colors, depths, coverage)
+        for pixels in mixed:
+            _lay_mixed(*pixels, colors, depths, coverage)
     return Layers(colors=colors, defocus=depths, coverage=coverage)

@@ -136,17 +136,17 @@ def _fill(image, defocus, lights, steps, colors, depths):  # type: ignore[no-unt
 
 
 @njit(cache=True, parallel=True)
-def _smooth(steps, colors, depths, smooth_colors, smooth_depths):  # type: ignore[no-untyped-def]
-    """Average what is hidden over its surface, so that single ways leave no streaks."""
+def _smooth(hidden, told, colors, depths, smooth_colors, smooth_depths):  # type: ignore[no-untyped-def]
+    """Average what is ``hidden`` over what of its surface is ``told``, as single ways leave streaks."""
     height, width = depths.shape
     for y in prange(height):
         for x in range(width):
-            if not steps[:, y, x].any():
+            if not hidden[y, x]:
                 continue
             weight = depth = red = green = blue = 0.0
             for v in range(max(0, y - _SMOOTH), min(height, y + _SMOOTH + 1)):
                 for u in range(max(0, x - _SMOOTH), min(width, x + _SMOOTH + 1)):
-                    if abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD:
+                    if told[v, u] and abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD:
                         weight += 1.0
                         depth += depths[v, u]
                         red += colors[v, u, 0]
@@ -198,11 +198,11 @@ def occluded_background(
     with parallel_region:
         _carry_inwards(defocus, steps)
         _fill(image, defocus, lights, steps, colors, depths)
-        rough_colors, rough_depths = colors, depths
-        colors, depths = rough_colors.copy(), rough_depths.copy()
-        _smooth(steps, rough_colors, rough_depths, colors, depths)
-    depths = np.minimum(depths, defocus)
-    filled = brightest(colors)
-    y, x = np.nonzero(steps.any(0) & (filled > limit))
+    hidden, filled = steps.any(0), brightest(colors)
+    y, x = np.nonzero(hidden & (filled > limit))
     colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]
-    return colors, depths
+    rough_colors, rough_depths = colors, depths
+    colors, depths = rough_colors.copy(), rough_depths.copy()
+    with parallel_region:
+        _smooth(hidden, hidden | ~lights, rough_colors, rough_depths, colors, depths)
+    return colors, np.minimum(depths, defocus)

@@ -36,7 +36,7 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["LEAST_WEIGHT", "PRIOR", "TIE", "MixedPixels", "unmix"]
+__all__ = ["LEAST_WEIGHT", "PRIOR", "TIE", "MixedPixels", "mean_color", "unmix"]
 
 # What the pixel filter sees of each of its pixels at the least: neighbours tell the two surfaces apart.
 LEAST_WEIGHT = 1e-3
@@ -134,7 +134,7 @@ def _surfaces(defocus, weights, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no-untyped-def]
+def mean_color(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no-untyped-def]
     """Write the colour of the surface at ``depth`` around (y, x); return its variance, below 0 if none."""
     height, width = defocus.shape
     total = square = 0.0
@@ -158,7 +158,7 @@ def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no
 
 @njit(cache=True)
 def _parted_mean(image, defocus, spared, index, colors, surfaces, y, x, depth, color):  # type: ignore[no-untyped-def]
-    """As :func:`_mean`, of the 3x3 pixels around as far as they are parted."""
+    """As :func:`mean_color`, of the 3x3 pixels around as far as they are parted."""
     height, width = defocus.shape
     total = square = 0.0
     color[:] = 0.0
@@ -241,8 +241,8 @@ def _unmix(image, defocus, weights, spared, sides, places, shares, colors, surfa
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
         near, far, share, is_front = _surfaces(defocus, weights, y, x)
-        front_variance = _mean(image, defocus, spared, sides, y, x, near, colors[i, 0])
-        back_variance = _mean(image, defocus, spared, sides, y, x, far, colors[i, 1])
+        front_variance = mean_color(image, defocus, spared, sides, y, x, near, colors[i, 0])
+        back_variance = mean_color(image, defocus, spared, sides, y, x, far, colors[i, 1])
         shares[i], surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = share, near, far, is_front
         surfaces[i, 2] = _part_means(image[y, x], colors[i], share, front_variance, back_variance)
 

@@ -117,6 +117,10 @@ def test_a_focus_range_of_relative_disparity(folder, cli):
             ["--depth-unit: expected --depth for it to act on", "leave this out"],
         ),
         (["--blur", 6, "--focus", 0.4, "--mixed-depth", "maybe"], ["--mixed-depth", "auto, off, on"]),
+        (
+            ["--blur", 6, "--focus", 0.4, "--pixel-filter", "sinc"],
+            ["--pixel-filter: expected auto, or one of box", "got 'sinc'"],
+        ),
     ],
 )
 def test_mistakes_about_disparity(fails, arguments, words):

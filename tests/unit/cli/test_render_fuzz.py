@@ -46,6 +46,7 @@ VALUES = {
     ),
     "--blades": st.sampled_from(["0", "3", "6", "-1", "99", "x"]),
     "--depth-unit": st.sampled_from(["m", "1/m", "ft", "parsec"]),
+    "--pixel-filter": st.sampled_from(["auto", "cycles", "box:0", "gaussian:1.4", "mitchell:x", ""]),
     "--mixed-depth": st.sampled_from(["on", "off", "auto", ""]),
     "--max-memory": st.sampled_from(["0", "1", "600M", "4G", "1e9", "4X", ""]),
     "--channel": st.sampled_from(["Z", "R", "far", "", "Q"]),

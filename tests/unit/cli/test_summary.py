@@ -64,8 +64,21 @@ def test_json_is_one_object_on_stdout(folder, cli):
         "focus_distance_m": None,
         "repaired": None,
         "repair_reason": "",
+        "pixel_filter": None,
+        "pixel_filter_reason": None,
+        "pixel_filter_confidence": None,
         "notes": [],
     }
+
+
+def test_the_pixel_filter_is_told_where_pixels_are_parted(folder, cli):
+    rays = ("render", "photo.png", "--disparity", "disparity.png", "--engine", "rays", "--blur", 6)
+    asked = (*rays, "--focus", 0.4, "-o", "out.png", "--repair-disparity", "off", "--pixel-filter", "arnold")
+    outcome = cli(*asked, "-v")
+    assert outcome.err.splitlines()[1].count("pixel filter gaussian:2 (as asked)") == 1
+    found = json.loads(cli(*asked, "--json").out)
+    assert (found["pixel_filter"], found["pixel_filter_reason"]) == ("gaussian:2", "as asked")
+    assert found["pixel_filter_confidence"] is None
 
 
 def test_quiet_and_verbose_contradict_each_other(fails):

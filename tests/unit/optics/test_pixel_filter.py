@@ -80,7 +80,7 @@ def test_moments_of_mitchell():
     "text", ["lanczos", "", "gaussian:", "gaussian:-1", "gaussian:0", "gaussian:6", "box 1"]
 )
 def test_other_texts_are_refused(text):
-    with pytest.raises(ParameterError, match="pixel_filter: expected .* got"):
+    with pytest.raises(ParameterError, match=r"pixel_filter: expected .* got"):
         parse_pixel_filter(text)
 
 

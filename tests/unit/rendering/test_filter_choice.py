@@ -1,6 +1,7 @@
 """Where the pixel filter of a picture comes from."""
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from bokehnet.errors import ParameterError
@@ -31,8 +32,6 @@ def test_renderers_are_known_by_what_they_write(attributes, renderer):
 
 
 def test_the_file_tells_its_renderer(tmp_path):
-    import OpenImageIO as oiio
-
     path = tmp_path / "arnold.exr"
     spec = oiio.ImageSpec(8, 6, 3, "float")
     spec.attribute("arnold/frame", 1.0)
@@ -62,7 +61,7 @@ def test_the_report_tells_the_filter_where_pixels_are_parted():
 
 
 def test_the_filter_reaches_the_rays():
-    """An edge pixel that belongs to the front by half: how pure its surfaces come out depends on the filter."""
+    """How pure the surfaces of an edge pixel come out depends on it."""
     image = np.full((40, 60, 3), 0.1, np.float32)
     image[:, :30], image[:, 30] = 0.9, 0.6
     disparity = np.where(np.arange(60) < 31, 0.9, 0.1).astype(np.float32) * np.ones((40, 1), np.float32)

@@ -153,7 +153,7 @@ VALID = [
         "input": {"disparity": "a b.png", "channel": "Z"},
         "depth": {
             "invert": True, "value_range": (-1, 2.5), "as_stored": True, "resize": True, "mixed": "on",
-            "repair": "off",
+            "repair": "off", "pixel_filter": "gaussian:1.5",
         },
         "focus": {"value": 0.3, "tilt_x": -20, "tilt_y": 4.5},
         "camera": {"blur": 60},

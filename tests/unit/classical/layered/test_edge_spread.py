@@ -8,7 +8,7 @@ from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 
 def bars(pixel_filter, noise=0.0, seed=0):
-    """Tilted bars, 240x240 pixels, (H, W, 3): the integral of the filter across each edge, as if isotropic."""
+    """Tilted bars, (240, 240, 3): across each edge the integral of the filter, as if it were isotropic."""
     rng = np.random.default_rng(seed)
     rows, columns = np.mgrid[:240, :240].astype(float)
     light = np.full((240, 240), 0.1)
