@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 
@@ -107,12 +108,14 @@ class ClassicalResult:
             has none.
         disocclusion_weight: Share of each pixel's light that comes from there or from beyond the border, (H,
             W) in [0, 1]; ``None`` if it guesses nothing.
+        mixed_pixels: Pixels that were parted into two surfaces, with both; ``None`` if it parts none.
     """
 
     bokeh: np.ndarray
     error_map: np.ndarray
     occluded_background: np.ndarray | None = None
     disocclusion_weight: np.ndarray | None = None
+    mixed_pixels: KnownSurfaces | None = None
 
     def rows(self, wanted: slice) -> "ClassicalResult":
         """Some of the rows."""
@@ -125,6 +128,7 @@ class ClassicalResult:
             disocclusion_weight=None
             if self.disocclusion_weight is None
             else self.disocclusion_weight[wanted],
+            mixed_pixels=self.mixed_pixels and self.mixed_pixels.in_rows(wanted.start, wanted.stop),
         )
 
     @property
@@ -147,6 +151,8 @@ class ClassicalRenderer(Protocol):
         lens_response: LensResponse | None = None,
         place: Place | None = None,
         progress: Callable[[float], None] | None = None,
+        known: KnownSurfaces | None = None,
+        rays_share: float = 1.0,
     ) -> ClassicalResult:
         """Render.
 
@@ -160,6 +166,8 @@ class ClassicalRenderer(Protocol):
             place: Where the whole picture, of which a strip may be a part, lies in the shown one; default:
                 all of it is shown.
             progress: Called with the share of the work that is done, 0 to 1.
+            known: Surfaces of pixels at edges that need not be estimated, for renderers that take layers.
+            rays_share: Share of the usual rays of a pixel, where several pixels will be reduced to one.
         """
         ...
 

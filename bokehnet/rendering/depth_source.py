@@ -39,6 +39,7 @@ __all__ = [
     "RelativeDisparity",
     "depth_source",
     "tells_distances",
+    "unit_of_own_depth",
 ]
 
 Kind = Literal["relative", "metric", "defocus"]
@@ -536,3 +537,22 @@ def tells_distances(settings: RenderSettings, *, blur_pulled: bool = False) -> b
     """
     source = depth_source(settings)
     return source.kind == "metric" and not (blur_pulled and isinstance(source, EmbeddedDepth))
+
+
+def unit_of_own_depth(source: DepthSource, path: Path | str) -> str | None:
+    """Unit of length of depth that a picture's own file holds; None where the depth is from elsewhere.
+
+    Args:
+        source: Tells the depth.
+        path: File of the picture.
+
+    Examples:
+        >>> unit_of_own_depth(MetricDepth(map="deep.exr", unit="cm"), "deep.exr")
+        'cm'
+        >>> unit_of_own_depth(MetricDepth(map="z.exr"), "deep.exr")
+    """
+    if isinstance(source, EmbeddedDepth):
+        return "m" if source.map is None and not source.relative else None
+    if not isinstance(source, MetricDepth) or isinstance(source.map, np.ndarray) or source.unit == "1/m":
+        return None
+    return source.unit if Path(source.map).resolve() == Path(path).resolve() else None

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
 from bokehnet.classical.base import Place
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.effects import CameraEffects, View
 from bokehnet.errors import ParameterError, RenderCancelled
 from bokehnet.forking import ForkSafeLock
@@ -18,8 +19,10 @@ from bokehnet.inference.engine import Engine, Progress
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.supersampling import reduce_fine
 from bokehnet.optics.tone import Highlights
 from bokehnet.rendering import memory
+from bokehnet.rendering.edge_knowledge import focused_surfaces, matte_surfaces
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import (
     make_aperture,
@@ -32,7 +35,7 @@ from bokehnet.rendering.look import (
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.odd_blur import odd_blur
 from bokehnet.rendering.result import RenderReport, RenderResult
-from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
+from bokehnet.rendering.scene import FocusedScene, Scene, check_nothing_to_mend, fitted_map, is_exact
 from bokehnet.rendering.settings import (
     RAY_ENGINES,
     ApertureSettings,
@@ -41,6 +44,14 @@ from bokehnet.rendering.settings import (
     LensSettings,
     RenderSettings,
     check_engine,
+)
+from bokehnet.rendering.supersampling import (
+    RAYS_SHARE,
+    at_rendered_size,
+    in_fine_pixels,
+    reduced_defocus,
+    reduced_result,
+    reduced_scene,
 )
 
 __all__ = ["BokehRenderer", "CancelSignal"]
@@ -196,6 +207,7 @@ class BokehRenderer:
         highlights: Highlights | None = None,
         max_memory: int | None = None,
         memory_taken: int = 0,
+        known: KnownSurfaces | None = None,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
     ) -> RenderResult: ...
@@ -223,7 +235,7 @@ class BokehRenderer:
                 afterwards; in strips this saves their memory.
             options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
                 in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``max_memory`` and ``memory_taken`` of
+                ``gamma``, ``highlights``, ``max_memory``, ``memory_taken`` and ``known`` of
                 :meth:`bokehnet.inference.engine.Engine.render`.
 
         Raises:
@@ -277,18 +289,26 @@ class BokehRenderer:
         check_engine(settings, settings.engine.name or self.engine)
         watch = _watched(progress, cancel)
         watch(0, 1)
+        scene = at_rendered_size(scene)
+        check_nothing_to_mend(scene, settings.depth)
         values = fitted_map(scene, settings.depth)
         lens, repaired, reason, notes = None, None, "", scene.notes
         if scene.depth.kind == "defocus":
             check_nothing_to_focus(settings)
-        elif settings.depth.repair != "off":
+        elif settings.depth.repair != "off" and not is_exact(scene):
             repairer = self._keep("repair", lambda: DisparityRepair(threads=self._threads))
             found = repairer.repair(scene.image, values, settings.depth.repair, watch)
             values, repaired, reason = found.disparity, found.repaired, found.reason
-        if scene.depth.kind != "defocus":
-            lens = focus_lens(
-                replace(scene.depth, values=values), scene.window, settings.focus, settings.camera
-            )
+        known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
+        if known is None and matte is not None and not is_exact(scene):
+            known = matte_surfaces(matte, values)
+        if scene.depth.kind == "defocus":
+            known = focused_surfaces(known, values, None, scene.supersampled)
+            values = values if scene.supersampled == 1 else scene.supersampled * values
+        else:
+            depth, fine = replace(scene.depth, values=values), in_fine_pixels(settings, scene.supersampled)
+            lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
+            known = focused_surfaces(known, values, lens)
             disparity, values = values, lens.defocus(values)
             notes += odd_blur(scene.depth, disparity, lens, values)
         return FocusedScene(
@@ -302,6 +322,8 @@ class BokehRenderer:
             repaired=repaired,
             repair_reason=reason,
             notes=notes,
+            known=known,
+            supersampled=scene.supersampled,
         )
 
     def _expose(
@@ -326,15 +348,19 @@ class BokehRenderer:
         window = scene.window
         place = Place(window.x, window.y, window.display_width, window.display_height)
         lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
-        alpha = scene.alpha
+        lens["rays_share"] = RAYS_SHARE if scene.supersampled > 1 else 1.0
+        alpha, known = scene.alpha, scene.known
         names = {"gamma": "highlights.gamma", "engine": "name"} | _leaning(settings)
         with about("engine", names):
             if alpha is not None:
-                alpha = _spread_coverage(engine, alpha, defocus, lens, look.max_memory, image.nbytes)
+                told = known and known.without_colors()
+                spread = lens | {"known": told}
+                alpha = _spread_coverage(engine, alpha, defocus, spread, look.max_memory, image.nbytes)
             taken = memory.PROGRAM + image.nbytes + defocus.nbytes
             taken += defocus.nbytes if keep and overwrite else 0
             taken += 0 if overwrite else image.nbytes + defocus.nbytes
             taken += 0 if scene.alpha is None else 2 * defocus.nbytes
+            taken += 0 if known is None else known.nbytes
             rendered = engine.render(
                 image,
                 defocus,
@@ -345,7 +371,14 @@ class BokehRenderer:
                 max_memory=look.max_memory,
                 memory_taken=taken,
                 overwrite=overwrite,
+                known=known,
             )
+        factor = scene.supersampled
+        if factor > 1:
+            rendered = reduced_result(rendered, factor)
+            alpha = None if alpha is None else reduce_fine(alpha, factor)
+            defocus = reduced_defocus(defocus, factor) if keep else defocus
+            scene = reduced_scene(scene, rendered.bokeh, alpha)
         bokeh, alpha = _taken(rendered.bokeh, alpha, effects, scene)
         found = scene.lens
         return RenderResult(
@@ -355,6 +388,8 @@ class BokehRenderer:
             neural=rendered.neural,
             error_map=rendered.error_map,
             defocus=defocus if keep else None,
+            mixed_pixels=rendered.mixed_pixels,
+            supersampled=factor,
             frame=scene.frame,
             output=settings.output,
             report=RenderReport(
@@ -400,6 +435,7 @@ class BokehRenderer:
             neural=rendered.neural,
             error_map=rendered.error_map,
             defocus=None if overwrite else np.asarray(defocus, np.float32),
+            mixed_pixels=rendered.mixed_pixels,
             report=RenderReport(
                 engine=engine.name,
                 largest_blur=rendered.largest_blur,

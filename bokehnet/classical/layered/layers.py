@@ -10,18 +10,16 @@ from numba import prange
 
 from bokehnet.checks import check_finite, check_rank
 from bokehnet.classical.highlight_detection import brightest, light_limit
-from bokehnet.classical.layered.depth_discontinuities import (
-    DISCONTINUITY_THRESHOLD,
-    discontinuity_sides,
-    sharpen_discontinuities,
-)
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.mixed_pixels import find_mixed_pixels
 from bokehnet.classical.layered.occluded_background import occluded_background
-from bokehnet.classical.layered.unmixing import unmix
+from bokehnet.classical.layered.unmixing import MixedPixels
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.kernels import njit
 
-__all__ = ["Layers", "split_layers"]
+__all__ = ["Layers", "split_layers", "split_picture"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -119,6 +117,7 @@ def split_layers(
     image: npt.NDArray[np.floating[Any]],
     defocus: npt.NDArray[np.floating[Any]],
     max_coc_radius: int | None = None,
+    known: KnownSurfaces | None = None,
 ) -> Layers:
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
@@ -132,18 +131,27 @@ def split_layers(
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         max_coc_radius: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
+        known: Surfaces of pixels at edges that need not be estimated.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
-        ParameterError: NaN or infinity in either.
+        ParameterError: NaN or infinity in either, or known pixels outside.
     """
-    image, sharp = (
-        np.asarray(image, np.float32),
-        sharpen_discontinuities(np.ascontiguousarray(defocus, np.float32)),
-    )
-    sides = discontinuity_sides(sharp)
-    reach = math.ceil(float(np.abs(sharp).max())) if max_coc_radius is None else max_coc_radius
-    mixed = unmix(image, sharp, sides, brightest(image) > light_limit(image, reach))
+    return split_picture(image, defocus, max_coc_radius, known)[0]
+
+
+def split_picture(
+    image: npt.NDArray[np.floating[Any]],
+    defocus: npt.NDArray[np.floating[Any]],
+    max_coc_radius: int | None = None,
+    known: KnownSurfaces | None = None,
+) -> tuple[Layers, MixedPixels]:
+    """Make the layers of :func:`split_layers`, and tell which pixels were parted into which surfaces."""
+    image, defocus = np.asarray(image, np.float32), np.ascontiguousarray(defocus, np.float32)
+    reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
+    if known is not None:
+        known.check_within(*defocus.shape)
+    sharp, mixed = find_mixed_pixels(image, defocus, brightest(image) > light_limit(image, reach), known)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
@@ -152,4 +160,4 @@ def split_layers(
     with parallel_region:
         _stack(image, sharp, hidden, behind, colors, depths, coverage)
         _lay_mixed(*mixed, colors, depths, coverage)
-    return Layers(colors=colors, defocus=depths, coverage=coverage)
+    return Layers(colors=colors, defocus=depths, coverage=coverage), mixed

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -115,11 +116,11 @@ def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no
 
 
 @njit(cache=True)
-def _part(pixel, front, back, share, front_variance, back_variance):  # type: ignore[no-untyped-def]
+def _part(pixel, front, back, share, share_spread, front_variance, back_variance):  # type: ignore[no-untyped-def]
     """Move the means ``front`` and ``back`` to the most probable colours; return the share."""
     own, other = share * front_variance, (1.0 - share) * back_variance
     spread = share * own + (1.0 - share) * other
-    shift = _SHARE_SPREAD * _SHARE_SPREAD
+    shift = share_spread * share_spread
     along = across = 0.0
     for c in range(3):
         across += (front[c] - back[c]) ** 2
@@ -147,11 +148,18 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
 
 
 @njit(cache=True, parallel=True)
-def _unmix(image, defocus, spared, sides, places, colors, surfaces):  # type: ignore[no-untyped-def]
-    """Fill colours (N, 2, 3) of front and back, and (N, 4): near, far, coverage, whether near is the own."""
+def _unmix(image, defocus, spared, sides, places, held, colors, surfaces):  # type: ignore[no-untyped-def]
+    """Fill colours (N, 2, 3) of front and back, and (N, 4): near, far, coverage, whether near is the own.
+
+    ``held``, (N, 3), are near, far and coverage where they are known; coverage is -1 where they are not.
+    """
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
         near, far, share, is_front = _surfaces(defocus, y, x)
+        share_spread = _SHARE_SPREAD
+        if held[i, 2] >= 0.0:
+            near, far, share = held[i, 0], held[i, 1], held[i, 2]
+            is_front, share_spread = share >= 0.5, 0.0
         front_variance = _mean(image, defocus, spared, sides, y, x, near, colors[i, 0])
         back_variance = _mean(image, defocus, spared, sides, y, x, far, colors[i, 1])
         least = _LEAST * _LEAST
@@ -162,11 +170,23 @@ def _unmix(image, defocus, spared, sides, places, colors, surfaces):  # type: ig
             least += _RELATIVE * _RELATIVE * (colors[i, 0, c] ** 2 + colors[i, 1, c] ** 2) / 3.0
         surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
         surfaces[i, 2] = _part(
-            image[y, x], colors[i, 0], colors[i, 1], share, front_variance + least, back_variance + least
+            image[y, x],
+            colors[i, 0],
+            colors[i, 1],
+            share,
+            share_spread,
+            front_variance + least,
+            back_variance + least,
         )
 
 
-def unmix(image: np.ndarray, defocus: np.ndarray, sides: np.ndarray, spared: np.ndarray) -> MixedPixels:
+def unmix(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    sides: np.ndarray,
+    spared: np.ndarray,
+    held: KnownSurfaces | None = None,
+) -> MixedPixels:
     """Part the pixels at depth discontinuities into the two surfaces that they mix.
 
     Args:
@@ -174,15 +194,25 @@ def unmix(image: np.ndarray, defocus: np.ndarray, sides: np.ndarray, spared: np.
         defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32, with sharp steps.
         sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`.
         spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (H, W) bool.
+        held: Pixels whose surfaces and coverage are known: of these only the colours are estimated.
 
     Returns:
-        Both surfaces of all pixels of ``sides`` that are not spared. They add up to the picture but for
-        rounding, wherever that is not below 0.
+        Both surfaces of all pixels of ``sides`` and ``held`` that are not spared. They add up to the picture
+        but for rounding, wherever that is not below 0.
     """
-    places = np.argwhere((sides != 0) & ~spared)
+    wanted = sides != 0
+    if held is not None:
+        wanted[held.rows, held.columns] = True
+    places = np.argwhere(wanted & ~spared)
+    told = np.full((len(places), 3), -1.0)
+    if held is not None:
+        held = held.taken(~spared[held.rows, held.columns])
+        width = sides.shape[1]
+        order = np.searchsorted(places @ (width, 1), held.rows.astype(np.int64) * width + held.columns)
+        told[order] = np.stack([held.near, held.far, held.coverage], axis=-1)
     colors, surfaces = np.empty((len(places), 2, 3)), np.empty((len(places), 4))
     with parallel_region:
-        _unmix(image, defocus, spared, sides, places, colors, surfaces)
+        _unmix(image, defocus, spared, sides, places, told, colors, surfaces)
     colors, surfaces = colors.astype(np.float32), surfaces.astype(np.float32)
     return MixedPixels(
         rows=places[:, 0],

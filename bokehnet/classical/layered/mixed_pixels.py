@@ -1,0 +1,70 @@
+"""Which pixels show two surfaces, and what these are: as is known beforehand, else as unmixing finds."""
+
+import numpy as np
+
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.depth_discontinuities import (
+    DISCONTINUITY_THRESHOLD,
+    discontinuity_sides,
+    sharpen_discontinuities,
+)
+from bokehnet.classical.layered.unmixing import MixedPixels, unmix
+
+__all__ = ["find_mixed_pixels", "told_of"]
+
+
+def find_mixed_pixels(
+    image: np.ndarray, defocus: np.ndarray, spared: np.ndarray, known: KnownSurfaces | None = None
+) -> tuple[np.ndarray, MixedPixels]:
+    """Find the mixed pixels of a picture, and its defocus with a step wherever one surface ends.
+
+    Known pixels whose surfaces are within ``DISCONTINUITY_THRESHOLD`` of each other are no mixture. The
+    others have the depth of the surface that covers more of them, whatever ``defocus`` says.
+
+    Args:
+        image: All-in-focus picture, scene-linear, (H, W, 3), float32.
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32.
+        spared: Pixels that are not unmixed: lights, (H, W) bool. Known colours are taken there too.
+        known: What need not be estimated.
+
+    Returns:
+        Defocus (H, W), and the mixed pixels.
+    """
+    sharp = sharpen_discontinuities(defocus)
+    if known is None:
+        return sharp, unmix(image, sharp, discontinuity_sides(sharp), spared)
+    parted = known.taken(known.near - known.far > DISCONTINUITY_THRESHOLD)
+    is_front = parted.coverage >= 0.5
+    sharp[parted.rows, parted.columns] = np.where(is_front, parted.near, parted.far)
+    sides = discontinuity_sides(sharp)
+    if known.complete:
+        sides[:] = 0
+    sides[known.rows, known.columns] = 0
+    if parted.front is None or parted.back is None:
+        return sharp, unmix(image, sharp, sides, spared, held=parted)
+    found = unmix(image, sharp, sides, spared)
+    told = MixedPixels(
+        rows=parted.rows,
+        columns=parted.columns,
+        front=parted.front,
+        back=parted.back,
+        near=parted.near,
+        far=parted.far,
+        coverage=parted.coverage,
+        is_front=is_front,
+    )
+    return sharp, MixedPixels(*(np.concatenate(pair) for pair in zip(found, told, strict=True)))
+
+
+def told_of(mixed: MixedPixels) -> KnownSurfaces:
+    """The same pixels row by row, to be told to others."""
+    order = np.lexsort((mixed.columns, mixed.rows))
+    return KnownSurfaces(
+        rows=mixed.rows[order],
+        columns=mixed.columns[order],
+        near=mixed.near[order],
+        far=mixed.far[order],
+        coverage=mixed.coverage[order],
+        front=mixed.front[order],
+        back=mixed.back[order],
+    )
