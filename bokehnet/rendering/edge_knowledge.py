@@ -26,6 +26,9 @@ _LEAST = 1e-4
 # From here on, and up to here, a matte says that a pixel is all front, and all back.
 _FRONT, _BACK = 0.95, 0.05
 
+# Pixels by which the edges of the map may lie beside those of the matte.
+_MARGIN = 3
+
 # Half the widths of the windows in which a mixed pixel of a matte looks for both surfaces, pixels.
 _REACHES = (2, 4, 8, 16, 32)
 
@@ -43,6 +46,12 @@ def deep_surfaces(path: Path | str, unit: str = "m") -> KnownSurfaces | None:
 
     Returns:
         Surfaces whose ``near`` and ``far`` are disparities, 1/mm.
+
+    Examples:
+        >>> from bokehnet.io.image import write_image
+        >>> write_image("flat.exr", np.ones((4, 6, 3), np.float32))
+        >>> deep_surfaces("flat.exr") is None
+        True
     """
     if not is_exr(Path(path)):
         return None
@@ -84,6 +93,12 @@ def read_matte(path: Path | str, window: Window) -> Array:
 
     Raises:
         ImageFileError: The file cannot be read, or holds NaN or values outside 0 to 1.
+
+    Examples:
+        >>> from bokehnet.io.image import write_map
+        >>> write_map("matte.png", np.array([[0, 0.2, 1]], np.float32))
+        >>> read_matte("matte.png", Window.whole(3, 1)).round(3).tolist()
+        [[0.0, 0.2, 1.0]]
     """
     with ImageFile(path) as file:
         names = [part.alpha for part in file.parts if part.alpha is not None]
@@ -102,6 +117,12 @@ def check_matte(matte: npt.NDArray[np.floating], image: Array, name: str = "matt
     Raises:
         ShapeError: It has another size than its picture.
         ParameterError: NaN, or values outside 0 to 1.
+
+    Examples:
+        >>> check_matte(np.array([[0, 255]]), np.ones((1, 2, 3), np.float32))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: matte: expected 0 to 1, got 0 to 255; clip it first
     """
     check_map(name, matte)
     check_same_size("the picture", image, f"its {name}", matte)
@@ -115,17 +136,27 @@ def check_matte(matte: npt.NDArray[np.floating], image: Array, name: str = "matt
 def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
     """Surfaces of the pixels along the edges of a matte, of which only the colours are not known.
 
-    Their disparities are means over the nearest pixels that are all front and all back. Where the front is
-    not the nearer of both, the matte is of no edge in depth.
+    Their disparities are means over the nearest pixels that are all front and all back, if there are any
+    farther than three pixels from the edge: so far the edges of the map may lie beside it, and so far what
+    is all front or all back is told as well. Where the front is not the nearer of both, the matte is of no
+    edge in depth.
 
     Args:
         matte: Coverage of the front, (H, W), 0 to 1.
         disparity: Or anything that grows with it, (H, W).
+
+    Examples:
+        >>> matte = np.array([[0, 0, 0.25, 1, 1]], np.float32)
+        >>> found = matte_surfaces(matte, np.array([[0.1, 0.1, 0.1, 0.9, 0.9]], np.float32))
+        >>> found.columns.tolist(), found.coverage.tolist(), found.near[0].round(2), found.far[0].round(2)
+        ([0, 1, 2, 3, 4], [0.0, 0.0, 0.25, 1.0, 1.0], np.float32(0.9), np.float32(0.1))
     """
     low, high = _extremes(matte)
-    y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1) & (high > _BACK)))
-    near = _nearest_mean(disparity, matte >= _FRONT, y, x)
-    far = _nearest_mean(disparity, matte <= _BACK, y, x)
+    y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
+    near = _nearest_mean(disparity, low >= _FRONT, y, x)
+    near = np.where(np.isnan(near), _nearest_mean(disparity, matte >= _FRONT, y, x), near)
+    far = _nearest_mean(disparity, high <= _BACK, y, x)
+    far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
     found = KnownSurfaces(
         rows=y,
         columns=x,
@@ -137,12 +168,13 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
 
 
 def _extremes(values: Array) -> tuple[Array, Array]:
-    """Lowest and highest value in the 3x3 windows."""
+    """Lowest and highest value within the margin of each pixel."""
     low = high = values
     for axis in (0, 1):
-        around = [(1, 1) if axis == i else (0, 0) for i in (0, 1)]
-        low = np.lib.stride_tricks.sliding_window_view(np.pad(low, around, "edge"), 3, axis).min(-1)
-        high = np.lib.stride_tricks.sliding_window_view(np.pad(high, around, "edge"), 3, axis).max(-1)
+        around = [(_MARGIN, _MARGIN) if axis == i else (0, 0) for i in (0, 1)]
+        size = 2 * _MARGIN + 1
+        low = np.lib.stride_tricks.sliding_window_view(np.pad(low, around, "edge"), size, axis).min(-1)
+        high = np.lib.stride_tricks.sliding_window_view(np.pad(high, around, "edge"), size, axis).max(-1)
     return low, high
 
 
@@ -181,6 +213,11 @@ def focused_surfaces(
         values: The map, (H, W).
         lens: Lens and focus; None where the map is of blur radii.
         factor: By which such radii are multiplied.
+
+    Examples:
+        >>> edge = matte_surfaces(np.array([[0, 1]], np.float32), np.array([[-2, 3]], np.float32))
+        >>> focused_surfaces(edge, np.zeros((1, 2), np.float32), None, 2).near.tolist()
+        [6.0, 6.0]
     """
     if known is None or not len(known.rows):
         return known

@@ -315,12 +315,28 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
 
 
 def is_exact(scene: Scene) -> bool:
-    """Whether edges of the map are where those of the picture are, and not to be mended."""
+    """Whether edges of the map are where those of the picture are, and not to be mended.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=4)
+        >>> is_exact(fine)
+        True
+    """
     return scene.known is not None or scene.supersampled > 1
 
 
 def check_nothing_to_mend(scene: Scene, settings: DepthSettings) -> None:
-    """Raise ``ParameterError`` where a map is to be mended whose edges are known to be right."""
+    """Raise ``ParameterError`` where a map is to be mended whose edges are known to be right.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=2)
+        >>> check_nothing_to_mend(fine, DepthSettings(repair="on"))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: depth.repair: expected auto or off for a scene whose edges ...
+    """
     for name in ("mixed", "repair"):
         if is_exact(scene) and getattr(settings, name) == "on":
             expected = "auto or off for a scene whose edges are known"

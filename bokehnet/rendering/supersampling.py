@@ -39,6 +39,13 @@ def at_rendered_size(scene: Scene) -> Scene:
 
     Raises:
         ShapeError: Map and picture differ in size.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> from bokehnet.rendering.scene import make_scene
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=4)
+        >>> at_rendered_size(fine).image.shape  # of a result of 6x8 pixels
+        (12, 16, 3)
     """
     factor = scene.supersampled // RENDERED
     if factor <= 1:
@@ -76,7 +83,13 @@ def _means(values: Array, factor: int) -> Array:
 
 
 def in_fine_pixels(settings: RenderSettings, factor: int) -> RenderSettings:
-    """The same settings where what they tell in pixels of the result is told in those of the scene."""
+    """The same settings where what they tell in pixels of the result is told in those of the scene.
+
+    Examples:
+        >>> from bokehnet.rendering.settings import CameraSettings
+        >>> in_fine_pixels(RenderSettings(camera=CameraSettings(blur=20)), 2).camera.blur
+        40.0
+    """
     if factor == 1:
         return settings
     focus, blur = settings.focus, settings.camera.blur
@@ -95,7 +108,17 @@ def _inside(pixel: tuple[int, int], factor: int) -> tuple[int, int]:
 
 
 def reduced_scene(scene: FocusedScene, bokeh: Array, alpha: Array | None) -> FocusedScene:
-    """The scene of a reduced result, for what is done with that."""
+    """The scene of a reduced result, for what is done with that.
+
+    Examples:
+        >>> image, window = np.ones((4, 6, 3), np.float32), Window.whole(6, 4)
+        >>> scene = FocusedScene(
+        ...     image=image, defocus=image[..., 0], alpha=None, window=window, number=0, frame=None,
+        ...     lens=None, supersampled=2
+        ... )
+        >>> reduced_scene(scene, image[::2, ::2], None).window.width
+        3
+    """
     window = _divided(scene.window, scene.supersampled)
     frame: Frame | None = scene.frame
     if frame is not None:
@@ -104,7 +127,15 @@ def reduced_scene(scene: FocusedScene, bokeh: Array, alpha: Array | None) -> Foc
 
 
 def reduced_result(rendered: EngineResult, factor: int) -> EngineResult:
-    """What an engine gave, filtered down to the size of the result."""
+    """What an engine gave, filtered down to the size of the result.
+
+    Examples:
+        >>> from bokehnet.inference.engine import Engine
+        >>> rendered = Engine("scatter").render(np.ones((8, 8, 3)), np.full((8, 8), 4.0))
+        >>> small = reduced_result(rendered, 2)
+        >>> small.bokeh.shape, small.largest_blur
+        ((4, 4, 3), 2.0)
+    """
     bokeh = reduce_fine(rendered.bokeh, factor)
     classical = rendered.classical
     if classical is not None:
@@ -120,5 +151,10 @@ def reduced_result(rendered: EngineResult, factor: int) -> EngineResult:
 
 
 def reduced_defocus(defocus: Array, factor: int) -> Array:
-    """Blur radius in pixels of the result, (H, W), at one of the fine pixels of each."""
+    """Blur radius in pixels of the result, (H, W), at one of the fine pixels of each.
+
+    Examples:
+        >>> reduced_defocus(np.array([[1, 2], [3, 4]], np.float32), 2).tolist()
+        [[2.0]]
+    """
     return np.ascontiguousarray(defocus[factor // 2 :: factor, factor // 2 :: factor]) / np.float32(factor)

@@ -8,7 +8,7 @@ from bokehnet.classical.layered.depth_discontinuities import (
     discontinuity_sides,
     sharpen_discontinuities,
 )
-from bokehnet.classical.layered.unmixing import MixedPixels, unmix
+from bokehnet.classical.layered.unmixing import HELD, MixedPixels, unmix
 
 __all__ = ["find_mixed_pixels", "told_of"]
 
@@ -19,7 +19,8 @@ def find_mixed_pixels(
     """Find the mixed pixels of a picture, and its defocus with a step wherever one surface ends.
 
     Known pixels whose surfaces are within ``DISCONTINUITY_THRESHOLD`` of each other are no mixture. The
-    others have the depth of the surface that covers more of them, whatever ``defocus`` says.
+    others have the depth of the surface that covers more of them, whatever ``defocus`` says, and are mixed
+    where that does not cover all.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32.
@@ -34,13 +35,15 @@ def find_mixed_pixels(
     if known is None:
         return sharp, unmix(image, sharp, discontinuity_sides(sharp), spared)
     parted = known.taken(known.near - known.far > DISCONTINUITY_THRESHOLD)
-    is_front = parted.coverage >= 0.5
-    sharp[parted.rows, parted.columns] = np.where(is_front, parted.near, parted.far)
+    own = np.where(parted.coverage >= 0.5, parted.near, parted.far)
+    sharp[parted.rows, parted.columns] = own
+    parted = parted.taken((parted.coverage > 0) & (parted.coverage < 1))
     sides = discontinuity_sides(sharp)
     if known.complete:
         sides[:] = 0
     sides[known.rows, known.columns] = 0
     if parted.front is None or parted.back is None:
+        sides[parted.rows, parted.columns] = HELD
         return sharp, unmix(image, sharp, sides, spared, held=parted)
     found = unmix(image, sharp, sides, spared)
     told = MixedPixels(
@@ -51,7 +54,7 @@ def find_mixed_pixels(
         near=parted.near,
         far=parted.far,
         coverage=parted.coverage,
-        is_front=is_front,
+        is_front=parted.coverage >= 0.5,
     )
     return sharp, MixedPixels(*(np.concatenate(pair) for pair in zip(found, told, strict=True)))
 

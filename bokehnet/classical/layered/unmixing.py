@@ -29,7 +29,7 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["MixedPixels", "unmix"]
+__all__ = ["HELD", "MixedPixels", "unmix"]
 
 # Of a Blackman-Harris filter 3 pixels wide, the part over a pixel itself and over its two neighbours.
 _PIXEL_FILTER = np.array([0.1186, 0.7628, 0.1186])
@@ -39,6 +39,9 @@ _SHARE_SPREAD = 0.1
 
 # Half the width of the window, squared deviation of the weights and weight of mixed pixels, for the colours.
 _WINDOW, _SQUARE, _MIXED = 3, 4.0, 0.35
+
+# Bit of sides beside those of discontinuities: pixels that are known to be mixed, and their weight.
+HELD, _KNOWN_MIXED = 4, 1e-3
 
 # Colours vary by at least this part of themselves, and by this much.
 _RELATIVE, _LEAST = 0.02, 1e-4
@@ -104,7 +107,7 @@ def _mean(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no
                 continue
             weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / _SQUARE)
             if sides[v, u] != 0:
-                weight *= _MIXED
+                weight *= _KNOWN_MIXED if sides[v, u] & HELD else _MIXED
             total += weight
             for c in range(3):
                 color[c] += weight * image[v, u, c]
@@ -192,7 +195,8 @@ def unmix(
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32.
         defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32, with sharp steps.
-        sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`.
+        sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`, and ``HELD``
+            where pixels are known to be mixed.
         spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (H, W) bool.
         held: Pixels whose surfaces and coverage are known: of these only the colours are estimated.
 
