@@ -96,17 +96,16 @@ def read_matte(path: Path | str, window: Window) -> Array:
 
     Examples:
         >>> from bokehnet.io.image import write_map
-        >>> write_map("matte.png", np.array([[0, 0.2, 1]], np.float32))
-        >>> read_matte("matte.png", Window.whole(3, 1)).round(3).tolist()
-        [[0.0, 0.2, 1.0]]
+        >>> write_map("matte.exr", np.array([[0, 0.25, 1]], np.float32))
+        >>> read_matte("matte.exr", Window.whole(3, 1)).tolist()
+        [[0.0, 0.25, 1.0]]
     """
     with ImageFile(path) as file:
         names = [part.alpha for part in file.parts if part.alpha is not None]
     values = read_map(path, names[0] if names else None, window=window)
-    if not np.isfinite(values).all() or values.min() < 0 or values.max() > 1:
-        found = f"{np.nanmin(values):g} to {np.nanmax(values):g}"
-        if not np.isfinite(values).all():
-            found = f"{int((~np.isfinite(values)).sum())} values that are NaN or infinite"
+    bad = int((~np.isfinite(values)).sum())
+    if bad or values.min() < 0 or values.max() > 1:
+        found = f"{bad} values that are NaN or infinite" if bad else f"{values.min():g} to {values.max():g}"
         raise ImageFileError(f"{path}: expected a matte of 0 to 1, found {found}; clip it first")
     return values
 

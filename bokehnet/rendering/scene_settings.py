@@ -348,5 +348,6 @@ class OutputSettings(Group):
         "on", "on (default) or off: rounding to 8 bits spreads its error, so that slopes show no bands."
     )
     save_maps: Path | None = setting(
-        None, "Folder for the settings, and for defocus, error map, classical and neural as pictures."
+        None,
+        "Folder for the settings, and as pictures: defocus, error map, classical, neural, mixed pixels.",
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal.windows import blackmanharris
 
 from bokehnet.classical.layered.supersampled import reduce_supersampled
 from bokehnet.optics.supersampling import fine_weights, reduce_fine
@@ -42,7 +43,7 @@ def test_both_surfaces_add_up_to_the_pixel_and_are_pure_though_the_samples_are_f
     inside = (known.rows > 1) & (known.rows < 10)  # the roll has brought the other border in
     minor = np.where(share > 0.5, known.back, known.front)[inside]
     truth = np.where(share > 0.5, (0.1, 0.3, 0.9), (0.8, 0.2, 0.1))[inside]
-    assert np.abs(minor - truth).max() < 0.04
+    assert np.abs(minor - truth).max() < 0.06  # as they are, up to 0.5
 
 
 def test_a_slope_is_one_surface():
@@ -88,9 +89,6 @@ def test_the_filter_is_a_weighted_mean(factor):
 
 
 def test_the_filter_is_that_of_blender():
-    """Formula: the four-term window over three pixels, whose ends are 0.00006 of its middle."""
-    window = fine_weights(64)
-    assert window[96] / window.max() == pytest.approx(1, abs=1e-3)
-    assert window[0] / window.max() < 1e-4
-    half = window[window >= window.max() / 2]
-    assert len(half) / 64 == pytest.approx(0.81, abs=0.03)  # 1.9 of 7 bins wide at half its height
+    """Authority: SciPy's window over three pixels, at the middles of the samples."""
+    window = blackmanharris(2 * 3 * 4 + 1)[1::2]
+    np.testing.assert_allclose(fine_weights(4), window / window.sum(), atol=1e-12)
