@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
@@ -108,12 +109,14 @@ class ClassicalResult:
             has none.
         disocclusion_weight: Share of each pixel's light that comes from there or from beyond the border, (H,
             W) in [0, 1]; ``None`` if it guesses nothing.
+        mixed_pixels: Pixels that were parted into two surfaces, with both; ``None`` if it parts none.
     """
 
     bokeh: np.ndarray
     error_map: np.ndarray
     occluded_background: np.ndarray | None = None
     disocclusion_weight: np.ndarray | None = None
+    mixed_pixels: KnownSurfaces | None = None
 
     def rows(self, wanted: slice) -> "ClassicalResult":
         """Some of the rows."""
@@ -126,6 +129,7 @@ class ClassicalResult:
             disocclusion_weight=None
             if self.disocclusion_weight is None
             else self.disocclusion_weight[wanted],
+            mixed_pixels=self.mixed_pixels and self.mixed_pixels.in_rows(wanted.start, wanted.stop),
         )
 
     @property
@@ -149,6 +153,8 @@ class ClassicalRenderer(Protocol):
         place: Place | None = None,
         progress: Callable[[float], None] | None = None,
         pixel_filter: PixelFilter = DEFAULT_FILTER,
+        known: KnownSurfaces | None = None,
+        rays_share: float = 1.0,
     ) -> ClassicalResult:
         """Render.
 
@@ -163,6 +169,8 @@ class ClassicalRenderer(Protocol):
                 all of it is shown.
             progress: Called with the share of the work that is done, 0 to 1.
             pixel_filter: Of the picture, by which its pixels at edges mix both sides.
+            known: Surfaces of pixels at edges that need not be estimated, for renderers that take layers.
+            rays_share: Share of the usual rays of a pixel, where several pixels will be reduced to one.
         """
         ...
 

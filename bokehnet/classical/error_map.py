@@ -13,17 +13,17 @@ __all__ = ["boundary_threshold", "geometric_error_map"]
 
 
 @njit(cache=True, parallel=True)
-def _boundary_reach(defocus, threshold, softness):  # type: ignore[no-untyped-def]
+def _boundary_reach(nearest, farthest, threshold, softness):  # type: ignore[no-untyped-def]
     """Largest radius around each boundary pixel and ``softness`` more, 0 elsewhere; 3x3 windows."""
-    height, width = defocus.shape
+    height, width = nearest.shape
     reach = np.zeros((height, width), np.float32)
     for y in prange(height):
         for x in range(width):
-            low = high = defocus[y, x]
+            low, high = farthest[y, x], nearest[y, x]
             for v in range(max(0, y - 1), min(height, y + 2)):
                 for u in range(max(0, x - 1), min(width, x + 2)):
-                    low = min(low, defocus[v, u])
-                    high = max(high, defocus[v, u])
+                    low = min(low, farthest[v, u])
+                    high = max(high, nearest[v, u])
             if high - low > threshold:
                 reach[y, x] = max(abs(low), abs(high), 1.0) + softness
     return reach
@@ -79,7 +79,12 @@ def boundary_threshold(size: tuple[int, ...]) -> float:
     return max(0.5, min(size) / 1000)
 
 
-def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, softness: int = 2) -> np.ndarray:
+def geometric_error_map(
+    defocus: np.ndarray,
+    threshold: float | None = None,
+    softness: int = 2,
+    farthest: np.ndarray | None = None,
+) -> np.ndarray:
     """Return the map of pixels that a depth discontinuity can reach.
 
     A pixel lies on a boundary when the defocus inside its 3x3 window spans more than ``threshold``; each
@@ -89,6 +94,8 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
         defocus: Signed blur radius in pixels, (H, W).
         threshold: Span in pixels; default :func:`boundary_threshold`.
         softness: Half the width in pixels of the soft edge, which lies outside the mask.
+        farthest: Where pixels show two surfaces, ``defocus`` is of the nearer one and this of the farther
+            one, (H, W); default: they show one.
 
     Returns:
         Map (H, W) float32 in [0, 1]; 1 within reach of a boundary, 0 where the scatter is right.
@@ -103,8 +110,9 @@ def geometric_error_map(defocus: np.ndarray, threshold: float | None = None, sof
     if threshold is None:
         threshold = boundary_threshold(defocus.shape)
     defocus = np.ascontiguousarray(defocus, np.float32)
+    farthest = defocus if farthest is None else np.ascontiguousarray(farthest, np.float32)
     with parallel_region:
-        counts = _cover_discs(_boundary_reach(defocus, threshold, softness))
+        counts = _cover_discs(_boundary_reach(defocus, farthest, threshold, softness))
         _sum_rows(counts)
         softened: np.ndarray = _soften(counts[:, :-1], softness)
     return softened

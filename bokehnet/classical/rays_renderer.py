@@ -13,13 +13,16 @@ from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ALIGNED, ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
 from bokehnet.classical.layered.defocus_bins import occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
-from bokehnet.classical.layered.layers import Layers, split_layers
+from bokehnet.classical.layered.layers import Layers, split_picture
+from bokehnet.classical.layered.mixed_pixels import told_of
 from bokehnet.classical.layered.ray_marching import SETS, march
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.classical.simd.float8 import LANES
 from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, pupil_points
@@ -45,13 +48,15 @@ _VARIANTS = 16
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture, colored: bool) -> tuple[np.ndarray, np.ndarray]:
+def _pattern(aperture: Aperture, colored: bool, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus.
+
+    There are ``share`` of the rays that a pixel has otherwise.
 
     Points whose rays have wavelengths are two dimensions of one sequence with these
     (:mod:`bokehnet.optics.wavelength_sampling`); others fill the pupil better by themselves.
     """
-    rays_per_pixel = _COLORED_RAYS if colored else _RAYS
+    rays_per_pixel = max(LANES, round(share * (_COLORED_RAYS if colored else _RAYS) / LANES) * LANES)
     count = SETS * rays_per_pixel
     if colored:
         shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
@@ -74,6 +79,7 @@ def rays(
     seed: int = 0,
     layers: Layers | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
+    known: KnownSurfaces | None = None,
 ) -> npt.NDArray[np.float32]:
     """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
@@ -93,6 +99,7 @@ def rays(
         layers: True layers, from a renderer that can see behind things. Default: made from the picture
             (:func:`bokehnet.classical.layered.layers.split_layers`).
         pixel_filter: Of the picture, by which its pixels at edges mix both sides.
+        known: Surfaces of pixels at edges that need not be estimated for them; without ``layers``.
 
     Returns:
         Picture (H, W, 3) float32.
@@ -106,7 +113,7 @@ def rays(
         through layers of pictures; Peng et al., "BokehMe", CVPR 2022, for where the scatter is wrong.
     """
     look = (aperture or Aperture(), lens_response, seed, layers)
-    return _render(image, defocus, *look, pixel_filter=pixel_filter).bokeh
+    return _render(image, defocus, *look, pixel_filter=pixel_filter, known=known).bokeh
 
 
 _fuse = njit()(fuse)
@@ -181,6 +188,8 @@ def _render(
     place: Place | None = None,
     progress: Callable[[float], None] | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
+    known: KnownSurfaces | None = None,
+    rays_share: float = 1.0,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
@@ -188,12 +197,18 @@ def _render(
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     largest = _LARGEST * max(size)
     defocus = np.clip(defocus, -largest, largest)
-    radius = math.ceil(float(np.abs(defocus).max())) if strip is None else strip.max_coc_radius
+    nearest, farthest = defocus, defocus
+    if known is not None:
+        known.check_within(*defocus.shape)
+        known = known.at_most(largest)
+        nearest, farthest = known.laid_over(defocus)
+    radius = strip.max_coc_radius if strip is not None else _largest_radius(nearest, farthest)
     above = 0 if strip is None else strip.first
     place = place or Place.whole(*size)
-    error_map = rays_weight = geometric_error_map(defocus, boundary_threshold(size))
+    error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
+    del nearest, farthest
     colored = lens_response is not None and lens_response.is_dispersive
-    points, weights = _pattern(aperture, colored)
+    points, weights = _pattern(aperture, colored, rays_share)
     lens, ray_reach, footprint = None, radius, (1.0, 0.0)
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, points[0].size, above=above, shape=defocus.shape)
@@ -214,7 +229,11 @@ def _render(
             disocclusion_weight=np.zeros_like(error_map),
         )
     faintest = 0.0 if lens is None else _FAINTEST
-    stack = layers or split_layers(image, defocus, ray_reach, pixel_filter)
+    mixed = None
+    if layers is None:
+        stack, mixed = split_picture(image, defocus, ray_reach, pixel_filter, known)
+    else:
+        stack = layers
     rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     tell(1, 1)
     colors, cells = rest.colors, layer_cells(rest)
@@ -255,7 +274,13 @@ def _render(
         error_map=error_map,
         occluded_background=occluded_background,
         disocclusion_weight=disocclusion_weight,
+        mixed_pixels=None if mixed is None else told_of(mixed),
     )
+
+
+def _largest_radius(nearest: np.ndarray, farthest: np.ndarray) -> int:
+    """Largest blur radius, rounded up."""
+    return math.ceil(max(float(nearest.max()), -float(farthest.min()), 0.0))
 
 
 def render_rays(
@@ -267,6 +292,8 @@ def render_rays(
     place: Place | None = None,
     progress: Callable[[float], None] | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
+    known: KnownSurfaces | None = None,
+    rays_share: float = 1.0,
 ) -> ClassicalResult:
     """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
     return _render(
@@ -278,4 +305,6 @@ def render_rays(
         place=place,
         progress=progress,
         pixel_filter=pixel_filter,
+        known=known,
+        rays_share=rays_share,
     )

@@ -10,6 +10,7 @@ from numba import prange
 
 from bokehnet.classical.base import ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
@@ -99,6 +100,8 @@ def render_scatter(
     place: Place | None = None,
     progress: Callable[[float], None] | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
+    known: KnownSurfaces | None = None,
+    rays_share: float = 1.0,
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
 
@@ -108,7 +111,8 @@ def render_scatter(
     defocus says: its discs stay round.
 
     A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
-    the error map is that of the whole picture.
+    the error map is that of the whole picture. It takes pixels as they are, one surface each, whatever is
+    ``known``.
     """
     if (
         lens_response is not None

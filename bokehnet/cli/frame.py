@@ -49,7 +49,8 @@ class FrameJob:
         check_writable(self.output)
         check_output(self.output, self.settings.output)
         try:
-            check_not_over(self.output, self.image, input_files(self.settings).values())
+            read, fine = input_files(self.settings).values(), self.settings.input.supersampled > 1
+            check_not_over(self.output, self.image, read, reduced=fine)
         except ParameterError as error:
             raise error.renamed("--output") from error
         folder = self.settings.output.save_maps

@@ -17,6 +17,7 @@ from bokehnet.classical.base import (
     check_inputs,
     make_classical,
 )
+from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
@@ -56,6 +57,8 @@ class EngineResult:
         error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
             discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
         largest_blur: Largest blur radius, pixels.
+        mixed_pixels: Pixels that were rendered as two surfaces, with both; ``None`` for engines that part
+            none.
     """
 
     bokeh: np.ndarray
@@ -63,6 +66,7 @@ class EngineResult:
     neural: np.ndarray | None
     error_map: np.ndarray
     largest_blur: float = 0.0
+    mixed_pixels: KnownSurfaces | None = None
 
 
 def _to_batch(array: np.ndarray) -> np.ndarray:
@@ -70,9 +74,12 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
     return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
-def _max_coc_radius(defocus: np.ndarray) -> float:
+def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> float:
     """Largest blur radius, pixels."""
-    return max(float(defocus.max()), -float(defocus.min()))
+    radius = max(float(defocus.max()), -float(defocus.min()))
+    if known is None or not len(known.rows):
+        return radius
+    return max(radius, float(known.near.max()), -float(known.far.min()))
 
 
 def _ignore(done: int, total: int) -> None:
@@ -97,12 +104,14 @@ def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) ->
 
 @dataclass(frozen=True, slots=True)
 class _Lens:
-    """What one picture was taken with and is rendered through."""
+    """What one picture was taken with and is rendered through, and what is known of its edges."""
 
     aperture: Aperture
     lens_response: LensResponse
     place: Place
     pixel_filter: PixelFilter
+    known: KnownSurfaces | None = None
+    rays_share: float = 1.0
 
 
 class Engine:
@@ -154,6 +163,8 @@ class Engine:
         max_memory: int | None = None,
         memory_taken: int = 0,
         overwrite: bool = False,
+        known: KnownSurfaces | None = None,
+        rays_share: float = 1.0,
     ) -> EngineResult:
         """Render one picture from its defocus.
 
@@ -178,20 +189,25 @@ class Engine:
             overwrite: Whether the result may take the place of ``image`` and ``defocus``, which are of no
                 use afterwards; in strips this saves their memory. Both must be float32, C-contiguous and
                 writable, else they are left alone.
+            known: Surfaces of pixels at edges that need not be estimated; engines that take pixels as one
+                surface each do so still.
+            rays_share: Share of the usual rays of a pixel, above 0 to 1, where several pixels will be reduced
+                to one.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
-            ParameterError: NaN or infinity in defocus or image; gamma out of range, or not 1 with a hybrid;
-                ``max_memory`` too small, or with networks that cannot work in strips.
+            ParameterError: NaN or infinity in defocus or image; known pixels outside; gamma out of range, or
+                not 1 with a hybrid; ``max_memory`` too small, or with networks that cannot work in strips.
         """
         check_kind("aperture", aperture, Aperture, optional=True)
         check_kind("lens_response", lens_response, LensResponse, optional=True)
+        check_kind("known", known, KnownSurfaces, optional=True)
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         check_kind("pixel_filter", pixel_filter, PixelFilter, optional=True)
         place = place or Place.whole(*defocus.shape)
-        lens = _Lens(
-            aperture or Aperture(), lens_response or LensResponse(), place, pixel_filter or DEFAULT_FILTER
-        )
+        if known is not None:
+            known.check_within(*defocus.shape)
+            known = known.in_light(lambda light: np.maximum(light, 0))
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
@@ -205,11 +221,23 @@ class Engine:
         check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
             image = in_row_blocks(highlights.expand, image, out=over)
+            known = known and known.in_light(highlights.expand)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         if max_memory is not None:
             check_number("max_memory", max_memory)
+        lens = _Lens(
+            aperture=aperture or Aperture(),
+            lens_response=lens_response or LensResponse(),
+            place=place,
+            pixel_filter=pixel_filter or DEFAULT_FILTER,
+            known=known,
+            rays_share=rays_share,
+        )
         strips = self._cut(defocus, lens, max_memory, memory_taken)
-        report, largest = progress or _ignore, _max_coc_radius(defocus)  # before it may be written over
+        report, largest = (
+            progress or _ignore,
+            _max_coc_radius(defocus, known),
+        )  # before it may be written over
         small = None
         if self._networks is not None and self._networks.iunet is None:
             left = MOST_PIXELS if max_memory is None else (max_memory - memory_taken) // ARNET_BYTES
@@ -230,7 +258,7 @@ class Engine:
         if memory is None and uncut:
             return [None]
         height, width = defocus.shape
-        max_coc_radius = math.ceil(_max_coc_radius(defocus))
+        max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         crossed = None
         if self._classical_name == "rays":
             crossed = ray_reach(lens.lens_response, lens.place, max_coc_radius)
@@ -266,7 +294,13 @@ class Engine:
         report(_STEPS, steps)
         if self._networks is None:
             bokeh, classical_error_map = classical.bokeh, classical.error_map
-            return EngineResult(bokeh=bokeh, classical=bokeh, neural=None, error_map=classical_error_map)
+            return EngineResult(
+                bokeh=bokeh,
+                classical=bokeh,
+                neural=None,
+                error_map=classical_error_map,
+                mixed_pixels=classical.mixed_pixels,
+            )
         if small is None:
             result = self._render_coarse_to_fine(image, defocus, classical)
         else:
@@ -277,7 +311,7 @@ class Engine:
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
             )
         report(2 * _STEPS, steps)
-        return result
+        return replace(result, mixed_pixels=classical.mixed_pixels)
 
     def _render_strips(
         self,
@@ -294,7 +328,7 @@ class Engine:
         networks = self._networks
         results = [StripAccumulator(array, overwrite) for array in (image, defocus)]
         bokeh, error_map = (result.array for result in results)
-        height = len(defocus)
+        height, mixed = len(defocus), []
         steps = _STEPS * (len(strips) + (networks is not None))
         for done, strip in enumerate(strips):
             assert strip is not None
@@ -308,6 +342,8 @@ class Engine:
             first, wanted = strip.first + strip.wanted.start, strip.wanted
             kept = part.rows(wanted)
             inner = slice(first, first + len(kept.bokeh))
+            if kept.mixed_pixels is not None:
+                mixed.append(kept.mixed_pixels.below(first))
             if small is not None:
                 small.add(first, image[inner], defocus[inner], kept)
             later = strips[done + 1] if done + 1 < len(strips) else None
@@ -323,7 +359,13 @@ class Engine:
                 bokeh[inner], error_map[inner] = found.bokeh, found.error_map
         report(steps, steps)
         classical = bokeh if networks is None else None
-        return EngineResult(bokeh=bokeh, classical=classical, neural=None, error_map=error_map)
+        return EngineResult(
+            bokeh=bokeh,
+            classical=classical,
+            neural=None,
+            error_map=error_map,
+            mixed_pixels=joined_surfaces(mixed),
+        )
 
     def _render_classical(
         self,
@@ -334,6 +376,9 @@ class Engine:
         strip: Strip | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> ClassicalResult:
+        known = lens.known
+        if known is not None and strip is not None:
+            known = known.in_rows(strip.first, strip.last)
         how = (
             defocus,
             lens.aperture,
@@ -344,9 +389,15 @@ class Engine:
             lens.pixel_filter,
         )
         if curve is None:
-            return self._classical(image, *how)
-        result = self._classical(curve.encode(image), *how)
-        return replace(result, bokeh=curve.decode(result.bokeh))
+            return self._classical(image, *how, known, lens.rays_share)
+        encoded = known and known.in_light(curve.encode)
+        result = self._classical(curve.encode(image), *how, encoded, lens.rays_share)
+        mixed = result.mixed_pixels
+        return replace(
+            result,
+            bokeh=curve.decode(result.bokeh),
+            mixed_pixels=mixed and mixed.in_light(curve.decode),
+        )
 
     def _render_coarse_to_fine(
         self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult

@@ -1,6 +1,6 @@
 """A picture with all that its file holds besides, and the way back into such a file."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.store import store_picture
 from bokehnet.io.window import Window
 
-__all__ = ["Frame", "check_frame_format", "read_frame", "write_frame"]
+__all__ = ["Frame", "check_frame_format", "detached", "read_frame", "write_frame"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,6 +139,11 @@ def read_frame(path: Path | str, progress: Progress | None = None) -> Frame:
             choices=choices(file, picture),
             _origin=None if picture.part.deep else origin,  # blur has no deep samples to put there
         )
+
+
+def detached(frame: Frame) -> Frame:
+    """The same without the way back into its EXR file, for results of another size."""
+    return replace(frame, _origin=None)
 
 
 def write_frame(

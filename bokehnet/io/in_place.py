@@ -12,7 +12,7 @@ __all__ = ["check_not_over"]
 _LOSSY = (".jpg", ".jpeg", ".webp", ".hdr")
 
 
-def check_not_over(output: Path, picture: Path, others: Iterable[Path]) -> None:
+def check_not_over(output: Path, picture: Path, others: Iterable[Path], *, reduced: bool = False) -> None:
     """Raise unless the result may be written at ``output``; headers are all that is read.
 
     Args:
@@ -20,6 +20,7 @@ def check_not_over(output: Path, picture: Path, others: Iterable[Path]) -> None:
         picture: The picture. An EXR may be written in its place, since all else in the file stays;
             PNG and TIFF where they have 8 bits, as what is written.
         others: All other files that are read, such as maps.
+        reduced: Whether the result is smaller than the picture.
 
     Raises:
         ParameterError: It is one of them.
@@ -32,6 +33,8 @@ def check_not_over(output: Path, picture: Path, others: Iterable[Path]) -> None:
         return
     if output.suffix.lower() in _LOSSY:
         raise _over(output, "is the picture itself, which would be compressed with loss once more")
+    if reduced:
+        raise _over(output, "is the picture itself, which is larger")
     try:
         with ImageFile(picture) as file:
             deep = find_picture(file).part.deep

@@ -5,6 +5,10 @@ picture. To add a source: a class with ``depth_map`` in a file of its own, a fie
 picks it, and a line in :func:`depth_source`.
 """
 
+from pathlib import Path
+
+import numpy as np
+
 from bokehnet.rendering.depth_map import DepthMap, DepthSource, Photo
 from bokehnet.rendering.embedded_depth import EmbeddedDepth
 from bokehnet.rendering.given_depth import ConstantDisparity, DefocusMap, MetricDepth, RelativeDisparity
@@ -23,6 +27,7 @@ __all__ = [
     "RelativeDisparity",
     "depth_source",
     "tells_distances",
+    "unit_of_own_depth",
 ]
 
 
@@ -70,3 +75,22 @@ def tells_distances(settings: RenderSettings, *, blur_pulled: bool = False) -> b
     """
     source = depth_source(settings)
     return source.kind == "metric" and not (blur_pulled and isinstance(source, EmbeddedDepth))
+
+
+def unit_of_own_depth(source: DepthSource, path: Path | str) -> str | None:
+    """Unit of length of depth that a picture's own file holds; None where the depth is from elsewhere.
+
+    Args:
+        source: Tells the depth.
+        path: File of the picture.
+
+    Examples:
+        >>> unit_of_own_depth(MetricDepth(map="deep.exr", unit="cm"), "deep.exr")
+        'cm'
+        >>> unit_of_own_depth(MetricDepth(map="z.exr"), "deep.exr")
+    """
+    if isinstance(source, EmbeddedDepth):
+        return "m" if source.map is None and not source.relative else None
+    if not isinstance(source, MetricDepth) or isinstance(source.map, np.ndarray) or source.unit == "1/m":
+        return None
+    return source.unit if Path(source.map).resolve() == Path(path).resolve() else None

@@ -11,12 +11,19 @@ from bokehnet.effects import CameraEffects, View
 from bokehnet.inference.engine import Engine, Progress
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.supersampling import reduce_fine
 from bokehnet.rendering import memory
 from bokehnet.rendering.look import make_highlights, picture_aberrations
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.result import RenderReport, RenderResult
 from bokehnet.rendering.scene import FocusedScene
 from bokehnet.rendering.settings import RAY_ENGINES, RenderSettings
+from bokehnet.rendering.supersampling import (
+    RAYS_SHARE,
+    reduced_defocus,
+    reduced_result,
+    reduced_scene,
+)
 
 __all__ = ["Optics", "expose", "leaning"]
 
@@ -74,15 +81,18 @@ def expose(
     chosen = scene.pixel_filter
     lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
     lens["pixel_filter"] = None if chosen is None else chosen.pixel_filter
-    alpha = scene.alpha
+    lens["rays_share"] = RAYS_SHARE if scene.supersampled > 1 else 1.0
+    alpha, known = scene.alpha, scene.known
     names = {"gamma": "highlights.gamma", "engine": "name"} | leaning(settings)
     with about("engine", names):
         if alpha is not None:
-            alpha = _spread_coverage(engine, alpha, defocus, lens, max_memory, image.nbytes)
+            spread = lens | {"known": known and known.without_colors()}
+            alpha = _spread_coverage(engine, alpha, defocus, spread, max_memory, image.nbytes)
         taken = memory.PROGRAM + image.nbytes + defocus.nbytes
         taken += defocus.nbytes if keep and overwrite else 0
         taken += 0 if overwrite else image.nbytes + defocus.nbytes
         taken += 0 if scene.alpha is None else 2 * defocus.nbytes
+        taken += 0 if known is None else known.nbytes
         rendered = engine.render(
             image,
             defocus,
@@ -93,7 +103,14 @@ def expose(
             max_memory=max_memory,
             memory_taken=taken,
             overwrite=overwrite,
+            known=known,
         )
+    factor = scene.supersampled
+    if factor > 1:
+        rendered = reduced_result(rendered, factor)
+        alpha = None if alpha is None else reduce_fine(alpha, factor)
+        defocus = reduced_defocus(defocus, factor) if keep else defocus
+        scene = reduced_scene(scene, rendered.bokeh, alpha)
     bokeh, alpha = _taken(rendered.bokeh, alpha, effects, scene)
     found = scene.lens
     return RenderResult(
@@ -103,6 +120,8 @@ def expose(
         neural=rendered.neural,
         error_map=rendered.error_map,
         defocus=defocus if keep else None,
+        mixed_pixels=rendered.mixed_pixels,
+        supersampled=factor,
         frame=scene.frame,
         output=settings.output,
         report=RenderReport(

@@ -5,11 +5,13 @@ from dataclasses import replace
 
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Progress
+from bokehnet.rendering.edge_knowledge import focused_surfaces, matte_surfaces
 from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.odd_blur import odd_blur
-from bokehnet.rendering.scene import FocusedScene, Scene, fitted_map
+from bokehnet.rendering.scene import FocusedScene, Scene, check_nothing_to_mend, fitted_map, is_exact
 from bokehnet.rendering.settings import RAY_ENGINES, RenderSettings
+from bokehnet.rendering.supersampling import at_rendered_size, in_fine_pixels
 
 __all__ = ["prepare"]
 
@@ -42,16 +44,26 @@ def prepare(
         -8.0
     """
     report(0, 1)
+    scene = at_rendered_size(scene)
+    check_nothing_to_mend(scene, settings.depth)
     values = fitted_map(scene, settings.depth)
     ends = float(values.min()), float(values.max())
     lens, repaired, reason, notes = None, None, "", scene.notes
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
-    elif settings.depth.repair != "off":
+    elif settings.depth.repair != "off" and not is_exact(scene):
         found = repairer().repair(scene.image, values, settings.depth.repair, report)
         values, repaired, reason = found.disparity, found.repaired, found.reason
-    if scene.depth.kind != "defocus":
-        lens = focus_lens(replace(scene.depth, values=values), scene.window, settings.focus, settings.camera)
+    known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
+    if known is None and matte is not None and not is_exact(scene):
+        known = matte_surfaces(matte, values)
+    if scene.depth.kind == "defocus":
+        known = focused_surfaces(known, values, None, scene.supersampled)
+        values = values if scene.supersampled == 1 else scene.supersampled * values
+    else:
+        depth, fine = replace(scene.depth, values=values), in_fine_pixels(settings, scene.supersampled)
+        lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
+        known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
         notes += odd_blur(scene.depth, ends, lens, values)
     return FocusedScene(
@@ -66,4 +78,6 @@ def prepare(
         repair_reason=reason,
         pixel_filter=choose_filter(scene, settings.depth.pixel_filter) if engine in RAY_ENGINES else None,
         notes=notes,
+        known=known,
+        supersampled=scene.supersampled,
     )

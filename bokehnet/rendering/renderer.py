@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_at_least, check_floats, check_kind, check_map, check_number
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError
 from bokehnet.forking import ForkSafeLock
 from bokehnet.inference.disparity_repair import DisparityRepair
@@ -172,6 +173,7 @@ class BokehRenderer:
         max_memory: int | None = None,
         memory_taken: int = 0,
         pixel_filter: PixelFilter | None = None,
+        known: KnownSurfaces | None = None,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
     ) -> RenderResult: ...
@@ -199,7 +201,7 @@ class BokehRenderer:
                 afterwards; in strips this saves their memory.
             options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
                 in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory`` and ``memory_taken`` of
+                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_taken`` and ``known`` of
                 :meth:`bokehnet.inference.engine.Engine.render`.
 
         Raises:
@@ -289,6 +291,7 @@ class BokehRenderer:
             neural=rendered.neural,
             error_map=rendered.error_map,
             defocus=None if overwrite else np.asarray(defocus, np.float32),
+            mixed_pixels=rendered.mixed_pixels,
             report=RenderReport(
                 engine=engine.name,
                 largest_blur=rendered.largest_blur,

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color_space import LINEAR_REC709, convert
 from bokehnet.io.frame import Frame, write_frame
@@ -66,6 +67,8 @@ class RenderResult:
         error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
             discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
         defocus: Signed blur radius of each pixel, (H, W), pixels; None where its memory was used again.
+        mixed_pixels: Pixels that were rendered as two surfaces, with both; None for engines that part none.
+        supersampled: How many times the size of the result the picture is in which these pixels lie.
         report: What was decided.
         frame: What the picture's file holds besides; None for arrays.
         output: How the picture is written.
@@ -86,6 +89,8 @@ class RenderResult:
     report: RenderReport
     alpha: Array | None = None
     defocus: Array | None = None
+    mixed_pixels: KnownSurfaces | None = None
+    supersampled: int = 1
     frame: Frame | None = field(default=None, repr=False)
     output: OutputSettings = field(default_factory=OutputSettings)
 
@@ -113,6 +118,9 @@ class RenderResult:
     def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
         """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.
 
+        Pixels that were rendered as two surfaces are shown by their coverage (1 where there is one), and by
+        the colours of the front and of the back, where all else is transparent.
+
         Args:
             folder: Made if it is not there.
             settings: Written beside the maps, as ``settings.toml``.
@@ -134,8 +142,21 @@ class RenderResult:
             write_image(folder / "classical.png", self._in_rec709(self.classical))
         if self.neural is not None:
             write_image(folder / "neural.png", self._in_rec709(self.neural))
+        if self.mixed_pixels is not None:
+            self._save_surfaces(folder, self.mixed_pixels)
         if settings is not None:
             save_settings(folder / "settings.toml", settings)
+
+    def _save_surfaces(self, folder: Path, mixed: KnownSurfaces) -> None:
+        height, width = (self.supersampled * side for side in self.bokeh.shape[:2])
+        coverage, parted = np.ones((height, width), np.float32), np.zeros((height, width), np.float32)
+        coverage[mixed.rows, mixed.columns], parted[mixed.rows, mixed.columns] = mixed.coverage, 1.0
+        write_map(folder / "coverage.png", coverage)
+        for name, colors in (("front", mixed.front), ("back", mixed.back)):
+            if colors is not None:
+                light = np.zeros((height, width, 3), np.float32)
+                light[mixed.rows, mixed.columns] = colors
+                write_image(folder / f"{name}.png", self._in_rec709(light), alpha=parted)
 
     def _in_rec709(self, image: Array) -> Array:
         return image if self.frame is None else convert(image, self.frame.space, LINEAR_REC709)

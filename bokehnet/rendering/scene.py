@@ -8,27 +8,47 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_floats, check_image, check_map, check_same_size
-from bokehnet.errors import ShapeError
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.camera import Camera
-from bokehnet.io.frame import Frame, read_frame
+from bokehnet.io.frame import Frame, detached, read_frame
 from bokehnet.io.maps import resize_map
 from bokehnet.io.mixed import repair_mixed, share_of_mixed
 from bokehnet.io.resample import resample
 from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.window import Window
 from bokehnet.optics.pixel_filter import FilterChoice
-from bokehnet.rendering.depth_source import DepthMap, DepthSource, Photo, depth_source
+from bokehnet.rendering.depth_source import (
+    DepthMap,
+    DepthSource,
+    Photo,
+    depth_source,
+    unit_of_own_depth,
+)
+from bokehnet.rendering.edge_knowledge import check_matte, deep_surfaces, read_matte
 from bokehnet.rendering.focus import FocusedLens, check_focus
 from bokehnet.rendering.memory import check_memory
 from bokehnet.rendering.settings import DepthSettings, RenderSettings
 
-__all__ = ["FocusedScene", "Scene", "fitted_map", "make_scene", "read_scene"]
+__all__ = [
+    "RENDERED",
+    "FocusedScene",
+    "Scene",
+    "check_nothing_to_mend",
+    "fitted_map",
+    "is_exact",
+    "make_scene",
+    "read_scene",
+]
 
 # Logarithm of the ratio of two ratios of width to height up to which they are alike.
 _ALIKE = 0.05
 
 # Share of mixed pixels beside depth edges from which on the map was filtered as its picture was.
 _MIXED = 0.05
+
+# Times the result's size at which supersampled scenes are rendered.
+RENDERED = 2
 
 Array = npt.NDArray[np.float32]
 
@@ -45,6 +65,9 @@ class Scene:
         number: Of the frame in its sequence.
         frame: What the picture's file holds besides, for writing back; None for arrays.
         notes: What was chosen, or is odd about picture and map, a line each.
+        matte: How much of each pixel a foreground covers, (H, W), 0 to 1; None where nothing tells it.
+        known: Both surfaces of pixels at edges, in the unit of the map, where they need not be estimated.
+        supersampled: How many times the size of the result picture, map and window are: 1, 2 or 4.
 
     Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
@@ -60,6 +83,9 @@ class Scene:
     number: int = 0
     frame: Frame | None = None
     notes: tuple[str, ...] = ()
+    matte: Array | None = None
+    known: KnownSurfaces | None = None
+    supersampled: int = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -78,6 +104,9 @@ class FocusedScene:
         repair_reason: Why.
         pixel_filter: By which pixels at edges mix both sides; None where the engine parts none.
         notes: As in the scene, and what is odd about the blur.
+        known: Both surfaces of pixels at edges, with their blur radii, where they need not be estimated.
+        supersampled: How many times the size of the result the arrays and the window are: 1 or 2. Blur radii
+            are in pixels of these arrays.
 
     Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
@@ -100,6 +129,8 @@ class FocusedScene:
     repair_reason: str = ""
     pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
+    known: KnownSurfaces | None = None
+    supersampled: int = 1
 
 
 def make_scene(
@@ -110,6 +141,9 @@ def make_scene(
     camera: Camera | None = None,
     window: Window | None = None,
     number: int = 0,
+    matte: npt.NDArray[np.floating] | None = None,
+    known: KnownSurfaces | None = None,
+    supersampled: int = 1,
 ) -> Scene:
     """Make a scene of arrays.
 
@@ -120,6 +154,10 @@ def make_scene(
         camera: What is known of the camera.
         window: Where the pixels lie in the shown picture; by default all of it is there.
         number: Of the frame in its sequence.
+        matte: How much of each pixel a foreground covers, (H, W), 0 to 1.
+        known: Both surfaces of pixels at edges, in the unit in which the source's map has its values:
+            relative disparity, 1/mm or pixels of blur.
+        supersampled: How many times the size of the result picture, map and window are: 1, 2 or 4.
 
     Raises:
         ShapeError, ParameterError: The arrays are not as described.
@@ -143,8 +181,22 @@ def make_scene(
     height, width = image.shape[:2]
     window = window or Window.whole(width, height)
     depth = source.depth_map(Photo(image=image, window=window, camera=camera))
-    scene = Scene(image=image, depth=depth, alpha=alpha, window=window, number=number, notes=depth.notes)
-    return _unblurred(scene)
+    if supersampled not in (1, 2, 4):
+        raise ParameterError("supersampled", "1, 2 or 4", supersampled)
+    if known is not None:
+        known.check_within(height, width)
+    scene = Scene(
+        image=image,
+        depth=depth,
+        alpha=alpha,
+        window=window,
+        number=number,
+        notes=depth.notes,
+        matte=None if matte is None else check_matte(matte, image),
+        known=known,
+        supersampled=supersampled,
+    )
+    return _checked(_unblurred(scene))
 
 
 def read_scene(
@@ -182,6 +234,10 @@ def read_scene(
         source = depth_source(settings)
     check_memory(path, settings)
     frame = read_frame(path, part_of(progress, 0, 2))
+    matte, factor = settings.input.matte, settings.input.supersampled
+    unit = unit_of_own_depth(source, path)
+    if factor > 1:
+        frame = detached(frame)
     photo = Photo(
         image=frame.image,
         window=frame.window,
@@ -198,8 +254,33 @@ def read_scene(
         number=number,
         frame=frame,
         notes=(*(f"{path}: {note}" for note in frame.notes), *depth.notes),
+        matte=None if matte is None else check_matte(read_matte(matte, frame.window), frame.image),
+        known=None if unit is None else deep_surfaces(path, unit),
+        supersampled=factor,
     )
-    return _unblurred(scene)
+    return _checked(_unblurred(scene))
+
+
+def _checked(scene: Scene) -> Scene:
+    """The same scene, or ``ParameterError`` where what is known of its edges does not go together."""
+    if scene.known is not None and (scene.matte is not None or scene.supersampled > RENDERED):
+        name = "input.matte" if scene.matte is not None else "input.supersampled"
+        raise ParameterError(name, "nothing for a picture whose edges are known", shown="both")
+    if scene.matte is not None and scene.supersampled > 1:
+        raise ParameterError("input.matte", "none beside `input.supersampled`", shown="both")
+    window, factor = scene.window, scene.supersampled
+    sizes = (window.width, window.height, window.display_width, window.display_height)
+    if any(size % factor for size in (*sizes, window.x, window.y)):
+        found = f"{window.width}x{window.height} pixels"
+        if sizes[:2] != sizes[2:] or window.x or window.y:
+            found += f" at {window.x},{window.y} of {window.display_width}x{window.display_height}"
+        raise ParameterError(
+            "input.supersampled",
+            f"a picture whose sides {factor} divides",
+            shown=found,
+            remedy="crop it, or render it in such a size",
+        )
+    return scene
 
 
 def _unblurred(scene: Scene) -> Scene:
@@ -208,6 +289,8 @@ def _unblurred(scene: Scene) -> Scene:
     if image is None:
         return scene
     window = Window.whole(image.shape[1], image.shape[0])
+    if scene.matte is not None:
+        check_same_size("the picture from before it was blurred", image, "its matte", scene.matte)
     frame = scene.frame and replace(scene.frame, image=image, alpha=None, window=window)
     depth = replace(scene.depth, all_in_focus=None)
     return replace(scene, image=image, depth=depth, alpha=None, window=window, frame=frame)
@@ -234,13 +317,42 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
     what = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
     if not depth.fits_any_size:
         _check_upright(depth.values.shape, (height, width), what)
-    values = _unmixed(depth, settings)
+    values = depth.values if is_exact(scene) else _unmixed(depth, settings)
     if values.shape != (height, width) and depth.fits_any_size and settings.repair != "off":
         values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
     elif values.shape != (height, width) and (settings.resize or depth.fits_any_size):
         values = resize_map(values, height, width)
     check_same_size("the picture", scene.image, f"its {what}", values, "`depth.resize` brings them together")
     return values
+
+
+def is_exact(scene: Scene) -> bool:
+    """Whether edges of the map are where those of the picture are, and not to be mended.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=4)
+        >>> is_exact(fine)
+        True
+    """
+    return scene.known is not None or scene.supersampled > 1
+
+
+def check_nothing_to_mend(scene: Scene, settings: DepthSettings) -> None:
+    """Raise ``ParameterError`` where a map is to be mended whose edges are known to be right.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=2)
+        >>> check_nothing_to_mend(fine, DepthSettings(repair="on"))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: depth.repair: expected auto or off for a scene whose edges ...
+    """
+    for name in ("mixed", "repair"):
+        if is_exact(scene) and getattr(settings, name) == "on":
+            expected = "auto or off for a scene whose edges are known"
+            raise ParameterError(f"depth.{name}", expected, "on", "leave it out")
 
 
 def _check_upright(found: tuple[int, ...], wanted: tuple[int, int], what: str) -> None:

@@ -55,7 +55,7 @@ def _size(text: str) -> int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class InputSettings(Group):
-    """Files beside the picture that tell its depth; without any, what a phone's photo holds.
+    """Files beside the picture that tell its depth and its edges; without depth, what a phone's photo holds.
 
     Examples:
         >>> InputSettings(depth="z.exr", channel="Z").channel
@@ -97,6 +97,16 @@ class InputSettings(Group):
         None, "One disparity for the whole picture, 0..1: all is equally blurred.", low=0, high=1
     )
     channel: str | None = setting(None, "Channel of the map in its EXR; default: Z.")
+    matte: Path | None = setting(
+        None, "How much of each pixel a foreground covers: alpha or grey, 0 to 1; its edges are parted so."
+    )
+    supersampled: int = setting(
+        1,
+        "Picture and map are 2 or 4 times the size of the result: edges inside its pixels are known.",
+        metavar="2|4",
+        expected="1, 2 or 4",
+        accepts=lambda factor: factor in (1, 2, 4),
+    )
 
     def check(self) -> None:
         """See :class:`Group`."""
@@ -107,6 +117,13 @@ class InputSettings(Group):
                 expected="`input.disparity`, `input.depth` or `input.defocus` for it to act on",
                 got=self.channel,
                 remedy="give one of them, or leave this out",
+            )
+        if self.matte is not None and self.supersampled > 1:
+            raise ParameterError(
+                "input.matte",
+                expected="none beside `input.supersampled`, which tells as much",
+                shown="both",
+                remedy="leave one out",
             )
 
 
@@ -350,5 +367,6 @@ class OutputSettings(Group):
         "on", "on (default) or off: rounding to 8 bits spreads its error, so that slopes show no bands."
     )
     save_maps: Path | None = setting(
-        None, "Folder for the settings, and for defocus, error map, classical and neural as pictures."
+        None,
+        "Folder for the settings, and as pictures: defocus, error map, classical, neural, mixed pixels.",
     )

@@ -10,20 +10,17 @@ from numba import prange
 
 from bokehnet.checks import check_finite, check_rank
 from bokehnet.classical.highlight_detection import brightest, light_limit
-from bokehnet.classical.layered.depth_discontinuities import (
-    DISCONTINUITY_THRESHOLD,
-    discontinuity_sides,
-    sharpen_discontinuities,
-)
-from bokehnet.classical.layered.light_carriers import part_lights
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.mixed_pixels import find_mixed_pixels
 from bokehnet.classical.layered.occluded_background import occluded_background
-from bokehnet.classical.layered.unmixing import unmix
+from bokehnet.classical.layered.unmixing import MixedPixels
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.kernels import njit
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["Layers", "split_layers"]
+__all__ = ["Layers", "split_layers", "split_picture"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -122,6 +119,7 @@ def split_layers(
     defocus: npt.NDArray[np.floating[Any]],
     max_coc_radius: int | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
+    known: KnownSurfaces | None = None,
 ) -> Layers:
     """Make two layers of a picture: what is seen, and a guess of what stands behind.
 
@@ -137,27 +135,35 @@ def split_layers(
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         max_coc_radius: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
         pixel_filter: Of the picture.
+        known: Surfaces of pixels at edges that need not be estimated.
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
-        ParameterError: NaN or infinity in either.
+        ParameterError: NaN or infinity in either, or known pixels outside.
     """
-    image, sharp = (
-        np.asarray(image, np.float32),
-        sharpen_discontinuities(np.ascontiguousarray(defocus, np.float32)),
-    )
-    sides = discontinuity_sides(sharp, len(pixel_filter.weights()) // 2)
-    reach = math.ceil(float(np.abs(sharp).max())) if max_coc_radius is None else max_coc_radius
+    return split_picture(image, defocus, max_coc_radius, pixel_filter, known)[0]
+
+
+def split_picture(
+    image: npt.NDArray[np.floating[Any]],
+    defocus: npt.NDArray[np.floating[Any]],
+    max_coc_radius: int | None = None,
+    pixel_filter: PixelFilter = DEFAULT_FILTER,
+    known: KnownSurfaces | None = None,
+) -> tuple[Layers, MixedPixels]:
+    """Make the layers of :func:`split_layers`, and tell which pixels were parted into which surfaces."""
+    image, defocus = np.asarray(image, np.float32), np.ascontiguousarray(defocus, np.float32)
+    reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
+    if known is not None:
+        known.check_within(*defocus.shape)
     lights = brightest(image) > light_limit(image, reach)
-    mixed = unmix(image, sharp, sides, lights, pixel_filter), part_lights(image, sharp, sides, lights)
+    sharp, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter, known)
     own = image.copy()
-    for pixels in mixed:
-        own[pixels.rows, pixels.columns] = np.where(pixels.is_front[:, None], pixels.front, pixels.back)
+    own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
     colors = np.empty((*sharp.shape, 2, 3), np.float32)
     depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
     with parallel_region:
         _stack(image, sharp, hidden, behind, colors, depths, coverage)
-        for pixels in mixed:
-            _lay_mixed(*pixels, colors, depths, coverage)
-    return Layers(colors=colors, defocus=depths, coverage=coverage)
+        _lay_mixed(*mixed, colors, depths, coverage)
+    return Layers(colors=colors, defocus=depths, coverage=coverage), mixed

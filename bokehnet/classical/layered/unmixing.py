@@ -31,12 +31,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["LEAST_WEIGHT", "PRIOR", "TIE", "MixedPixels", "mean_color", "unmix"]
+__all__ = ["HELD", "LEAST_WEIGHT", "PRIOR", "TIE", "MixedPixels", "mean_color", "unmix"]
 
 # What the pixel filter sees of each of its pixels at the least: neighbours tell the two surfaces apart.
 LEAST_WEIGHT = 1e-3
@@ -82,6 +83,9 @@ PRIOR = _Prior(
     relative=0.02,
     least=1e-4,
 )
+
+# Bit of sides beside those of discontinuities: pixels that are known to be mixed, and their weight.
+HELD, _KNOWN_MIXED = 4, 1e-3
 
 
 class MixedPixels(NamedTuple):
@@ -145,7 +149,7 @@ def mean_color(image, defocus, spared, sides, y, x, depth, color):  # type: igno
                 continue
             weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.square)
             if sides[v, u] != 0:
-                weight *= PRIOR.mixed
+                weight *= _KNOWN_MIXED if sides[v, u] & HELD else PRIOR.mixed
             total += weight
             for c in range(3):
                 color[c] += weight * image[v, u, c]
@@ -192,11 +196,11 @@ def _parted_mean(image, defocus, spared, index, colors, surfaces, y, x, depth, c
 
 
 @njit(cache=True)
-def _part(pixel, front, back, share, front_variance, back_variance):  # type: ignore[no-untyped-def]
+def _part(pixel, front, back, share, share_spread, front_variance, back_variance):  # type: ignore[no-untyped-def]
     """Move the means ``front`` and ``back`` to the most probable colours; return the share."""
     own, other = share * front_variance, (1.0 - share) * back_variance
     spread = share * own + (1.0 - share) * other
-    shift = PRIOR.share_spread * PRIOR.share_spread
+    shift = share_spread * share_spread
     along = across = 0.0
     for c in range(3):
         across += (front[c] - back[c]) ** 2
@@ -224,7 +228,7 @@ def _part(pixel, front, back, share, front_variance, back_variance):  # type: ig
 
 
 @njit(cache=True)
-def _part_means(pixel, colors, share, front_variance, back_variance):  # type: ignore[no-untyped-def]
+def _part_means(pixel, colors, share, share_spread, front_variance, back_variance):  # type: ignore[no-untyped-def]
     """As :func:`_part`, of means (2, 3) and their variances, below 0 where there is nothing to average."""
     least = PRIOR.least * PRIOR.least
     if front_variance < 0.0 or back_variance < 0.0:  # nothing tells the two apart
@@ -232,31 +236,45 @@ def _part_means(pixel, colors, share, front_variance, back_variance):  # type: i
         front_variance = back_variance = 1.0
     for c in range(3):
         least += PRIOR.relative * PRIOR.relative * (colors[0, c] ** 2 + colors[1, c] ** 2) / 3.0
-    return _part(pixel, colors[0], colors[1], share, front_variance + least, back_variance + least)
+    return _part(
+        pixel, colors[0], colors[1], share, share_spread, front_variance + least, back_variance + least
+    )
 
 
 @njit(cache=True, parallel=True)
-def _unmix(image, defocus, weights, spared, sides, places, shares, colors, surfaces):  # type: ignore[no-untyped-def]
-    """Fill first shares (N,), colours (N, 2, 3), and (N, 4): near, far, share, whether near is the own."""
+def _unmix(image, defocus, weights, spared, sides, places, held, shares, colors, surfaces):  # type: ignore[no-untyped-def]
+    """Fill first shares and their spreads (N, 2), colours (N, 2, 3), and (N, 4): near, far, share, side.
+
+    The side is whether the pixel's own surface is the nearer one.
+
+    ``held``, (N, 3), are near, far and coverage where they are known; coverage is -1 where they are not.
+    """
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
         near, far, share, is_front = _surfaces(defocus, weights, y, x)
+        spread = PRIOR.share_spread
+        if held[i, 2] >= 0.0:
+            near, far, share, spread = held[i, 0], held[i, 1], held[i, 2], 0.0
+            is_front = share >= 0.5
         front_variance = mean_color(image, defocus, spared, sides, y, x, near, colors[i, 0])
         back_variance = mean_color(image, defocus, spared, sides, y, x, far, colors[i, 1])
-        shares[i], surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = share, near, far, is_front
-        surfaces[i, 2] = _part_means(image[y, x], colors[i], share, front_variance, back_variance)
+        shares[i, 0], shares[i, 1] = share, spread
+        surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
+        surfaces[i, 2] = _part_means(image[y, x], colors[i], share, spread, front_variance, back_variance)
 
 
 @njit(cache=True, parallel=True)
 def _unmix_again(image, defocus, spared, index, places, shares, colors, surfaces, new_colors, new_surfaces):  # type: ignore[no-untyped-def]
-    """Fill the new colours and surfaces from those around each pixel."""
+    """Fill the new colours and surfaces from those around; ``shares`` and their spreads, (N, 2)."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
         found = (image, defocus, spared, index, colors, surfaces, y, x)
         front_variance = _parted_mean(*found, surfaces[i, 0], new_colors[i, 0])
         back_variance = _parted_mean(*found, surfaces[i, 1], new_colors[i, 1])
         new_surfaces[i] = surfaces[i]
-        new_surfaces[i, 2] = _part_means(image[y, x], new_colors[i], shares[i], front_variance, back_variance)
+        new_surfaces[i, 2] = _part_means(
+            image[y, x], new_colors[i], shares[i, 0], shares[i, 1], front_variance, back_variance
+        )
 
 
 def unmix(
@@ -265,28 +283,40 @@ def unmix(
     sides: np.ndarray,
     spared: np.ndarray,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
+    held: KnownSurfaces | None = None,
 ) -> MixedPixels:
     """Part the pixels at depth discontinuities into the two surfaces that they mix.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32.
         defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32, with sharp steps.
-        sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`.
+        sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`, and ``HELD``
+            where pixels are known to be mixed.
         spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (H, W) bool.
         pixel_filter: Of the picture.
+        held: Pixels whose surfaces and coverage are known: of these only the colours are estimated.
 
     Returns:
-        Both surfaces of all pixels of ``sides`` that are not spared. They add up to the picture but for
-        rounding, wherever that is not below 0.
+        Both surfaces of all pixels of ``sides`` and ``held`` that are not spared. They add up to the picture
+        but for rounding, wherever that is not below 0.
     """
-    places = np.argwhere((sides != 0) & ~spared)
+    wanted = sides != 0
+    if held is not None:
+        wanted[held.rows, held.columns] = True
+    places = np.argwhere(wanted & ~spared)
+    told = np.full((len(places), 3), -1.0)
+    if held is not None:
+        held = held.taken(~spared[held.rows, held.columns])
+        width = sides.shape[1]
+        order = np.searchsorted(places @ (width, 1), held.rows.astype(np.int64) * width + held.columns)
+        told[order] = np.stack([held.near, held.far, held.coverage], axis=-1)
     weights = np.maximum(pixel_filter.weights(), LEAST_WEIGHT)
-    shares, index = np.empty(len(places)), np.full(defocus.shape, -1, np.int32)
+    shares, index = np.empty((len(places), 2)), np.full(defocus.shape, -1, np.int32)
     index[places[:, 0], places[:, 1]] = np.arange(len(places))
     colors, new_colors = (np.empty((len(places), 2, 3)) for _ in range(2))
     surfaces, new_surfaces = (np.empty((len(places), 4)) for _ in range(2))
     with parallel_region:
-        _unmix(image, defocus, weights, spared, sides, places, shares, colors, surfaces)
+        _unmix(image, defocus, weights, spared, sides, places, told, shares, colors, surfaces)
         around = (image, defocus, spared, index, places, shares)
         for _ in range(PRIOR.rounds):
             _unmix_again(*around, colors, surfaces, new_colors, new_surfaces)

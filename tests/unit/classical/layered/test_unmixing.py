@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.depth_discontinuities import discontinuity_sides
 from bokehnet.classical.layered.unmixing import LEAST_WEIGHT, PRIOR, unmix
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, parse_pixel_filter
@@ -148,3 +149,47 @@ def test_small_pictures(shape):
     for array in (found.front, found.back, found.coverage):
         assert np.isfinite(array).all()
     assert (found.near >= found.far).all()
+
+
+def test_a_held_coverage_stays_and_both_surfaces_add_up():
+    image, defocus, share, near, far = scene()
+    y, x = np.nonzero((share > 0) & (share < 1))
+    held = KnownSurfaces(
+        rows=y,
+        columns=x,
+        near=np.full(len(y), 6.0),
+        far=np.full(len(y), -9.0),
+        coverage=share[y, x],
+    )
+    found = unmix(image, defocus, np.zeros((20, 24), np.int8), NOTHING_SPARED, held=held)
+    np.testing.assert_array_equal(np.stack([found.rows, found.columns]), np.stack([y, x]))
+    np.testing.assert_allclose(found.coverage, share[y, x], atol=1e-6)
+    assert (found.near == 6).all()
+    weight = found.coverage[:, None]
+    np.testing.assert_allclose(weight * found.front + (1 - weight) * found.back, image[y, x], atol=1e-5)
+    estimated = unmix(image, defocus, discontinuity_sides(defocus), NOTHING_SPARED)
+
+    def error(result):
+        own = np.where(result.is_front[:, None], result.front, result.back)
+        truth = np.where(
+            result.is_front[:, None], near[result.rows, result.columns], far[result.rows, result.columns]
+        )
+        return np.abs(own - truth).mean()
+
+    assert error(found) < 1.1 * error(estimated)
+
+
+def test_a_light_is_spared_though_its_coverage_is_held():
+    image, defocus, *_ = scene()
+    spared = NOTHING_SPARED.copy()
+    spared[10, 10] = True
+    held = KnownSurfaces(
+        rows=np.array([10, 10]),
+        columns=np.array([10, 11]),
+        near=np.full(2, 6.0),
+        far=np.full(2, -9.0),
+        coverage=np.array([0.3, 0.4]),
+    )
+    found = unmix(image, defocus, np.zeros((20, 24), np.int8), spared, held=held)
+    assert found.columns.tolist() == [11]
+    assert found.coverage[0] == np.float32(0.4)

@@ -1,0 +1,65 @@
+"""What known edges are worth: ``python -m benchmarks.edge_knowledge FOLDER``.
+
+FOLDER holds path-traced scenes as :func:`train.evaluation_sets.path_traced_pictures` reads them; those with
+``image_4x.exr`` and ``depth_4x.exr``, at four times the size, are rendered from one sample a pixel and with
+``input.supersampled``. Edge PSNR is that of :mod:`train.metrics`; seconds are those of the processor, for
+everything from the read scene to the picture.
+"""
+
+import argparse
+from json import loads
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+
+from bokehnet import BokehRenderer, CameraSettings, FocusSettings, InputSettings, RenderSettings, read_scene
+from bokehnet.optics.aperture import Aperture
+from train.evaluation_sets import path_traced_shots, scene_folders
+from train.metrics import compare
+
+# Label to picture, map and settings.
+_INPUTS = {
+    "one sample": ("image.exr", "depth.exr", 1),
+    "supersampled 4": ("image_4x.exr", "depth_4x.exr", 4),
+}
+
+
+def render(folder: Path, number: int, label: str, aperture: Aperture) -> tuple[np.ndarray, float]:
+    """Picture of a shot, scene-linear, and the seconds that it took."""
+    image, depth, factor = _INPUTS[label]
+    scene = loads((folder / "scene.json").read_text(encoding="utf-8"))
+    shot = scene["shots"][number]
+    settings = RenderSettings(
+        input=InputSettings(depth=folder / depth, supersampled=factor),
+        camera=CameraSettings(
+            focal_length=scene["focal_length_mm"],
+            sensor_width=scene["sensor_width_mm"],
+            f_number=shot["f_number"],
+        ),
+        focus=FocusSettings(distance=shot["focus_distance_m"]),
+    ).updated({"depth": {"repair": "off"}})
+    read = read_scene(folder / image, settings)
+    begun = process_time()
+    picture = BokehRenderer("rays", aperture=aperture).render(read, settings).bokeh
+    return picture, process_time() - begun
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folders = [path for path in scene_folders(parser.parse_args().folder) if (path / "image_4x.exr").exists()]
+    print(f"{'scene':20s}{'input':18s}{'edge PSNR':>10s}{'seconds':>9s}")
+    for folder in folders:
+        for label in _INPUTS:
+            scores, seconds = [], []
+            for number, shot in enumerate(path_traced_shots(folder)):
+                picture, taken = render(folder, number, label, shot.aperture)
+                scores.append(compare(picture, shot.truth, shot.defocus)["edge_psnr"])
+                seconds.append(taken)
+            print(f"{folder.name:20s}{label:18s}{np.mean(scores):10.2f}{np.median(seconds):9.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,226 @@
+"""What a scene tells of its edges besides colours and depth: by deep samples, or by a matte or alpha."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.checks import check_finite, check_map, check_same_size
+from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.deep import FlatPixels, two_surfaces
+from bokehnet.io.exr_header import is_exr
+from bokehnet.io.maps import depth_to_mm, read_map
+from bokehnet.io.picture import find_picture
+from bokehnet.io.pixels import ImageFile
+from bokehnet.io.window import Window
+from bokehnet.optics.coc import disparity_from_depth
+from bokehnet.rendering.focus import FocusedLens
+
+__all__ = ["check_matte", "deep_surfaces", "focused_surfaces", "matte_surfaces", "read_matte"]
+
+# Coverage that is as good as none.
+_LEAST = 1e-4
+
+# From here on, and up to here, a matte says that a pixel is all front, and all back.
+_FRONT, _BACK = 0.95, 0.05
+
+# Pixels by which the edges of the map may lie beside those of the matte.
+_MARGIN = 3
+
+# Half the widths of the windows in which a mixed pixel of a matte looks for both surfaces, pixels.
+_REACHES = (2, 4, 8, 16, 32)
+
+Array = npt.NDArray[np.float32]
+
+
+def deep_surfaces(path: Path | str, unit: str = "m") -> KnownSurfaces | None:
+    """Both surfaces of the pixels of a deep picture that show two; None where the picture is flat.
+
+    Where the samples of a pixel do not cover it, nothing stands behind them: black, infinitely far.
+
+    Args:
+        path: An EXR file whose picture is in a deep part.
+        unit: Of its Z, a unit of length.
+
+    Returns:
+        Surfaces whose ``near`` and ``far`` are disparities, 1/mm.
+
+    Examples:
+        >>> from bokehnet.io.image import write_image
+        >>> write_image("flat.exr", np.ones((4, 6, 3), np.float32))
+        >>> deep_surfaces("flat.exr") is None
+        True
+    """
+    if not is_exr(Path(path)):
+        return None
+    with ImageFile(path) as file:
+        picture = find_picture(file)
+        if not picture.part.deep:
+            return None
+        parts = []
+        for rows in file.bands(picture.part):
+            samples = file.read_deep(picture.part, list(picture.colours), rows)
+            layers = two_surfaces(samples, list(picture.colours))
+            parts.append(_parted(layers.front, layers.back, unit).below(rows.start))
+    return joined_surfaces(parts)
+
+
+def _parted(front: FlatPixels, back: FlatPixels, unit: str) -> KnownSurfaces:
+    y, x = np.nonzero((front.coverage > _LEAST) & (front.coverage < 1 - _LEAST))
+    coverage = front.coverage[y, x]
+    near, far = (disparity_from_depth(depth_to_mm(side.depth[y, x][None], unit))[0] for side in (front, back))
+    shape = (len(y), 3)  # of one colour channel, too
+    return KnownSurfaces(
+        rows=y,
+        columns=x,
+        near=near,
+        far=np.minimum(near, far),
+        coverage=coverage,
+        front=np.broadcast_to(front.light[y, x] / coverage[:, None], shape),
+        back=np.broadcast_to(back.light[y, x], shape),
+        complete=True,
+    )
+
+
+def read_matte(path: Path | str, window: Window) -> Array:
+    """Read the coverage of the front, (H, W): the alpha of a file that has one, else its only channel.
+
+    Args:
+        path: An image file.
+        window: Where the pixels of the picture lie.
+
+    Raises:
+        ImageFileError: The file cannot be read, or holds NaN or values outside 0 to 1.
+
+    Examples:
+        >>> from bokehnet.io.image import write_map
+        >>> write_map("matte.exr", np.array([[0, 0.25, 1]], np.float32))
+        >>> read_matte("matte.exr", Window.whole(3, 1)).tolist()
+        [[0.0, 0.25, 1.0]]
+    """
+    with ImageFile(path) as file:
+        names = [part.alpha for part in file.parts if part.alpha is not None]
+    values = read_map(path, names[0] if names else None, window=window)
+    bad = int((~np.isfinite(values)).sum())
+    if bad or values.min() < 0 or values.max() > 1:
+        found = f"{bad} values that are NaN or infinite" if bad else f"{values.min():g} to {values.max():g}"
+        raise ImageFileError(f"{path}: expected a matte of 0 to 1, found {found}; clip it first")
+    return values
+
+
+def check_matte(matte: npt.NDArray[np.floating], image: Array, name: str = "matte") -> Array:
+    """Return a matte (H, W) as float32.
+
+    Raises:
+        ShapeError: It has another size than its picture.
+        ParameterError: NaN, or values outside 0 to 1.
+
+    Examples:
+        >>> check_matte(np.array([[0, 255]]), np.ones((1, 2, 3), np.float32))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: matte: expected 0 to 1, got 0 to 255; clip it first
+    """
+    check_map(name, matte)
+    check_same_size("the picture", image, f"its {name}", matte)
+    check_finite(name, matte)
+    low, high = float(matte.min()), float(matte.max())
+    if low < 0 or high > 1:
+        raise ParameterError(name, "0 to 1", shown=f"{low:g} to {high:g}", remedy="clip it first")
+    return np.asarray(matte, np.float32)
+
+
+def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
+    """Surfaces of the pixels along the edges of a matte, of which only the colours are not known.
+
+    Their disparities are means over the nearest pixels that are all front and all back, if there are any
+    farther than three pixels from the edge: so far the edges of the map may lie beside it, and so far what
+    is all front or all back is told as well. Where the front is not the nearer of both, the matte is of no
+    edge in depth.
+
+    Args:
+        matte: Coverage of the front, (H, W), 0 to 1.
+        disparity: Or anything that grows with it, (H, W).
+
+    Examples:
+        >>> matte = np.array([[0, 0, 0.25, 1, 1]], np.float32)
+        >>> found = matte_surfaces(matte, np.array([[0.1, 0.1, 0.1, 0.9, 0.9]], np.float32))
+        >>> found.columns.tolist(), found.coverage.tolist(), found.near[0].round(2), found.far[0].round(2)
+        ([0, 1, 2, 3, 4], [0.0, 0.0, 0.25, 1.0, 1.0], np.float32(0.9), np.float32(0.1))
+    """
+    low, high = _extremes(matte)
+    y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
+    near = _nearest_mean(disparity, low >= _FRONT, y, x)
+    near = np.where(np.isnan(near), _nearest_mean(disparity, matte >= _FRONT, y, x), near)
+    far = _nearest_mean(disparity, high <= _BACK, y, x)
+    far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
+    found = KnownSurfaces(
+        rows=y,
+        columns=x,
+        near=np.nan_to_num(near),
+        far=np.nan_to_num(np.fmin(near, far)),
+        coverage=matte[y, x],
+    )
+    return found.taken(near > far)
+
+
+def _extremes(values: Array) -> tuple[Array, Array]:
+    """Lowest and highest value within the margin of each pixel."""
+    low = high = values
+    for axis in (0, 1):
+        around = [(_MARGIN, _MARGIN) if axis == i else (0, 0) for i in (0, 1)]
+        size = 2 * _MARGIN + 1
+        low = np.lib.stride_tricks.sliding_window_view(np.pad(low, around, "edge"), size, axis).min(-1)
+        high = np.lib.stride_tricks.sliding_window_view(np.pad(high, around, "edge"), size, axis).max(-1)
+    return low, high
+
+
+def _nearest_mean(
+    values: Array, wanted: npt.NDArray[np.bool_], y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]
+) -> npt.NDArray[np.float64]:
+    """Mean of the wanted values in the smallest window around each pixel that holds any, NaN for none."""
+    height, width = values.shape
+    sums, counts = (
+        np.pad(array.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
+        for array in (np.where(wanted, values, 0), wanted)
+    )
+    result = np.full(len(y), np.nan)
+    for reach in _REACHES:
+        still = np.flatnonzero(np.isnan(result))
+        if not len(still):
+            break
+        top, bottom = np.maximum(y[still] - reach, 0), np.minimum(y[still] + reach + 1, height)
+        left, right = np.maximum(x[still] - reach, 0), np.minimum(x[still] + reach + 1, width)
+        total, count = (
+            array[bottom, right] - array[top, right] - array[bottom, left] + array[top, left]
+            for array in (sums, counts)
+        )
+        with np.errstate(invalid="ignore", divide="ignore"):
+            result[still] = np.where(count > 0.5, total / count, np.nan)
+    return result
+
+
+def focused_surfaces(
+    known: KnownSurfaces | None, values: Array, lens: FocusedLens | None, factor: int = 1
+) -> KnownSurfaces | None:
+    """The same surfaces with their blur radii, pixels.
+
+    Args:
+        known: Surfaces in the unit of the map.
+        values: The map, (H, W).
+        lens: Lens and focus; None where the map is of blur radii.
+        factor: By which such radii are multiplied.
+
+    Examples:
+        >>> edge = matte_surfaces(np.array([[0, 1]], np.float32), np.array([[-2, 3]], np.float32))
+        >>> focused_surfaces(edge, np.zeros((1, 2), np.float32), None, 2).near.tolist()
+        [6.0, 6.0]
+    """
+    if known is None or not len(known.rows):
+        return known
+    if lens is None:
+        return replace(known, near=known.near * factor, far=known.far * factor)
+    near, far = (lens.defocus(side)[known.rows, known.columns] for side in known.laid_over(values))
+    return replace(known, near=near, far=np.minimum(near, far))
