@@ -15,7 +15,7 @@ from numba import prange
 
 from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
-from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
 from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, resolve, sum_light
 from bokehnet.classical.parallel import parallel_region
@@ -86,7 +86,7 @@ def _march(  # type: ignore[no-untyped-def]
 ):
     """Fill ``sums``, see :mod:`bokehnet.classical.layered.ray_accumulators`, from row ``first`` on."""
     height, width = rays_mask.shape
-    flat = cells.reshape(-1)
+    flat, tiles = cells.reshape(-1), tile_sets(bins)
     last = first + sums.shape[0]
     variants, rays = points.shape[1] // SETS, points.shape[2]
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
@@ -158,7 +158,7 @@ def _march(  # type: ignore[no-untyped-def]
                             begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
                         ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
                         if not smooth or not intersect_smooth(flat, size, *ways, hits):
-                            intersect(flat, size, runs, count, *ways, chance, hits)
+                            intersect(flat, size, tiles, runs, count, *ways, chance, hits)
                         layer, depth = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
                         w = select8(
                             less8(zero, depth),
