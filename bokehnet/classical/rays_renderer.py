@@ -14,7 +14,7 @@ from bokehnet.classical.base import ALIGNED, ClassicalResult, Place, Strip, chec
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.layered.aberrated_rays import lens_table
-from bokehnet.classical.layered.defocus_bins import occupied_bins
+from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers, split_layers
 from bokehnet.classical.layered.ray_marching import SETS, march
@@ -28,9 +28,12 @@ from bokehnet.optics.sampling import halton, rotate_points, sobol
 
 __all__ = ["rays", "render_rays"]
 
-# Rays of a pixel. With the 3x3 average blurred surfaces see 9 times as many. Each ray of a lens that parts
-# colours has one wavelength, of which no channel sees all.
+# Rays of a pixel where no window of pixels is averaged. Each ray of a lens that parts colours has one
+# wavelength, of which no channel sees all.
 _RAYS, _COLORED_RAYS = 64, 128
+
+# The most rays of a pixel, over those.
+_MOST = 2
 
 # Behind an aberrated lens every light has a disc of its own to be computed; fainter ones are left to
 # the rays, whose noise they raise by 0.001 or less.
@@ -40,7 +43,7 @@ _FAINTEST = 0.02
 _LARGEST = 4.0
 
 # Scramblings or rotations of the pattern; which one a pixel takes is drawn at random.
-_VARIANTS = 16
+_VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
@@ -50,7 +53,7 @@ def _pattern(aperture: Aperture, colored: bool) -> tuple[np.ndarray, np.ndarray]
     Points whose rays have wavelengths are two dimensions of one sequence with these
     (:mod:`bokehnet.optics.wavelength_sampling`); others fill the pupil better by themselves.
     """
-    rays_per_pixel = _COLORED_RAYS if colored else _RAYS
+    rays_per_pixel = _MOST * (_COLORED_RAYS if colored else _RAYS)
     count = SETS * rays_per_pixel
     if colored:
         shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
@@ -76,9 +79,10 @@ def rays(
     """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
     Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) look through the
-    pupil along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights
-    are laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border
-    the picture is taken to go on as it ends. Not differentiable; the scatter is.
+    pupil along 8 to 128 rays each, more where they bring more noise; where surfaces are blurred, the rays of
+    neighbouring pixels are averaged. Bright lights are laid out whole. All other pixels are the scatter's,
+    and a soft mask joins the two. Beyond its border the picture is taken to go on as it ends. Not
+    differentiable; the scatter is.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -199,8 +203,8 @@ def _render(
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     tell = _told(progress, seconds)
     tell(0, 1)
-    if strip is not None:  # and a row on either side, with which the results of large discs are averaged
-        rays_mask[: max(0, strip.wanted.start - 1)] = rays_mask[strip.wanted.stop + 1 :] = False
+    if strip is not None:  # and a tile on either side, with whose rays those of large discs are averaged
+        rays_mask[: max(0, strip.wanted.start - TILE)] = rays_mask[strip.wanted.stop + TILE :] = False
     if not rays_mask.any():
         return ClassicalResult(
             bokeh=smooth,
@@ -230,6 +234,7 @@ def _render(
         seed=seed,
         above=above,
         place=place,
+        usual=_COLORED_RAYS if colored else _RAYS,
         progress=lambda share: tell(2, share),
     )
     add_lights(

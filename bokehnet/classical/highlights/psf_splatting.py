@@ -52,7 +52,19 @@ def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y,
     down = (row + start_y - broadcast8(np.float32(light[1]))) * per_pixel
     level = broadcast8(np.float32(chance))
     intersect(
-        flat, size, tiles, runs, count, columns, row, half + start_x, half + start_y, across, down, level, work
+        flat,
+        size,
+        tiles,
+        runs,
+        count,
+        columns,
+        row,
+        half + start_x,
+        half + start_y,
+        across,
+        down,
+        level,
+        work,
     )
     for lane in range(LANES):
         if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + DISCONTINUITY_THRESHOLD:

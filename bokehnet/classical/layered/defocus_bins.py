@@ -143,7 +143,7 @@ def occupied_bins(cells: np.ndarray, stretch: float = 1.0, missed: float = 0.0) 
 
 @njit(cache=True, forceinline=True)
 def tile_sets(bins):  # type: ignore[no-untyped-def]
-    """What rays look up of tiles: ``held``, flat, its rows and columns, the smallest defocus, bins per pixel."""
+    """What rays look up of tiles: ``held``, flat; its rows and columns; smallest defocus, bins per pixel."""
     return bins.held.reshape(-1), bins.held.shape[0], bins.held.shape[1], bins.low, 1.0 / bins.thickness
 
 

@@ -44,6 +44,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 _NEVER = np.float32(-1e30)
 _SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
+_SHORT = 96.0  # stretches of the defocus, pixels, from which on looks at tiles pay
 _STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
 # The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
 _LOOKS, _CLOSE = 8, np.float32(0.25)
@@ -58,7 +59,8 @@ def layer_cells(layers: Layers) -> np.ndarray:
 def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
 
-    Places beyond the border see the border's pixel. Tiles in which a ray can meet nothing are passed in one step.
+    Places beyond the border see the border's pixel. Where the defocus stretches far, tiles in which a ray can
+    meet nothing are passed in one step.
 
     Args:
         cells: From :func:`layer_cells`, flat.
@@ -102,11 +104,13 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
         part_x, part_y = column - side * tile_x + part_x, row - side * tile_y + part_y
         tile_to_x = select8(right, side - part_x, part_x) * gain_x
         tile_to_y = select8(down, side - part_y, part_y) * gain_y
+        if runs[run, 0] - runs[run, 1] < _SHORT:  # walked through without a look at tiles
+            tile_to_x = tile_to_y = length
         below = never  # the nearest surface under the ray in the pixel before
         passed, marching = zero, waiting
         while True:
             seeking = marching
-            while any8(seeking):
+            while runs[run, 0] - runs[run, 1] >= _SHORT and any8(seeking):
                 end = min8(min8(tile_to_x, tile_to_y), length)
                 first = (front - end - lowest) * per_bin
                 last = (front - passed - lowest) * per_bin

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,10 +77,12 @@ def random_layers(rng: np.random.Generator, height: int, width: int, count: int)
     return Layers(colors=np.zeros((*defocus.shape, 3)), defocus=defocus, coverage=coverage)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_eight_rays_meet_what_each_meets_alone(count):
+@pytest.mark.parametrize(("count", "stretch"), [(1, 1), (2, 1), (3, 1), (2, 15)])
+def test_eight_rays_meet_what_each_meets_alone(count, stretch):
+    """Where the defocus stretches far, rays pass empty tiles in one step."""
     rng = np.random.default_rng(count)
     layers = random_layers(rng, 21, 26, count)
+    layers = replace(layers, defocus=stretch * layers.defocus)
     bins, cells = occupied_bins(layer_cells(layers)), layer_cells(layers).reshape(-1)
     low, high = float(layers.defocus.min()) - 0.01, float(layers.defocus.max()) + 0.01
     met_by_layer = np.zeros(count + 1, int)
