@@ -88,14 +88,19 @@ def resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight):  
             _add_pixel(sums, row, x, 1.0, front_window)
             _add_ring(sums, row, x, 1, 1.0, front_window)
             back_window[:] = front_window
+            unseen, weight = 0.0, 0.0
+            for group in range(front_window.shape[0]):
+                unseen += front_window[group, numbers - 1]
+                for i in range(3, numbers - 2):
+                    weight += front_window[group, i] / (numbers - 5)
+            if weight > 0.0:
+                disocclusion_weight[y, x] = unseen / weight
             _average(sums, row, x, FRONT_GROUP, front_window)
             _average(sums, row, x, BACK_GROUP, back_window)
-            weight = 0.0
             for c in range(3):
                 i = 3 + own * c
                 before, within, beyond = front_window[0, i], front_window[1, i], front_window[2, i]
                 total = before + within + beyond
-                weight += total / 3.0
                 if total <= 0.0:
                     continue
                 front = before / total
@@ -108,7 +113,3 @@ def resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight):  
                 if sharp + back == 0.0 and front < 1.0:
                     rest = (front_window[1, c] + front_window[2, c]) / (within + beyond)
                 result[y, x, c] = front_window[0, c] / total + (1.0 - front) * rest
-            if weight > 0.0:
-                last = numbers - 1
-                unseen = front_window[0, last] + front_window[1, last] + front_window[2, last]
-                disocclusion_weight[y, x] = unseen / weight
