@@ -15,14 +15,13 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
-from bokehnet.classical.layered.defocus_bins import occupied_bins
+from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.mixed_pixels import told_of
 from bokehnet.classical.layered.ray_marching import SETS, march
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.classical.simd.float8 import LANES
 from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, pupil_points
@@ -32,9 +31,12 @@ from bokehnet.optics.sampling import halton, rotate_points, sobol
 
 __all__ = ["rays", "render_rays"]
 
-# Rays of a pixel. With the 3x3 average blurred surfaces see 9 times as many. Each ray of a lens that parts
-# colours has one wavelength, of which no channel sees all.
+# Rays of a pixel where no window of pixels is averaged. Each ray of a lens that parts colours has one
+# wavelength, of which no channel sees all.
 _RAYS, _COLORED_RAYS = 64, 128
+
+# The most rays of a pixel, over those.
+_MOST = 2
 
 # Behind an aberrated lens every light has a disc of its own to be computed; fainter ones are left to
 # the rays, whose noise they raise by 0.001 or less.
@@ -44,19 +46,17 @@ _FAINTEST = 0.02
 _LARGEST = 4.0
 
 # Scramblings or rotations of the pattern; which one a pixel takes is drawn at random.
-_VARIANTS = 16
+_VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture, colored: bool, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def _pattern(aperture: Aperture, colored: bool) -> tuple[np.ndarray, np.ndarray]:
     """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus.
-
-    There are ``share`` of the rays that a pixel has otherwise.
 
     Points whose rays have wavelengths are two dimensions of one sequence with these
     (:mod:`bokehnet.optics.wavelength_sampling`); others fill the pupil better by themselves.
     """
-    rays_per_pixel = max(LANES, round(share * (_COLORED_RAYS if colored else _RAYS) / LANES) * LANES)
+    rays_per_pixel = _MOST * (_COLORED_RAYS if colored else _RAYS)
     count = SETS * rays_per_pixel
     if colored:
         shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
@@ -84,9 +84,10 @@ def rays(
     """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
     Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) look through the
-    pupil along 64 rays each; where surfaces are blurred, the rays of 3x3 pixels are averaged. Bright lights
-    are laid out whole. All other pixels are the scatter's, and a soft mask joins the two. Beyond its border
-    the picture is taken to go on as it ends. Not differentiable; the scatter is.
+    pupil along 8 to 128 rays each, more where they bring more noise; where surfaces are blurred, the rays of
+    neighbouring pixels are averaged. Bright lights are laid out whole. All other pixels are the scatter's,
+    and a soft mask joins the two. Beyond its border the picture is taken to go on as it ends. Not
+    differentiable; the scatter is.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -131,7 +132,8 @@ def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def
 
 def _seconds(pixels: int, marched: int, radius: int) -> tuple[float, float, float, float]:
     """What scatter, layers, rays and lights take, roughly and up to a factor: for a bar alone."""
-    return 0.25e-6 * pixels, 0.35e-6 * pixels, (0.2 + 0.006 * radius) * 1e-6 * marched, 0.1e-6 * pixels
+    lights = (0.1 + 0.002 * radius) * 1e-6 * pixels
+    return 0.25e-6 * pixels, 0.35e-6 * pixels, (0.2 + 0.006 * radius) * 1e-6 * marched, lights
 
 
 def _told(
@@ -208,7 +210,7 @@ def _render(
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     del nearest, farthest
     colored = lens_response is not None and lens_response.is_dispersive
-    points, weights = _pattern(aperture, colored, rays_share)
+    points, weights = _pattern(aperture, colored)
     lens, ray_reach, footprint = None, radius, (1.0, 0.0)
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, points[0].size, above=above, shape=defocus.shape)
@@ -219,8 +221,8 @@ def _render(
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     tell = _told(progress, seconds)
     tell(0, 1)
-    if strip is not None:  # and a row on either side, with which the results of large discs are averaged
-        rays_mask[: max(0, strip.wanted.start - 1)] = rays_mask[strip.wanted.stop + 1 :] = False
+    if strip is not None:  # and a tile on either side, with whose rays those of large discs are averaged
+        rays_mask[: max(0, strip.wanted.start - TILE)] = rays_mask[strip.wanted.stop + TILE :] = False
     if not rays_mask.any():
         return ClassicalResult(
             bokeh=smooth,
@@ -254,6 +256,7 @@ def _render(
         seed=seed,
         above=above,
         place=place,
+        usual=round(rays_share * (_COLORED_RAYS if colored else _RAYS)),
         progress=lambda share: tell(2, share),
     )
     add_lights(
@@ -265,6 +268,7 @@ def _render(
         result,
         lens_response=lens_response,
         place=place.below(above),
+        progress=lambda share: tell(3, share),
     )
     with parallel_region:
         _blend(smooth, rays_weight, rays_mask, result)

@@ -11,6 +11,7 @@ for lights apart from the rest, their merging, and visibility of their own; rect
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -169,6 +170,7 @@ def add_lights(
     *,
     lens_response: LensResponse | None = None,
     place: Place | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> None:
     """Add every light's disc to the pixels of ``rays_mask`` that see it past what stands in front.
 
@@ -182,6 +184,7 @@ def add_lights(
         result: Changed in place, (H, W, 3), float32.
         lens_response: Of the lens; default: a perfect one.
         place: Where the arrays lie in the shown picture; default: they are all of it.
+        progress: Called with the share of the lights that is done, 0 to 1.
     """
     if not len(lights):
         return
@@ -192,10 +195,13 @@ def add_lights(
         draw = AberratedPsf(aperture, lens_response, lights, frame)
     boxes = place_psf_images(lights, draw.margins, rays_mask.shape)
     boxes[~_touched(boxes, rays_mask)] = 0
-    for batch in _batches(boxes, draw.planes):
+    batches = _batches(boxes, draw.planes)
+    for number, batch in enumerate(batches, 1):
         size = (boxes[batch, 1] - boxes[batch, 0]) * (boxes[batch, 3] - boxes[batch, 2])
         starts = np.cumsum(size) - size
         psf_images = np.zeros((size.sum(), draw.planes), np.float32)
         with parallel_region:
             draw.fill(batch, boxes[batch], starts, psf_images)
             splat_psf_images(lights[batch], boxes[batch], starts, psf_images, cells, rays_mask, bins, result)
+        if progress is not None:
+            progress(number / len(batches))

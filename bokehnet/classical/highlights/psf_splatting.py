@@ -11,7 +11,7 @@ visibility of its own for each light; rays through layers and the second look at
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs, tile_sets
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.intersection import intersect
 from bokehnet.classical.layered.ray_marching import fair_stride
@@ -29,7 +29,7 @@ def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y,
     """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
 
     Args:
-        scene: Flat cells and their size.
+        scene: Flat cells, their size and their tiles.
         runs: Stretches of the defocus that hold surfaces.
         count: How many.
         light: Its x, y and defocus.
@@ -43,7 +43,7 @@ def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y,
         visibility: Counts, in pixels' order.
         work: Results of :func:`bokehnet.classical.layered.intersection.intersect`.
     """
-    flat, size = scene
+    flat, size, tiles = scene
     per_pixel, half = broadcast8(np.float32(1.0 / light[2])), broadcast8(np.float32(0.5))
     row = broadcast8(np.float32(y))
     start_x = broadcast8(np.float32(offset_x)) - load8(transverse, 0)
@@ -52,7 +52,19 @@ def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y,
     down = (row + start_y - broadcast8(np.float32(light[1]))) * per_pixel
     level = broadcast8(np.float32(chance))
     intersect(
-        flat, size, runs, count, columns, row, half + start_x, half + start_y, across, down, level, work
+        flat,
+        size,
+        tiles,
+        runs,
+        count,
+        columns,
+        row,
+        half + start_x,
+        half + start_y,
+        across,
+        down,
+        level,
+        work,
     )
     for lane in range(LANES):
         if work[2 * LANES + lane] >= 0 and work[3 * LANES + lane] > light[2] + DISCONTINUITY_THRESHOLD:
@@ -152,11 +164,11 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
         result: Changed in place, (H, W, 3).
     """
     height, width = rays_mask.shape
-    flat = cells.reshape(-1)
+    flat, tiles = cells.reshape(-1), tile_sets(bins)
     stride = fair_stride(bins.bits.shape[0])
     for number in prange(bins.bits.shape[0]):
         tile_row = np.int64(number) * stride % bins.bits.shape[0]
-        scene = (flat, (height, width, cells.shape[2]))
+        scene = (flat, (height, width, cells.shape[2]), tiles)
         runs = np.empty((BINS // 2, 2))
         visibility, transverse = np.empty((TILE, TILE)), np.empty((TILE, 2 * LANES), np.float32)
         work = np.empty(4 * LANES, np.float32)

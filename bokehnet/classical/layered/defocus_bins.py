@@ -18,7 +18,7 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "TILE", "DefocusBins", "bin_runs", "occupied_bins"]
+__all__ = ["BINS", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
 
 TILE = 8
 BINS = 64
@@ -26,6 +26,9 @@ BINS = 64
 # Change of the defocus from pixel to pixel that counts as steep. At 1 a ray can meet a surface at several
 # places; on soft maps of disparity, errors showed down to a half.
 _STEEP = 0.25
+
+# Surfaces of neighbouring pixels belong together up to this difference; float32 may add to it.
+_RISER = 1.01 * DISCONTINUITY_THRESHOLD
 
 
 class DefocusBins(NamedTuple):
@@ -35,12 +38,14 @@ class DefocusBins(NamedTuple):
         bits: DefocusBins of defocus in which they can, (rows, columns) uint64.
         smooth: Where no surface is hidden behind the first, and this one is nowhere steep, (rows, columns)
             bool.
+        held: Bins that the surfaces in a tile itself lie in, or within the height of a riser of, likewise.
         low: Smallest defocus.
         thickness: Of a bin.
     """
 
     bits: np.ndarray
     smooth: np.ndarray
+    held: np.ndarray
     low: float
     thickness: float
 
@@ -54,28 +59,28 @@ def _bin_of(value, low, scale):  # type: ignore[no-untyped-def]
 def _fill_bins(first, second, low, scale):  # type: ignore[no-untyped-def]
     """Bits of all bins between two values of the defocus."""
     a, b = _bin_of(min(first, second), low, scale), _bin_of(max(first, second), low, scale)
-    bits = np.uint64(0)
-    for i in range(a, b + 1):
-        bits |= np.uint64(1) << np.uint64(i)
-    return bits
+    every = np.uint64(0xFFFFFFFFFFFFFFFF)
+    return every << np.uint64(a) & every >> np.uint64(BINS - 1 - b)
 
 
 @njit(cache=True, parallel=True)
 def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
-    """Which bins of defocus each tile holds in any layer, risers included; (2, rows, columns) of bits.
+    """Which bins of defocus each tile holds in any layer, risers included; (3, rows, columns) of bits.
 
-    The second are of the pixels of which more than the first layer can be hit, or where that is steep.
+    The second are of the pixels of which more than the first layer can be hit, or where that is steep; the
+    third are ``held`` of :class:`DefocusBins`.
     """
     height, width, layers = cells.shape[:3]
-    bits = np.zeros((2, (height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
+    bits = np.zeros((3, (height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
     for row in prange(bits.shape[1]):
         for y in range(row * TILE, min(height, (row + 1) * TILE)):
             for x in range(width):
-                found, layered = np.uint64(0), cells[y, x, 0, 1] < 1
+                found, held, layered = np.uint64(0), np.uint64(0), cells[y, x, 0, 1] < 1
                 for layer in range(layers):
                     value = cells[y, x, layer, 0]
                     layered = layered or value != cells[y, x, 0, 0]
                     found |= np.uint64(1) << np.uint64(_bin_of(value, low, scale))
+                    held |= _fill_bins(value - _RISER, value + _RISER, low, scale)
                     for right, below in ((1, 0), (0, 1)):
                         if x + right == width or y + below == height:
                             continue
@@ -84,6 +89,7 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
                         if abs(other - value) <= DISCONTINUITY_THRESHOLD:
                             found |= _fill_bins(value, other, low, scale)
                 bits[0, row, x // TILE] |= found
+                bits[2, row, x // TILE] |= held
                 if layered:
                     bits[1, row, x // TILE] |= found
     return bits
@@ -92,7 +98,7 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
 @njit(cache=True, parallel=True)
 def _reached_bins(own, low, thickness, reach, stretch, missed):  # type: ignore[no-untyped-def]
     """Bits (2, rows, columns) of all bins of which a surface lies within its blur's reach of each tile."""
-    _, rows, columns = own.shape
+    rows, columns = own.shape[1:]
     near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
     for square in range(near.shape[0]):
         gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
@@ -100,7 +106,7 @@ def _reached_bins(own, low, thickness, reach, stretch, missed):  # type: ignore[
             farthest = max(abs(low + i * thickness), abs(low + (i + 1) * thickness))
             if stretch * farthest + missed + 1.0 >= gap:
                 near[square] |= np.uint64(1) << np.uint64(i)
-    found = np.empty_like(own)
+    found = np.empty((2, rows, columns), np.uint64)
     for row in prange(rows):
         for column in range(columns):
             bits, layered = np.uint64(0), np.uint64(0)
@@ -132,7 +138,13 @@ def occupied_bins(cells: np.ndarray, stretch: float = 1.0, missed: float = 0.0) 
         farthest = stretch * max(abs(low), abs(high)) + missed
         reach = min(math.ceil(farthest / TILE) + 1, max(own.shape[1:]))
         bits, layered = _reached_bins(own, low, thickness, reach, stretch, missed)
-    return DefocusBins(bits=bits, smooth=layered == 0, low=low, thickness=thickness)
+    return DefocusBins(bits=bits, smooth=layered == 0, held=own[2], low=low, thickness=thickness)
+
+
+@njit(cache=True, forceinline=True)
+def tile_sets(bins):  # type: ignore[no-untyped-def]
+    """What rays look up of tiles: ``held``, flat; its rows and columns; smallest defocus, bins per pixel."""
+    return bins.held.reshape(-1), bins.held.shape[0], bins.held.shape[1], bins.low, 1.0 / bins.thickness
 
 
 @njit(cache=True)

@@ -16,8 +16,11 @@ Eurographics 1987, for the walk along the pixels. Risers and coverage are ours.
 
 import numpy as np
 
+from bokehnet.classical.layered.defocus_bins import BINS, TILE
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.pixel_boundaries import coverage_at, with_slopes
+from bokehnet.classical.simd.bits8 import meets8
 from bokehnet.classical.simd.float8 import (
     LANES,
     abs8,
@@ -38,28 +41,35 @@ from bokehnet.kernels import njit
 
 __all__ = ["intersect", "intersect_smooth", "layer_cells"]
 
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 _NEVER = np.float32(-1e30)
+_SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
+_SHORT = 96.0  # stretches of the defocus, pixels, from which on looks at tiles pay
 _STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
 # The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
 _LOOKS, _CLOSE = 8, np.float32(0.25)
 
 
 def layer_cells(layers: Layers) -> np.ndarray:
-    """Defocus and coverage side by side, (H, W, L, 2), so that a look at a pixel reads one place."""
-    return np.stack([layers.defocus, layers.coverage], axis=-1)
+    """Defocus and coverage side by side, (H, W, L, 2), so that a look at a pixel reads one place.
+
+    Coverage tells how it changes inside its pixel, see :mod:`bokehnet.classical.layered.pixel_boundaries`.
+    """
+    return np.stack([layers.defocus, with_slopes(layers.defocus, layers.coverage)], axis=-1)
 
 
 @njit(cache=True)
-def intersect(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, hits):  # type: ignore[no-untyped-def]
+def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
 
-    Places beyond the border see the border's pixel.
+    Places beyond the border see the border's pixel. Where the defocus stretches far, tiles in which a ray can
+    meet nothing are passed in one step.
 
     Args:
         cells: From :func:`layer_cells`, flat.
         size: Its height, width and number of layers.
+        tiles: What :func:`bokehnet.classical.layered.defocus_bins.tile_sets` gives.
         runs: Stretches (front, back) of the defocus in which there can be a surface, front to back.
         count: How many.
         x: Columns of the rays' pixels, lanes of float32.
@@ -69,17 +79,23 @@ def intersect(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, hi
         begin_y: The same from its upper side.
         u: Where the rays meet the pupil, aperture coordinate along x, lanes.
         v: Along y.
-        chance: A surface is met where this is below its coverage, lanes.
+        chance: A surface is met where this is below its coverage at that place of the pixel, lanes.
         hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
     """
     height, width, layers = size
+    occupied, tile_rows, tile_columns, low, scale = tiles
     zero, one, threshold = broadcast8(_ZERO), broadcast8(_ONE), broadcast8(_THRESHOLD)
+    half = broadcast8(_HALF)
+    never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(low))
+    per_bin, last_bin = broadcast8(np.float32(scale)), broadcast8(_LAST_BIN)
     last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
+    last_tile_x, last_tile_y = broadcast8(np.float32(tile_columns - 1)), broadcast8(np.float32(tile_rows - 1))
     right, down = less8(zero, u), less8(zero, v)
     step_x, step_y = select8(right, one, zero - one), select8(down, one, zero - one)
     gain_x = divide8(one, max8(abs8(u), broadcast8(_STEEPEST)))
     gain_y = divide8(one, max8(abs8(v), broadcast8(_STEEPEST)))
+    tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
     hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
     waiting = less8(zero, one)
     for run in range(count):
@@ -87,39 +103,95 @@ def intersect(cells, size, runs, count, x, y, begin_x, begin_y, u, v, chance, hi
         length = broadcast8(np.float32(runs[run, 0] - runs[run, 1]))
         place_x, place_y = begin_x - u * front, begin_y - v * front
         column, row = floor8(place_x), floor8(place_y)
-        place_x, place_y = place_x - column, place_y - row
-        to_x = select8(right, one - place_x, place_x) * gain_x
-        to_y = select8(down, one - place_y, place_y) * gain_y
+        part_x, part_y = place_x - column, place_y - row
         column, row = x + column, y + row
-        below = broadcast8(_NEVER)  # the nearest surface under the ray in the pixel before
-        entry, marching = front, waiting
+        tile_x, tile_y = floor8(column * broadcast8(_PER_SIDE)), floor8(row * broadcast8(_PER_SIDE))
+        part_x, part_y = column - side * tile_x + part_x, row - side * tile_y + part_y
+        tile_to_x = select8(right, side - part_x, part_x) * gain_x
+        tile_to_y = select8(down, side - part_y, part_y) * gain_y
+        if runs[run, 0] - runs[run, 1] < _SHORT:  # walked through without a look at tiles
+            tile_to_x = tile_to_y = length
+        below = never  # the nearest surface under the ray in the pixel before
+        passed, marching = zero, waiting
         while True:
-            passed = min8(min8(to_x, to_y), length)
-            leave = front - passed
-            inside_x = min8(max8(column, zero), last_x)
-            inside_y = min8(max8(row, zero), last_y)
-            under = broadcast8(_NEVER)
-            for layer in range(layers):
-                depth, cover = gather_pairs8(cells, inside_y, inside_x, width, 2 * layers, 2 * layer)
-                beneath = less8(depth, leave)
-                under = select8(beneath, max8(under, depth), under)
-                through_discontinuity = and8(less8(entry, depth), less8(threshold, depth - below))
-                hit = and8(marching, less8(chance, cover))
-                hit = and_not8(and_not8(hit, beneath), through_discontinuity)
-                hit_row = select8(hit, inside_y, hit_row)
-                hit_column = select8(hit, inside_x, hit_column)
-                hit_layer = select8(hit, broadcast8(np.float32(layer)), hit_layer)
-                hit_depth = select8(hit, depth, hit_depth)
-                marching, waiting = and_not8(marching, hit), and_not8(waiting, hit)
-            marching = and8(marching, less8(passed, length))
+            seeking = marching
+            while runs[run, 0] - runs[run, 1] >= _SHORT and any8(seeking):
+                end = min8(min8(tile_to_x, tile_to_y), length)
+                first = (front - end - lowest) * per_bin
+                last = (front - passed - lowest) * per_bin
+                found = meets8(
+                    occupied,
+                    min8(max8(tile_y, zero), last_tile_y),
+                    min8(max8(tile_x, zero), last_tile_x),
+                    tile_columns,
+                    min8(max8(first, zero), last_bin),
+                    min8(max8(last, zero), last_bin),
+                )
+                seeking = and_not8(seeking, found)
+                below = select8(seeking, never, below)
+                passed = select8(seeking, end, passed)
+                ended = and_not8(seeking, less8(end, length))
+                marching, seeking = and_not8(marching, ended), and_not8(seeking, ended)
+                across = less8(tile_to_x, tile_to_y)
+                step = and8(seeking, across)
+                tile_x = select8(step, tile_x + step_x, tile_x)
+                tile_to_x = select8(step, tile_to_x + tile_gain_x, tile_to_x)
+                step = and_not8(seeking, across)
+                tile_y = select8(step, tile_y + step_y, tile_y)
+                tile_to_y = select8(step, tile_to_y + tile_gain_y, tile_to_y)
             if not any8(marching):
                 break
-            below, entry = under, leave
-            across = less8(to_x, to_y)
-            column = column + select8(across, step_x, zero)
-            row = row + select8(across, zero, step_y)
-            to_x = to_x + select8(across, gain_x, zero)
-            to_y = to_y + select8(across, zero, gain_y)
+            end = min8(min8(tile_to_x, tile_to_y), length)
+            start, within = front - passed, end - passed
+            place_x, place_y = begin_x - u * start, begin_y - v * start
+            column, row = floor8(place_x), floor8(place_y)
+            place_x, place_y = place_x - column, place_y - row
+            to_x = select8(right, one - place_x, place_x) * gain_x
+            to_y = select8(down, one - place_y, place_y) * gain_y
+            column, row = x + column, y + row
+            entry, walking = start, marching
+            while True:
+                gone = min8(min8(to_x, to_y), within)
+                leave = start - gone
+                inside_x = min8(max8(column, zero), last_x)
+                inside_y = min8(max8(row, zero), last_y)
+                under = never
+                for layer in range(layers):
+                    depth, cover = gather_pairs8(cells, inside_y, inside_x, width, 2 * layers, 2 * layer)
+                    beneath = less8(depth, leave)
+                    under = select8(beneath, max8(under, depth), under)
+                    through_discontinuity = and8(less8(entry, depth), less8(threshold, depth - below))
+                    partly = and8(less8(zero, cover), less8(cover, one))
+                    if any8(partly):
+                        away_x = x + begin_x - u * depth - column - half
+                        away_y = y + begin_y - v * depth - row - half
+                        cover = select8(partly, coverage_at(cover, away_x, away_y), cover)
+                    hit = and8(walking, less8(chance, cover))
+                    hit = and_not8(and_not8(hit, beneath), through_discontinuity)
+                    hit_row = select8(hit, inside_y, hit_row)
+                    hit_column = select8(hit, inside_x, hit_column)
+                    hit_layer = select8(hit, broadcast8(np.float32(layer)), hit_layer)
+                    hit_depth = select8(hit, depth, hit_depth)
+                    walking, marching = and_not8(walking, hit), and_not8(marching, hit)
+                    waiting = and_not8(waiting, hit)
+                below, entry = select8(walking, under, below), leave
+                walking = and8(walking, less8(gone, within))
+                if not any8(walking):
+                    break
+                across = less8(to_x, to_y)
+                column = column + select8(across, step_x, zero)
+                row = row + select8(across, zero, step_y)
+                to_x = to_x + select8(across, gain_x, zero)
+                to_y = to_y + select8(across, zero, gain_y)
+            marching = and8(marching, less8(end, length))
+            if not any8(marching):
+                break
+            passed = end
+            across = less8(tile_to_x, tile_to_y)
+            tile_x = tile_x + select8(across, step_x, zero)
+            tile_y = tile_y + select8(across, zero, step_y)
+            tile_to_x = tile_to_x + select8(across, tile_gain_x, zero)
+            tile_to_y = tile_to_y + select8(across, zero, tile_gain_y)
         if not any8(waiting):
             break
     store8(hits, 0, hit_row)

@@ -1,29 +1,34 @@
-"""What the rays of a pixel bring, summed up in three groups, and the picture that comes of the sums.
+"""What the rays of a pixel bring, as means over its rays in three groups.
 
-The groups are blurred surfaces in front of focus, sharp ones, and blurred ones behind focus; blurred ones are
-averaged with the neighbours'. Each holds weighted red, green and blue, the weights, and the weight of what
-no picture shows: ``PLAIN`` numbers, or ``COLORED`` where each colour has a weight of its own.
+The groups are blurred surfaces in front of focus, sharp ones, and blurred ones behind focus. Each holds
+weighted red, green and blue, the weights, a second moment, and the weight of what no picture shows:
+``PLAIN`` numbers, or ``COLORED`` where each colour has a weight of its own. The second moment of blurred
+surfaces is the mean of 1 / radius, which tells over how many pixels they may be averaged; of sharp ones it
+is that of the squared brightness, which tells how many rays they take.
 """
 
 import numpy as np
-from numba import prange
 
 from bokehnet.classical.simd.float8 import (
     LANES,
     and_not8,
     any8,
     broadcast8,
+    divide8,
     less8,
     load8,
+    max8,
     select8,
+    sqrt8,
     store8,
     sum8,
 )
 from bokehnet.kernels import njit
 
-__all__ = ["COLORED", "GROUPS", "PLAIN", "add_light", "resolve", "sum_light"]
+__all__ = ["BACK_GROUP", "COLORED", "FRONT_GROUP", "GROUPS", "PLAIN", "SHARP_GROUP", "add_light", "sum_light"]
 
-GROUPS, PLAIN, COLORED = 3, 5, 7
+GROUPS, PLAIN, COLORED = 3, 6, 8
+FRONT_GROUP, SHARP_GROUP, BACK_GROUP = 0, 1, 2
 
 # Discs of at least this radius change so slowly that their rays may be averaged with the 8 neighbours'.
 _FILTERED_RADIUS = 4.0
@@ -37,7 +42,7 @@ def _add(totals, at, member, lanes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def add_light(totals, numbers, blur, depth, shares, colors, disocclusion_weight):  # type: ignore[no-untyped-def]
+def add_light(totals, numbers, blur, depth, shares, colors, weight, disocclusion_weight):  # type: ignore[no-untyped-def]
     """Add what eight rays bring to the totals of their groups.
 
     Args:
@@ -47,6 +52,7 @@ def add_light(totals, numbers, blur, depth, shares, colors, disocclusion_weight)
         depth: Defocus of what they met.
         shares: Weights of red, green and blue, a tuple of lanes; for ``PLAIN`` the first is used.
         colors: Red, green and blue of what they met.
+        weight: Mean of ``shares``.
         disocclusion_weight: Weight of what no picture shows.
     """
     zero, large = broadcast8(np.float32(0)), broadcast8(np.float32(_FILTERED_RADIUS**2))
@@ -62,55 +68,20 @@ def add_light(totals, numbers, blur, depth, shares, colors, disocclusion_weight)
         if numbers == COLORED:
             _add(totals, at + 4 * LANES, member, shares[1])
             _add(totals, at + 5 * LANES, member, shares[2])
+        if group == SHARP_GROUP:
+            brightness = broadcast8(np.float32(1 / 3)) * (colors[0] + colors[1] + colors[2])
+            _add(totals, at + (numbers - 2) * LANES, member, weight * brightness * brightness)
+        else:
+            _add(totals, at + (numbers - 2) * LANES, member, divide8(weight, sqrt8(max8(blur, large))))
         _add(totals, at + (numbers - 1) * LANES, member, disocclusion_weight)
 
 
 @njit(cache=True, forceinline=True)
-def sum_light(totals, sums):  # type: ignore[no-untyped-def]
-    """Write the sums of a pixel (GROUPS, numbers)."""
+def sum_light(totals, before, rays, sums):  # type: ignore[no-untyped-def]
+    """Add totals to a pixel's means (GROUPS, numbers) of ``before`` rays, which become those of ``rays``."""
     numbers = sums.shape[1]
+    kept, added = np.float32(before / rays), np.float32(1.0 / rays)
     for group in range(GROUPS):
         for c in range(numbers):
-            sums[group, c] = sum8(load8(totals, (group * numbers + c) * LANES))
-
-
-@njit(cache=True, parallel=True)
-def resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight):  # type: ignore[no-untyped-def]
-    """Divide the sums of rows ``top`` to ``bottom``; ``sums`` begin at row ``first``.
-
-    Blurred surfaces are averaged over 3x3 pixels, sharp ones and what their edges cover are not.
-    """
-    width, numbers = rays_mask.shape[1], sums.shape[3]
-    own = 1 if numbers == COLORED else 0  # whether each colour has a weight of its own
-    for y in prange(top, bottom):
-        around = np.empty((3, numbers))
-        for x in range(width):
-            if not rays_mask[y, x]:
-                continue
-            around[:] = 0.0
-            for v in range(max(first, y - 1), min(first + sums.shape[0], y + 2)):
-                for u in range(max(0, x - 1), min(width, x + 2)):
-                    if rays_mask[v, u]:
-                        for group in range(3):
-                            for c in range(numbers):
-                                around[group, c] += sums[v - first, u, group, c]
-            weight = 0.0
-            for c in range(3):
-                i = 3 + own * c
-                total = around[0, i] + around[1, i] + around[2, i]
-                weight += total / 3.0
-                if total <= 0.0:
-                    continue
-                front = around[0, i] / total
-                sharp, back = sums[y - first, x, 1, i], sums[y - first, x, 2, i]
-                rest = 0.0
-                if sharp > 0.0:
-                    rest += sums[y - first, x, 1, c] / (sharp + back)
-                if back > 0.0:
-                    rest += back / (sharp + back) * around[2, c] / around[2, i]
-                if sharp + back == 0.0 and front < 1.0:
-                    rest = (around[1, c] + around[2, c]) / (around[1, i] + around[2, i])
-                result[y, x, c] = around[0, c] / total + (1.0 - front) * rest
-            if weight > 0.0:
-                last = numbers - 1
-                disocclusion_weight[y, x] = (around[0, last] + around[1, last] + around[2, last]) / weight
+            found = sum8(load8(totals, (group * numbers + c) * LANES))
+            sums[group, c] = kept * sums[group, c] + added * found

@@ -15,9 +15,16 @@ from numba import prange
 
 from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
-from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
-from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, resolve, sum_light
+from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, sum_light
+from bokehnet.classical.layered.ray_averages import WIDEST, resolve
+from bokehnet.classical.layered.sample_counts import (
+    FIRST_RAYS,
+    FirstPass,
+    SampleCounts,
+    counts_by_variance,
+)
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
     LANES,
@@ -36,7 +43,7 @@ from bokehnet.optics.aperture import cats_eye_shift
 __all__ = ["SETS", "fair_stride", "march"]
 
 # Rows worked at a time, so that the sums stay small.
-_STRIP = 256
+_STRIP = 192
 
 # The pixels of a 3x3 block take different pupil points.
 SETS = 9
@@ -82,11 +89,16 @@ def _march(  # type: ignore[no-untyped-def]
     seed,
     above,
     first,
+    before,
+    counts,
     sums,
 ):
-    """Fill ``sums``, see :mod:`bokehnet.classical.layered.ray_accumulators`, from row ``first`` on."""
+    """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
+
+    Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.ray_accumulators`.
+    """
     height, width = rays_mask.shape
-    flat = cells.reshape(-1)
+    flat, tiles = cells.reshape(-1), tile_sets(bins)
     last = first + sums.shape[0]
     variants, rays = points.shape[1] // SETS, points.shape[2]
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
@@ -99,7 +111,7 @@ def _march(  # type: ignore[no-untyped-def]
         reds, greens, blues = lens.colors[0], lens.colors[1], lens.colors[2]
         reach = (1.0 + lens.strayed.max()) * reach + lens.largest.max()
     top = first // TILE
-    tile_rows = (last + TILE - 1) // TILE - top
+    tile_rows = counts.shape[0]
     stride = fair_stride(tile_rows)
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
@@ -111,10 +123,13 @@ def _march(  # type: ignore[no-untyped-def]
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         for tile_column in range(bins.bits.shape[1]):
+            sent = counts[tile_row - top, tile_column]
+            if sent <= before:
+                continue
             smooth = bins.smooth[tile_row, tile_column]
-            size = (height, width, colors.shape[2])
+            size = (height, width, cells.shape[2])
             count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
-            for y in range(max(first, tile_row * TILE), min(last, (tile_row + 1) * TILE)):
+            for y in range(tile_row * TILE, min(last, (tile_row + 1) * TILE)):
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
                     if not rays_mask[y, x]:
                         continue
@@ -136,7 +151,7 @@ def _march(  # type: ignore[no-untyped-def]
                         wide = broadcast8(np.float32(lens.shaken[int(field)]))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     totals[:] = 0.0
-                    for start in range(0, rays, LANES):
+                    for start in range(before, sent, LANES):
                         k = chosen * rays + start
                         u, v = load8(us, k), load8(vs, k)
                         chance = first_chance + load8(chances, start)
@@ -158,7 +173,7 @@ def _march(  # type: ignore[no-untyped-def]
                             begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
                         ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
                         if not smooth or not intersect_smooth(flat, size, *ways, hits):
-                            intersect(flat, size, runs, count, *ways, chance, hits)
+                            intersect(flat, size, tiles, runs, count, *ways, chance, hits)
                         layer, depth = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
                         w = select8(
                             less8(zero, depth),
@@ -189,13 +204,11 @@ def _march(  # type: ignore[no-untyped-def]
                             to_x, to_y = place_x + begin_x - a_x * depth, place_y + begin_y - a_y * depth
                             inside = min8(min8(to_x, to_y), min8(right - to_x, bottom - to_y))
                             disocclusion_weight = select8(less8(inside, zero), weight, disocclusion_weight)
-                        red, green, blue = gather_triples8(
+                        light = gather_triples8(
                             flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                         )
-                        add_light(
-                            totals, numbers, blur, depth, shares, (red, green, blue), disocclusion_weight
-                        )
-                    sum_light(totals, sums[y - first, x])
+                        add_light(totals, numbers, blur, depth, shares, light, weight, disocclusion_weight)
+                    sum_light(totals, before, sent, sums[y - first, x])
 
 
 @njit(cache=True, forceinline=True)
@@ -221,6 +234,8 @@ def march(
     seed: int = 0,
     above: int = 0,
     place: Place | None = None,
+    usual: int,
+    sample_counts: SampleCounts = counts_by_variance,
     progress: Callable[[float], None] | None = None,
 ) -> None:
     """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
@@ -230,7 +245,8 @@ def march(
         cells: Where they are, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
         rays_mask: Pixels to render, (H, W) bool.
         bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
-        points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` a multiple of 8.
+        points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` is the most that a pixel
+            sends, a power of two.
         weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
         result: (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
         disocclusion_weight: (H, W), float32; set alike, to the share of a pixel's light that no picture
@@ -240,6 +256,8 @@ def march(
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
+        usual: See :class:`bokehnet.classical.layered.sample_counts.FirstPass`.
+        sample_counts: Tells how many rays each pixel sends.
         progress: Called with the share of the pixels that is done, 0 to 1.
     """
     height, width = rays_mask.shape
@@ -247,12 +265,23 @@ def march(
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
+    how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
+    known, kept = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)
-            first, last = max(0, top - 1), min(height, bottom + 1)
+            first = max(0, top - WIDEST) // TILE * TILE
+            last = min(height, -(-(bottom + WIDEST) // TILE) * TILE)
+            new = max(first, known)  # rows above were marched for the strip before
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
-            _march(*arrays, cats_eye, tuple(place or Place.whole(height, width)), seed, above, first, sums)
+            sums[: new - first] = kept[len(kept) - (new - first) :]
+            if last > new:
+                fresh, rows = sums[new - first :], slice(new, last)
+                counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
+                _march(*arrays, *how, new, 0, counts, fresh)
+                found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
+                _march(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
+            known, kept = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)
             if progress is not None and done is not None:
                 progress(done[bottom - 1] / max(done[-1], 1))

@@ -38,8 +38,10 @@ __all__ = [
     "overlap_growth8",
     "repeat4",
     "select8",
+    "sqrt8",
     "store8",
     "sum8",
+    "table_indices",
 ]
 
 LANES = 8
@@ -373,9 +375,10 @@ def _apply(name: str) -> Any:
 
 floor8 = _apply("floor")
 abs8 = _apply("fabs")
+sqrt8 = _apply("sqrt")
 
 
-def _pixels(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
+def table_indices(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
     """``row * width + column`` of whole numbers held as floating point, below 2^31, as eight integers."""
     rows, columns = (builder.fptosi(value, ir.VectorType(_INT, LANES)) for value in (rows, columns))
     return builder.add(builder.mul(rows, _splat(builder, builder.trunc(width, _INT))), columns)
@@ -400,7 +403,7 @@ def gather_pairs8(_, array, rows, columns, width, stride, offset):  # type: igno
         data = context.make_array(signature.args[0])(context, builder, array).data
         element = context.get_value_type(signature.args[0].dtype)
         pair = ir.VectorType(element, 2)
-        pixels = _pixels(builder, rows, columns, width)
+        pixels = table_indices(builder, rows, columns, width)
         pairs = []
         for lane in range(LANES):
             pixel = builder.sext(builder.extract_element(pixels, ir.Constant(_INT, lane)), width.type)
@@ -444,7 +447,7 @@ def gather_triples8(_, array, rows, columns, places, width, count):  # type: ign
         array, rows, columns, places, width, count = arguments
         data = context.make_array(signature.args[0])(context, builder, array).data
         element = context.get_value_type(signature.args[0].dtype)
-        pixels = _pixels(builder, rows, columns, width)
+        pixels = table_indices(builder, rows, columns, width)
         places = builder.fptosi(places, pixels.type)
         triples = [ir.Constant(ir.VectorType(element, LANES), ir.Undefined) for _ in range(3)]
         three = ir.Constant(width.type, 3)

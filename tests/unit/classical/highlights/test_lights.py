@@ -5,6 +5,7 @@ import numpy as np
 from bokehnet.classical.highlights.lights import separate_lights
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.rays_renderer import rays
+from tests.unit.classical.highlights.light_scenes import draw, point
 
 
 def night(radius=-12.0, size=96):
@@ -110,3 +111,12 @@ def test_one_light_more_takes_none_of_the_others_away():
     )
     change = np.delete((after - before).ravel(), y * 80 + x)
     assert abs(change).max() < 1.0
+
+
+def test_lights_tell_how_far_they_are(monkeypatch):
+    """Each disc of radius 6 to 8 covers more than 100 pixels, so that none shares a batch with another."""
+    monkeypatch.setattr("bokehnet.classical.highlights.lights._FLOATS", 100)
+    lights = np.concatenate([point(12, 30, 6.0), point(30, 30, 7.0), point(48, 30, 8.0)])
+    told: list[float] = []
+    draw(lights, (60, 60), progress=told.append)
+    np.testing.assert_allclose(told, [1 / 3, 2 / 3, 1])

@@ -2,11 +2,13 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numba import njit
 
+from bokehnet.classical.layered.defocus_bins import occupied_bins, tile_sets
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth, layer_cells
 from bokehnet.classical.layered.layers import Layers
@@ -14,11 +16,11 @@ from bokehnet.classical.simd.float8 import LANES, load8
 
 
 @njit
-def meet_eight(cells, size, runs, x, y, begin_x, begin_y, u, v, chance):
+def meet_eight(cells, size, bins, runs, x, y, begin_x, begin_y, u, v, chance):
     hits = np.empty(4 * LANES, np.float32)
     starts = (load8(x, 0), load8(y, 0), load8(begin_x, 0), load8(begin_y, 0))
     lanes = (*starts, load8(u, 0), load8(v, 0), load8(chance, 0))
-    intersect(cells, size, runs, len(runs), *lanes, hits)
+    intersect(cells, size, tile_sets(bins), runs, len(runs), *lanes, hits)
     return hits
 
 
@@ -75,11 +77,13 @@ def random_layers(rng: np.random.Generator, height: int, width: int, count: int)
     return Layers(colors=np.zeros((*defocus.shape, 3)), defocus=defocus, coverage=coverage)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_eight_rays_meet_what_each_meets_alone(count):
+@pytest.mark.parametrize(("count", "stretch"), [(1, 1), (2, 1), (3, 1), (2, 15)])
+def test_eight_rays_meet_what_each_meets_alone(count, stretch):
+    """Where the defocus stretches far, rays pass empty tiles in one step."""
     rng = np.random.default_rng(count)
     layers = random_layers(rng, 21, 26, count)
-    cells = layer_cells(layers).reshape(-1)
+    layers = replace(layers, defocus=stretch * layers.defocus)
+    bins, cells = occupied_bins(layer_cells(layers)), layer_cells(layers).reshape(-1)
     low, high = float(layers.defocus.min()) - 0.01, float(layers.defocus.max()) + 0.01
     met_by_layer = np.zeros(count + 1, int)
     wrong = 0
@@ -91,7 +95,7 @@ def test_eight_rays_meet_what_each_meets_alone(count):
         u, v, chance = rng.uniform(-1, 1, LANES), rng.uniform(-1, 1, LANES), rng.random(LANES)
         arrays = [np.asarray(a, np.float32) for a in (x, y, *begin, u, v, chance)]
         size = (21, 26, count)
-        rows, columns, found, depths = meet_eight(cells, size, runs, *arrays).reshape(4, LANES)
+        rows, columns, found, depths = meet_eight(cells, size, bins, runs, *arrays).reshape(4, LANES)
         for lane in range(LANES):
             row, column, layer = meet_one(layers, runs, *(float(a[lane]) for a in arrays))
             met_by_layer[layer] += 1
