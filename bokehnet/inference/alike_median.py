@@ -33,17 +33,22 @@ _LEVELS = 24
 # window for those, and by how much ramps are made wider.
 _BETWEEN, _RAMP, _AROUND = 0.15, 3, 2
 
+# A ramp ends: over windows so many times as wide a map spans at most so many times as much. A slope goes on.
+_WIDER, _MORE = 3, 1.9
+
 
 def soft_steps(disparity: np.ndarray) -> np.ndarray:
     """Where the steps of a map (H, W) are ramps, (H, W) bool."""
     least = STEP * float(np.ptp(disparity))
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, _RAMP + _AROUND)
+        window, inner = with_halo(rows, _WIDER * _RAMP + _AROUND)
         values = disparity[window]
         low, high = extremes(values, _RAMP)
         between = np.minimum(high - values, values - low) > _BETWEEN * (high - low)
-        ramps = (between & (high - low > least)).astype(np.uint8)
+        lowest, highest = extremes(values, _WIDER * _RAMP)
+        ends = highest - lowest < _MORE * (high - low)
+        ramps = (between & ends & (high - low > least)).astype(np.uint8)
         found: np.ndarray = extremes(ramps, _AROUND)[1][inner] > 0
         return found
 

@@ -16,6 +16,7 @@ def choose_filter(scene: Scene, told: str) -> FilterChoice:
             edges of the picture.
 
     Examples:
+        >>> import numpy as np
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
         >>> from bokehnet.rendering.scene import make_scene
         >>> flat = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25))

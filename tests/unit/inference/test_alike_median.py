@@ -61,6 +61,11 @@ def test_a_pass_is_the_weighted_median(monkeypatch):
             assert_allclose(found[y, x], median, atol=np.ptp(values) / 24 + 1e-6)
 
 
+def test_slopes_are_no_steps():
+    slope = np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1))
+    assert not soft_steps(slope).any()
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (3, 17)])
 def test_small_maps(shape):
     rng = np.random.default_rng(0)

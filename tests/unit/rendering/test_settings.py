@@ -150,7 +150,7 @@ def test_values_that_only_look_right_are_refused(group, name, value):
 # A valid value of each field that is not its default, in sets that go together.
 VALID = [
     {
-        "input": {"disparity": "a b.png", "channel": "Z"},
+        "input": {"disparity": "a b.png", "channel": "Z", "matte": "m.png"},
         "depth": {
             "invert": True, "value_range": (-1, 2.5), "as_stored": True, "resize": True, "mixed": "on",
             "repair": "off", "pixel_filter": "gaussian:1.5",
@@ -183,7 +183,7 @@ VALID = [
         },
     },
     {
-        "input": {"depth": "a.exr"},
+        "input": {"depth": "a.exr", "supersampled": 4},
         "depth": {"unit": "1/m"},
         "focus": {"distance": math.inf},
         "camera": {"focal_length": 50, "f_number": 1.8, "sensor_width": 36},
