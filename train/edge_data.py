@@ -14,14 +14,9 @@ from bokehnet.errors import DataFileError
 from bokehnet.inference.disparity_edges import sharpen_if_soft
 from bokehnet.synth.shards import ShardSet
 from train.augmentation import augment_disparity
+from train.repair_data import busy_window
 
 __all__ = ["EdgeDataConfig", "EdgeExamples", "edge_loader", "edge_pair"]
-
-# Crops to choose from; where there is no step there is nothing to learn.
-TRIES = 3
-
-# A difference of neighbours that makes a step, as a share of the map's span.
-_STEP = 0.03
 
 # Largest noise of a picture, of its encoded values, and the share of pictures that have some.
 _NOISE, _NOISY = 0.03, 0.3
@@ -68,7 +63,7 @@ def edge_pair(
     factor = fine.shape[0] // disparity.shape[0]
     inside = fine.reshape(disparity.shape[0], factor, disparity.shape[1], factor)
     inside = inside.transpose(0, 2, 1, 3).reshape(*disparity.shape, -1)
-    window = _busy_window(disparity, config.crop, rng)
+    window = busy_window(disparity, config.crop, rng)
     larger = tuple(slice(max(0, s.start - config.around), s.stop + config.around) for s in window)
     inner = tuple(
         slice(s.start - large.start, s.stop - large.start) for s, large in zip(window, larger, strict=True)
@@ -103,19 +98,6 @@ def edge_pair(
         "inside": turned(inside[inner][..., chosen]),
         "span": np.full((1, 1, 1), span, np.float32),
     }
-
-
-def _busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:
-    """Of a few random windows, the one with the most steps."""
-    height, width = true.shape
-    least = _STEP * float(np.ptp(true))
-    steps = np.zeros(true.shape, bool)
-    steps[1:] |= np.abs(np.diff(true, axis=0)) > least
-    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > least
-    tops = rng.integers(max(1, height - crop + 1), size=TRIES)
-    lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
-    windows = [np.s_[top : top + crop, left : left + crop] for top, left in zip(tops, lefts, strict=True)]
-    return max(windows, key=lambda window: int(steps[window].sum()))
 
 
 class EdgeExamples(Dataset):

@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader, Dataset
 from bokehnet.synth.shards import ShardSet
 from train.augmentation import augment_disparity
 
-__all__ = ["RepairDataConfig", "RepairExamples", "repair_loader", "repair_pair"]
+__all__ = ["RepairDataConfig", "RepairExamples", "busy_window", "repair_loader", "repair_pair"]
 
 
 # Crops to choose from; where there is no step there is nothing to learn.
@@ -68,7 +68,7 @@ def repair_pair(
         true = true ** np.float32(2.0 ** rng.uniform(-1, 1))
     augmented = true if rng.random() < config.clean else augment_disparity(true, rng)
     span = max(float(augmented.max() - augmented.min()), 1e-6)
-    window = _busy_window(true, config.crop, rng)
+    window = busy_window(true, config.crop, rng)
     gain = np.float32(2.0 ** rng.uniform(-1, 1))
     colors = gain * image[window].astype(np.float32)[..., rng.permutation(3)]
     return {
@@ -85,12 +85,13 @@ def _random_piece(side: int, length: int, rng: np.random.Generator) -> slice:
     return slice(first, first + length)
 
 
-def _busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:
+def busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:
     """Of a few random windows, the one with the most steps."""
     height, width = true.shape
+    least = _STEP * float(np.ptp(true))
     steps = np.zeros(true.shape, bool)
-    steps[1:] |= np.abs(np.diff(true, axis=0)) > _STEP
-    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > _STEP
+    steps[1:] |= np.abs(np.diff(true, axis=0)) > least
+    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > least
     tops = rng.integers(max(1, height - crop + 1), size=TRIES)
     lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
     windows = [np.s_[top : top + crop, left : left + crop] for top, left in zip(tops, lefts, strict=True)]

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.pixel_filter import FILTER_NAMES, parse_pixel_filter
 from bokehnet.rendering.setting import Group, check_needed, parse_numbers, setting
 
 __all__ = [
@@ -29,12 +28,17 @@ ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", 
 BitsName = Literal["8", "10", "16", "half", "float"]
 SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
+# As bokehnet.optics.pixel_filter has them; that one loads NumPy, which help does without.
+FILTERS = ("box", "blackman-harris", "gaussian", "mitchell", "arnold", "blender", "cycles", "renderman")
+
 _SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 _BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 
 def _names_filter(text: str) -> bool:
     """Whether it is a pixel filter, or ``auto``."""
+    from bokehnet.optics.pixel_filter import parse_pixel_filter
+
     try:
         return text == "auto" or bool(parse_pixel_filter(text))
     except ParameterError:
@@ -169,9 +173,9 @@ class DepthSettings(Group):
     pixel_filter: str = setting(
         "auto",
         "How pixels at edges mix both sides: auto (default) by the picture's file, else by its edges; "
-        f"{', '.join(FILTER_NAMES)}; with a width in pixels, as gaussian:2.",
+        f"{', '.join(FILTERS)}; with a width in pixels, as gaussian:2.",
         metavar="NAME[:WIDTH]",
-        expected=f"auto, or one of {', '.join(FILTER_NAMES)}, if need be with a width, as gaussian:2",
+        expected=f"auto, or one of {', '.join(FILTERS)}, if need be with a width, as gaussian:2",
         accepts=_names_filter,
     )
     repair: Mode = setting(

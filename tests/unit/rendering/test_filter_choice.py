@@ -79,3 +79,10 @@ def test_other_filters_are_refused():
         DepthSettings(pixel_filter="sharp")
     with pytest.raises(ParameterError, match=r"depth\.pixel_filter"):
         DepthSettings(pixel_filter="gaussian:9")
+
+
+def test_the_settings_name_all_filters():
+    from bokehnet.optics.pixel_filter import FILTER_NAMES
+    from bokehnet.rendering.scene_settings import FILTERS
+
+    assert FILTERS == FILTER_NAMES
