@@ -27,7 +27,7 @@ from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture, pupil_points
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
-from bokehnet.optics.sampling import halton, rotate_points, sobol
+from bokehnet.optics.sampling import sobol
 
 __all__ = ["rays", "render_rays"]
 
@@ -45,29 +45,25 @@ _FAINTEST = 0.02
 # Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
 _LARGEST = 4.0
 
-# Scramblings or rotations of the pattern; which one a pixel takes is drawn at random.
+# Scramblings of the pattern; which one a pixel takes is drawn at random.
 _VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture, colored: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Pupil points (2, SETS * variants, rays) and their weights in front of and behind focus.
+def _pattern(aperture: Aperture, colored: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the rays of a pixel are: points of one sequence, so that few of them are evenly spread already.
 
-    Points whose rays have wavelengths are two dimensions of one sequence with these
-    (:mod:`bokehnet.optics.wavelength_sampling`); others fill the pupil better by themselves.
+    Returns:
+        Pupil points (2, SETS * variants, rays), their weights in front of and behind focus, likewise, and
+        three chances more of each ray, (SETS * variants * rays, 3).
     """
     rays_per_pixel = _MOST * (_COLORED_RAYS if colored else _RAYS)
     count = SETS * rays_per_pixel
-    if colored:
-        shifts = np.random.default_rng(0).random((_VARIANTS, 1, 2))
-        square = np.stack([halton(count, 2), halton(count, 3)], -1)[None]
-        square = rotate_points(square, shifts).reshape(-1, 2)
-    else:
-        square = np.concatenate([sobol(count, np.random.default_rng(seed)) for seed in range(_VARIANTS)])
-    sides = [pupil_points(aperture, square, side) for side in (1, -1)]
+    cube = np.concatenate([sobol(count, np.random.default_rng(seed), 5) for seed in range(_VARIANTS)])
+    sides = [pupil_points(aperture, cube[:, :2], side) for side in (1, -1)]
     points = sides[0][0].reshape(-1, rays_per_pixel, 2).transpose(2, 0, 1).astype(np.float32)
     weights = np.stack([side[1].reshape(-1, rays_per_pixel) for side in sides]).astype(np.float32)
-    return np.ascontiguousarray(points), weights
+    return np.ascontiguousarray(points), weights, cube[:, 2:]
 
 
 def rays(
@@ -210,10 +206,10 @@ def _render(
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     del nearest, farthest
     colored = lens_response is not None and lens_response.is_dispersive
-    points, weights = _pattern(aperture, colored)
+    points, weights, chances = _pattern(aperture, colored)
     lens, ray_reach, footprint = None, radius, (1.0, 0.0)
     if lens_response is not None and not lens_response.is_plain:
-        lens = lens_table(lens_response, place, points[0].size, above=above, shape=defocus.shape)
+        lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
         footprint, ray_reach = lens.footprint, lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))

@@ -97,9 +97,9 @@ def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) ->
     if lens_response.is_plain:
         return max_coc_radius
     from bokehnet.classical.layered.aberrated_rays import lens_table
-    from bokehnet.classical.simd.float8 import LANES
 
-    return lens_table(lens_response, place, LANES).reach(max_coc_radius)
+    chances = (np.arange(8)[:, None] + np.full(3, 0.5)) / 8  # of what rays there are, the reach is the same
+    return lens_table(lens_response, place, chances).reach(max_coc_radius)
 
 
 @dataclass(frozen=True, slots=True)

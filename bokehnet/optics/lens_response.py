@@ -56,4 +56,13 @@ class LensResponse:
         """
         if self.is_dispersive:
             return self.wavelength_sampling.sample(count)
+        return self._one_wavelength(count)
+
+    def wavelengths_at(self, chances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for given chances, (count,), evenly spread from 0 to 1."""
+        if self.is_dispersive:
+            return self.wavelength_sampling.at(chances)
+        return self._one_wavelength(len(chances))
+
+    def _one_wavelength(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         return np.full(count, float(np.median(self.aberration_map.wavelengths))), np.ones((count, 3))

@@ -11,6 +11,9 @@ __all__ = ["disc_from_square", "halton", "rotate_points", "sobol"]
 # Binary digits of a point that follow the sequence; what comes after them is random.
 _DIGITS = 16
 
+# Of each dimension after the first: inner coefficients of its primitive polynomial, and its first numbers.
+_POLYNOMIALS = ((0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)))
+
 
 def halton(count: int, base: int, start: int = 1) -> np.ndarray:
     """Return ``count`` elements of the radical-inverse sequence in ``base``, float64, in [0, 1).
@@ -29,28 +32,44 @@ def halton(count: int, base: int, start: int = 1) -> np.ndarray:
     return result
 
 
-def sobol(count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return the first points of the scrambled Sobol' sequence in the unit square, (count, 2) float64.
+def _directions(dimension: int) -> list[int]:
+    """Direction numbers of a dimension of the Sobol' sequence, the highest digit first."""
+    if dimension == 0:
+        return [1 << (_DIGITS - 1 - k) for k in range(_DIGITS)]
+    inner, first = _POLYNOMIALS[dimension - 1]
+    degree, numbers = len(first), list(first)
+    for k in range(degree, _DIGITS):
+        number = numbers[k - degree] ^ numbers[k - degree] << degree
+        for j in range(1, degree):
+            if inner >> (degree - 1 - j) & 1:
+                number ^= numbers[k - j] << j
+        numbers.append(number)
+    return [number << (_DIGITS - 1 - k) for k, number in enumerate(numbers)]
 
-    Of every 2^m consecutive points that begin at a multiple of 2^m, m up to 16, each box of area 2^-m whose
-    sides are powers of two holds one. Scrambling keeps that and makes each point uniform.
+
+def sobol(count: int, rng: np.random.Generator, dimensions: int = 2) -> np.ndarray:
+    """Return the first points of the scrambled Sobol' sequence in the unit cube, (count, dimensions) float64.
+
+    Of every 2^m consecutive points that begin at a multiple of 2^m, m up to 16, each of 2^m equal parts of
+    any axis holds one, and of the first two axes each box of area 2^-m whose sides are powers of two.
+    Scrambling keeps that and makes each point uniform.
 
     Args:
         count: How many, up to 65536.
         rng: Of the scrambling.
+        dimensions: 1 to 5.
 
     Source:
         Sobol', "On the distribution of points in a cube and the approximate evaluation of integrals", 1967;
-        Owen, "Randomly permuted (t, m, s)-nets and (t, s)-sequences", 1995, for the scrambling.
+        Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", 2008, for
+        the polynomials and first numbers; Owen, "Randomly permuted (t, m, s)-nets and (t, s)-sequences",
+        1995, for the scrambling.
     """
     index = np.arange(count)
-    directions = [[1 << (_DIGITS - 1 - k) for k in range(_DIGITS)], [1 << (_DIGITS - 1)]]
-    while len(directions[1]) < _DIGITS:
-        directions[1].append(directions[1][-1] ^ directions[1][-1] >> 1)
     points = []
-    for numbers in directions:
+    for dimension in range(dimensions):
         value = np.zeros(count, np.int64)
-        for k, number in enumerate(numbers):
+        for k, number in enumerate(_directions(dimension)):
             value ^= np.where(index >> k & 1, number, 0)
         scrambled = np.zeros(count, np.int64)
         for k in range(_DIGITS):  # a digit is flipped or not for all points that agree in those before it

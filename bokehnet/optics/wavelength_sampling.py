@@ -34,9 +34,8 @@ class WavelengthSampling:
     equaliser weighs wavelengths within each channel, so that it changes the colours of fringes but
     not of what shows none.
 
-    Draws go with the Halton points of the pupil in the bases 2 and 3: wavelengths are the points in base
-    5, through the inverse of the cumulated importance, which is what a wavelength gives to red, green and
-    blue together. No weight is much above 3, then.
+    Wavelengths are evenly spread chances through the inverse of the cumulated importance, which is what
+    a wavelength gives to red, green and blue together. No weight is much above 3, then.
 
     Attributes:
         dispersion: "continuous", or "rgb" for three wavelengths alone, the mean one of each channel.
@@ -94,11 +93,16 @@ class WavelengthSampling:
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Wavelengths in nm, (count,), and weights for red, green and blue, (count, 3), of mean 1 each.
 
+        They go with the Halton points of the pupil in the bases 2 and 3: chances are the points in base 5.
+
         Raises:
             ParameterError: Fewer than 8 are asked for.
         """
         check_at_least("count", count, _FEWEST)
-        chances = halton(count, 5) + 0.5 / count  # the points are the lower ends of their cells
+        return self.at(halton(count, 5) + 0.5 / count)  # the points are the lower ends of their cells
+
+    def at(self, chances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same for given chances, (count,), evenly spread from 0 to 1."""
         if self.dispersion == "rgb":
             channel = (3 * chances).astype(int)
             middles = _cells()

@@ -7,6 +7,7 @@ import pytest
 
 from bokehnet import rays
 from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.raytrace.peeling import peel
@@ -54,5 +55,14 @@ def test_true_layers_behind_come_nearer_to_the_truth_than_filled_ones(seed):
     peeled = peel(world_from_scene(scene), camera, 6, samples=1, bounces=0)
     layers = layers_from(peeled, lens, CONFIG.pixel_pitch)
     assert np.allclose(layers.defocus[..., 0].clip(defocus), layers.defocus[..., 0])  # first surfaces agree
-    filled, known = (psnr(rays(image, defocus, layers=choice), truth) for choice in (None, layers))
-    assert known > filled + 0.2  # unmixing brings the filled ones near
+    hidden, behind = occluded_background(image, defocus)
+    guessed = Layers(
+        colors=np.stack([image, hidden], 2),
+        defocus=np.stack([defocus, behind], -1),
+        coverage=np.ones((*defocus.shape, 2)),
+    )
+    filled, known, unmixed = (
+        psnr(rays(image, defocus, layers=choice), truth) for choice in (guessed, layers, None)
+    )
+    assert known > filled + 1
+    assert known > unmixed + 0.2  # whose first surfaces know their coverage too

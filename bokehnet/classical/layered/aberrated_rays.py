@@ -16,16 +16,12 @@ from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.sampling import halton
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
 __all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "lens_table", "send_rays"]
 
 # Terms of the parabola over the wavelength.
 ORDERS = 3
-
-# Pupil points take 2 and 3, wavelengths 5.
-_START_BASES = (7, 11)
 
 # Wavelengths through which the parabola goes.
 _NODES = 13
@@ -124,7 +120,7 @@ def _variable(wavelength: np.ndarray) -> np.ndarray:
 def lens_table(
     lens_response: LensResponse,
     place: Place,
-    rays: int,
+    chances: np.ndarray,
     *,
     above: int = 0,
     shape: tuple[int, ...] = (0, 0),
@@ -134,7 +130,8 @@ def lens_table(
     Args:
         lens_response: Of the lens.
         place: Where the pixels of the full-size picture lie in the shown one.
-        rays: Rays of the pattern.
+        chances: Evenly spread from 0 to 1, three for each ray of the pattern, (rays, 3): its wavelength, and
+            where it starts in its pixel.
         above: Rows of the picture above those to be rendered.
         shape: Rows and columns that are to be rendered.
 
@@ -152,7 +149,7 @@ def lens_table(
         )
     column, row, scale = place.frame
     half_diagonal = 1 / scale
-    wavelengths, colors = lens_response.sample_wavelengths(rays)
+    wavelengths, colors = lens_response.wavelengths_at(chances[:, 0])
     nodes = np.linspace(SHORTEST, LONGEST, _NODES)
     values, pupil_aberration = aberration_map.at(nodes)
     values = half_diagonal * values
@@ -177,7 +174,7 @@ def lens_table(
     return LensTable(
         coefficients=by_field,
         waves=_variable(wavelengths).astype(np.float32),
-        starts=np.stack([halton(rays, base) - 0.5 for base in _START_BASES]).astype(np.float32),
+        starts=np.ascontiguousarray(chances[:, 1:].T - 0.5, np.float32),
         shaken=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
         colors=np.ascontiguousarray(colors.T, np.float32),
         chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),

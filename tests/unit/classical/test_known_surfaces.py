@@ -38,14 +38,17 @@ def wire(height=40, width=64, column=32, coverage=0.25, near=8.0, shade=(0.0, 0.
 
 
 def test_a_wire_that_no_pixel_of_the_map_shows_is_blurred():
-    """Each pixel sees as much of the wire as a disc of 8 pixels has of it in its column: a chord."""
+    """Each pixel sees as much of the wire as a disc of 8 pixels has of it in its column: a chord.
+
+    What the rays show on average is looked at: the noise of a single picture is larger than the bound.
+    """
     image, defocus, known = wire()
-    found = rays(image, defocus, known=known)[12:28].mean(0)
+    found = np.mean([rays(image, defocus, known=known, seed=seed)[12:28] for seed in range(4)], axis=(0, 1))
     away = np.arange(64)[:, None] - 32 + np.linspace(-0.5, 0.5, 101)  # a wire as wide as its pixel
     chord = (2 * np.sqrt(np.maximum(64 - away**2, 0)) / (np.pi * 64)).mean(1)
     share = 0.25 * chord[:, None]
     truth = 0.8 * (1 - share) + share * np.array([0.0, 0.2, 0.0])
-    np.testing.assert_allclose(found, truth, atol=0.008)
+    np.testing.assert_allclose(found, truth, atol=0.004)
     assert np.abs(rays(image, defocus) - image).max() < 1e-6  # without, the wire stays where it is, sharp
 
 

@@ -148,7 +148,9 @@ def test_what_is_guessed_does_not_hang_on_parted_colours():
         for terms in ({"coma": 1e-3}, {"coma": 1e-3, "lateral": 1e-3})
     )
     assert one.max() > 0.4
-    np.testing.assert_allclose(parted, one, atol=0.07)
+    # Rows of five are nearly alike: their means hold less of the noise of the rays.
+    parted, one = (share.reshape(-1, 5, WIDTH).mean(1) for share in (parted, one))
+    np.testing.assert_allclose(parted, one, atol=0.05)
 
 
 def test_white_stays_white_behind_a_lens_that_parts_colours():
@@ -183,5 +185,6 @@ def test_half_a_pixel_of_shift_is_half_a_pixel():
                 pupil_aberration=0 * transverse_aberration,
             )
         )
-        found.append(column - WIDTH * rays(image, defocus, lens_response=lens)[HEIGHT // 2, column, 0])
-    np.testing.assert_allclose(found, shifts, atol=0.18)  # rays are few where light hardly changes
+        seen_there = rays(image, defocus, lens_response=lens)[10:-10, column, 0]  # alike but for the noise
+        found.append(column - WIDTH * seen_there.mean())
+    np.testing.assert_allclose(found, shifts, atol=0.04)

@@ -22,6 +22,27 @@ def test_every_box_of_its_share_holds_one_point_of_a_sobol_block(first):
         assert len(np.unique(boxes, axis=0)) == 64
 
 
+@pytest.mark.parametrize("first", [0, 8, 1024])
+def test_every_axis_of_a_sobol_block_is_evenly_filled(first):
+    """Each axis by itself is a (0, 1)-sequence in base 2."""
+    points = sobol(first + 8, np.random.default_rng(4), 5)[first:]
+    assert points.shape == (8, 5)
+    for axis in range(5):
+        assert sorted(np.floor(8 * points[:, axis])) == list(range(8))
+
+
+def test_no_two_axes_of_sobol_points_go_together():
+    """Authority: SciPy, whose pairs of axes average products as well."""
+    qmc = pytest.importorskip("scipy.stats").qmc
+    places = [sobol(1024, np.random.default_rng(seed), 5) for seed in range(8)]
+    others = [qmc.Sobol(5, scramble=True, seed=seed).random(1024) for seed in range(8)]
+    errors = [
+        np.sqrt(np.mean([(np.cov(p.T) - np.eye(5) / 12) ** 2 for p in cubes], axis=0)).max()
+        for cubes in (places, others)
+    ]
+    assert errors[0] < 1.5 * errors[1] < 0.001
+
+
 def test_sobol_averages_are_as_good_as_those_of_scipy():
     """Averages of smooth functions over 1024 points agree far below what independent points would give."""
     qmc = pytest.importorskip("scipy.stats").qmc

@@ -102,7 +102,7 @@ def test_eight_rays_meet_what_each_meets_alone(count, stretch):
     low, high = float(layers.defocus.min()) - 0.01, float(layers.defocus.max()) + 0.01
     met_by_layer = np.zeros(count + 1, int)
     wrong = 0
-    for trial in range(150):
+    for trial in range(260):
         middle = rng.uniform(low, high)
         runs = np.array([[high, low]] if trial % 2 else [[high, middle], [middle - 0.3, low]])
         x, y = rng.integers(0, 26, LANES), rng.integers(0, 21, LANES)
@@ -118,8 +118,8 @@ def test_eight_rays_meet_what_each_meets_alone(count, stretch):
             wrong += not same
             if same and layer >= 0:
                 assert depths[lane] == layers.defocus[row, column, layer].astype(np.float32)
-    assert (met_by_layer[:count] > 10).all()
-    assert wrong <= 3  # of 1200: rays that float32 sends past the other side of a pixel's corner
+    assert (met_by_layer[:count] > 20).all()
+    assert wrong <= 3  # of 2080: rays that float32 sends past the other side of a pixel's corner
 
 
 @njit
