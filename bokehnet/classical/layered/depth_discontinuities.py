@@ -6,10 +6,20 @@ from numba import prange
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BACK", "DISCONTINUITY_THRESHOLD", "FRONT", "discontinuity_sides", "sharpen_discontinuities"]
+__all__ = [
+    "BACK",
+    "DISCONTINUITY_THRESHOLD",
+    "FRONT",
+    "are_one_surface",
+    "discontinuity_sides",
+    "sharpen_discontinuities",
+]
 
 # Neighbouring pixels whose defocus differs by more than this many pixels belong to two surfaces.
 DISCONTINUITY_THRESHOLD = 1.0
+
+# Defocus by which a surface may change from pixel to pixel and still be one on both sides of what hides it.
+_SLOPE = 0.1
 
 # Bits of a pixel at a depth discontinuity: it belongs to the nearer surface, to the farther one, or (thin
 # things) to both.
@@ -20,6 +30,12 @@ _WIDEST_RAMP = 16
 
 # A surface between two others goes on within so many pixels, at the same defocus but for so much.
 _SUPPORT, _SAME = 2, 0.25
+
+
+@njit(cache=True)
+def are_one_surface(a, b, apart):  # type: ignore[no-untyped-def]
+    """Whether two places, at defocus ``a`` and ``b`` and so many pixels apart, may be of one surface."""
+    return abs(a - b) <= DISCONTINUITY_THRESHOLD + _SLOPE * apart
 
 
 @njit(cache=True)

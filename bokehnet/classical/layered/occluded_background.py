@@ -9,7 +9,8 @@ from numba import prange
 
 from bokehnet.classical.base import check_inputs
 from bokehnet.classical.highlight_detection import brightest, light_limit
-from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD, are_one_surface
+from bokehnet.classical.layered.structure_transport import carry_lines_on
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
@@ -23,9 +24,6 @@ _SPACING = 0.25
 
 # Half the width of the window over which what is hidden is averaged.
 _SMOOTH = 2
-
-# Defocus by which a surface may change from pixel to pixel and still be one on both sides of what hides it.
-_SLOPE = 0.1
 
 
 @njit(cache=True)
@@ -61,12 +59,6 @@ def _carry_inwards(defocus, steps):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _are_one(a, b, apart):  # type: ignore[no-untyped-def]
-    """Whether two places, so many pixels apart, may be of one surface."""
-    return abs(a - b) <= DISCONTINUITY_THRESHOLD + _SLOPE * apart
-
-
-@njit(cache=True)
 def _choose(depths, distances):  # type: ignore[no-untyped-def]
     """Number of the way that leads to the surface which most, and the nearest, ways lead to; -1 for none."""
     best, chosen = 0.0, -1
@@ -76,7 +68,7 @@ def _choose(depths, distances):  # type: ignore[no-untyped-def]
         weight = 0.0
         for j in range(len(depths)):
             apart = max(distances[i], distances[j])
-            if distances[j] > 0.0 and _are_one(depths[i], depths[j], apart):
+            if distances[j] > 0.0 and are_one_surface(depths[i], depths[j], apart):
                 weight += 1.0 / (distances[j] * distances[j])
         if weight > best:
             best, chosen = weight, i
@@ -84,8 +76,8 @@ def _choose(depths, distances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, lights, steps, colors, depths):  # type: ignore[no-untyped-def]
-    """Mean of what all ways to one surface lead to, the nearer the more."""
+def _fill(image, defocus, lights, steps, colors, depths, nearest):  # type: ignore[no-untyped-def]
+    """Mean of what all ways to one surface lead to, the nearer the more; and the shortest of all ways."""
     height, width = defocus.shape
     ways = len(_WAYS)
     for y in prange(height):
@@ -99,10 +91,14 @@ def _fill(image, defocus, lights, steps, colors, depths):  # type: ignore[no-unt
             chosen = _choose(found, distances)
             if chosen < 0:
                 continue
+            nearest[y, x] = np.inf
+            for way in range(ways):
+                if distances[way] > 0.0:
+                    nearest[y, x] = min(nearest[y, x], distances[way])
             total = depth = red = green = blue = 0.0
             for way in range(ways):
                 apart = max(distances[way], distances[chosen])
-                if distances[way] == 0.0 or not _are_one(found[way], found[chosen], apart):
+                if distances[way] == 0.0 or not are_one_surface(found[way], found[chosen], apart):
                     continue
                 count = np.int64(steps[way, y, x])
                 spacing = max(1, int(round(count * _SPACING)))
@@ -169,7 +165,8 @@ def occluded_background(
     grass stays a pole; its colour and defocus are means over all ways to it, weighted by the inverse squares
     of their lengths, so that what is hidden goes over from one side to the other. Each way brings an average
     over samples that lie the wider apart the longer it is, since what is farther inside is known less.
-    Lights are not carried on: one behind the edge says nothing of another.
+    Lights are not carried on: one behind the edge says nothing of another. Near the edge lines of the surface
+    go on (:mod:`bokehnet.classical.layered.structure_transport`).
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -195,14 +192,25 @@ def occluded_background(
     )
     lights = brightest(image) > limit
     steps = np.zeros((len(_WAYS), *defocus.shape), np.uint16)
+    distances = np.zeros_like(defocus)
     with parallel_region:
         _carry_inwards(defocus, steps)
-        _fill(image, defocus, lights, steps, colors, depths)
-    hidden, filled = steps.any(0), brightest(colors)
-    y, x = np.nonzero(hidden & (filled > limit))
-    colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]
+        _fill(image, defocus, lights, steps, colors, depths, distances)
+    del steps
+    hidden = distances > 0
+    _dim(colors, hidden, limit)
     rough_colors, rough_depths = colors, depths
     colors, depths = rough_colors.copy(), rough_depths.copy()
     with parallel_region:
         _smooth(hidden, hidden | ~lights, rough_colors, rough_depths, colors, depths)
-    return colors, np.minimum(depths, defocus)
+        depths = np.minimum(depths, defocus)
+        carry_lines_on(image, defocus, lights, depths, distances, colors)
+    _dim(colors, hidden, limit)
+    return colors, depths
+
+
+def _dim(colors: np.ndarray, hidden: np.ndarray, limit: np.ndarray) -> None:
+    """Scale what is hidden down to ``limit``, (H, W), where it is brighter."""
+    filled = brightest(colors)
+    y, x = np.nonzero(hidden & (filled > limit))
+    colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]
