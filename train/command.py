@@ -4,7 +4,7 @@ import argparse
 import math
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,10 @@ def _override(text: str) -> tuple[str, Any]:
 
 
 def run_command(
-    description: str | None, cls: type, run: Callable[[Any, Path, torch.device, float], Path]
+    description: str | None,
+    cls: type,
+    run: Callable[[Any, Path, torch.device, float], Path],
+    words: Sequence[str] | None = None,
 ) -> None:
     """Parse the arguments, load the configuration, run; a user's mistake is one line and exit code 1.
 
@@ -46,7 +49,7 @@ def run_command(
     parser.add_argument(
         "--max-minutes", type=float, default=math.inf, help="stop with a checkpoint after this time"
     )
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     stopped = None
     try:
         config = load_config(arguments.config, cls, dict(_override(text) for text in arguments.set))

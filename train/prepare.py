@@ -28,6 +28,7 @@ from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.shards import ShardSet, TrainingSample
 from train.augmentation import augment_disparity
+from train.examples import Skips
 from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 
 __all__ = ["PrepareConfig", "main", "prepare", "prepare_view"]
@@ -89,8 +90,12 @@ def _load_repair(folder: str) -> DisparityRepair:
     return DisparityRepair(Path(folder), threads=1)
 
 
-def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray]:
-    sample = samples[number]
+def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
+    """All examples of a scene, or what is wrong with it."""
+    try:
+        sample = samples[number]
+    except DataFileError as error:
+        return error
     rng = np.random.default_rng([config.seed, number])
     views = []
     for view in range(len(sample.blur)):
@@ -112,7 +117,7 @@ def _one_thread() -> None:
 
 
 def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
-    """Write all parts that are missing.
+    """Write all parts that are missing. Damaged scenes are named, counted and left out.
 
     Args:
         config: What to make; it is also written, as ``prepared.json``.
@@ -123,7 +128,8 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
         ConfigError: The folder holds a set made with another configuration.
         DataFileError: The pairs cannot be read or the folder cannot be written.
     """
-    samples = ShardSet(Path(config.folder))
+    skips = Skips()
+    samples = ShardSet(Path(config.folder), on_damage=skips)
     numbers = range(len(samples))
     parts = [
         numbers[first : first + config.scenes_per_part]
@@ -141,11 +147,14 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
     ):
         scenes = executor.map(make, wanted, chunksize=2)
         for i in missing:
-            examples = []
+            examples: list[np.ndarray] = []
             for _ in parts[i]:
-                examples += next(scenes)
+                if isinstance(scene := next(scenes), DataFileError):
+                    skips(scene)
+                else:
+                    examples += scene
                 bar.update()
-            array = np.stack(examples)
+            array = np.stack(examples) if examples else np.empty((0, NUM_PLANES, 1, 1), np.float16)
 
             def write(temporary: Path, array: np.ndarray = array) -> None:
                 with temporary.open("wb") as stream:
