@@ -15,7 +15,7 @@ from bokehnet.errors import BokehnetError, ParameterError
 from train.distributed import Processes, joined
 from train.stopping import Stopped
 
-__all__ = ["run_command"]
+__all__ = ["add_settings", "run_command", "settings_of"]
 
 
 def _override(text: str) -> tuple[str, Any]:
@@ -27,6 +27,16 @@ def _override(text: str) -> tuple[str, Any]:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return key, value
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the option that replaces values of a configuration."""
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+
+
+def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Values by dotted key, as they were given by that option."""
+    return dict(_override(text) for text in arguments.set)
 
 
 def run_command(
@@ -44,7 +54,7 @@ def run_command(
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the run; an older run goes on there"
     )
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_settings(parser)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument(
         "--max-minutes", type=float, default=math.inf, help="stop with a checkpoint after this time"
@@ -52,7 +62,7 @@ def run_command(
     arguments = parser.parse_args(words)
     stopped = None
     try:
-        config = load_config(arguments.config, cls, dict(_override(text) for text in arguments.set))
+        config = load_config(arguments.config, cls, settings_of(arguments))
         with joined(torch.device(arguments.device)) as device:
             first = Processes.current().first
             try:

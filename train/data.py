@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bokehnet.errors import DataFileError
+from bokehnet.errors import DataFileError, ParameterError
 from bokehnet.pyramid import count_halvings, downsample2
 from train.examples import Skips
 from train.prepared import PLANES, PreparedSet
@@ -86,6 +86,7 @@ class PreparedCrops:
 
     Raises:
         DataFileError: No prepared examples are there, or they are of several classical renderers.
+        ParameterError: Crops are larger than their pictures.
     """
 
     def __init__(self, config: DataConfig, network_max_radius: float | None = None) -> None:
@@ -97,6 +98,14 @@ class PreparedCrops:
                 "folder and also: expected examples of one classical renderer, found "
                 f"{', '.join(sorted(bases))}"
             )
+
+        least = min(min(prepared[0].shape[1:]) for prepared in self.sets)
+        fine = network_max_radius is None
+        side = config.fine_crop if fine else config.coarse_crop * 2**config.most_halvings
+        if side > least:
+            name = "fine_crop" if fine else "coarse_crop"
+            expected = f"at most {least} pixels of full size, as the smallest pictures have"
+            raise ParameterError(f"data.{name}", expected, getattr(config, name), shown=str(side))
 
     def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:
         """Draw one example."""

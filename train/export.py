@@ -8,6 +8,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ def _base(run: dict[str, Any]) -> str:
         ) from error
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -45,7 +46,7 @@ def main() -> None:
         help="largest blur that ARNet may correct, pixels",
     )
     parser.add_argument("--out", required=True, type=Path)
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     chosen = [name for name in ("arnet", "iunet", "repair", "edges") if getattr(arguments, name)]
     if chosen not in (["arnet"], ["arnet", "iunet"], ["repair"], ["edges"]):
         parser.error("expected --arnet, with or without --iunet, or --repair, or --edges")

@@ -12,6 +12,7 @@ import functools
 import json
 import multiprocessing
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.shards import ShardSet, TrainingSample
 from train.augmentation import augment_disparity
+from train.command import add_settings, settings_of
 from train.examples import Skips
 from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 
@@ -178,7 +180,7 @@ def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
     check_same(f"{out}: holds examples", there, wanted, "choose another folder")
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -187,10 +189,12 @@ def main() -> None:
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the set; an older run goes on there"
     )
+    add_settings(parser)
     parser.add_argument("--workers", type=int, default=1, help="processes that render")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     try:
-        prepare(load_config(arguments.config, PrepareConfig), arguments.out, arguments.workers)
+        config = load_config(arguments.config, PrepareConfig, settings_of(arguments))
+        prepare(config, arguments.out, arguments.workers)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
 
