@@ -11,7 +11,7 @@ from bokehnet.pyramid import count_halvings, downsample2
 from train.examples import Skips
 from train.prepared import PLANES, PreparedSet
 
-__all__ = ["DataConfig", "PreparedCrops"]
+__all__ = ["DataConfig", "PreparedCrops", "best_window"]
 
 # Crops to choose from; where the error map is empty there is nothing to learn.
 TRIES = 4
@@ -56,7 +56,7 @@ def _halved(array: np.ndarray, times: int) -> np.ndarray:
     return array
 
 
-def _best_window(
+def best_window(
     classical_error_map: np.ndarray, halvings: int, crop: int, rng: np.random.Generator
 ) -> tuple[slice, slice]:
     """Of a few random windows of ``crop`` pixels at the halved size, the one with most errors, full size."""
@@ -123,7 +123,7 @@ class PreparedCrops:
             halvings = min(halvings, self.config.most_halvings)
             crop = self.config.coarse_crop
         classical_error_map = arrays[PLANES["target"]][0].astype(np.float32)
-        rows, columns = _best_window(classical_error_map, halvings, crop, rng)
+        rows, columns = best_window(classical_error_map, halvings, crop, rng)
         window = _halved(arrays[:, rows, columns].astype(np.float32), halvings)
         window[PLANES["defocus"]] /= 2**halvings
         turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))

@@ -3,6 +3,7 @@
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 ``python -m train.export --edges runs/edges_long/last.pt --out bokehnet/weights/edges``
+``python -m train.export --error runs/error/last.pt --out bokehnet/weights/error``
 """
 
 import argparse
@@ -19,6 +20,8 @@ from bokehnet.models.onnx_export import PARITY, export_networks
 from train.prepared import DESCRIPTION
 
 __all__ = ["main"]
+
+_NETWORKS = ("arnet", "iunet", "repair", "edges", "error")
 
 
 def _base(run: dict[str, Any]) -> str:
@@ -37,7 +40,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for name in ("arnet", "iunet", "repair", "edges"):
+    for name in _NETWORKS:
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument(
         "--max-valid-radius",
@@ -47,9 +50,9 @@ def main(words: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args(words)
-    chosen = [name for name in ("arnet", "iunet", "repair", "edges") if getattr(arguments, name)]
-    if chosen not in (["arnet"], ["arnet", "iunet"], ["repair"], ["edges"]):
-        parser.error("expected --arnet, with or without --iunet, or --repair, or --edges")
+    chosen = [name for name in _NETWORKS if getattr(arguments, name)]
+    if chosen != ["arnet", "iunet"] and (len(chosen) != 1 or chosen == ["iunet"]):
+        parser.error("expected --arnet, with or without --iunet, or one of --repair, --edges and --error")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
         notes = {name: {"steps": state["step"], "run": state["run"]} for name, state in states.items()}

@@ -50,19 +50,25 @@ class PreparedSet:
         folder: Where ``train.prepare`` wrote.
         on_damage: Called with what is wrong with a part that cannot be read, which is then left out; by
             default it is raised.
+        planes: So many does an example have.
 
     Raises:
         DataFileError: No complete set is there, or it is of another version.
     """
 
-    def __init__(self, folder: str | Path, on_damage: Callable[[DataFileError], None] | None = None) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        on_damage: Callable[[DataFileError], None] | None = None,
+        planes: int = NUM_PLANES,
+    ) -> None:
         self.folder = Path(folder)
         description = self.folder / DESCRIPTION
         try:
             told = json.loads(description.read_text(encoding="utf-8"))
             config = renamed(told["config"])
             parts, self.per_view = int(told["parts"]), 1 + int(config["augmented"])
-            self.classical = str(config["classical"])
+            self.classical = str(config.get("classical", "rays"))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataFileError(
                 f"{description}: expected the description of prepared examples ({error}); "
@@ -81,9 +87,9 @@ class PreparedSet:
                     raise problem from error
                 on_damage(problem)
                 continue
-            if array.ndim != 4 or array.shape[1] != NUM_PLANES:
+            if array.ndim != 4 or array.shape[1] != planes:
                 raise DataFileError(
-                    f"{path}: expected examples of {NUM_PLANES} planes, found shape {array.shape}; "
+                    f"{path}: expected examples of {planes} planes, found shape {array.shape}; "
                     "prepare the set again in another folder"
                 )
             self._places += [(str(path), i) for i in range(len(array))]

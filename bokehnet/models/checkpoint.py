@@ -12,6 +12,7 @@ from bokehnet.errors import DataFileError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.edges import EdgeNet, EdgeNetConfig
+from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_import import read_exported
 from bokehnet.models.repair import RepairNet, RepairNetConfig
@@ -31,6 +32,7 @@ NETWORKS = {
     "iunet": _Network(IUNet, IUNetConfig),
     "repair": _Network(RepairNet, RepairNetConfig),
     "edges": _Network(EdgeNet, EdgeNetConfig),
+    "error": _Network(ErrorNet, ErrorNetConfig),
 }
 
 
