@@ -24,12 +24,20 @@ __all__ = ["main"]
 _NETWORKS = ("arnet", "iunet", "repair", "edges", "error")
 
 
+def _note(path: Path, state: dict[str, Any]) -> dict[str, Any]:
+    """How a network was made, by its checkpoint."""
+    if not {"step", "run"} <= state.keys():
+        raise DataFileError(f"{path}: expected the checkpoint of a run, found weights alone; train again")
+    return {"steps": state["step"], "run": state["run"]}
+
+
 def _base(run: dict[str, Any]) -> str:
     """The classical renderer whose result a run's networks correct."""
-    path = Path(run["data"]["folder"]) / DESCRIPTION
+    path = Path(DESCRIPTION)
     try:
+        path = Path(run["data"]["folder"]) / DESCRIPTION
         return str(json.loads(path.read_text(encoding="utf-8"))["config"]["classical"])
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataFileError(
             f"{path}: expected the description of what the network was trained on ({error})"
         ) from error
@@ -55,7 +63,7 @@ def main(words: Sequence[str] | None = None) -> None:
         parser.error("expected --arnet, with or without --iunet, or one of --repair, --edges and --error")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
-        notes = {name: {"steps": state["step"], "run": state["run"]} for name, state in states.items()}
+        notes = {name: _note(getattr(arguments, name), state) for name, state in states.items()}
         networks = {name: load_network(getattr(arguments, name), name) for name in chosen}
         manifest: dict[str, Any] = {"notes": notes}
         if "arnet" in networks:
@@ -71,7 +79,7 @@ def main(words: Sequence[str] | None = None) -> None:
                 manifest["max_valid_radius"] = arguments.max_valid_radius
         differences = export_networks(networks, arguments.out, manifest)
     except BokehnetError as error:
-        sys.exit(f"error: {error}")
+        sys.exit(f"error: {' '.join(str(error).split())}")
     for name, difference in differences.items():
         print(f"{name}: largest |torch - ONNX Runtime| {difference:.1e} (limit {PARITY})")
 

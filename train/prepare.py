@@ -28,6 +28,7 @@ from bokehnet.errors import BokehnetError, ConfigError, DataFileError
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.synth.dataset import start_worker
 from bokehnet.synth.shards import ShardSet, TrainingSample
 from train.augmentation import augment_disparity
 from train.command import add_settings, settings_of
@@ -111,11 +112,10 @@ def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> lis
     return views
 
 
-def _one_thread() -> None:
+def _start_worker() -> None:
     import numba
-    import torch
 
-    torch.set_num_threads(1)
+    start_worker()
     numba.set_num_threads(1)
 
 
@@ -164,7 +164,7 @@ def write_parts(
     wanted = [number for i in missing for number in parts[i]]
     work = functools.partial(make, config, samples)
     with (
-        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _one_thread) as executor,
+        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker) as executor,
         tqdm(total=len(samples), initial=len(samples) - len(wanted), desc="preparing scenes") as bar,
     ):
         scenes = executor.map(work, wanted, chunksize=2)

@@ -112,8 +112,8 @@ class Progress:
         write_text(self._path, json.dumps({"steps": self._told}, indent=1) + "\n", error=DataFileError)
 
 
-def _call(words: Sequence[str], trains: bool) -> None:
-    """Run a command in this process, or behind ``torchrun`` where several devices can share a training.
+def _call(words: Sequence[str], processes: int = 1) -> None:
+    """Run a command in this process, or behind ``torchrun`` in several.
 
     Raises:
         SystemExit: It failed or was stopped.
@@ -125,12 +125,22 @@ def _call(words: Sequence[str], trains: bool) -> None:
             sys.exit(code)
         return
     module, arguments = words[2], words[3:]
-    if trains and torch.cuda.device_count() > 1:
+    if processes > 1:
+        from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
         from torch.distributed.run import main as torchrun
 
-        torchrun(["--standalone", "--nproc-per-node", "gpu", "-m", module, *arguments])
+        try:
+            torchrun(["--standalone", "--nproc-per-node", str(processes), "-m", module, *arguments])
+        except ChildFailedError:
+            sys.exit(f"error: {module} failed; what it said stands above")
         return
     importlib.import_module(module).main(arguments)
+
+
+def _processes(table: dict[str, Any]) -> int:
+    """How many CUDA devices can share the batches of a training; 1 without any."""
+    batch, devices = int(table["data"].get("batch_size", 1)), max(1, torch.cuda.device_count())
+    return max(count for count in range(1, devices + 1) if batch % count == 0)
 
 
 def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
@@ -161,7 +171,7 @@ def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
         torch.set_num_threads(threads[0])  # tools that share the cores among processes keep one
         numba.set_num_threads(threads[1])
         with progress.timed(step):
-            _call(words, step.trains)
+            _call(words, _processes(recipe.table(step)) if step.trains else 1)
     print(f"\n{progress.plan()}\ndone: {out}")
 
 
@@ -175,12 +185,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/recipe"), help="folder; default %(default)s")
     parser.add_argument("--dry-run", action="store_true", help="print the plan and do nothing")
     parser.add_argument("--commands", action="store_true", help="print the single commands and do nothing")
+    parser.add_argument("--seed", type=int, help="of all trainings; default: that of their configurations")
     parser.add_argument("--ray", metavar="ADDRESS", help="render scenes on this Ray cluster")
     options = parser.parse_args(arguments)
     if options.small and options.config is not None:
         parser.error("expected --small or --config, not both")
     try:
         recipe = load_recipe(options.config or _CONFIGS[options.small])
+        if options.seed is not None:
+            recipe = recipe.with_seed(options.seed)
         if options.commands:
             print("\n".join(shlex.join(recipe.command(step)) for step in recipe.steps))
             return

@@ -5,7 +5,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -80,6 +80,14 @@ class Recipe:
 
     workers: int = 2
     steps: tuple[Step, ...]
+
+    def with_seed(self, seed: int) -> "Recipe":
+        """The same with another seed of all trainings; the data stay as they are."""
+        steps = [
+            replace(step, settings=(*step.settings, f"optim.seed={seed}")) if step.trains else step
+            for step in self.steps
+        ]
+        return replace(self, steps=tuple(steps))
 
     def table(self, step: Step) -> dict[str, Any]:
         """Plain values of a step's configuration, its settings included; empty if it has none."""

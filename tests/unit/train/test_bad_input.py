@@ -150,6 +150,15 @@ def test_weights_of_another_shape_or_version_are_refused(checkpoint):
         load_network(checkpoint, "arnet")
 
 
+def test_weights_alone_are_not_exported(checkpoint, tmp_path):
+    from train.export import main
+
+    with pytest.raises(SystemExit) as caught:
+        main(["--arnet", str(checkpoint), "--out", str(tmp_path / "weights")])
+    assert str(caught.value.code).startswith(f"error: {checkpoint}: expected the checkpoint of a run")
+    assert not (tmp_path / "weights").exists()
+
+
 def test_a_run_is_not_gone_on_with_from_weights_alone_or_another_network(checkpoint):
     for name in ("arnet", "repair"):
         with pytest.raises(DataFileError, match=f"expected a run of {name} to go on with"):

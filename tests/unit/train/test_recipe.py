@@ -13,8 +13,9 @@ import pytest
 
 from bokehnet.config import build_config
 from bokehnet.errors import ConfigError
-from tests.unit.train.runs import ROOT
-from train.recipe import Progress, main
+from bokehnet.models.checkpoint import load_checkpoint
+from tests.unit.train.runs import ROOT, arguments
+from train.recipe import Progress, _call, _processes, main
 from train.recipe_plan import COMMANDS, Recipe, load_recipe
 
 FULL, SMALL = (ROOT / f"configs/{name}.toml" for name in ("recipe", "recipe_small"))
@@ -91,6 +92,34 @@ def test_commands_name_what_configurations_name_or_all_below_one_folder():
         "out/weights/repair",
     ]
     assert recipe.command(recipe.steps[0], Path("out"), ray="host:6379")[-2:] == ["--ray", "host:6379"]
+
+
+def test_a_seed_is_that_of_all_trainings_and_asks_for_them_anew(tmp_path):
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
+    other = recipe.with_seed(5)
+    assert other.command(other.steps[2])[-2:] == ["--set", "optim.seed=5"]
+    changed = [
+        recipe.fingerprint(a, tmp_path) != other.fingerprint(b, tmp_path)
+        for a, b in zip(recipe.steps, other.steps, strict=True)
+    ]
+    assert changed == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("devices", "batch", "count"), [(0, 8, 1), (1, 8, 1), (2, 8, 2), (3, 8, 2), (8, 4, 4)]
+)
+def test_as_many_devices_share_a_training_as_divide_its_batch(devices, batch, count, monkeypatch):
+    monkeypatch.setattr("torch.cuda.device_count", lambda: devices)
+    assert _processes({"data": {"batch_size": batch}}) == count
+
+
+@pytest.mark.train
+def test_a_training_is_shared_behind_torchrun_in_processes_of_its_own(tiny_prepared, tmp_path):
+    """Two processes on the CPU, as they would be on two devices."""
+    _call(["python", *arguments("arnet", tiny_prepared, tmp_path / "run", 3)[1:]], processes=2)
+    assert load_checkpoint(tmp_path / "run/last.pt")["step"] == 3
+    with pytest.raises(SystemExit, match=r"train\.train_arnet failed; what it said"):
+        _call(["python", *arguments("arnet", tmp_path / "none", tmp_path / "other", 3)[1:]], processes=2)
 
 
 def finished(progress: Progress, *numbers: int) -> None:
