@@ -21,7 +21,7 @@ from typing import Any
 import numba
 import torch
 
-from bokehnet.errors import BokehnetError, DataFileError
+from bokehnet.errors import BokehnetError, ConfigError, DataFileError
 from bokehnet.io.atomic import write_text
 from train.recipe_plan import Recipe, Step, load_recipe
 
@@ -66,11 +66,29 @@ class Progress:
         return float(self._told.get(step.makes, {}).get("seconds", 0.0))
 
     def done(self, step: Step) -> bool:
-        """Whether a step, and all that it reads, is as it is asked for now."""
+        """Whether a step is done as it is asked for now."""
         told = self._told.get(step.makes, {})
-        same = told.get("asked") == self.recipe.fingerprint(step, self.out)
-        there = (self.out / step.makes.removeprefix("bokehnet/")).exists()
-        return bool(told.get("done") and same and there) and all(map(self.done, self.recipe.needs(step)))
+        same = told.get("asked") == self.recipe.fingerprint(step)
+        return bool(told.get("done") and same and self._path_of(step).exists())
+
+    def check(self, step: Step) -> None:
+        """Raise unless a step can go on with what it has begun.
+
+        Raises:
+            ConfigError: That was made of what is no more; what else has changed its tool tells by itself.
+        """
+        told, recipe = self._told.get(step.makes), self.recipe
+        if told is None or step.overwrites or not self._path_of(step).exists():
+            return
+        alike = told.get("own") == recipe.fingerprint(step, with_needs=False)
+        if alike and told.get("asked") != recipe.fingerprint(step):
+            raise ConfigError(
+                f"{self._path_of(step)}: was made of what steps before it made, and these are asked for "
+                "otherwise now; remove it or choose another --out"
+            )
+
+    def _path_of(self, step: Step) -> Path:
+        return self.out / step.makes.removeprefix("bokehnet/")
 
     def state(self, step: Step) -> str:
         """The same in words."""
@@ -96,10 +114,8 @@ class Progress:
     def timed(self, step: Step) -> Iterator[None]:
         """Note that a step is begun, how long it takes and, if it ends well, that it is done."""
         begun, before = time.monotonic(), self.seconds(step)
-        told = {"asked": self.recipe.fingerprint(step, self.out), "done": False}
-        for other in self.recipe.steps:  # what is made of it is as it was asked for no more
-            if step in self.recipe.needs(other) and other.makes in self._told:
-                self._told[other.makes]["done"] = False
+        own = self.recipe.fingerprint(step, with_needs=False)
+        told = {"asked": self.recipe.fingerprint(step), "own": own, "done": False}
         try:
             self._note(step, {**told, "seconds": before})
             yield
@@ -166,6 +182,7 @@ def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
     for number, step in enumerate(recipe.steps, 1):
         if progress.done(step):
             continue
+        progress.check(step)
         words = recipe.command(step, out, ray)
         print(f"\n[{number}/{len(recipe.steps)}] {shlex.join(words)}", flush=True)
         torch.set_num_threads(threads[0])  # tools that share the cores among processes keep one

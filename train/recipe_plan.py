@@ -68,6 +68,11 @@ class Step:
         """Whether it trains a network."""
         return self.by in ("repair", "edges", "arnet", "iunet")
 
+    @property
+    def overwrites(self) -> bool:
+        """Whether its tool writes all anew, and does not go on with what is there."""
+        return self.by in ("export", "evaluate", "card")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
@@ -131,10 +136,11 @@ class Recipe:
             words += ["--set", setting]
         return words
 
-    def fingerprint(self, step: Step, root: Path) -> str:
-        """Text that changes when something else is asked for than before."""
-        asked = json.dumps([self.command(step, root), self.table(step)], sort_keys=True)
-        return hashlib.sha256(asked.encode()).hexdigest()
+    def fingerprint(self, step: Step, with_needs: bool = True) -> str:
+        """Text that changes when something else is asked for than before, by a step or by those it needs."""
+        asked = [step.by, step.makes, step.words, self.table(step)]
+        needs = [self.fingerprint(need) for need in self.needs(step)] if with_needs else []
+        return hashlib.sha256(json.dumps([*asked, needs], sort_keys=True).encode()).hexdigest()
 
     def check(self) -> None:
         """Raise ``ConfigError`` unless every step finds what it reads among the steps before it."""

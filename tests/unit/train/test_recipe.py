@@ -94,13 +94,12 @@ def test_commands_name_what_configurations_name_or_all_below_one_folder():
     assert recipe.command(recipe.steps[0], Path("out"), ray="host:6379")[-2:] == ["--ray", "host:6379"]
 
 
-def test_a_seed_is_that_of_all_trainings_and_asks_for_them_anew(tmp_path):
+def test_a_seed_is_that_of_all_trainings_and_asks_for_them_anew():
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
     other = recipe.with_seed(5)
     assert other.command(other.steps[2])[-2:] == ["--set", "optim.seed=5"]
     changed = [
-        recipe.fingerprint(a, tmp_path) != other.fingerprint(b, tmp_path)
-        for a, b in zip(recipe.steps, other.steps, strict=True)
+        recipe.fingerprint(a) != other.fingerprint(b) for a, b in zip(recipe.steps, other.steps, strict=True)
     ]
     assert changed == [False, False, True]
 
@@ -131,16 +130,29 @@ def finished(progress: Progress, *numbers: int) -> None:
             path.mkdir(exist_ok=True)
 
 
-def test_a_step_is_done_while_it_and_all_before_it_are_as_asked_for(tmp_path):
+def test_a_step_is_done_while_it_and_all_that_it_needs_are_as_asked_for(tmp_path):
     recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, EXPORT)
     finished(Progress(recipe, tmp_path), 0, 1, 2, 3)
     assert all(map(Progress(recipe, tmp_path).done, recipe.steps))
     longer = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=9000"]}, EXPORT)
     assert [Progress(longer, tmp_path).done(step) for step in longer.steps] == [True, True, False, False]
-    finished(Progress(recipe, tmp_path), 2)  # done again: what was exported of it is old
-    assert [Progress(recipe, tmp_path).done(step) for step in recipe.steps] == [True, True, True, False]
     (tmp_path / "data/planes_val").rmdir()
-    assert not Progress(recipe, tmp_path).done(recipe.steps[1])
+    assert [Progress(recipe, tmp_path).done(step) for step in recipe.steps] == [True, False, True, True]
+
+
+def test_a_training_on_what_is_asked_for_otherwise_now_is_not_gone_on_with(tmp_path):
+    """What its own configuration says is the same; an export would be made anew."""
+    fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair/last.pt"']}
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, fine, EXPORT)
+    finished(Progress(recipe, tmp_path), 0, 1, 2, 3, 4)
+    longer = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=9000"]}, fine, EXPORT)
+    progress = Progress(longer, tmp_path)
+    for number in (0, 1, 2, 4):
+        progress.check(longer.steps[number])
+    with pytest.raises(ConfigError, match=r"runs/fine: was made of what steps before it made.*remove it"):
+        progress.check(longer.steps[3])
+    (tmp_path / "runs/fine").rmdir()
+    progress.check(longer.steps[3])
 
 
 def test_a_step_that_fails_is_begun_and_its_time_counts(tmp_path):
