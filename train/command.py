@@ -4,7 +4,7 @@ import argparse
 import math
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from bokehnet.errors import BokehnetError, ParameterError
 from train.distributed import Processes, joined
 from train.stopping import Stopped
 
-__all__ = ["run_command"]
+__all__ = ["add_settings", "run_command", "settings_of"]
 
 
 def _override(text: str) -> tuple[str, Any]:
@@ -29,8 +29,21 @@ def _override(text: str) -> tuple[str, Any]:
         return key, value
 
 
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the option that replaces values of a configuration."""
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+
+
+def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Values by dotted key, as they were given by that option."""
+    return dict(_override(text) for text in arguments.set)
+
+
 def run_command(
-    description: str | None, cls: type, run: Callable[[Any, Path, torch.device, float], Path]
+    description: str | None,
+    cls: type,
+    run: Callable[[Any, Path, torch.device, float], Path],
+    words: Sequence[str] | None = None,
 ) -> None:
     """Parse the arguments, load the configuration, run; a user's mistake is one line and exit code 1.
 
@@ -41,15 +54,15 @@ def run_command(
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the run; an older run goes on there"
     )
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value")
+    add_settings(parser)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument(
         "--max-minutes", type=float, default=math.inf, help="stop with a checkpoint after this time"
     )
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     stopped = None
     try:
-        config = load_config(arguments.config, cls, dict(_override(text) for text in arguments.set))
+        config = load_config(arguments.config, cls, settings_of(arguments))
         with joined(torch.device(arguments.device)) as device:
             first = Processes.current().first
             try:

@@ -1,18 +1,17 @@
 """Training examples for ARNet and IUNet: random crops of what ``train.prepare`` wrote."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
 
-from bokehnet.errors import DataFileError
+from bokehnet.errors import DataFileError, ParameterError
 from bokehnet.pyramid import count_halvings, downsample2
+from train.examples import Skips
 from train.prepared import PLANES, PreparedSet
 
-__all__ = ["DataConfig", "Examples", "example_loader"]
+__all__ = ["DataConfig", "PreparedCrops", "best_window"]
 
 # Crops to choose from; where the error map is empty there is nothing to learn.
 TRIES = 4
@@ -57,7 +56,7 @@ def _halved(array: np.ndarray, times: int) -> np.ndarray:
     return array
 
 
-def _best_window(
+def best_window(
     classical_error_map: np.ndarray, halvings: int, crop: int, rng: np.random.Generator
 ) -> tuple[slice, slice]:
     """Of a few random windows of ``crop`` pixels at the halved size, the one with most errors, full size."""
@@ -72,42 +71,44 @@ def _best_window(
     return slice(size * top, size * (top + crop)), slice(size * left, size * (left + crop))
 
 
-class Examples(Dataset):
-    """Example number i of an endless, fixed sequence: all that is random follows from (seed, i).
+class PreparedCrops:
+    """Draws crops of what ``train.prepare`` wrote.
 
     Each is a dict of tensors: "image", "classical", "truth" (3, h, w), scene-linear; "defocus" (1, h, w),
-    pixels of that size; "features" (5, h, w); "doubt" and "target" (1, h, w), where the classical render can
-    be wrong by its own account and by the true disparity. Crops at full size have "extra_halvings", 0 or 1.
+    pixels of that size; "features" (5, h, w); "classical_error_map" and "target" (1, h, w), where the
+    classical render can be wrong by its own account and by the true disparity. Crops at full size have
+    "extra_halvings", 0 or 1.
 
     Args:
         config: Data settings.
-        seed: Seed of the sequence.
-        length: Its length.
         network_max_radius: Give crops at the size at which blur is within this radius; ``None`` gives crops
             at full size.
+
+    Raises:
+        DataFileError: No prepared examples are there, or they are of several classical renderers.
+        ParameterError: Crops are larger than their pictures.
     """
 
-    def __init__(
-        self, config: DataConfig, seed: int, length: int, network_max_radius: float | None = None
-    ) -> None:
-        self.config, self.seed, self.length, self.network_max_radius = (
-            config,
-            seed,
-            length,
-            network_max_radius,
-        )
-        self.sets = [PreparedSet(folder) for folder in (config.folder, *config.also)]
+    def __init__(self, config: DataConfig, network_max_radius: float | None = None) -> None:
+        self.config, self.network_max_radius = config, network_max_radius
+        skips = Skips()
+        self.sets = [PreparedSet(folder, on_damage=skips) for folder in (config.folder, *config.also)]
         if len(bases := {prepared.classical for prepared in self.sets}) > 1:
             raise DataFileError(
                 "folder and also: expected examples of one classical renderer, found "
                 f"{', '.join(sorted(bases))}"
             )
 
-    def __len__(self) -> int:
-        return self.length
+        least = min(min(prepared[0].shape[1:]) for prepared in self.sets)
+        fine = network_max_radius is None
+        side = config.fine_crop if fine else config.coarse_crop * 2**config.most_halvings
+        if side > least:
+            name = "fine_crop" if fine else "coarse_crop"
+            expected = f"at most {least} pixels of full size, as the smallest pictures have"
+            raise ParameterError(f"data.{name}", expected, getattr(config, name), shown=str(side))
 
-    def __getitem__(self, index: int) -> dict[str, Tensor]:
-        rng = np.random.default_rng([self.seed, index])
+    def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:
+        """Draw one example."""
         prepared = self.sets[int(rng.integers(len(self.sets)))]
         view = int(rng.integers(len(prepared) // prepared.per_view))
         augmented = prepared.per_view > 1 and rng.random() < self.config.augmented
@@ -122,7 +123,7 @@ class Examples(Dataset):
             halvings = min(halvings, self.config.most_halvings)
             crop = self.config.coarse_crop
         classical_error_map = arrays[PLANES["target"]][0].astype(np.float32)
-        rows, columns = _best_window(classical_error_map, halvings, crop, rng)
+        rows, columns = best_window(classical_error_map, halvings, crop, rng)
         window = _halved(arrays[:, rows, columns].astype(np.float32), halvings)
         window[PLANES["defocus"]] /= 2**halvings
         turns, mirrored = int(rng.integers(4)), bool(rng.integers(2))
@@ -144,26 +145,3 @@ class Examples(Dataset):
         if self.network_max_radius is None:
             example["extra_halvings"] = torch.tensor(int(rng.integers(2)))
         return example
-
-
-def example_loader(
-    config: DataConfig, *, seed: int, steps: int, first_step: int, network_max_radius: float | None = None
-) -> DataLoader[Any]:
-    """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen.
-
-    Args:
-        config: Data settings.
-        seed: Seed of the sequence.
-        steps: Length of the whole run.
-        first_step: Steps already done.
-        network_max_radius: As in :class:`Examples`.
-    """
-    examples = Examples(config, seed, steps * config.batch_size, network_max_radius)
-    return DataLoader(
-        examples,
-        batch_size=config.batch_size,
-        sampler=range(first_step * config.batch_size, len(examples)),
-        num_workers=config.workers,
-        multiprocessing_context="spawn" if config.workers else None,
-        prefetch_factor=4 if config.workers else None,
-    )

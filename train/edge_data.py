@@ -1,22 +1,18 @@
 """Examples for EdgeNet: a picture, augmented disparity, and true disparities inside its pixels."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
 
 from bokehnet.errors import DataFileError
 from bokehnet.inference.disparity_edges import sharpen_if_soft
-from bokehnet.synth.shards import ShardSet
+from bokehnet.synth.shards import TrainingSample
 from train.augmentation import augment_disparity
 from train.repair_data import busy_window
+from train.scene_pairs import HeldOut, ScenePairs
 
-__all__ = ["EdgeDataConfig", "EdgeExamples", "edge_loader", "edge_pair"]
+__all__ = ["EdgeDataConfig", "edge_pair", "edge_source", "held_out_edges"]
 
 # Largest noise of a picture, of its encoded values, and the share of pictures that have some.
 _NOISE, _NOISY = 0.03, 0.3
@@ -100,38 +96,29 @@ def edge_pair(
     }
 
 
-class EdgeExamples(Dataset):
-    """Example number i of an endless, fixed sequence: all that is random follows from (seed, i)."""
-
-    def __init__(self, folders: Sequence[str], config: EdgeDataConfig, seed: int, length: int) -> None:
-        self.config, self.seed, self.length = config, seed, length
-        self.sets = [ShardSet(Path(folder)) for folder in folders]
-        self._seen: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-
-    def __len__(self) -> int:
-        return self.length
-
-    def __getitem__(self, index: int) -> dict[str, Tensor]:
-        rng = np.random.default_rng([self.seed, index])
-        chosen = int(rng.integers(len(self.sets)))
-        number = chosen, int(rng.integers(len(self.sets[chosen])))
-        if number not in self._seen:
-            sample = self.sets[chosen][number[1]]
-            if sample.fine_disparity.size == 0:
-                folder = self.sets[chosen].folder
-                raise DataFileError(f"{folder}: expected fine disparity, found none; make it with `fine` = 4")
-            self._seen[number] = sample.image, sample.disparity, sample.fine_disparity
-        pair = edge_pair(*self._seen[number], rng, self.config)
-        return {name: torch.from_numpy(x) for name, x in pair.items()}
+def _picture_and_maps(sample: TrainingSample) -> tuple[np.ndarray, ...]:
+    return sample.image, sample.disparity, sample.fine_disparity
 
 
-def edge_loader(config: EdgeDataConfig, *, seed: int, steps: int, first_step: int) -> DataLoader[Any]:
-    """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen."""
-    examples = EdgeExamples((config.folder, *config.also), config, seed, steps * config.batch_size)
-    return DataLoader(
-        examples,
-        batch_size=config.batch_size,
-        sampler=range(first_step * config.batch_size, len(examples)),
-        num_workers=config.workers,
-        multiprocessing_context="spawn" if config.workers else None,
-    )
+def edge_source(config: EdgeDataConfig) -> ScenePairs:
+    """Examples for training.
+
+    Raises:
+        DataFileError: No shards are there, nothing of them can be read, or they hold no fine disparity.
+    """
+    source = ScenePairs((config.folder, *config.also), _picture_and_maps, partial(edge_pair, config=config))
+    for samples in source.sets:
+        if not samples.description.get("fine"):
+            raise DataFileError(
+                f"{samples.folder}: expected fine disparity, found none; make the set with `fine` = 4"
+            )
+    return source
+
+
+def held_out_edges(config: EdgeDataConfig, count: int) -> HeldOut:
+    """So many large examples of the scenes for validation."""
+
+    def source_of(clean: float, crop: int) -> ScenePairs:
+        return edge_source(replace(config, folder=config.validation, also=(), clean=clean, crop=crop))
+
+    return HeldOut(source_of, count)

@@ -3,11 +3,13 @@
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
 ``python -m train.export --edges runs/edges_long/last.pt --out bokehnet/weights/edges``
+``python -m train.export --error runs/error/last.pt --out bokehnet/weights/error``
 """
 
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +21,34 @@ from train.prepared import DESCRIPTION
 
 __all__ = ["main"]
 
+_NETWORKS = ("arnet", "iunet", "repair", "edges", "error")
+
+
+def _note(path: Path, state: dict[str, Any]) -> dict[str, Any]:
+    """How a network was made, by its checkpoint."""
+    if not {"step", "run"} <= state.keys():
+        raise DataFileError(f"{path}: expected the checkpoint of a run, found weights alone; train again")
+    return {"steps": state["step"], "run": state["run"]}
+
 
 def _base(run: dict[str, Any]) -> str:
     """The classical renderer whose result a run's networks correct."""
-    path = Path(run["data"]["folder"]) / DESCRIPTION
+    path = Path(DESCRIPTION)
     try:
+        path = Path(run["data"]["folder"]) / DESCRIPTION
         return str(json.loads(path.read_text(encoding="utf-8"))["config"]["classical"])
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataFileError(
             f"{path}: expected the description of what the network was trained on ({error})"
         ) from error
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    for name in ("arnet", "iunet", "repair", "edges"):
+    for name in _NETWORKS:
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument(
         "--max-valid-radius",
@@ -45,13 +57,13 @@ def main() -> None:
         help="largest blur that ARNet may correct, pixels",
     )
     parser.add_argument("--out", required=True, type=Path)
-    arguments = parser.parse_args()
-    chosen = [name for name in ("arnet", "iunet", "repair", "edges") if getattr(arguments, name)]
-    if chosen not in (["arnet"], ["arnet", "iunet"], ["repair"], ["edges"]):
-        parser.error("expected --arnet, with or without --iunet, or --repair, or --edges")
+    arguments = parser.parse_args(words)
+    chosen = [name for name in _NETWORKS if getattr(arguments, name)]
+    if chosen != ["arnet", "iunet"] and (len(chosen) != 1 or chosen == ["iunet"]):
+        parser.error("expected --arnet, with or without --iunet, or one of --repair, --edges and --error")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
-        notes = {name: {"steps": state["step"], "run": state["run"]} for name, state in states.items()}
+        notes = {name: _note(getattr(arguments, name), state) for name, state in states.items()}
         networks = {name: load_network(getattr(arguments, name), name) for name in chosen}
         manifest: dict[str, Any] = {"notes": notes}
         if "arnet" in networks:
@@ -67,7 +79,7 @@ def main() -> None:
                 manifest["max_valid_radius"] = arguments.max_valid_radius
         differences = export_networks(networks, arguments.out, manifest)
     except BokehnetError as error:
-        sys.exit(f"error: {error}")
+        sys.exit(f"error: {' '.join(str(error).split())}")
     for name, difference in differences.items():
         print(f"{name}: largest |torch - ONNX Runtime| {difference:.1e} (limit {PARITY})")
 

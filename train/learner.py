@@ -55,7 +55,8 @@ class FiniteGuard:
                 "optim.learning_rate",
                 "a finite gradient",
                 shown=f"none in {self.in_a_row} steps in a row up to step {step}",
-                remedy="use a smaller one or `optim.bfloat16` = false in another --out, and check the data",
+                remedy="look at the first batch of them in bad_batch-*.pt in --out, and use a smaller one or "
+                "`optim.bfloat16` = false in another --out",
             )
         return False
 
@@ -101,11 +102,15 @@ class Learner:
         bfloat16 = optim.bfloat16 and has_bfloat16(device)
         self._autocast = torch.autocast(device.type, torch.bfloat16, enabled=bfloat16)
 
-    def advance(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+    def advance(
+        self, batch: dict[str, Tensor], keep: Callable[..., object] = lambda **_: None
+    ) -> dict[str, Tensor]:
         """Take one step; without a finite gradient the weights stay, but the step counts.
 
         Args:
             batch: This process's share.
+            keep: Called with ``step``, ``batch`` and ``weights`` in the first of some steps in a row without
+                a finite gradient.
 
         Returns:
             Scalars of this process's share: ``loss/sum``, its parts, and ``gradient_norm`` of all shares.
@@ -121,6 +126,8 @@ class Learner:
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.optim.clip)
         if self.guard.passes(norm, self.step):
             self.optimizer.step()
+        elif self.guard.in_a_row == 1:
+            keep(step=self.step, batch=batch, weights=self.network.state_dict())
         self.step += 1
         self.average.follow(self.network, self.step)
         named = {f"loss/{key}": part for key, part in parts.items()}

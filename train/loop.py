@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ def train(
     Raises:
         Stopped: Interrupted or out of time; the checkpoint is written.
         ConfigError: ``out`` holds a run with another configuration, or batches have no equal shares.
-        ParameterError: The gradient is not finite any more.
+        ParameterError: The gradient is not finite any more; the batch is saved in ``out``.
     """
     optim: OptimConfig = config.optim
     processes = Processes.current()
@@ -79,7 +80,7 @@ def train(
     ):
         batches = processes.share(loader(learner.step), device) if learner.step < optim.steps else ()
         for batch in batches:
-            scalars = learner.advance(batch)
+            scalars = learner.advance(batch, partial(folder.save_bad_batch, rank=processes.rank))
             _report(learner, scalars, processes, logbook)
             if processes.first and (learner.step % optim.validate_every == 0 or learner.step == optim.steps):
                 logbook.validation(*validate(learner.average.network), learner.step)
@@ -99,7 +100,9 @@ def _report(learner: Learner, scalars: dict[str, Tensor], processes: Processes, 
     logbook.advance()
     skipped = learner.guard.skipped
     if learner.guard.in_a_row:
-        logbook.line(f"step {learner.step}: gradient not finite, step skipped ({skipped} since the start)")
+        ending = ", batch saved" if learner.guard.in_a_row == 1 else ""
+        count = f"({skipped} since the start)"
+        logbook.line(f"step {learner.step}: gradient not finite, step skipped {count}{ending}")
     if learner.step % learner.optim.log_every == 0:
         means = processes.mean({key: float(x) for key, x in scalars.items()})
         logbook.curves({**means, "skipped_steps": skipped}, learner.step)

@@ -12,9 +12,11 @@ import functools
 import json
 import multiprocessing
 import sys
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -26,11 +28,14 @@ from bokehnet.errors import BokehnetError, ConfigError, DataFileError
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.synth.dataset import start_worker
 from bokehnet.synth.shards import ShardSet, TrainingSample
 from train.augmentation import augment_disparity
+from train.command import add_settings, settings_of
+from train.examples import Skips
 from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 
-__all__ = ["PrepareConfig", "main", "prepare", "prepare_view"]
+__all__ = ["PrepareConfig", "main", "prepare", "prepare_command", "prepare_view", "write_parts"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,8 +94,12 @@ def _load_repair(folder: str) -> DisparityRepair:
     return DisparityRepair(Path(folder), threads=1)
 
 
-def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray]:
-    sample = samples[number]
+def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
+    """All examples of a scene, or what is wrong with it."""
+    try:
+        sample = samples[number]
+    except DataFileError as error:
+        return error
     rng = np.random.default_rng([config.seed, number])
     views = []
     for view in range(len(sample.blur)):
@@ -103,16 +112,15 @@ def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> lis
     return views
 
 
-def _one_thread() -> None:
+def _start_worker() -> None:
     import numba
-    import torch
 
-    torch.set_num_threads(1)
+    start_worker()
     numba.set_num_threads(1)
 
 
 def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
-    """Write all parts that are missing.
+    """Write all parts that are missing. Damaged scenes are named, counted and left out.
 
     Args:
         config: What to make; it is also written, as ``prepared.json``.
@@ -123,7 +131,27 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
         ConfigError: The folder holds a set made with another configuration.
         DataFileError: The pairs cannot be read or the folder cannot be written.
     """
-    samples = ShardSet(Path(config.folder))
+    write_parts(config, out, workers, _prepare_scene, NUM_PLANES)
+
+
+def write_parts(
+    config: Any,
+    out: Path,
+    workers: int,
+    make: Callable[[Any, ShardSet, int], list[np.ndarray] | DataFileError],
+    planes: int,
+) -> None:
+    """Write all parts of a set that are missing, as :func:`prepare`.
+
+    Args:
+        config: With ``folder`` and ``scenes_per_part``.
+        out: Folder.
+        workers: Processes.
+        make: Makes all examples (planes, H, W) of a scene, or tells what is wrong with it.
+        planes: Of an example.
+    """
+    skips = Skips()
+    samples = ShardSet(Path(config.folder), on_damage=skips)
     numbers = range(len(samples))
     parts = [
         numbers[first : first + config.scenes_per_part]
@@ -134,18 +162,21 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
     remove_leftovers(out)
     missing = [i for i in range(len(parts)) if not (out / part_name(i)).exists()]
     wanted = [number for i in missing for number in parts[i]]
-    make = functools.partial(_prepare_scene, config, samples)
+    work = functools.partial(make, config, samples)
     with (
-        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _one_thread) as executor,
+        ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker) as executor,
         tqdm(total=len(samples), initial=len(samples) - len(wanted), desc="preparing scenes") as bar,
     ):
-        scenes = executor.map(make, wanted, chunksize=2)
+        scenes = executor.map(work, wanted, chunksize=2)
         for i in missing:
-            examples = []
+            examples: list[np.ndarray] = []
             for _ in parts[i]:
-                examples += next(scenes)
+                if isinstance(scene := next(scenes), DataFileError):
+                    skips(scene)
+                else:
+                    examples += scene
                 bar.update()
-            array = np.stack(examples)
+            array = np.stack(examples) if examples else np.empty((0, planes, 1, 1), np.float16)
 
             def write(temporary: Path, array: np.ndarray = array) -> None:
                 with temporary.open("wb") as stream:
@@ -154,7 +185,7 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
             write_atomic(out / part_name(i), write, error=DataFileError)
 
 
-def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
+def _claim(out: Path, config: Any, parts: int) -> None:
     """Write the description, or compare it with ``config`` when it is there."""
     path = out / DESCRIPTION
     wanted = {"parts": parts, "config": to_dict(config)}
@@ -169,21 +200,32 @@ def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
     check_same(f"{out}: holds examples", there, wanted, "choose another folder")
 
 
-def main() -> None:
-    """Entry of the command line."""
+def prepare_command(
+    description: str | None,
+    cls: type,
+    make: Callable[[Any, Path, int], None],
+    words: Sequence[str] | None,
+) -> None:
+    """Parse the arguments, load the configuration, make the set; a user's mistake is one line."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--config", required=True, type=Path, help="TOML file of the set")
     parser.add_argument(
         "--out", required=True, type=Path, help="folder of the set; an older run goes on there"
     )
+    add_settings(parser)
     parser.add_argument("--workers", type=int, default=1, help="processes that render")
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     try:
-        prepare(load_config(arguments.config, PrepareConfig), arguments.out, arguments.workers)
+        make(load_config(arguments.config, cls, settings_of(arguments)), arguments.out, arguments.workers)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry of the command line."""
+    prepare_command(__doc__, PrepareConfig, prepare, words)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Prepared examples on disk: one array a file, read by memory map, so that a crop costs what it holds."""
 
 import json
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -47,19 +48,27 @@ class PreparedSet:
 
     Args:
         folder: Where ``train.prepare`` wrote.
+        on_damage: Called with what is wrong with a part that cannot be read, which is then left out; by
+            default it is raised.
+        planes: So many does an example have.
 
     Raises:
-        DataFileError: No complete set is there.
+        DataFileError: No complete set is there, or it is of another version.
     """
 
-    def __init__(self, folder: str | Path) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        on_damage: Callable[[DataFileError], None] | None = None,
+        planes: int = NUM_PLANES,
+    ) -> None:
         self.folder = Path(folder)
         description = self.folder / DESCRIPTION
         try:
             told = json.loads(description.read_text(encoding="utf-8"))
             config = renamed(told["config"])
             parts, self.per_view = int(told["parts"]), 1 + int(config["augmented"])
-            self.classical = str(config["classical"])
+            self.classical = str(config.get("classical", "rays"))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataFileError(
                 f"{description}: expected the description of prepared examples ({error}); "
@@ -69,12 +78,23 @@ class PreparedSet:
         for number in range(parts):
             path = self.folder / part_name(number)
             try:
-                count = len(_open(str(path)))
+                array = _open(str(path))
             except (OSError, ValueError) as error:
+                missing = isinstance(error, FileNotFoundError)
+                remedy = ("" if missing else "remove it and ") + "run python -m train.prepare again"
+                problem = DataFileError(f"{path}: expected prepared examples ({error}); {remedy}")
+                if missing or on_damage is None:
+                    raise problem from error
+                on_damage(problem)
+                continue
+            if array.ndim != 4 or array.shape[1] != planes:
                 raise DataFileError(
-                    f"{path}: expected prepared examples ({error}); run python -m train.prepare again"
-                ) from error
-            self._places += [(str(path), i) for i in range(count)]
+                    f"{path}: expected examples of {planes} planes, found shape {array.shape}; "
+                    "prepare the set again in another folder"
+                )
+            self._places += [(str(path), i) for i in range(len(array))]
+        if not self._places:
+            raise DataFileError(f"{self.folder}: expected prepared examples, found none that can be read")
 
     def __len__(self) -> int:
         return len(self._places)

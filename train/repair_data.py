@@ -1,19 +1,15 @@
 """Examples for the disparity repair: a picture, its true disparity, and what was made of it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
 
-from bokehnet.synth.shards import ShardSet
+from bokehnet.synth.shards import TrainingSample
 from train.augmentation import augment_disparity
+from train.scene_pairs import HeldOut, ScenePairs
 
-__all__ = ["RepairDataConfig", "RepairExamples", "busy_window", "repair_loader", "repair_pair"]
+__all__ = ["RepairDataConfig", "busy_window", "held_out_repairs", "repair_pair", "repair_source"]
 
 
 # Crops to choose from; where there is no step there is nothing to learn.
@@ -98,35 +94,20 @@ def busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[
     return max(windows, key=lambda window: int(steps[window].sum()))
 
 
-class RepairExamples(Dataset):
-    """Example number i of an endless, fixed sequence: all that is random follows from (seed, i)."""
-
-    def __init__(self, folders: Sequence[str], config: RepairDataConfig, seed: int, length: int) -> None:
-        self.config, self.seed, self.length = config, seed, length
-        self.sets = [ShardSet(Path(folder)) for folder in folders]
-        self._seen: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
-
-    def __len__(self) -> int:
-        return self.length
-
-    def __getitem__(self, index: int) -> dict[str, Tensor]:
-        rng = np.random.default_rng([self.seed, index])
-        chosen = int(rng.integers(len(self.sets)))
-        number = chosen, int(rng.integers(len(self.sets[chosen])))
-        if number not in self._seen:
-            sample = self.sets[chosen][number[1]]
-            self._seen[number] = sample.image, sample.disparity
-        pair = repair_pair(*self._seen[number], rng, self.config)
-        return {name: torch.from_numpy(x) for name, x in pair.items()}
+def _picture_and_map(sample: TrainingSample) -> tuple[np.ndarray, ...]:
+    return sample.image, sample.disparity
 
 
-def repair_loader(config: RepairDataConfig, *, seed: int, steps: int, first_step: int) -> DataLoader[Any]:
-    """Batches ``first_step`` to ``steps`` of the sequence; a resumed run sees what it would have seen."""
-    examples = RepairExamples((config.folder, *config.also), config, seed, steps * config.batch_size)
-    return DataLoader(
-        examples,
-        batch_size=config.batch_size,
-        sampler=range(first_step * config.batch_size, len(examples)),
-        num_workers=config.workers,
-        multiprocessing_context="spawn" if config.workers else None,
-    )
+def repair_source(config: RepairDataConfig) -> ScenePairs:
+    """Examples for training."""
+    folders = (config.folder, *config.also)
+    return ScenePairs(folders, _picture_and_map, partial(repair_pair, config=config))
+
+
+def held_out_repairs(config: RepairDataConfig, count: int) -> HeldOut:
+    """So many whole examples of the scenes for validation."""
+
+    def source_of(clean: float, crop: int) -> ScenePairs:
+        return repair_source(replace(config, folder=config.validation, also=(), clean=clean, crop=crop))
+
+    return HeldOut(source_of, count)

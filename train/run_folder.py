@@ -4,17 +4,26 @@ import time
 from pathlib import Path
 from typing import Any
 
+import torch
+from torch import Tensor
+
 from bokehnet.config import build_config, check_same, dump_json, to_dict
 from bokehnet.errors import DataFileError
-from bokehnet.io.atomic import remove_leftovers, write_text
+from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.models.checkpoint import load_checkpoint, save_checkpoint
 from train.schedule import OptimConfig
 
 __all__ = ["RunFolder"]
 
 
+# What a checkpoint needs to be gone on with, beside weights.
+_PARTS = {"run", "raw", "optimizer", "step"}
+
+
 class RunFolder:
     """The folder of a run: ``config.json`` and the checkpoint ``last.pt``, saved every few steps or minutes.
+
+    A batch without a finite gradient is kept there as well, as ``bad_batch-0.pt``.
 
     Attributes:
         checkpoint: Path of the checkpoint.
@@ -34,11 +43,17 @@ class RunFolder:
         """Return the checkpoint of an older start of this run, if there was one.
 
         Raises:
+            DataFileError: What is there cannot be gone on with.
             ConfigError: It has another configuration; keys that it does not know yet count as defaults.
         """
         if not self.checkpoint.exists():
             return None
         state = load_checkpoint(self.checkpoint)
+        if state["name"] != self.name or _PARTS - state.keys():
+            raise DataFileError(
+                f"{self.checkpoint}: expected a run of {self.name} to go on with, found weights of "
+                f"{state['name']}; choose another --out"
+            )
         old = build_config(state["run"], type(self.config), str(self.checkpoint))
         check_same(f"{self.path}: holds a run", to_dict(old), to_dict(self.config), "choose another --out")
         return state
@@ -46,6 +61,17 @@ class RunFolder:
     def write_config(self) -> None:
         """Write the resolved configuration."""
         write_text(self.path / "config.json", dump_json(self.config), error=DataFileError)
+
+    def save_bad_batch(self, step: int, rank: int, batch: dict[str, Tensor], weights: dict[str, Any]) -> str:
+        """Write what gave no finite gradient: a batch, or the share of process ``rank``, and the weights.
+
+        Returns:
+            Name of the file, which replaces that of an earlier step.
+        """
+        path = self.path / f"bad_batch-{rank}.pt"
+        content = {"step": step, "batch": batch, "raw": weights}
+        write_atomic(path, lambda temporary: torch.save(content, temporary), error=DataFileError)
+        return path.name
 
     def due(self, step: int) -> bool:
         """Return whether it is time for a checkpoint after ``step`` steps."""

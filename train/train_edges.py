@@ -1,20 +1,20 @@
 """Train EdgeNet: ``python -m train.train_edges --config configs/train_edges.toml --out runs/edges``."""
 
-import functools
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.checkpoint import load_network
 from bokehnet.models.edges import EdgeNet, EdgeNetConfig
 from bokehnet.models.repair import FLAT, extremes
 from train.command import run_command
-from train.edge_data import EdgeDataConfig, EdgeExamples, edge_loader
-from train.loop import OptimConfig, train
+from train.edge_data import EdgeDataConfig, edge_source, held_out_edges
+from train.schedule import OptimConfig
+from train.task import Task, run_task
 
 __all__ = ["EdgeRun", "edge_loss", "main"]
 
@@ -35,7 +35,8 @@ class EdgeRun:
     Attributes:
         data, optim, model: See there.
         held_out: Held-out examples scored at each validation.
-        start: Checkpoint of an EdgeNet of the same shape that a new run starts from; empty for none.
+        start: Checkpoint or export of an EdgeNet of the same shape that a new run starts
+            from; empty for none.
     """
 
     data: EdgeDataConfig
@@ -103,46 +104,31 @@ def _score(
     return scores
 
 
-def run(config: EdgeRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
-    torch.manual_seed(config.optim.seed)
-
-    @functools.cache
-    def held_out() -> dict[str, list[dict[str, Tensor]]]:
-        """Held-out examples, augmented and clean."""
-        found = {}
-        for kind, clean in (("augmented", 0.0), ("clean", 1.0)):
-            data = replace(config.data, clean=clean, crop=256)
-            examples = EdgeExamples([config.data.validation], data, seed=5, length=config.held_out)
-            found[kind] = [examples[i] for i in range(config.held_out)]
-        return found
+def task(config: EdgeRun, device: torch.device) -> Task:
+    """What is particular to this training."""
+    held_out = held_out_edges(config.data, config.held_out)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         assert isinstance(network, EdgeNet)
         loss = edge_loss(network, batch)
         return loss, {"likelihood": loss}
 
-    network = EdgeNet(config.model)
-    if config.start:
-        network.load_state_dict(load_network(Path(config.start), "edges").state_dict())
-    return train(
-        "edges",
-        config,
-        network,
-        out=out,
-        device=device,
-        loader=lambda step: edge_loader(
-            config.data, seed=config.optim.seed, steps=config.optim.steps, first_step=step
-        ),
+    return Task(
+        network="edges",
+        source=lambda: edge_source(config.data),
         loss_of=loss_of,
-        validate=lambda network: (_score(network, held_out(), device), {}),
-        max_minutes=max_minutes,
+        validate=lambda network: (_score(network, held_out.examples, device), {}),
     )
 
 
-def main() -> None:
+def run(config: EdgeRun, out: Path, device: torch.device, max_minutes: float) -> Path:
+    """Train, or go on training; returns the checkpoint."""
+    return run_task(task(config, device), config, out, device, max_minutes)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
-    run_command(__doc__, EdgeRun, run)
+    run_command(__doc__, EdgeRun, run, arguments)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 ``python -m train.train_iunet --config configs/train_iunet.toml --out runs/iunet``
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,12 +12,13 @@ from torch import Tensor, nn
 
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.models.checkpoint import load_network
-from bokehnet.models.iunet import IUNet, IUNetConfig
+from bokehnet.models.iunet import IUNetConfig
 from bokehnet.pyramid import downsample2
 from train.command import run_command
-from train.data import DataConfig, example_loader
-from train.loop import OptimConfig, train
+from train.data import DataConfig, PreparedCrops
 from train.losses import iunet_loss
+from train.schedule import OptimConfig
+from train.task import Task, run_task
 from train.validation import held_out_examples, score_coarse_to_fine
 
 __all__ = ["IUNetRun", "main"]
@@ -27,7 +29,7 @@ class IUNetRun:
     """A training run of IUNet.
 
     Attributes:
-        arnet: Checkpoint of the trained ARNet, which stays as it is.
+        arnet: Checkpoint or export of the trained ARNet, which stays as it is.
         data, optim, model: See there.
         held_out: Held-out pictures scored at each validation.
     """
@@ -39,15 +41,15 @@ class IUNetRun:
     held_out: int = 24
 
 
-def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
-    torch.manual_seed(config.optim.seed)
+def task(config: IUNetRun, device: torch.device) -> Task:
+    """What is particular to this training."""
     arnet = load_network(Path(config.arnet), "arnet").requires_grad_(False).to(device)
     held_out = held_out_examples(config.data.validation, config.held_out)
+    radius = config.model.network_max_radius
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         # At least one step up; starting a size lower than needed, half of the time, teaches two in a row.
-        small = float(batch["defocus"].abs().max()) <= config.model.network_max_radius
+        small = float(batch["defocus"].abs().max()) <= radius
         result = render_neural(
             batch["image"],
             batch["defocus"],
@@ -56,7 +58,7 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
             features=batch["features"],
             arnet=arnet,
             iunet=network,
-            network_max_radius=config.model.network_max_radius,
+            network_max_radius=radius,
             extra_halvings=1 if small else int(batch["extra_halvings"][0]),
         )
         losses = []
@@ -67,26 +69,22 @@ def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -
         parts = {key: torch.stack([part[key] for _, part in losses]).mean() for key in losses[0][1]}
         return torch.stack([loss for loss, _ in losses]).mean(), parts
 
-    return train(
-        "iunet",
-        config,
-        IUNet(config.model),
-        out=out,
-        device=device,
-        loader=lambda step: example_loader(
-            config.data, seed=config.optim.seed, steps=config.optim.steps, first_step=step
-        ),
+    return Task(
+        network="iunet",
+        source=lambda: PreparedCrops(config.data),
         loss_of=loss_of,
-        validate=lambda network: score_coarse_to_fine(
-            arnet, network, config.model.network_max_radius, held_out, device
-        ),
-        max_minutes=max_minutes,
+        validate=lambda network: score_coarse_to_fine(arnet, network, radius, held_out, device),
     )
 
 
-def main() -> None:
+def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
+    """Train, or go on training; returns the checkpoint."""
+    return run_task(task(config, device), config, out, device, max_minutes)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
-    run_command(__doc__, IUNetRun, run)
+    run_command(__doc__, IUNetRun, run, arguments)
 
 
 if __name__ == "__main__":

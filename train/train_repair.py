@@ -1,18 +1,18 @@
 """Train RepairNet: ``python -m train.train_repair --config configs/train_repair.toml --out runs/repair``."""
 
-import functools
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from bokehnet.models.checkpoint import load_network
 from bokehnet.models.repair import FLAT, RepairNet, RepairNetConfig, extremes
 from train.command import run_command
-from train.loop import OptimConfig, train
-from train.repair_data import RepairDataConfig, RepairExamples, repair_loader
+from train.repair_data import RepairDataConfig, held_out_repairs, repair_source
+from train.schedule import OptimConfig
+from train.task import Task, run_task
 
 __all__ = ["RepairRun", "main", "repair_loss"]
 
@@ -31,7 +31,8 @@ class RepairRun:
     Attributes:
         data, optim, model: See there.
         held_out: Held-out examples scored at each validation.
-        start: Checkpoint of a RepairNet of the same shape that a new run starts from; empty for none.
+        start: Checkpoint or export of a RepairNet of the same shape that a new run starts
+            from; empty for none.
     """
 
     data: RepairDataConfig
@@ -83,46 +84,31 @@ def _score(
     return scores
 
 
-def run(config: RepairRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
-    torch.manual_seed(config.optim.seed)
-
-    @functools.cache
-    def held_out() -> dict[str, list[dict[str, Tensor]]]:
-        """Whole held-out examples, augmented and clean."""
-        found = {}
-        for kind, clean in (("augmented", 0.0), ("clean", 1.0)):
-            data = replace(config.data, clean=clean, crop=256)
-            examples = RepairExamples([config.data.validation], data, seed=5, length=config.held_out)
-            found[kind] = [examples[i] for i in range(config.held_out)]
-        return found
+def task(config: RepairRun, device: torch.device) -> Task:
+    """What is particular to this training."""
+    held_out = held_out_repairs(config.data, config.held_out)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
         assert isinstance(network, RepairNet)
         loss = repair_loss(network, batch)
         return loss, {"error": loss}
 
-    network = RepairNet(config.model)
-    if config.start:
-        network.load_state_dict(load_network(Path(config.start), "repair").state_dict())
-    return train(
-        "repair",
-        config,
-        network,
-        out=out,
-        device=device,
-        loader=lambda step: repair_loader(
-            config.data, seed=config.optim.seed, steps=config.optim.steps, first_step=step
-        ),
+    return Task(
+        network="repair",
+        source=lambda: repair_source(config.data),
         loss_of=loss_of,
-        validate=lambda network: (_score(network, held_out(), device), {}),
-        max_minutes=max_minutes,
+        validate=lambda network: (_score(network, held_out.examples, device), {}),
     )
 
 
-def main() -> None:
+def run(config: RepairRun, out: Path, device: torch.device, max_minutes: float) -> Path:
+    """Train, or go on training; returns the checkpoint."""
+    return run_task(task(config, device), config, out, device, max_minutes)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Entry of the command line."""
-    run_command(__doc__, RepairRun, run)
+    run_command(__doc__, RepairRun, run, arguments)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from bokehnet.io.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
 from bokehnet.models.edges import EdgeNet
+from bokehnet.models.error import CANDIDATES, FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.repair import RepairNet
 from bokehnet.onnx_session import OnnxSession
@@ -46,6 +47,8 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
 
     if isinstance(network, RepairNet | EdgeNet):
         return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
+    if isinstance(network, ErrorNet):
+        return {**{name: noise(3) for name in ("image", *CANDIDATES)}, "features": noise(len(FEATURES))}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
     inputs = {
@@ -74,6 +77,7 @@ def _export(network: nn.Module, path: Path) -> None:
         "IUNet": ["bokeh"],
         "RepairNet": ["repaired", "votes"],
         "EdgeNet": ["surfaces"],
+        "ErrorNet": ["expected_error"],
     }
     program = torch.onnx.export(
         network,
@@ -118,8 +122,8 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, ``edges``, or ``arnet`` and ``iunet`` with the same
-            ``network_max_radius``.
+        networks: Trained networks by name: ``repair``, ``edges``, ``error``, or ``arnet`` and ``iunet``
+            with the same ``network_max_radius``.
         folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
         manifest: What else to write into the manifest: how the networks were made, and for a pair the
             name of the classical renderer whose result they correct, as ``classical``.

@@ -19,7 +19,7 @@ from bokehnet.synth.cluster import render_on_cluster
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
 
-__all__ = ["write_dataset"]
+__all__ = ["start_worker", "write_dataset"]
 
 
 def write_dataset(
@@ -109,7 +109,7 @@ def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> I
         yield map(make, indices)
         return
     executor = ProcessPoolExecutor(
-        min(workers, len(indices)), multiprocessing.get_context("spawn"), initializer=_start_worker
+        min(workers, len(indices)), multiprocessing.get_context("spawn"), initializer=start_worker
     )
     try:
         yield executor.map(make, indices)
@@ -117,8 +117,8 @@ def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> I
         executor.shutdown(wait=True, cancel_futures=True)
 
 
-def _start_worker() -> None:
-    """Use one thread, leave Ctrl-C to the parent and do not outlive it."""
+def start_worker() -> None:
+    """Prepare a process that works for another: use one thread, leave Ctrl-C to it and do not outlive it."""
     import torch
 
     torch.set_num_threads(1)

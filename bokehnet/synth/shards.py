@@ -7,7 +7,7 @@ import io
 import json
 import tarfile
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import BinaryIO
@@ -75,9 +75,23 @@ def decode_sample(data: bytes, source: str = "sample") -> TrainingSample:
         if damaged is not None:
             raise ValueError(f"wrong checksum of {damaged}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return TrainingSample(**{item.name: arrays[item.name] for item in fields(TrainingSample)})
+            sample = TrainingSample(**{item.name: arrays[item.name] for item in fields(TrainingSample)})
+        _check_shapes(sample)
+        return sample
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError, NotImplementedError) as error:
-        raise DataFileError(f"{source}: expected a training sample, found damaged data: {error}") from error
+        raise DataFileError(
+            f"{source}: expected a training sample, found damaged or other data: {error}"
+        ) from error
+
+
+def _check_shapes(sample: TrainingSample) -> None:
+    """Raise ``ValueError`` unless the arrays of a sample belong to each other."""
+    size, views = sample.disparity.shape, sample.blur.shape
+    wanted = {"image": (*size, 3), "bokeh": (*views, *size, 3), "focus": views}
+    for name, shape in wanted.items():
+        found = getattr(sample, name).shape
+        if len(size) != 2 or len(views) != 1 or found != shape:
+            raise ValueError(f"{name} of shape {found} beside disparity of shape {size} and {views} views")
 
 
 def write_members(stream: BinaryIO, members: Iterable[tuple[str, bytes]]) -> None:
@@ -107,12 +121,19 @@ class ShardSet:
     Args:
         folder: Where ``bokehnet synth`` wrote.
         allow_incomplete: Accept a set of which shards are still missing.
+        on_damage: Called with what is wrong with a shard that cannot be read, which is then left out; by
+            default it is raised.
 
     Raises:
         DataFileError: No set of shards is there, one is damaged, or some are missing.
     """
 
-    def __init__(self, folder: str | Path, allow_incomplete: bool = False) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        allow_incomplete: bool = False,
+        on_damage: Callable[[DataFileError], None] | None = None,
+    ) -> None:
         self.folder = Path(folder)
         description = self.folder / DESCRIPTION
         try:
@@ -120,10 +141,17 @@ class ShardSet:
             expected = int(self.description["scenes"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataFileError(f"{description}: expected the description of a data set: {error}") from error
-        shards = sorted(self.folder.glob("shard-*.tar"))
-        self._members = [
-            (path, key, offset, size) for path in shards for key, (offset, size) in _index(path).items()
-        ]
+        self._members: list[tuple[Path, str, int, int]] = []
+        for path in sorted(self.folder.glob("shard-*.tar")):
+            try:
+                index = _index(path)
+            except DataFileError as error:
+                if on_damage is None:
+                    raise
+                on_damage(error)
+                expected -= int(self.description.get("scenes_per_shard", expected))
+                continue
+            self._members += [(path, key, offset, size) for key, (offset, size) in index.items()]
         if not self._members or (len(self._members) < expected and not allow_incomplete):
             found = f"{len(self._members)} of {expected} samples"
             raise DataFileError(f"{self.folder}: found {found}; run bokehnet synth again to complete it")

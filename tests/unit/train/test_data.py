@@ -11,14 +11,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.classical.rays_renderer import render_rays
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.synth.shards import ShardSet
-from train.data import DataConfig, Examples, example_loader
+from train.data import DataConfig, PreparedCrops
+from train.examples import Examples, example_loader
 from train.prepare import PrepareConfig, prepare
 from train.prepared import DESCRIPTION, PLANES, PreparedSet, part_name
+from train.schedule import OptimConfig
 
 
 def config_for(folder, **values) -> DataConfig:
     small = {"batch_size": 2, "coarse_crop": 32, "fine_crop": 48}
     return DataConfig(folder=str(folder), validation=str(folder), **{**small, **values})
+
+
+def examples(config, network_max_radius=None, seed=0) -> Examples:
+    return Examples(PreparedCrops(config, network_max_radius), seed=seed, length=100)
 
 
 def test_a_prepared_example_is_the_pair_and_its_render(tiny_pairs, tiny_prepared):
@@ -73,7 +79,7 @@ def test_preparing_goes_on_where_it_stopped_and_gives_the_same_bytes(tiny_pairs,
 
 def test_example_i_depends_on_seed_and_i_alone(tiny_prepared):
     config = config_for(tiny_prepared)
-    first, again, other = (Examples(config, seed, 10, 10.0)[7] for seed in (3, 3, 4))
+    first, again, other = (examples(config, 10.0, seed=seed)[7] for seed in (3, 3, 4))
     for key, value in first.items():
         torch.testing.assert_close(value, again[key], rtol=0, atol=0)
     assert not torch.equal(first["image"], other["image"])
@@ -81,8 +87,9 @@ def test_example_i_depends_on_seed_and_i_alone(tiny_prepared):
 
 def test_a_resumed_loader_goes_on_where_the_first_stopped(tiny_prepared):
     config = config_for(tiny_prepared)
-    whole = list(example_loader(config, seed=0, steps=4, first_step=0))
-    rest = list(example_loader(config, seed=0, steps=4, first_step=2))
+    whole, rest = (
+        list(example_loader(PreparedCrops(config), config, OptimConfig(steps=4), step)) for step in (0, 2)
+    )
     assert len(whole) == 4
     assert len(rest) == 2
     torch.testing.assert_close(whole[2]["image"], rest[0]["image"], rtol=0, atol=0)
@@ -90,9 +97,9 @@ def test_a_resumed_loader_goes_on_where_the_first_stopped(tiny_prepared):
 
 def test_coarse_examples_are_halved_towards_one_unit_of_blur(tiny_prepared):
     """Blur reaches 8 pixels; halved once at most, it is at most 4 at the size of a unit of 4."""
-    examples = Examples(config_for(tiny_prepared), 0, 12, 4.0)
+    coarse = examples(config_for(tiny_prepared), 4.0)
     for index in range(12):
-        example = examples[index]
+        example = coarse[index]
         assert example["defocus"].abs().max() <= 4.0
         assert example["image"].shape == example["truth"].shape == (3, 32, 32)
         assert example["features"].shape == (5, 32, 32)
@@ -101,7 +108,7 @@ def test_coarse_examples_are_halved_towards_one_unit_of_blur(tiny_prepared):
 def test_turns_and_gains_are_the_same_for_all_parts(tiny_prepared):
     """Where nothing is blurred, truth, render and picture agree, whatever was done to them."""
     for index in range(12):
-        example = Examples(config_for(tiny_prepared), 1, 12)[index]
+        example = examples(config_for(tiny_prepared), seed=1)[index]
         sharp = (example["defocus"].abs() < 0.2) & (example["target"] == 0)
         if sharp.sum() > 50:
             difference = (example["image"] - example["truth"]).abs() * sharp
@@ -122,8 +129,8 @@ def marked(tiny_prepared, tmp_path):
 
 def test_several_sets_are_drawn_alike(tiny_prepared, marked):
     """Of 60 examples about half are of each: within four standard deviations."""
-    examples = Examples(config_for(tiny_prepared, also=(str(marked),)), 0, 60, 10.0)
-    of_the_second = sum(bool((examples[i]["features"][3] == 1).all()) for i in range(60))
+    mixed = examples(config_for(tiny_prepared, also=(str(marked),)), 10.0)
+    of_the_second = sum(bool((mixed[i]["features"][3] == 1).all()) for i in range(60))
     assert 15 <= of_the_second <= 45
 
 
@@ -133,4 +140,4 @@ def test_sets_of_two_renderers_do_not_mix(tiny_prepared, marked):
     told["config"]["classical"] = "scatter"
     description.write_text(json.dumps(told), encoding="utf-8")
     with pytest.raises(DataFileError, match="examples of one classical renderer, found rays, scatter"):
-        Examples(config_for(tiny_prepared, also=(str(marked),)), 0, 4, 10.0)
+        PreparedCrops(config_for(tiny_prepared, also=(str(marked),)), 10.0)

@@ -10,7 +10,8 @@ from bokehnet.config import load_config
 from bokehnet.errors import DataFileError
 from bokehnet.synth import SynthConfig, write_dataset
 from tests.unit.train.runs import ROOT
-from train.edge_data import EdgeDataConfig, EdgeExamples, edge_pair
+from train.edge_data import EdgeDataConfig, edge_pair, edge_source
+from train.examples import Examples
 from train.train_edges import EdgeRun, run
 
 CONFIG = EdgeDataConfig(folder="", validation="", clean=1.0, bent=0.0, crop=32, around=8, samples=16)
@@ -65,7 +66,7 @@ def test_examples_follow_from_seed_and_number_and_train(fine_set, tmp_path):
     from train.schedule import OptimConfig
 
     data = EdgeDataConfig(folder=str(fine_set), validation=str(fine_set), batch_size=2, crop=32, around=8)
-    first, second = (EdgeExamples([str(fine_set)], data, 3, 4)[2] for _ in range(2))
+    first, second = (Examples(edge_source(data), seed=3, length=4)[2] for _ in range(2))
     for name, values in first.items():
         assert_array_equal(values, second[name])
     optim = OptimConfig(steps=2, validate_every=2, warmup=1)
@@ -76,4 +77,4 @@ def test_examples_follow_from_seed_and_number_and_train(fine_set, tmp_path):
 def test_sets_without_fine_disparity_are_named(tiny_pairs):
     data = EdgeDataConfig(folder=str(tiny_pairs), validation="")
     with pytest.raises(DataFileError, match="fine disparity"):
-        EdgeExamples([str(tiny_pairs)], data, 0, 1)[0]
+        edge_source(data)

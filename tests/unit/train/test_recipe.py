@@ -1,0 +1,244 @@
+"""One command from nothing: its plan hangs together, and it goes on where it was killed."""
+
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from bokehnet.config import build_config
+from bokehnet.errors import ConfigError
+from bokehnet.models.checkpoint import load_checkpoint
+from tests.unit.train.runs import ROOT, arguments
+from train.recipe import Progress, _call, _processes, main
+from train.recipe_plan import COMMANDS, Recipe, load_recipe
+
+FULL, SMALL = (ROOT / f"configs/{name}.toml" for name in ("recipe", "recipe_small"))
+
+
+@pytest.fixture(autouse=True)
+def _in_the_repository(monkeypatch):
+    """Recipes name configurations from there."""
+    monkeypatch.chdir(ROOT)
+
+
+def recipe_of(*steps: dict) -> Recipe:
+    recipe = build_config({"steps": list(steps)}, Recipe)
+    recipe.check()
+    return recipe
+
+
+PLANES = {"makes": "data/planes", "by": "synth", "config": "configs/synth_planes.toml", "seconds": 3.0}
+PLANES_VAL = {"makes": "data/planes_val", "by": "synth", "config": "configs/synth_planes_val.toml"}
+REPAIR = {"makes": "runs/repair", "by": "repair", "config": "configs/train_repair.toml", "seconds": 0.5}
+EXPORT = {"makes": "bokehnet/weights/repair", "by": "export", "words": ["--repair", "runs/repair/last.pt"]}
+
+
+def test_all_networks_are_made_within_twelve_hours_on_two_cores():
+    recipe = load_recipe(FULL)
+    assert recipe.workers == 2
+    assert sum(map(recipe.seconds, recipe.steps)) < 12 * 3600
+    made = {step.makes for step in recipe.steps if step.by == "export"}
+    assert made == {f"bokehnet/weights/{name}" for name in ("repair", "edges", "hybrid", "neural", "fast")}
+
+
+def test_the_small_recipe_has_the_steps_of_the_full_one_in_their_order():
+    full, small = load_recipe(FULL), load_recipe(SMALL)
+    assert [(step.makes, step.by) for step in small.steps] == [(step.makes, step.by) for step in full.steps]
+
+
+def test_a_run_that_no_step_makes_is_named():
+    """What a chain of trainings asks for must come before: one once asked for ``runs/repair2``."""
+    fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair2/last.pt"']}
+    with pytest.raises(
+        ConfigError, match=r"start asks for runs/repair2/last\.pt, which no step before runs/fine makes"
+    ):
+        recipe_of(PLANES, PLANES_VAL, REPAIR, fine)
+    with pytest.raises(ConfigError, match=r"data\.folder asks for data/planes, which no step"):
+        recipe_of(REPAIR, PLANES, PLANES_VAL)
+    with pytest.raises(ConfigError, match="two of them make data/planes"):
+        recipe_of(PLANES, PLANES)
+    with pytest.raises(ConfigError, match="data/x: words asks for runs/none/last"):
+        recipe_of({"makes": "data/x", "by": "export", "words": ["--arnet", "runs/none/last.pt"]})
+
+
+def test_times_follow_from_what_the_configurations_ask_for():
+    """Authority: by hand; 1200 scenes of 3 s on two cores, 3000 steps of half a second."""
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
+    assert [recipe.seconds(step) for step in recipe.steps] == [1800, 0, 1500]
+    short = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=10"]})
+    assert short.seconds(short.steps[2]) == 5
+
+
+def test_commands_name_what_configurations_name_or_all_below_one_folder():
+    recipe = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=10"]}, EXPORT)
+    plain, rooted = (recipe.command(recipe.steps[2], root) for root in (None, Path("out")))
+    start = "python -m train.train_repair --config configs/train_repair.toml"
+    assert shlex.join(plain) == f"{start} --out runs/repair --set optim.steps=10"
+    assert set(rooted) - set(plain) == {
+        "out/runs/repair",
+        'data.folder="out/data/planes"',
+        'data.validation="out/data/planes_val"',
+    }
+    assert recipe.command(recipe.steps[3], Path("out"))[3:] == [
+        "--repair",
+        "out/runs/repair/last.pt",
+        "--out",
+        "out/weights/repair",
+    ]
+    assert recipe.command(recipe.steps[0], Path("out"), ray="host:6379")[-2:] == ["--ray", "host:6379"]
+
+
+def test_a_seed_is_that_of_all_trainings_and_asks_for_them_anew():
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR)
+    other = recipe.with_seed(5)
+    assert other.command(other.steps[2])[-2:] == ["--set", "optim.seed=5"]
+    changed = [
+        recipe.fingerprint(a) != other.fingerprint(b) for a, b in zip(recipe.steps, other.steps, strict=True)
+    ]
+    assert changed == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    ("devices", "batch", "count"), [(0, 8, 1), (1, 8, 1), (2, 8, 2), (3, 8, 2), (8, 4, 4)]
+)
+def test_as_many_devices_share_a_training_as_divide_its_batch(devices, batch, count, monkeypatch):
+    monkeypatch.setattr("torch.cuda.device_count", lambda: devices)
+    assert _processes({"data": {"batch_size": batch}}) == count
+
+
+@pytest.mark.train
+def test_a_training_is_shared_behind_torchrun_in_processes_of_its_own(tiny_prepared, tmp_path):
+    """Two processes on the CPU, as they would be on two devices."""
+    _call(["python", *arguments("arnet", tiny_prepared, tmp_path / "run", 3)[1:]], processes=2)
+    assert load_checkpoint(tmp_path / "run/last.pt")["step"] == 3
+    with pytest.raises(SystemExit, match=r"train\.train_arnet failed; what it said"):
+        _call(["python", *arguments("arnet", tmp_path / "none", tmp_path / "other", 3)[1:]], processes=2)
+
+
+def finished(progress: Progress, *numbers: int) -> None:
+    for number in numbers:
+        step = progress.recipe.steps[number]
+        path = progress.out / step.makes.removeprefix("bokehnet/")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with progress.timed(step):
+            path.mkdir(exist_ok=True)
+
+
+def test_a_step_is_done_while_it_and_all_that_it_needs_are_as_asked_for(tmp_path):
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, EXPORT)
+    finished(Progress(recipe, tmp_path), 0, 1, 2, 3)
+    assert all(map(Progress(recipe, tmp_path).done, recipe.steps))
+    longer = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=9000"]}, EXPORT)
+    assert [Progress(longer, tmp_path).done(step) for step in longer.steps] == [True, True, False, False]
+    (tmp_path / "data/planes_val").rmdir()
+    assert [Progress(recipe, tmp_path).done(step) for step in recipe.steps] == [True, False, True, True]
+
+
+def test_a_training_on_what_is_asked_for_otherwise_now_is_not_gone_on_with(tmp_path):
+    """What its own configuration says is the same; an export would be made anew."""
+    fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair/last.pt"']}
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, fine, EXPORT)
+    finished(Progress(recipe, tmp_path), 0, 1, 2, 3, 4)
+    longer = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=9000"]}, fine, EXPORT)
+    progress = Progress(longer, tmp_path)
+    for number in (0, 1, 2, 4):
+        progress.check(longer.steps[number])
+    with pytest.raises(ConfigError, match=r"runs/fine: was made of what steps before it made.*remove it"):
+        progress.check(longer.steps[3])
+    (tmp_path / "runs/fine").rmdir()
+    progress.check(longer.steps[3])
+
+
+def test_a_step_that_fails_is_begun_and_its_time_counts(tmp_path):
+    recipe = recipe_of(PLANES)
+    for _ in range(2):
+        timed = Progress(recipe, tmp_path).timed(recipe.steps[0])
+        timed.__enter__()
+        time.sleep(0.05)
+        assert not timed.__exit__(SystemExit, SystemExit("error: no light"), None)
+    progress = Progress(recipe, tmp_path)
+    assert progress.seconds(recipe.steps[0]) >= 0.1
+    assert progress.state(recipe.steps[0]) == "begun, 0 s so far"
+
+
+def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
+    main(["--dry-run", "--out", str(tmp_path / "out")])
+    told = capsys.readouterr().out
+    assert re.search(r"^runs/arnet_wide +arnet +\d+\.\d min +to do$", told, re.MULTILINE)
+    assert re.search(r"^expected: \d+\.\d h in all on two cores", told.splitlines()[-1])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("steps = 3", "steps: expected"),
+        ('[[steps]]\nmakes = "x"\nby = "magic"', "by: expected"),
+        ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "nowhere.toml"', "cannot read nowhere.toml"),
+        ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "configs/train_repair.toml"', "asks for|lacks"),
+    ],
+)
+def test_mistakes_in_a_recipe_are_one_line(text, told, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as caught:
+        main(["--config", str(path), "--out", str(tmp_path / "out")])
+    assert re.match(f"error: .*{told}", str(caught.value.code))
+    assert "\n" not in str(caught.value.code)
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "recipe.json").write_text("[]")
+    with pytest.raises(SystemExit) as caught:
+        main(["--small", "--out", str(tmp_path)])
+    assert "recipe.json: expected what was done of a recipe" in str(caught.value.code)
+
+
+def test_the_documentation_lists_the_commands_of_the_recipe():
+    recipe = load_recipe(FULL)
+    wanted = [recipe.command(step) for step in recipe.steps]
+    text = (ROOT / "docs/training.md").read_text(encoding="utf-8")
+    blocks = [block.replace("\\\n", " ") for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL)]
+    lines = [shlex.split(line, comments=True) for block in blocks for line in block.splitlines()]
+    starts = tuple(COMMANDS.values())
+    listed = [words for words in lines if any(tuple(words[: len(start)]) == start for start in starts)]
+    assert listed[: len(wanted)] == wanted
+
+
+@pytest.mark.slow
+@pytest.mark.train
+def test_the_small_recipe_runs_to_its_end_after_a_kill_and_nothing_is_done_twice(tmp_path):
+    """All steps on a few small scenes: killed in a training, gone on with, and asked for once more."""
+    line = [sys.executable, "-m", "train.recipe", "--small", "--out", str(tmp_path)]
+    killed = subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    deadline = time.monotonic() + 400
+    while not (tmp_path / "runs/edges/last.pt").exists():
+        assert killed.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    killed.send_signal(signal.SIGKILL)
+    first, _ = killed.communicate()
+    before = (tmp_path / "runs/repair_long/last.pt").stat().st_mtime_ns
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=500)
+    assert done.returncode == 0, done.stderr
+    begun = [re.findall(r"^\[(\d+)/", text, re.MULTILINE) for text in (first, done.stdout)]
+    count = len(load_recipe(SMALL).steps)
+    assert [int(number) for number in begun[0][:-1]] == list(range(1, len(begun[0])))
+    assert int(begun[1][0]) in (len(begun[0]), len(begun[0]) + 1)
+    assert int(begun[1][-1]) == count
+    assert (tmp_path / "runs/repair_long/last.pt").stat().st_mtime_ns == before
+    for name in ("repair", "edges", "hybrid", "neural", "fast"):
+        manifest = json.loads((tmp_path / "weights" / name / "manifest.json").read_text())
+        assert str(tmp_path) in json.dumps(manifest["notes"])
+    card = (tmp_path / "runs/model_card.md").read_text()
+    assert "| neural/ | iunet |" in card
+    assert "| rays | clean |" in card
+    again = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, timeout=100)
+    assert again.returncode == 0
+    assert "[" not in again.stdout
