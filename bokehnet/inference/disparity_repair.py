@@ -203,7 +203,8 @@ class DisparityRepair:
         if span == 0 or mode == "off":
             reason = "switched off" if mode == "off" else "the map is constant"
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
-        start = sharpen_if_soft(disparity)
+        softness = soft_edge_fraction(disparity)
+        start = sharpen_if_soft(disparity, softness)
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
@@ -216,7 +217,7 @@ class DisparityRepair:
         shift, smallest = self._edge_bias(sizes, start, span, work)
         maps = [shift_edges(start, shift)]
         del start
-        soft = soft_steps(disparity) if soft_edge_fraction(disparity) > _RAMPS else None
+        soft = soft_steps(disparity) if softness > _RAMPS else None
         repaired = self._repair(sizes, maps, span, work, None if shift else smallest, soft)
         if large:
             self._give_back()
@@ -296,7 +297,7 @@ class DisparityRepair:
         image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
         too_large = max(height, width) > _NETWORK_SIDE
-        sizes_below = bool(sizes)
+        repaired = None if sizes else smallest
         if sizes:
             small = _half_map(disparity)
             below = _half_mask(soft) if soft is not None and too_large else None
@@ -309,7 +310,6 @@ class DisparityRepair:
                 aligned = align_steps(image.transpose(1, 2, 0), disparity, STEP * span)
                 work.report(number, 1)
                 return aligned
-        repaired = smallest if not sizes_below else None
         if repaired is None:
             repaired, _ = self._look(image, disparity, span, lambda share: work.report(number, share))
         if soft is None:

@@ -25,6 +25,7 @@ from bokehnet import (
 from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, ShapeError
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.window import Window
+from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.supersampling import reduce_fine
 from tests.unit.io.exr_files import write_deep, write_exr
 from train.evaluation_sets import path_traced_shots
@@ -85,6 +86,16 @@ def test_a_supersampled_edge_is_nearer_to_the_truth(factor, near, far):
     error = inner_error(rendered(fine), truth)
     assert error < 0.006
     assert error < inner_error(rendered(plain), truth) + 0.005 * (factor == 2 and near == 0) + 0.0005
+
+
+def test_a_filter_that_is_told_makes_the_pixels_of_the_result():
+    """In focus all is the fine picture through that filter."""
+    rng = np.random.default_rng(0)
+    image = rng.random((2 * HEIGHT, 2 * WIDTH, 3), dtype=np.float32)
+    scene = make_scene(image, DefocusMap(map=np.zeros((2 * HEIGHT, 2 * WIDTH))), supersampled=2)
+    told = DepthSettings(pixel_filter="gaussian:2.6")
+    found = BokehRenderer("rays").render(scene, RenderSettings(depth=told)).bokeh
+    np.testing.assert_allclose(found, reduce_fine(image, 2, PixelFilter("gaussian", 2.6)), atol=2e-6)
 
 
 def test_blur_and_focus_are_told_in_pixels_of_the_result():
