@@ -33,7 +33,8 @@ def repair_tiles(busy: np.ndarray, most: int) -> Iterator[tuple[slice, slice]]:
     Yields:
         Rows and columns, pixels, of the rectangle that holds what is busy in a tile, without halos.
     """
-    for down, across in product(*_cut(*busy.shape, most)):
+    height, width = busy.shape
+    for down, across in product(*_cut(height, width, most)):
         part = busy[down, across]
         rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
         if len(rows):

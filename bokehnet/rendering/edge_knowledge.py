@@ -157,14 +157,10 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
     near = np.where(np.isnan(near), _nearest_mean(disparity, matte >= _FRONT, y, x), near)
     far = _nearest_mean(disparity, high <= _BACK, y, x)
     far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
-    found = KnownSurfaces(
-        rows=y,
-        columns=x,
-        near=np.nan_to_num(near),
-        far=np.nan_to_num(np.fmin(near, far)),
-        coverage=matte[y, x],
+    kept = near > far  # nor where either is unknown
+    return KnownSurfaces(
+        rows=y[kept], columns=x[kept], near=near[kept], far=far[kept], coverage=matte[y, x][kept]
     )
-    return found.taken(near > far)
 
 
 def _nearest_mean(

@@ -27,6 +27,7 @@ from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.window import Window
 from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.supersampling import reduce_fine
+from bokehnet.rendering.edge_knowledge import matte_surfaces
 from tests.unit.io.exr_files import write_deep, write_exr
 from train.evaluation_sets import path_traced_shots
 from train.metrics import compare
@@ -145,6 +146,12 @@ def test_a_matte_puts_the_edge_where_it_is(shift):
     with_matte = inner_error(rendered(make_scene(small, source, matte=matte)), truth)
     without = inner_error(rendered(make_scene(small, source)), truth)
     assert with_matte < (0.01 if shift == 0 else 0.3 * without)
+
+
+def test_a_matte_that_is_nowhere_all_front_is_of_no_edge():
+    """Nothing tells what the front is then; seen as an error where the map was above 0."""
+    soft = np.tile(np.linspace(0, 0.9, WIDTH, dtype=np.float32), (HEIGHT, 1))
+    assert len(matte_surfaces(soft, np.full((HEIGHT, WIDTH), 0.5, np.float32)).rows) == 0
 
 
 def test_a_matte_of_nothing_and_of_everything_changes_nothing():
