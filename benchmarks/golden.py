@@ -158,6 +158,7 @@ RENDERS: dict[str, tuple[str, ...]] = {
         "out.png",
     ),
     "supersampled": (*_LARGE, "--supersampled", "4", "-o", "out.png"),
+    "large_discs": (*_PHOTO, "--blur", "200", "--focus", "0.46", "-o", "out.png"),
     "matte": (*_BASE, "--matte", "matte.png", "-o", "out.png"),
     "sequence": (
         *("frame.####.exr", "--depth", "frame.####.exr", "-o", "out.####.exr", "--frames", "1-3", *_LENS),

@@ -159,7 +159,11 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
     far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
     kept = near > far  # nor where either is unknown
     return KnownSurfaces(
-        rows=y[kept], columns=x[kept], near=near[kept], far=far[kept], coverage=matte[y, x][kept]
+        rows=y[kept],
+        columns=x[kept],
+        near=near[kept].astype(np.float32),
+        far=far[kept].astype(np.float32),
+        coverage=matte[y, x][kept],
     )
 
 
