@@ -145,6 +145,21 @@ RENDERS: dict[str, tuple[str, ...]] = {
     "phone_relative": ("portrait.jpg", "-o", "out.png", "--blur", "20"),
     "strips": (*_LARGE, "--max-memory", "604M", "-o", "out.png"),
     "strips_hybrid": (*_LARGE, "--engine", "hybrid", "--max-memory", "604M", "-o", "out.png"),
+    "soft_map": ("photo.png", "--disparity", "soft.png", "--blur", "24", "--focus", "0.46", "-o", "out.png"),
+    "wide": (
+        "wide.png",
+        "--disparity",
+        "wide_map.png",
+        "--blur",
+        "8",
+        "--focus",
+        "0.4",
+        "-o",
+        "out.png",
+    ),
+    "supersampled": (*_LARGE, "--supersampled", "4", "-o", "out.png"),
+    "large_discs": (*_PHOTO, "--blur", "200", "--focus", "0.46", "-o", "out.png"),
+    "matte": (*_BASE, "--matte", "matte.png", "-o", "out.png"),
     "sequence": (
         *("frame.####.exr", "--depth", "frame.####.exr", "-o", "out.####.exr", "--frames", "1-3", *_LENS),
         *("--focus-from", "1.2", "--focus-to", "4", "--engine", "scatter", "--grain", "400"),
@@ -362,6 +377,14 @@ def make_inputs(folder: Path) -> None:
     _store(folder / "large.png", large, "uint8")
     _store(folder / "large_disparity.png", map_of_large, "uint16")
     _store(folder / "inverted.png", 65535 - disparity[::2, ::2], "uint16")
+    soft = disparity.astype(np.float64)
+    for axis in (0, 1):
+        soft = np.mean([np.roll(soft, shift, axis) for shift in range(-4, 5)], 0)
+    _store(folder / "soft.png", soft.astype(np.uint16), "uint16")
+    _store(folder / "wide.png", np.tile(photo[100:196], (1, 2200 // photo.shape[1] + 1, 1)), "uint8")
+    map_of_wide = np.tile(soft[100:196].astype(np.uint16), (1, 2200 // photo.shape[1] + 1, 1))
+    _store(folder / "wide_map.png", map_of_wide, "uint16")
+    _store(folder / "matte.png", (255 * np.clip(soft / 32768 - 0.5, 0, 1)).astype(np.uint8), "uint8")
     y, x = np.mgrid[-1:1:64j, -1:1:64j]
     star = (np.hypot(x, y) < 0.6 + 0.3 * np.cos(5 * np.arctan2(y, x)))[..., None]
     _store(folder / "star.png", 255 * star.astype(np.uint8), "uint8")

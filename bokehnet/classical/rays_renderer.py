@@ -17,6 +17,7 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
 from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
+from bokehnet.classical.layered.large_discs import LARGE, all_blurred, halved, lay_over
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.mixed_pixels import told_of
 from bokehnet.classical.layered.ray_marching import SETS, march
@@ -227,16 +228,36 @@ def _render(
             disocclusion_weight=np.zeros_like(error_map),
         )
     faintest = 0.0 if lens is None else _FAINTEST
+    at_half = radius > LARGE and lens is None and strip is None
     mixed = None
     if layers is None:
         stack, mixed = split_picture(image, defocus, ray_reach, pixel_filter, known)
     else:
         stack = layers
+    large = all_blurred(stack.defocus) & rays_mask if at_half else np.zeros_like(rays_mask)
+    coarse_scene = halved(image, defocus, stack) if large.any() else None
     rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     tell(1, 1)
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
+    coarse, share_of_coarse = None, 0.0
+    if coarse_scene is not None:
+        share_of_coarse = 0.25 * np.count_nonzero(rays_mask) / (np.count_nonzero(rays_mask & ~large) + 1)
+        share_of_coarse = min(share_of_coarse / (1 + share_of_coarse), 0.9)
+        small, small_defocus, small_layers = coarse_scene
+        coarse = _render(
+            small,
+            small_defocus,
+            aperture,
+            seed=seed,
+            layers=small_layers,
+            place=Place(*(side // 2 for side in place)),
+            progress=lambda share: tell(2, share_of_coarse * share),
+            rays_share=rays_share,
+        )
+        del coarse_scene, small, small_layers
+        rays_mask &= ~large
     bins = occupied_bins(cells, *footprint)
     march(
         colors,
@@ -253,7 +274,7 @@ def _render(
         above=above,
         place=place,
         usual=round(rays_share * (_COLORED_RAYS if colored else _RAYS)),
-        progress=lambda share: tell(2, share),
+        progress=lambda share: tell(2, share_of_coarse + (1 - share_of_coarse) * share),
     )
     add_lights(
         lights,
@@ -268,6 +289,10 @@ def _render(
     )
     with parallel_region:
         _blend(smooth, rays_weight, rays_mask, result)
+    if coarse is not None:
+        assert coarse.disocclusion_weight is not None
+        lay_over(coarse.bokeh, large, result)
+        lay_over(coarse.disocclusion_weight[..., None], large, disocclusion_weight[..., None])
     occluded_background = np.ascontiguousarray(colors[:, :, -1])
     return ClassicalResult(
         bokeh=result,

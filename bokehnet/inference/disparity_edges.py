@@ -84,6 +84,11 @@ def repair_soft_edges(disparity: np.ndarray) -> np.ndarray:
     return make_in_row_blocks(make, disparity.shape, np.float32)
 
 
-def sharpen_if_soft(disparity: np.ndarray) -> np.ndarray:
-    """The map itself, or where many of its steps are soft, with all of them sharp; (H, W), any unit."""
-    return repair_soft_edges(disparity) if soft_edge_fraction(disparity) > _SOFT else disparity
+def sharpen_if_soft(disparity: np.ndarray, fraction: float) -> np.ndarray:
+    """The map itself, or where many of its steps are soft, with all of them sharp.
+
+    Args:
+        disparity: (H, W), any unit.
+        fraction: From :func:`soft_edge_fraction`.
+    """
+    return repair_soft_edges(disparity) if fraction > _SOFT else disparity

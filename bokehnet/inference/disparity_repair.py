@@ -1,6 +1,6 @@
 """Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -16,7 +16,7 @@ from bokehnet.inference.disparity_edges import (
     sharpen_if_soft,
     soft_edge_fraction,
 )
-from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
+from bokehnet.inference.disparity_tiles import BLOCK, FRUGAL_TILE, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.memory import give_back
@@ -119,8 +119,8 @@ class RepairedMap:
 
 
 def network_memory(height: int, width: int) -> int:
-    """Bytes that the network takes while it looks at a picture of that size."""
-    return _NETWORK_BYTES * min(height * width, TILE)
+    """Bytes that the network takes while it looks at a picture of that size and is to be frugal."""
+    return _NETWORK_BYTES * min(height * width, FRUGAL_TILE)
 
 
 class _Work:
@@ -129,9 +129,11 @@ class _Work:
     Args:
         shapes: Of the picture at each size, (3, H, W), the largest first.
         progress: Is told of it.
+        tile: Most pixels that the network sees at once.
     """
 
-    def __init__(self, shapes: Sequence[tuple[int, ...]], progress: Progress | None) -> None:
+    def __init__(self, shapes: Sequence[tuple[int, ...]], progress: Progress | None, tile: int) -> None:
+        self.tile = tile
         self._costs = [
             height * width * (1 if max(height, width) > _NETWORK_SIDE and at + 1 < len(shapes) else _COSTLY)
             for at, (_, height, width) in enumerate(shapes)
@@ -176,6 +178,7 @@ class DisparityRepair:
         disparity: npt.NDArray[np.floating],
         mode: RepairMode = "on",
         progress: Progress | None = None,
+        frugal: bool = False,
     ) -> RepairedMap:
         """Move the edges of a map to where the picture has them, and say whether it was done.
 
@@ -189,6 +192,7 @@ class DisparityRepair:
             mode: "on"; "auto" returns the map as it is where nearly all of its steps stand right already;
                 "off" always does.
             progress: Called with (steps done, steps in all); what it raises ends the repair.
+            frugal: Whether it takes less memory and up to a sixth more time.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -203,7 +207,8 @@ class DisparityRepair:
         if span == 0 or mode == "off":
             reason = "switched off" if mode == "off" else "the map is constant"
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
-        start = sharpen_if_soft(disparity)
+        softness = soft_edge_fraction(disparity)
+        start = sharpen_if_soft(disparity, softness)
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
@@ -211,12 +216,12 @@ class DisparityRepair:
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason="its edges stand right")
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
-        work = _Work([x.shape for x in sizes], progress)
+        work = _Work([x.shape for x in sizes], progress, FRUGAL_TILE if frugal else TILE)
         large = len(sizes) > 1
         shift, smallest = self._edge_bias(sizes, start, span, work)
         maps = [shift_edges(start, shift)]
         del start
-        soft = soft_steps(disparity) if soft_edge_fraction(disparity) > _RAMPS else None
+        soft = soft_steps(disparity) if softness > _RAMPS else None
         repaired = self._repair(sizes, maps, span, work, None if shift else smallest, soft)
         if large:
             self._give_back()
@@ -249,7 +254,7 @@ class DisparityRepair:
         """
         for _ in sizes[1:]:
             disparity = _half_map(disparity)
-        repaired, found = self._look(sizes[-1], disparity, span, lambda share: work.report(0, share))
+        repaired, found = self._look(sizes[-1], disparity, span, work, 0)
         if stands_right(found):
             return 0, repaired
         disparity = pad_to_multiple(disparity, BLOCK)
@@ -296,7 +301,7 @@ class DisparityRepair:
         image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
         too_large = max(height, width) > _NETWORK_SIDE
-        sizes_below = bool(sizes)
+        repaired = None if sizes else smallest
         if sizes:
             small = _half_map(disparity)
             below = _half_mask(soft) if soft is not None and too_large else None
@@ -309,15 +314,14 @@ class DisparityRepair:
                 aligned = align_steps(image.transpose(1, 2, 0), disparity, STEP * span)
                 work.report(number, 1)
                 return aligned
-        repaired = smallest if not sizes_below else None
         if repaired is None:
-            repaired, _ = self._look(image, disparity, span, lambda share: work.report(number, share))
+            repaired, _ = self._look(image, disparity, span, work, number)
         if soft is None:
             return repaired
         return settle_soft_steps(image.transpose(1, 2, 0), repaired, soft, span)
 
     def _look(
-        self, image: np.ndarray, disparity: np.ndarray, span: float, report: Callable[[float], None]
+        self, image: np.ndarray, disparity: np.ndarray, span: float, work: "_Work", number: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Let the network look wherever there are steps.
 
@@ -325,7 +329,8 @@ class DisparityRepair:
             image: (3, H, W).
             disparity: (H, W).
             span: Of the whole map.
-            report: Is told which share is done.
+            work: Is told which share is done.
+            number: Of the sizes below this one.
 
         Returns:
             The repaired map, (H, W), and the votes, (4,).
@@ -333,9 +338,9 @@ class DisparityRepair:
         height, width = disparity.shape
         disparity = pad_to_multiple(disparity, BLOCK)
         result, votes = disparity.copy(), np.zeros(4)
-        tiles = [*repair_tiles(_step_sizes(disparity) > STEP * span)]
+        tiles = [*repair_tiles(_step_sizes(disparity) > STEP * span, work.tile)]
         for done, tile in enumerate(tiles):
-            report(done / len(tiles))
+            work.report(number, done / len(tiles))
             rows, columns = tile
             top, left = max(0, rows.start - HALO), max(0, columns.start - HALO)
             window = (slice(top, rows.stop + HALO), slice(left, columns.stop + HALO))
@@ -344,7 +349,7 @@ class DisparityRepair:
             result[tile] = repaired[
                 rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
             ]
-        report(1)
+        work.report(number, 1)
         return np.ascontiguousarray(crop_to(result, height, width)), votes
 
 

@@ -5,7 +5,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-__all__ = ["BLOCK", "HALO", "TILE", "repair_tiles"]
+__all__ = ["BLOCK", "FRUGAL_TILE", "HALO", "TILE", "repair_tiles"]
 
 # The network halves its input three times.
 BLOCK = 8
@@ -14,23 +14,27 @@ BLOCK = 8
 # size, seven at a quarter, five at an eighth.
 HALO = 112
 
-# Most pixels that the network sees at once, halos and all.
-TILE = 1000 * 1000
+# Most pixels that the network sees at once, halos and all; and where memory is bounded. What halos share is
+# seen twice.
+TILE = 1600 * 1000
+FRUGAL_TILE = 1000 * 1000
 
 # Tiles along a side at most: parts of 256 pixels of the largest maps that the network sees.
 _MOST = 8
 
 
-def repair_tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
+def repair_tiles(busy: np.ndarray, most: int) -> Iterator[tuple[slice, slice]]:
     """Cut a map into tiles around the blocks that are ``busy``.
 
     Args:
         busy: Which blocks of ``BLOCK`` pixels hold steps, (H / 8, W / 8) bool; at most 256 along a side.
+        most: Pixels of a tile with its halos.
 
     Yields:
         Rows and columns, pixels, of the rectangle that holds what is busy in a tile, without halos.
     """
-    for down, across in product(*_cut(*busy.shape)):
+    height, width = busy.shape
+    for down, across in product(*_cut(height, width, most)):
         part = busy[down, across]
         rows, columns = np.flatnonzero(part.any(1)), np.flatnonzero(part.any(0))
         if len(rows):
@@ -42,13 +46,13 @@ def repair_tiles(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
             )
 
 
-def _cut(rows: int, columns: int) -> tuple[list[slice], list[slice]]:
+def _cut(rows: int, columns: int, most: int) -> tuple[list[slice], list[slice]]:
     """Tiles of like size that fit with halos, in blocks; of all ways the one in which they see least."""
     ways = []
     for count_down, count_across in product(range(1, _MOST + 1), repeat=2):
         down, across = _parts(rows, count_down), _parts(columns, count_across)
         heights, widths = _seen(down, rows), _seen(across, columns)
-        if max(heights) * max(widths) * BLOCK**2 <= TILE:
+        if max(heights) * max(widths) * BLOCK**2 <= most:
             ways.append((sum(heights) * sum(widths), down, across))
     _, down, across = min(ways, key=lambda way: way[0])
     return down, across

@@ -96,12 +96,28 @@ class _Stage(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """(B, in_channels, H, W) to (B, width, H / stride, W / stride)."""
-        entered = self.enter(features)
+        return self.after_entering(self.enter(features))
+
+    def after_entering(self, entered: Tensor) -> Tensor:
+        """The same from what :attr:`enter` gives."""
         # Without a common scale of the features this network is not stable to train; per pixel, so that tiles
         # give what the whole picture gives.
         scale = torch.rsqrt(entered.square().mean(dim=1, keepdim=True) + _SMALL)
         result: Tensor = self.blocks(entered * scale)
         return result
+
+
+def convolve_unshuffled(layer: nn.Conv2d, features: Tensor) -> Tensor:
+    """What a 3x3 convolution makes of ``F.pixel_unshuffle(features, 2)``, without shuffling a pixel.
+
+    It is a convolution of 6x6 pixels, two pixels on each time.
+
+    Args:
+        layer: From 4 C channels, with a padding of 1.
+        features: (B, C, H, W), sides even.
+    """
+    weight = layer.weight.unflatten(1, (-1, 2, 2)).permute(0, 1, 4, 2, 5, 3).flatten(4).flatten(2, 3)
+    return F.conv2d(features, weight, layer.bias, stride=2, padding=2)
 
 
 def _double(features: Tensor) -> Tensor:
@@ -134,7 +150,13 @@ class UNet(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Map half-size features to full-size outputs."""
-        fine = self.fine(features)
+        return self._rest(self.fine(features))
+
+    def from_full_size(self, features: Tensor) -> Tensor:
+        """The same from (B, in_channels / 4, H, W), as from their pixel unshuffle by 2."""
+        return self._rest(self.fine.after_entering(convolve_unshuffled(self.fine.enter, features)))
+
+    def _rest(self, fine: Tensor) -> Tensor:
         middle = self.middle(fine)
         coarse = self.coarse(middle)
         middle = self.rise_middle(torch.cat([_double(coarse), middle], dim=1))

@@ -93,7 +93,9 @@ def likeness(colors: Tensor, relative: Tensor, cell: int) -> Tensor:
     squares = []
     for side in (share, 1 - share):
         weight = side**_PURITY
-        sums = F.avg_pool2d(torch.cat([weight * small, weight], dim=1), 5, 1, padding=2)
+        # Along rows, then columns, which is 2.5 times as fast.
+        across = F.avg_pool2d(torch.cat([weight * small, weight], dim=1), (1, 5), 1, padding=(0, 2))
+        sums = F.avg_pool2d(across, (5, 1), 1, padding=(2, 0))
         mean = sums[:, :3] / (sums[:, 3:] + 1e-3)
         difference = colors - F.interpolate(mean, scale_factor=cell, mode="nearest")
         squares.append(difference.square().mean(dim=1, keepdim=True))
@@ -134,7 +136,7 @@ class RepairNet(nn.Module):
         alike = [likeness(colors, own, cell) for cell in self.config.color_cells]
         features = torch.cat([colors, *relative, strength, *alike], dim=1)
         before = torch.logit(own, _SURE)
-        return before, before + self.unet(F.pixel_unshuffle(features, 2)).float(), low, high
+        return before, before + self.unet.from_full_size(features).float(), low, high
 
     def forward(self, image: Tensor, disparity: Tensor, span: Tensor) -> tuple[Tensor, Tensor]:
         """Return the repaired disparity, and votes on where it stands as it is."""

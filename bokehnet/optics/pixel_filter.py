@@ -98,6 +98,25 @@ class PixelFilter:
         half: Array = _HALVES[self.name](np.abs(t)) / _HALVES[self.name](np.ones(1))[0]
         return 0.5 + 0.5 * np.sign(t) * half
 
+    def fine_weights(self, factor: int) -> Array:
+        """What it weighs at the middles of finer pixels, (n,), centred on a pixel; the sum is 1.
+
+        Finer pixels are means themselves. So these draw edges as the filter does where integrals over them
+        would draw them wider. A filter that is narrower than two finer pixels is taken to be that wide.
+
+        Args:
+            factor: Fine pixels along the side of a pixel.
+
+        Examples:
+            >>> PixelFilter("box", 1).fine_weights(2), PixelFilter("box", 1.5).fine_weights(2).round(3)
+            (array([0.5, 0.5]), array([0.167, 0.333, 0.333, 0.167]))
+        """
+        beyond = max(0, math.floor((self.extent - 0.5) * factor + 0.5 + 1e-9))
+        middles = (np.arange(-beyond, factor + beyond) + 0.5) / factor - 0.5
+        found = _SHAPES[self.name](np.abs(middles) / max(self.extent, 1 / factor))
+        weights: Array = found / found.sum()
+        return weights
+
     def weights(self) -> Array:
         """Integrals over the pixel in the middle and its neighbours; their sum is 1.
 
@@ -110,11 +129,22 @@ class PixelFilter:
         return weights
 
 
+# The mean of the Blackman-Harris window and its terms.
+_MEAN, _TERMS = 0.35875, ((0.48829, 1), (0.14128, 2), (0.01168, 3))
+
+
+def _window(t: Array) -> Array:
+    """The Blackman-Harris window, its end at 1."""
+    total = np.full_like(t, _MEAN)
+    for weight, k in _TERMS:
+        total += weight * np.cos(np.pi * k * t)
+    return total
+
+
 def _half_window(t: Array) -> Array:
-    """Integral of the Blackman-Harris window from 0 to t, its end at 1."""
-    terms = ((0.48829, 1), (0.14128, 2), (0.01168, 3))
-    total = 0.35875 * t
-    for weight, k in terms:
+    """Its integral from 0 to t."""
+    total = _MEAN * t
+    for weight, k in _TERMS:
         total = total + weight * np.sin(np.pi * k * t) / (np.pi * k)
     return total
 
@@ -123,6 +153,12 @@ def _half_gaussian(t: Array) -> Array:
     """Integral of exp(-2 t^2) from 0 to t but for its factor."""
     flat = [math.erf(math.sqrt(2.0) * value) for value in t.ravel()]
     return np.array(flat, np.float64).reshape(t.shape)
+
+
+def _cubic(t: Array) -> Array:
+    """Mitchell's cubic, its end at 1."""
+    x = 2.0 * t
+    return np.where(x < 1, (7 * x - 12) * x**2 + 16 / 3, ((-7 / 3 * x + 12) * x - 20) * x + 32 / 3)
 
 
 def _half_cubic(t: Array) -> Array:
@@ -141,6 +177,15 @@ _HALVES = {
     "blackman-harris": _half_window,
     "gaussian": _half_gaussian,
     "mitchell": _half_cubic,
+}
+
+# The filters themselves but for a factor, by the distance as a share of their extent, in arrays that go no
+# farther than 1.
+_SHAPES = {
+    "box": lambda t: np.where(t < 1 - 1e-9, 1.0, 0.5),
+    "blackman-harris": _window,
+    "gaussian": lambda t: np.exp(-2 * t * t),
+    "mitchell": _cubic,
 }
 
 # Where nothing tells another one.

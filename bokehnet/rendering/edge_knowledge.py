@@ -9,6 +9,7 @@ import numpy.typing as npt
 from bokehnet.checks import check_finite, check_map, check_same_size
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.inference.disparity_edges import extremes
 from bokehnet.io.deep import FlatPixels, two_surfaces
 from bokehnet.io.exr_header import is_exr
 from bokehnet.io.maps import depth_to_mm, read_map
@@ -150,31 +151,20 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
         >>> found.columns.tolist(), found.coverage.tolist(), found.near[0].round(2), found.far[0].round(2)
         ([0, 1, 2, 3, 4], [0.0, 0.0, 0.25, 1.0, 1.0], np.float32(0.9), np.float32(0.1))
     """
-    low, high = _extremes(matte)
+    low, high = extremes(matte, _MARGIN)
     y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
     near = _nearest_mean(disparity, low >= _FRONT, y, x)
     near = np.where(np.isnan(near), _nearest_mean(disparity, matte >= _FRONT, y, x), near)
     far = _nearest_mean(disparity, high <= _BACK, y, x)
     far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
-    found = KnownSurfaces(
-        rows=y,
-        columns=x,
-        near=np.nan_to_num(near),
-        far=np.nan_to_num(np.fmin(near, far)),
-        coverage=matte[y, x],
+    kept = near > far  # nor where either is unknown
+    return KnownSurfaces(
+        rows=y[kept],
+        columns=x[kept],
+        near=near[kept].astype(np.float32),
+        far=far[kept].astype(np.float32),
+        coverage=matte[y, x][kept],
     )
-    return found.taken(near > far)
-
-
-def _extremes(values: Array) -> tuple[Array, Array]:
-    """Lowest and highest value within the margin of each pixel."""
-    low = high = values
-    for axis in (0, 1):
-        around = [(_MARGIN, _MARGIN) if axis == i else (0, 0) for i in (0, 1)]
-        size = 2 * _MARGIN + 1
-        low = np.lib.stride_tricks.sliding_window_view(np.pad(low, around, "edge"), size, axis).min(-1)
-        high = np.lib.stride_tricks.sliding_window_view(np.pad(high, around, "edge"), size, axis).max(-1)
-    return low, high
 
 
 def _nearest_mean(

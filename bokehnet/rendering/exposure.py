@@ -11,6 +11,7 @@ from bokehnet.effects import CameraEffects, View
 from bokehnet.inference.engine import Engine, Progress
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.pixel_filter import DEFAULT_FILTER
 from bokehnet.optics.supersampling import reduce_fine
 from bokehnet.rendering import memory
 from bokehnet.rendering.look import make_highlights, picture_aberrations
@@ -107,8 +108,9 @@ def expose(
         )
     factor = scene.supersampled
     if factor > 1:
-        rendered = reduced_result(rendered, factor)
-        alpha = None if alpha is None else reduce_fine(alpha, factor)
+        told = DEFAULT_FILTER if chosen is None or chosen.confidence is not None else chosen.pixel_filter
+        rendered = reduced_result(rendered, factor, told)
+        alpha = None if alpha is None else reduce_fine(alpha, factor, told)
         defocus = reduced_defocus(defocus, factor) if keep else defocus
         scene = reduced_scene(scene, rendered.bokeh, alpha)
     bokeh, alpha = _taken(rendered.bokeh, alpha, effects, scene)

@@ -15,7 +15,9 @@ from bokehnet.classical.layered.supersampled import reduce_supersampled
 from bokehnet.inference.engine import EngineResult
 from bokehnet.io.frame import Frame
 from bokehnet.io.window import Window
+from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.supersampling import reduce_fine
+from bokehnet.pyramid import downsample2
 from bokehnet.rendering.scene import RENDERED, FocusedScene, Scene
 from bokehnet.rendering.settings import RenderSettings
 
@@ -52,7 +54,9 @@ def at_rendered_size(scene: Scene) -> Scene:
         return scene
     check_same_size("the picture", scene.image, "its map", scene.depth.values)
     image, values, known = reduce_supersampled(scene.image, scene.depth.values, factor)
-    alpha = None if scene.alpha is None else _means(scene.alpha, factor)
+    alpha = scene.alpha
+    for _ in range(factor.bit_length() - 1 if alpha is not None else 0):
+        alpha = downsample2(alpha)
     return replace(
         scene,
         image=image,
@@ -73,13 +77,6 @@ def _divided(window: Window, factor: int) -> Window:
         display_width=window.display_width // factor,
         display_height=window.display_height // factor,
     )
-
-
-def _means(values: Array, factor: int) -> Array:
-    height, width = values.shape
-    blocks = values.reshape(height // factor, factor, width // factor, factor)
-    means: Array = blocks.mean(axis=(1, 3), dtype=np.float32)
-    return means
 
 
 def in_fine_pixels(settings: RenderSettings, factor: int) -> RenderSettings:
@@ -126,26 +123,27 @@ def reduced_scene(scene: FocusedScene, bokeh: Array, alpha: Array | None) -> Foc
     return replace(scene, window=window, frame=frame)
 
 
-def reduced_result(rendered: EngineResult, factor: int) -> EngineResult:
+def reduced_result(rendered: EngineResult, factor: int, pixel_filter: PixelFilter) -> EngineResult:
     """What an engine gave, filtered down to the size of the result.
 
     Examples:
         >>> from bokehnet.inference.engine import Engine
         >>> rendered = Engine("scatter").render(np.ones((8, 8, 3)), np.full((8, 8), 4.0))
-        >>> small = reduced_result(rendered, 2)
+        >>> small = reduced_result(rendered, 2, PixelFilter("box", 1))
         >>> small.bokeh.shape, small.largest_blur
         ((4, 4, 3), 2.0)
     """
-    bokeh = reduce_fine(rendered.bokeh, factor)
+    bokeh = reduce_fine(rendered.bokeh, factor, pixel_filter)
     classical = rendered.classical
     if classical is not None:
-        classical = bokeh if classical is rendered.bokeh else reduce_fine(classical, factor)
+        classical = bokeh if classical is rendered.bokeh else reduce_fine(classical, factor, pixel_filter)
+    neural = rendered.neural
     return replace(
         rendered,
         bokeh=bokeh,
         classical=classical,
-        neural=None if rendered.neural is None else reduce_fine(rendered.neural, factor),
-        error_map=reduce_fine(rendered.error_map, factor),
+        neural=None if neural is None else reduce_fine(neural, factor, pixel_filter),
+        error_map=reduce_fine(rendered.error_map, factor, pixel_filter),
         largest_blur=rendered.largest_blur / factor,
     )
 

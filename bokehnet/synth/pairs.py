@@ -8,6 +8,7 @@ import numpy as np
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import LensModel, ThinLens
+from bokehnet.optics.supersampling import reduce_fine
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.synth.baked_scene import View
 from bokehnet.synth.clutter import random_clutter
@@ -15,7 +16,7 @@ from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.lamps import add_lamps
 from bokehnet.synth.scenes import random_scene
 from bokehnet.synth.shards import TrainingSample
-from bokehnet.synth.subpixel import draw_pixel_filter, filter_pixels
+from bokehnet.synth.subpixel import draw_pixel_filter
 from bokehnet.synth.surface_textures import MIDDLE_GREY
 from bokehnet.synth.training_lenses import make_training_lens
 
@@ -78,7 +79,7 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
     image = render_all_in_focus(scene, fine_camera, config.image_samples, int(seeds[0])).numpy()
     fine_disparity = np.zeros((0, 0), np.float32)
     if config.fine:
-        image = filter_pixels(image, config.fine, draw_pixel_filter(config.fine, rng))
+        image = reduce_fine(image, config.fine, draw_pixel_filter(rng))
         fine_disparity = render_disparity(scene, fine_camera).numpy() * np.float32(config.nearest_distance)
     brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
     samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
@@ -114,7 +115,7 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
     inverse_depth = clutter.scene.disparity(pinhole, _view(config, 1, 0))
     fine_depth = np.zeros((0, 0), np.float32)
     if config.fine:
-        image = filter_pixels(image, config.fine, draw_pixel_filter(config.fine, rng))
+        image = reduce_fine(image, config.fine, draw_pixel_filter(rng))
         fine_depth = clutter.scene.disparity(pinhole, _view(finer, 1, 0))
     nearest = rng.uniform(*_NEAREST) / max(float(inverse_depth.max()), 1e-9)
     scaled = replace(config, nearest_distance=float(nearest))

@@ -57,6 +57,14 @@ def _templates() -> Array:
     return templates
 
 
+@cache
+def _span() -> Array:
+    """Directions that span the templates, (k, profile)."""
+    _, lengths, directions = np.linalg.svd(_templates(), full_matrices=False)
+    span: Array = directions[lengths > 1e-9 * lengths[0]]
+    return span
+
+
 def _along_rows(light: npt.NDArray[np.float32], least: float, clipped: float) -> Array:
     """Widths of the clear edges that rows cross, (N,), pixels of a Gaussian filter.
 
@@ -66,29 +74,32 @@ def _along_rows(light: npt.NDArray[np.float32], least: float, clipped: float) ->
     if height < 3 or width < 2 * _HALF + 3:
         return np.empty(0)
     across = light[1:-1, _HALF + 1 : width - _HALF + 1] - light[1:-1, _HALF - 1 : width - _HALF - 1]
-    step = light[1:-1, 2 * _HALF :] - light[1:-1, : -2 * _HALF]
-    total = light[1:-1, 2 * _HALF :] + light[1:-1, : -2 * _HALF]
-    clear = (np.abs(step) > _CONTRAST * total) & (np.abs(step) > least)
-    clear &= np.abs(across) > 0.3 * np.abs(step)
-    rows, columns = np.nonzero(clear)
-    if len(rows) > _MOST:
-        kept = np.linspace(0, len(rows) - 1, _MOST).astype(int)
-        rows, columns = rows[kept], columns[kept]
-    rows, columns = rows + 1, columns + _HALF
-    offsets = np.arange(-_HALF, _HALF + 1)
-    profiles = light[rows[:, None], columns[:, None] + offsets].astype(np.float64)
-    is_clipped = profiles.max(1) >= clipped
-    profiles *= np.sign(profiles[:, -1] - profiles[:, 0])[:, None]
-    profiles -= profiles.mean(1, keepdims=True)
-    length = np.linalg.norm(profiles, axis=1)
-    likeness = profiles @ _templates().T / length[:, None]
-    best = likeness.argmax(1)
-    place = _PLACES[best % len(_PLACES)]
+    before, after = light[1:-1, : -2 * _HALF], light[1:-1, 2 * _HALF :]
+    step = np.abs(after - before)
+    clear = (step > _CONTRAST * (after + before)) & (step > least)
+    clear &= np.abs(across) > 0.3 * step
+    places = np.flatnonzero(clear)
+    if len(places) > _MOST:
+        places = places[np.linspace(0, len(places) - 1, _MOST).astype(int)]
+    rows, columns = places // clear.shape[1] + 1, places % clear.shape[1] + _HALF
     down = light[rows + 1, columns] - light[rows - 1, columns]
     right = light[rows, columns + 1] - light[rows, columns - 1]
     slope = np.abs(down / np.where(right == 0, 1, right))
-    kept = (np.sqrt(np.maximum(1 - likeness.max(1) ** 2, 0)) < _FIT) & (slope < _SLOPE)
-    kept &= (np.abs(place) < 0.5) & ~is_clipped
+    offsets = np.arange(-_HALF, _HALF + 1)
+    profiles = light[rows[:, None], columns[:, None] + offsets].astype(np.float64)
+    kept = (slope < _SLOPE) & (profiles.max(1) < clipped)
+    profiles, slope = profiles[kept], slope[kept]
+    profiles *= np.sign(profiles[:, -1] - profiles[:, 0])[:, None]
+    profiles -= profiles.mean(1, keepdims=True)
+    profiles /= np.linalg.norm(profiles, axis=1, keepdims=True)
+    # What lies far from all that templates span is like none of them.
+    within = np.einsum("ij,kj->ik", profiles, _span())  # where BLAS would wake its threads for little
+    near = 1 - (within**2).sum(1) < 1.001 * _FIT**2
+    profiles, slope = profiles[near], slope[near]
+    likeness = profiles @ _templates().T
+    best = likeness.argmax(1)
+    place = _PLACES[best % len(_PLACES)]
+    kept = (np.sqrt(np.maximum(1 - likeness.max(1) ** 2, 0)) < _FIT) & (np.abs(place) < 0.5)
     return np.asarray(_WIDTHS[best // len(_PLACES)] / np.hypot(1, slope))[kept]
 
 
@@ -98,7 +109,7 @@ def edge_widths(image: npt.NDArray[np.floating]) -> Array:
     Args:
         image: Scene-linear, (H, W, 3).
     """
-    light = np.asarray(image, np.float32).mean(axis=2)
+    light = np.asarray(image, np.float32) @ np.full(3, 1 / 3, np.float32)
     brightest = float(np.quantile(light[:: max(1, len(light) // 500)], 0.999))
     clipped = _CLIPPED if image.max() <= 1 + 1e-4 else math.inf
     least = _LEAST_STEP * min(brightest, 1.0)

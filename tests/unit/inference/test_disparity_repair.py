@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import maximum_filter
 
 from bokehnet.errors import ModelFileError, ParameterError, ShapeError
-from bokehnet.inference import disparity_repair, disparity_tiles
+from bokehnet.inference import disparity_repair
 from bokehnet.inference.disparity_repair import DisparityRepair, misplaced_edge_fraction
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.models.repair import RepairNet, RepairNetConfig
@@ -60,8 +60,8 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     image, disparity = scene(320, 400)
     repair = DisparityRepair(untrained[0])
     whole = repair(image, disparity)
-    monkeypatch.setattr(disparity_tiles, "TILE", 288 * 288)
-    near = np.abs(repair(image, disparity) - whole)
+    monkeypatch.setattr(disparity_repair, "FRUGAL_TILE", 288 * 288)
+    near = np.abs(repair.repair(image, disparity, frugal=True).disparity - whole)
     assert_allclose(near, 0, atol=1e-5)
     assert np.abs(whole - disparity).max() > 0.1
 

@@ -75,6 +75,16 @@ def test_features_keep_their_size_through_a_fresh_unet():
         assert 0.3 < min(sizes) < max(sizes) < 3
 
 
+def test_a_unet_takes_full_size_features_as_it_takes_unshuffled_ones():
+    torch.manual_seed(0)
+    network = UNet(4 * 3, 1, (8, 12, 16)).double().eval()
+    nn.init.normal_(network.head.weight)
+    features = torch.rand(2, 3, 24, 32, dtype=torch.float64)
+    wanted = network(nn.functional.pixel_unshuffle(features, 2))
+    torch.testing.assert_close(network.from_full_size(features), wanted, rtol=1e-10, atol=1e-10)
+    assert wanted.abs().max() > 0.1
+
+
 def test_a_unet_takes_the_place_of_the_row_of_blocks():
     network = ARNet(ARNetConfig(unet=(8, 12, 16), see_features=True)).eval()
     image, defocus, classical = inputs(24, 32)

@@ -56,6 +56,28 @@ def test_integrals_are_those_of_quadrature(name, width):
     assert abs(wanted[:outer]).sum() < 0.02
 
 
+@pytest.mark.parametrize("factor", [2, 3, 4])
+@pytest.mark.parametrize(
+    ("name", "width"), [("box", 1.0), ("blackman-harris", 1.5), ("gaussian", 2.4), ("mitchell", 4.0)]
+)
+def test_weights_of_finer_pixels_are_the_filter_at_their_middles(name, width, factor):
+    weights = PixelFilter(name, width).fine_weights(factor)
+    middles = (np.arange(len(weights)) - (len(weights) - 1) / 2) / factor
+    wanted = published(name, width, middles)
+    np.testing.assert_allclose(weights, wanted / wanted.sum(), atol=1e-12)
+    one_further = published(name, width, middles[-1] + 1 / factor)
+    assert abs(one_further) < 1e-12
+
+
+@pytest.mark.parametrize("name", ["box", "blackman-harris", "gaussian", "mitchell"])
+@pytest.mark.parametrize("factor", [1, 2, 3, 4])
+def test_narrow_filters_weigh_finer_pixels_too(name, factor):
+    weights = PixelFilter(name, 0.05).fine_weights(factor)
+    assert len(weights) == factor
+    assert weights.sum() == pytest.approx(1)
+    np.testing.assert_array_equal(weights, weights[::-1])
+
+
 def test_the_filter_of_blender_over_its_pixels():
     """What the quadrature of the window over [-1.5, 1.5] gives, to four digits."""
     np.testing.assert_allclose(parse_pixel_filter("blender").weights(), [0.1186, 0.7628, 0.1186], atol=5e-5)

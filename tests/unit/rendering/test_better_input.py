@@ -25,7 +25,9 @@ from bokehnet import (
 from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, ShapeError
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.window import Window
+from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.supersampling import reduce_fine
+from bokehnet.rendering.edge_knowledge import matte_surfaces
 from tests.unit.io.exr_files import write_deep, write_exr
 from train.evaluation_sets import path_traced_shots
 from train.metrics import compare
@@ -87,6 +89,16 @@ def test_a_supersampled_edge_is_nearer_to_the_truth(factor, near, far):
     assert error < inner_error(rendered(plain), truth) + 0.005 * (factor == 2 and near == 0) + 0.0005
 
 
+def test_a_filter_that_is_told_makes_the_pixels_of_the_result():
+    """In focus all is the fine picture through that filter."""
+    rng = np.random.default_rng(0)
+    image = rng.random((2 * HEIGHT, 2 * WIDTH, 3), dtype=np.float32)
+    scene = make_scene(image, DefocusMap(map=np.zeros((2 * HEIGHT, 2 * WIDTH))), supersampled=2)
+    told = DepthSettings(pixel_filter="gaussian:2.6")
+    found = BokehRenderer("rays").render(scene, RenderSettings(depth=told)).bokeh
+    np.testing.assert_allclose(found, reduce_fine(image, 2, PixelFilter("gaussian", 2.6)), atol=2e-6)
+
+
 def test_blur_and_focus_are_told_in_pixels_of_the_result():
     """A map, its focus and its blur mean the same at all sizes."""
     off = DepthSettings(repair="off")
@@ -134,6 +146,12 @@ def test_a_matte_puts_the_edge_where_it_is(shift):
     with_matte = inner_error(rendered(make_scene(small, source, matte=matte)), truth)
     without = inner_error(rendered(make_scene(small, source)), truth)
     assert with_matte < (0.01 if shift == 0 else 0.3 * without)
+
+
+def test_a_matte_that_is_nowhere_all_front_is_of_no_edge():
+    """Nothing tells what the front is then; seen as an error where the map was above 0."""
+    soft = np.tile(np.linspace(0, 0.9, WIDTH, dtype=np.float32), (HEIGHT, 1))
+    assert len(matte_surfaces(soft, np.full((HEIGHT, WIDTH), 0.5, np.float32)).rows) == 0
 
 
 def test_a_matte_of_nothing_and_of_everything_changes_nothing():
