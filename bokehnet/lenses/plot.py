@@ -49,7 +49,7 @@ def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings:
     pupil = 1.5 * lens.thick.pupil_radius * radii
     origin = np.stack([pupil * np.cos(angles), pupil * np.sin(angles)], -1)
     ideal = np.array([-sensor_radius, 0.0])
-    slope = -ideal / lens.thick.sensor_distance - origin / lens.focus_distance
+    slope = -ideal / lens.sensor_distance - origin / lens.focus_distance
     xy, passes = lens.trace_to_sensor(Rays(origin=origin, slope=slope), wavelength)
     return np.asarray((xy - ideal)[passes])
 

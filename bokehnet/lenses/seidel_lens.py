@@ -165,7 +165,7 @@ def reduce_lens(
     design = lens.paraxial.entrance
     distance = entrance.position - design.position
     marginal_place, chief_place = radius + distance * marginal_slope, distance * chief_slope
-    scale = lens.thick.sensor_distance / corner
+    scale = lens.sensor_distance / corner
     nearness = 1 / lens.focus_distance
     rise, tilt = _light(gauss, SeidelCoefficients.from_sums(rear, -lagrange), lens.sensor_position, corner)
 

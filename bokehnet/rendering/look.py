@@ -229,6 +229,7 @@ def prescription_lens(
             focal_length=focal_length,
             f_number=f_number if settings.f_number is None else settings.f_number,
             focus_distance=distance,
+            focusing=settings.focusing or "sharpest",
         )
     except LensError as error:
         hint = "; `lens.f_number` sets it for the lens alone" if "f-number" in str(error) else ""

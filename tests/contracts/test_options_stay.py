@@ -13,7 +13,7 @@ OPTIONS = {
         --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
         --engine --equaliser --f-number --f-number-from --f-number-to --field-curvature
         --focal-length --focus --focus-at --focus-distance --focus-from --focus-plane
-        --focus-range --focus-to --frames --fringe-glass --gamma --grain
+        --focus-range --focus-to --focusing --frames --fringe-glass --gamma --grain
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
         --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Literal
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.prescription import PrescriptionLens
@@ -39,6 +40,7 @@ def load_lens(
     focal_length: float | None = None,
     f_number: float | None = None,
     focus_distance: float = math.inf,
+    focusing: Literal["sharpest", "paraxial"] = "sharpest",
 ) -> PrescriptionLens:
     """Make a lens from the catalog or from a TOML file.
 
@@ -47,6 +49,7 @@ def load_lens(
         focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
         f_number: None is fully open.
         focus_distance: mm from the entrance pupil.
+        focusing: What focus means, as :class:`PrescriptionLens` has it.
 
     Raises:
         LensError: There is no such lens, or it cannot do this.
@@ -59,4 +62,6 @@ def load_lens(
         prescription = prescription.scaled(
             focal_length / PrescriptionLens(prescription=prescription).focal_length
         )
-    return PrescriptionLens(prescription=prescription, f_number=f_number, focus_distance=focus_distance)
+    return PrescriptionLens(
+        prescription=prescription, f_number=f_number, focus_distance=focus_distance, focusing=focusing
+    )

@@ -141,7 +141,7 @@ def test_frames_of_a_pull_take_the_lens_as_it_is_focused_then(folder, cli):
     [
         (["--lens", "nikkor"], ["--lens: unknown lens 'nikkor'", ".toml", "double_gauss"]),
         (["--lens", "missing.toml"], ["missing.toml"]),
-        (["--lens", "petzval", "--lens-f-number", 1.2], ["--lens: Petzval: f-number", "2.14 or more"]),
+        (["--lens", "petzval", "--lens-f-number", 1.2], ["--lens: Petzval: f-number", "1.93 or more"]),
         (
             ["--lens", "petzval", "--lens-f-number", "nan"],
             ["--lens-f-number: expected a finite number above 0, got nan"],
@@ -167,7 +167,7 @@ def test_mistakes_are_one_clear_line(fails, options, words):
     ("changed", "words"),
     [
         ({"--f-number": 1.4}, ["--lens: Petzval: f-number", "--lens-f-number"]),
-        ({"--focus-distance": 0.051}, ["--lens: Petzval: cannot focus at 51 mm"]),
+        ({"--focus-distance": 0.041}, ["--lens: Petzval: cannot focus at 41 mm"]),
         ({"--sensor-width": 300}, ["--lens: "]),
     ],
 )
