@@ -43,7 +43,9 @@ def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings:
     Returns:
         (rays, 2), mm from the ideal image.
     """
-    radii = np.repeat((np.arange(rings) + 0.5) / rings, 6 * (np.arange(rings) + 1))
+    # 6 k rays on ring k, in the middle of the area that they stand for: sums over rays are means over area.
+    number = np.arange(rings) + 1
+    radii = np.repeat(number / math.sqrt(rings * (rings + 1)), 6 * number)
     angles = np.concatenate([np.arange(6 * k) / (6 * k) for k in range(1, rings + 1)]) * 2 * np.pi
     # Real pupils are larger than Gaussian optics has them; the rays that are too many are clipped.
     pupil = 1.5 * lens.thick.pupil_radius * radii

@@ -128,6 +128,11 @@ class LensSettings(Group):
     distortion: bool = setting(
         False, "With --lens: bend a picture without distortion as it does.", flag="lens-distortion"
     )
+    vignetting: bool = setting(
+        True,
+        "With --lens: darken towards the corners as it does, by its rims and by the slant of light.",
+        flag="lens-vignetting",
+    )
     focusing: Literal["sharpest", "paraxial"] | None = setting(
         None,
         "With --lens or --spherical: focus where blur is least (sharpest, default), or where rays near the "

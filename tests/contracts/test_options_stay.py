@@ -16,6 +16,7 @@ OPTIONS = {
         --focus-range --focus-to --focusing --frames --fringe-glass --gamma --grain
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
         --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
+        --lens-vignetting --no-lens-vignetting
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
         --bits --color-space --dither --quality --subsampling

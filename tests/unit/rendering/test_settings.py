@@ -163,7 +163,8 @@ VALID = [
             "onion_rings": 7, "grain": 1, "grain_seed": 2**40,
         },
         "lens": {
-            "name": "double_gauss", "aberrations": "seidel", "f_number": 4, "distortion": True, "focusing": "paraxial",
+            "name": "double_gauss", "aberrations": "seidel", "f_number": 4, "distortion": True,
+            "focusing": "paraxial", "vignetting": False,
             "spherical": 3, "coma": -3, "astigmatism": 1e-3, "field_curvature": 100,
         },
         "color": {
