@@ -94,12 +94,6 @@ def _distance(depth: float) -> str:
     return "infinity" if math.isinf(depth) else f"{depth / 1000:.4g} m"
 
 
-def _sag(surface: Surface, height: np.ndarray) -> np.ndarray:
-    """Depth of a surface behind its vertex at a height, mm."""
-    c, k = surface.curvature, surface.conic
-    return np.asarray(c * height**2 / (1 + np.sqrt(1 - (1 + k) * c * c * height**2)))
-
-
 def _draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
     surfaces, paraxial = lens.surfaces, lens.paraxial
     tallest = max(surface.semi_diameter for surface in surfaces)
@@ -134,7 +128,7 @@ def _draw_element(axes: "Axes", front: Surface, back: Surface) -> None:
     sides = []
     for surface in (front, back):
         place = np.linspace(-surface.semi_diameter, surface.semi_diameter, 61)
-        sides.append((surface.vertex + _sag(surface, place), place))
+        sides.append((surface.vertex + surface.sag(place * place)[0], place))
     outline = [np.concatenate([sides[0][i], sides[1][i][::-1]]) for i in range(2)]
     axes.fill(*outline, facecolor=_GLASS, edgecolor=_INK, lw=1, zorder=1)
 

@@ -231,11 +231,12 @@ def _sums(
         if surface.stop:
             in_front = False
             continue
-        glass = surface.curvature, surface.conic, surface.before, surface.behind
+        shape = surface.vertex_curvature, surface.fourth_order
+        glass = *shape, surface.before, surface.behind
         image = image + surface_sums(marginal, chief, *glass)
         exchanged = surface_sums(chief, marginal, *glass)
         front, rear = (front + exchanged, rear) if in_front else (front, rear + exchanged)
-        power = (surface.behind - surface.before) * surface.curvature
+        power = (surface.behind - surface.before) * surface.vertex_curvature
         marginal, chief = ((y, nu - power * y) for y, nu in (marginal, chief))
     return front, rear, image
 

@@ -183,17 +183,21 @@ def test_mistakes_are_one_clear_line(fails, options, words):
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("lens", "changed", "words"),
     [
-        ({"--f-number": 1.4}, ["--lens: Petzval: f-number", "--lens-f-number"]),
-        ({"--focus-distance": 0.041}, ["--lens: Petzval: cannot focus at 41 mm"]),
-        ({"--sensor-width": 300}, ["--lens: "]),
+        ("petzval", {"--f-number": 1.4}, ["--lens: Petzval: f-number", "--lens-f-number"]),
+        (
+            "telephoto",
+            {"--f-number": 8, "--focus-distance": 0.051},
+            ["--lens: Telephoto: cannot focus at 51"],
+        ),
+        ("petzval", {"--sensor-width": 300}, ["--lens: "]),
     ],
 )
-def test_a_camera_that_the_lens_cannot_follow_is_told(fails, changed, words):
+def test_a_camera_that_the_lens_cannot_follow_is_told(fails, lens, changed, words):
     numbers = dict(zip(CAMERA[::2], CAMERA[1::2], strict=True)) | changed
     camera = [word for pair in numbers.items() for word in pair]
-    fails([*SCENE[: -len(CAMERA)], *camera, "--lens", "petzval"], *words)
+    fails([*SCENE[: -len(CAMERA)], *camera, "--lens", lens], *words)
 
 
 def test_a_lens_file_that_is_wrong_is_told(folder, fails):
