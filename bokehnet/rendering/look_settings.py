@@ -112,9 +112,10 @@ class LensSettings(Group):
 
     name: str | None = setting(
         None,
-        "Render through this lens, with all its aberrations; bokehnet lens lists them.",
+        "Render through this lens, with all its aberrations; bokehnet lens lists them. Files of Zemax, "
+        "CODE V, OSLO, optiland and ray-optics are taken as they are.",
         flag="lens",
-        metavar="NAME|FILE.toml",
+        metavar="NAME|FILE",
     )
     aberrations: Literal["traced", "seidel"] | None = setting(
         None, "With --lens: traced through its glass (default), or by third-order theory."

@@ -35,7 +35,8 @@ OPTIONS = {
         --full --output --weights
     """,
     "lens": """
-        --f-number --focal --focus --plot --psf-sheet
+        --f-number --focal --focus --plot --psf-sheet --paraxial
+        --output -o --glasses --json
     """,
     "synth": """
         --config --out --ray --workers
@@ -52,8 +53,9 @@ OPTIONS = {
 
 def known(command: str) -> set[str]:
     group = typer.main.get_command(app)
-    parameters = group.commands[command].params  # type: ignore[attr-defined]
-    return {option for parameter in parameters for option in parameter.opts}
+    found = group.commands[command]  # type: ignore[attr-defined]
+    parts = [found, *getattr(found, "commands", {}).values()]
+    return {option for part in parts for parameter in part.params for option in parameter.opts}
 
 
 @pytest.mark.parametrize("command", OPTIONS)

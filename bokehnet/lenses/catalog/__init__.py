@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from bokehnet.errors import LensError
+from bokehnet.lenses.files.reading import LENS_FILES, import_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
 
@@ -19,17 +20,22 @@ def catalog_names() -> list[str]:
 
 
 def find_prescription(name: str | Path) -> Prescription:
-    """Read a prescription by its name in the catalog, or from a TOML file.
+    """Read a prescription by its name in the catalog, from a TOML file, or from a file of another program.
 
     Raises:
-        LensError: It is neither a name nor a path that ends in ``.toml``.
-        ConfigError: The file is missing or wrong.
+        LensError: It is neither a name nor a path of a known ending, or a file of another program is wrong.
+        ConfigError: The TOML file is missing or wrong.
     """
     if str(name) in catalog_names():
         return read_prescription(_FOLDER / f"{name}.toml")
-    if Path(name).suffix != ".toml":
+    suffix = Path(name).suffix.lower()
+    if suffix in LENS_FILES:
+        return import_lens(name).prescription
+    if suffix != ".toml":
+        endings = ", ".join(LENS_FILES)
         raise LensError(
-            f"unknown lens {str(name)!r}: expected a .toml file or one of {', '.join(catalog_names())}"
+            f"unknown lens {str(name)!r}: expected a .toml file, one of other programs ({endings}) "
+            f"or one of {', '.join(catalog_names())}"
         )
     return read_prescription(name)
 
@@ -42,10 +48,10 @@ def load_lens(
     focus_distance: float = math.inf,
     focusing: Literal["sharpest", "paraxial"] = "sharpest",
 ) -> PrescriptionLens:
-    """Make a lens from the catalog or from a TOML file.
+    """Make a lens from the catalog or from a file.
 
     Args:
-        name: Name in the catalog, or path of a TOML file.
+        name: Name in the catalog, or path of a lens file, as :func:`find_prescription` takes it.
         focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
         f_number: None is fully open.
         focus_distance: mm from the entrance pupil.

@@ -18,7 +18,7 @@ from bokehnet.optics.glass import Glass, TableGlass
 __all__ = ["read_codev"]
 
 _UNITS = {"M": 1.0, "MM": 1.0, "C": 10.0, "CM": 10.0, "I": 25.4, "IN": 25.4}
-_APERTURES = {"EPD": "epd", "FNO": "f_number", "NAO": "object_na", "NA": "image_na"}
+_APERTURES = {"EPD": "epd", "FNO": "working_f_number", "NAO": "object_na", "NA": "image_na"}
 _FIELDS = {
     **dict.fromkeys(("XAN", "YAN"), "angle"),
     **dict.fromkeys(("XOB", "YOB"), "object"),

@@ -22,7 +22,7 @@ _SHAPES = ("Spherical", "Conic", "EvenPolynomial", "RadialPolynomial")
 _APERTURES = {
     ("object", "epd"): "epd",
     ("object", "pupil"): "epd",
-    ("image", "f/#"): "f_number",
+    ("image", "f/#"): "working_f_number",
     ("object", "NA"): "object_na",
     ("image", "NA"): "image_na",
 }
@@ -51,7 +51,7 @@ def read_rayoptics(path: Path, catalogues: GlassCatalogues) -> FileLens:
         gaps = sequence["gaps"]
         for number, entry in enumerate(sequence["ifcs"]):
             key = f"ifcs[{number}]"
-            gap = _inside(gaps[number]) if number < len(gaps) else {"thi": 0.0, "medium": None}
+            gap: Any = _inside(gaps[number]) if number < len(gaps) else {"thi": 0.0, "medium": None}
             surface = _surface(lens, key, entry, profiles)
             surface.thickness = float(gap["thi"])
             surface.medium = _medium(lens, f"gaps[{number}].medium", gap["medium"], catalogues)
@@ -101,12 +101,12 @@ def _surface(lens: FileLens, key: str, entry: dict[str, Any], profiles: dict[str
         if any(powers[0::2]):
             fail(lens.path, 0, f"{key}.profile", "expected even powers of the height, got odd ones")
         powers = powers[1::2]
-    size: Any = told.get("max_aperture")
+    size = told.get("max_aperture")
     return FileSurface(
         radius=1 / curvature if curvature else math.inf,
         conic=float(shape.get("cc", shape.get("ec", 1.0) - 1)),
         aspheric=tuple(powers),
-        semi_diameter=None if size is None else float(size),
+        semi_diameter=float(size) if size else None,
         comment=str(told.get("label") or ""),
     )
 

@@ -22,6 +22,7 @@ __all__ = ["FileLens", "FileSurface", "fail", "to_prescription"]
 # Clear apertures that a file leaves open are those of Gaussian rays to the corner, and so much more; and no
 # surface is wider than this share of its radius.
 _WIDER, _WIDEST = 1.05, 0.98
+_FARTHEST = 1e9  # mm; objects beyond are at infinity
 _FIELD = 10.0  # degrees, where a file tells none
 
 
@@ -66,8 +67,9 @@ class FileLens:
         name: Title.
         surfaces: From the object to the image, both included.
         millimetres: Of the file's unit of length.
-        aperture: ("epd", diameter), ("f_number", N), ("object_na", sine), ("image_na", sine) or
-            ("stop", 0.0): the stop's own clear aperture.
+        aperture: ("epd", diameter), ("f_number", N) for an object at infinity, ("working_f_number", N) for
+            the object of the file, ("object_na", sine), ("image_na", sine) or ("stop", 0.0): the stop's own
+            clear aperture.
         field: ("angle", degrees) from the axis, ("image", height) or ("object", height); the largest.
         wavelength: That focus and pupils are told for, nm.
         said: What the reader has to say, a sentence each.
@@ -229,9 +231,20 @@ def _stop_radius(
     if kind == "f_number":
         return abs(focal_length) / value / 2 / entrance
     if kind == "image_na":
-        return abs(focal_length) * value / entrance
+        kind, value = "working_f_number", 0.5 / value
+    if kind == "working_f_number":
+        return 0.5 / value / _image_slope(gauss, focal_length, object_distance) / entrance
     slope = value / math.sqrt(max(1 - value * value, 1e-12))
     return slope * abs(object_distance + float(gauss.entrance.position)) / entrance
+
+
+def _image_slope(gauss: ParaxialLens, focal_length: float, object_distance: float) -> float:
+    """Slope at the image, over 1 mm of radius of the entrance pupil, of light from the object on the axis."""
+    if abs(object_distance) > _FARTHEST:
+        return 1 / abs(focal_length)
+    to_pupil = object_distance + float(gauss.entrance.position)
+    to_plane = object_distance + float(gauss.cardinal.front_principal)
+    return abs((to_plane / focal_length - 1) / to_pupil)
 
 
 def _field_slope(lens: FileLens, focal_length: float, object_distance: float, gauss: ParaxialLens) -> float:

@@ -1,5 +1,6 @@
 """``bokehnet lens``."""
 
+import json
 import re
 
 import pytest
@@ -52,10 +53,59 @@ def test_a_file_is_described_and_drawn(cli, tmp_path, no_bar):
         (["biconvex", "--plot", "nowhere/out.png"], ["nowhere/out.png"]),
     ],
 )
-def test_mistakes_are_one_line(cli, arguments, words):
+def test_mistakes_are_one_line(cli, no_bar, arguments, words):
     outcome = cli("lens", *arguments)
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("bokehnet: error: ")
     assert outcome.err.count("\n") == 1
     for word in words:
         assert word in outcome.err
+
+
+ZMX = """MODE SEQ
+NAME Singlet
+UNIT MM X W
+ENPD 10
+YFLN 0 8
+SURF 0
+DISZ INFINITY
+SURF 1
+STOP
+CURV 0.02
+DISZ 4
+GLAS N-BK7 0 0 1.5168 64.17
+SURF 2
+CURV -0.01
+DISZ 60
+SURF 3
+"""
+
+
+def test_a_file_of_another_program_is_imported_and_used(cli, tmp_path):
+    """Authority: the lens maker's formula."""
+    (tmp_path / "a.zmx").write_text(ZMX)
+    power = 0.5168 * (0.03 - 0.5168 * 4 * 0.0002 / 1.5168)
+    outcome = cli("lens", "import", tmp_path / "a.zmx", "-o", tmp_path / "a.toml")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "clear apertures of 2 surfaces are ours" in outcome.out
+    assert f"{1 / power:.4g}" in outcome.out
+    for file in ("a.zmx", "a.toml"):
+        shown = cli("lens", tmp_path / file)
+        assert f"{1 / power:.2f}" in shown.out
+
+
+def test_an_import_that_fails_writes_nothing(cli, tmp_path):
+    (tmp_path / "a.zmx").write_text(ZMX.replace("N-BK7", "MIRROR"))
+    outcome = cli("lens", "import", tmp_path / "a.zmx", "-o", tmp_path / "a.toml")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "line 12: GLAS" in outcome.err
+    assert not (tmp_path / "a.toml").exists()
+
+
+def test_two_lenses_stand_side_by_side(cli):
+    outcome = cli("lens", "compare", "double_gauss", "petzval", "--f-number", 4)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert re.search(r"Double Gauss +Petzval", outcome.out)
+    assert re.search(r"f number +4 +4", outcome.out)
+    numbers = json.loads(cli("lens", "compare", "double_gauss", "petzval", "--json").out)
+    assert [round(facts["back_focus"], 2) for facts in numbers] == [71.44, 56.45]
