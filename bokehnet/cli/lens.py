@@ -145,6 +145,42 @@ def compare(
         typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
+@lens.command()
+def report(
+    name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Write the sheet here: .html, or a picture such as .png."),
+    ] = None,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
+    as_json: _Json = False,
+) -> None:
+    """Show all that is known of a lens on one sheet, or tell it as JSON."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.errors import ImageFileError
+    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.lenses.report_sheet import lens_curves, report_page, report_picture
+
+    if output is None and not as_json:
+        raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
+    if output is not None:
+        check_target(output, error=ImageFileError)
+    chosen = _load(name, focal, f_number, focus, paraxial)
+    if output is not None:
+        with progress("drawing", counted=False) as tell:
+            tell(0, 1)
+            if output.suffix.lower() in (".html", ".htm"):
+                write_text(output, report_page(chosen), error=ImageFileError)
+            else:
+                report_picture(chosen, output)
+            tell(1, 1)
+    if as_json:
+        typer.echo(json.dumps(lens_curves(chosen), indent=2))
+
+
 def _flat(facts: dict[str, Any]) -> dict[str, str]:
     """Label and text of each number; those of fields with their height, the sums of all surfaces."""
     told: dict[str, str] = {}

@@ -18,7 +18,7 @@ from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_lens", "sharp_radius", "spot"]
+__all__ = ["draw_section", "plot_lens", "sharp_radius", "spot"]
 
 _FIELDS = (0.0, 0.7, 1.0)
 _FIELD_COLORS = ("#2f6db3", "#c8732b", "#3c8f4f")
@@ -77,7 +77,7 @@ def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
         f"focused at {_distance(lens.focus_distance)}",
         fontweight="bold",
     )
-    _draw_section(section.subplots(), lens)
+    draw_section(section.subplots(), lens)
     section.legend(loc="outside lower center", fontsize=8, ncols=4)
     left.suptitle("spots in the focal plane, mm; F blue, d yellow, C red", fontsize=10)
     columns = left.subplots(1, len(_FIELDS), sharex=True, sharey=True)
@@ -94,7 +94,8 @@ def _distance(depth: float) -> str:
     return "infinity" if math.isinf(depth) else f"{depth / 1000:.4g} m"
 
 
-def _draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
+def draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
+    """Draw glass, iris, sensor, pupils and principal planes, with the rays of three fields."""
     surfaces, paraxial = lens.surfaces, lens.paraxial
     tallest = max(surface.semi_diameter for surface in surfaces)
     for front, back in pairwise(surfaces):

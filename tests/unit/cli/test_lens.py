@@ -109,3 +109,32 @@ def test_two_lenses_stand_side_by_side(cli):
     assert re.search(r"f number +4 +4", outcome.out)
     numbers = json.loads(cli("lens", "compare", "double_gauss", "petzval", "--json").out)
     assert [round(facts["back_focus"], 2) for facts in numbers] == [71.44, 56.45]
+
+
+def test_a_report_as_json_holds_the_curves(cli):
+    outcome = cli("lens", "report", "petzval", "--f-number", 4, "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    told = json.loads(outcome.out)
+    assert told["f_number"] == pytest.approx(4)
+    assert told["curves"]["relative_illumination"][0] == 1
+    assert len(told["curves"]["mtf"]) == len(told["curves"]["ray_fans"]) == 3
+
+
+def test_a_report_wants_a_place_to_be_written(cli, tmp_path):
+    outcome = cli("lens", "report", "petzval")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err == "bokehnet: error: --output: expected a file for the sheet, or --json, got neither\n"
+    outcome = cli("lens", "report", "petzval", "-o", tmp_path / "nowhere" / "a.html")
+    assert outcome.code == 1
+    assert "nowhere" in outcome.err
+
+
+@pytest.mark.slow
+def test_a_report_is_one_page_with_its_picture(cli, tmp_path, no_bar):
+    pytest.importorskip("matplotlib")
+    outcome = cli("lens", "report", "biconvex", "-o", tmp_path / "a.html")
+    assert (outcome.code, outcome.err) == (0, "")
+    text = (tmp_path / "a.html").read_text()
+    assert "data:image/png;base64," in text
+    assert "<th>focal length</th><td>99.996</td>" in text
+    assert text.count("<tr>") > 20
