@@ -90,9 +90,9 @@ class _Middle:
 
 def _make_scene(lens: PrescriptionLens, camera: Camera, rng: np.random.Generator) -> Scene:
     """Five planes and a backdrop that fill the picture; texels are about two pixels wide."""
-    half = np.array([camera.width, camera.height]) * camera.pixel_pitch / 2 / lens.thick.sensor_distance
+    half = np.array([camera.width, camera.height]) * camera.pixel_pitch / 2 / lens.sensor_distance
     diagonal = math.hypot(camera.width, camera.height) * camera.pixel_pitch / 2
-    step = _BLUR * diagonal / (lens.thick.pupil_radius * lens.thick.sensor_distance)
+    step = _BLUR * diagonal / (lens.thick.pupil_radius * lens.sensor_distance)
     focus = 1 / lens.focus_distance
     behind = min(step, 0.9 * focus)  # wide-angle lenses blur infinity by less
 

@@ -76,7 +76,7 @@ def in_half_diagonals(lens: PrescriptionLens, sums: dict[str, float]) -> dict[st
     opposite.
     """
     corner, radius = lens.prescription.image_radius, abs(lens.paraxial.entrance.radius)
-    unit = -lens.thick.sensor_distance / corner
+    unit = -lens.sensor_distance / corner
     angle = -1 / unit
     powers = {"B": (3, 0), "F": (2, 1), "C": (1, 2), "D": (1, 2), "E": (0, 3)}
     return {name: unit * radius**pupil * angle**field * sums[name] for name, (pupil, field) in powers.items()}
@@ -87,7 +87,7 @@ def main() -> None:
     print("| lens | f, mm | f by 3.23 | D | D as printed | E | E as printed | M' left out of 3.34 |")
     print("|---|---|---|---|---|---|---|---|")
     for name in catalog_names():
-        lens = load_lens(name)
+        lens = load_lens(name, focusing="paraxial")
         lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
         right, printed = (
             in_half_diagonals(lens, born_and_wolf(lens, braces=braces)) for braces in (True, False)

@@ -73,7 +73,7 @@ def traced_spot(lens: PrescriptionLens, field: float, defocus: float = 0.0) -> n
     Returns:
         Where rays arrive, half-diagonals, (N, 2), right and down.
     """
-    corner, picture = lens.prescription.image_radius, lens.thick.sensor_distance
+    corner, picture = lens.prescription.image_radius, lens.sensor_distance
     radius = abs(lens.paraxial.entrance.radius)
     nearness = 1 / lens.focus_distance + defocus * corner / (radius * picture)
     origin = WIDER * radius * pupil_points()
@@ -102,7 +102,7 @@ def size(points: np.ndarray) -> float:
 def compare(name: str, stop: float, field: float) -> tuple[float, float]:
     """Ratio of sizes, theory over traced, and the share of light that rims other than the stop cut."""
     fastest = load_lens(name).fastest
-    lens = load_lens(name, f_number=None if stop == 1 else stop * fastest)
+    lens = load_lens(name, f_number=None if stop == 1 else stop * fastest, focusing="paraxial")
     lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
     aberration_map = seidel_aberration_map(
         lens, distortion=True, wavelengths=[lens.prescription.design_wavelength]

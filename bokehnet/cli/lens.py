@@ -1,26 +1,54 @@
-"""``bokehnet lens``: what is known of a lens, and its picture."""
+"""``bokehnet lens``: what is known of a lens, files of other programs, two lenses side by side."""
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from bokehnet.cli.options import QuickGroup
 from bokehnet.errors import ParameterError
 
 __all__ = ["lens"]
 
 
-def lens(
+class _LensGroup(QuickGroup):
+    """The commands about lenses; what is none of them is the name of a lens to show."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args or (args[0] not in self.commands and args[0] not in ("-h", "--help")):
+            args = ["show", *args]
+        return super().parse_args(ctx, args)  # type: ignore[no-any-return]
+
+
+lens = typer.Typer(
+    name="lens",
+    help="Tell what is known of a lens, take lens files of other programs, compare. NAME alone is show NAME.",
+    cls=_LensGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,
+)
+
+_Focal = Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")]
+_FNumber = Annotated[float | None, typer.Option(help="Stop down to this f-number.")]
+_Focus = Annotated[float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")]
+_Paraxial = Annotated[
+    bool, typer.Option("--paraxial", help="Focus rays near the axis, not the whole opening's least blur.")
+]
+_Json = Annotated[bool, typer.Option("--json", help="Numbers as JSON.")]
+
+
+@lens.command()
+def show(
     name: Annotated[
         str | None,
-        typer.Argument(help="Name in the catalog, or a TOML file; without one the catalog is listed."),
+        typer.Argument(help="Name in the catalog, or a lens file; without one the catalog is listed."),
     ] = None,
-    focal: Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")] = None,
-    f_number: Annotated[float | None, typer.Option(help="Stop down to this f-number.")] = None,
-    focus: Annotated[
-        float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")
-    ] = None,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
     plot: Annotated[Path | None, typer.Option(help="Draw lens, spots and depth of field here.")] = None,
     psf_sheet: Annotated[
         Path | None,
@@ -28,7 +56,7 @@ def lens(
     ] = None,
 ) -> None:
     """Tell focal length, pupils and light of a lens, or list the catalog."""
-    from bokehnet.lenses.catalog import catalog_names, find_prescription, load_lens
+    from bokehnet.lenses.catalog import catalog_names, find_prescription
     from bokehnet.lenses.report import describe_lens
 
     if name is None:
@@ -40,8 +68,7 @@ def lens(
             found = find_prescription(entry)
             typer.echo(f"  {entry:<{width}}  {found.focal_length:g} mm f/{found.f_number:g}, {found.name}")
         return
-    focus_distance = math.inf if focus is None else 1000 * focus
-    chosen = load_lens(name, focal_length=focal, f_number=f_number, focus_distance=focus_distance)
+    chosen = _load(name, focal, f_number, focus, paraxial)
     rows = describe_lens(chosen)
     if plot is not None:
         from bokehnet.cli.progress import progress
@@ -57,6 +84,133 @@ def lens(
     typer.echo(chosen.prescription.name)
     for label, text in rows.items():
         typer.echo(f"  {label:<{width}}  {text}")
+
+
+@lens.command("import")
+def import_file(
+    file: Annotated[Path, typer.Argument(help="A lens file: .zmx, .seq, .len, .json, .roa or .csv.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write the lens here, as TOML.")
+    ] = None,
+    glasses: Annotated[
+        list[Path] | None,
+        typer.Option(help="Glass catalogue: AGF, refractiveindex.info's YAML, or a folder; can be repeated."),
+    ] = None,
+) -> None:
+    """Read a lens file of another program, say what it holds, and write it as one of ours."""
+    from bokehnet.errors import ConfigError
+    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.lenses.files.reading import import_lens
+    from bokehnet.lenses.prescription import PrescriptionLens
+    from bokehnet.lenses.prescription_toml import prescription_toml
+
+    if output is not None:
+        check_target(output, error=ConfigError)
+    found = import_lens(file, glasses or ())
+    made = PrescriptionLens(prescription=found.prescription)
+    if output is not None:
+        write_text(output, prescription_toml(found.prescription), error=ConfigError)
+    glass = sum(row.medium() is not None for row in found.prescription.surfaces)
+    typer.echo(found.prescription.name)
+    typer.echo(f"  {made.focal_length:.6g} mm f/{made.fastest:.4g}, {glass} pieces of glass")
+    for sentence in found.said:
+        typer.echo(f"  {sentence}")
+    if found.skipped:
+        passed = ", ".join(f"{key} ({count})" for key, count in sorted(found.skipped.items()))
+        typer.echo(f"  passed over: {passed}")
+
+
+@lens.command()
+def compare(
+    first: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
+    second: Annotated[str, typer.Argument(help="Another one.")],
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
+    as_json: _Json = False,
+) -> None:
+    """Tell the numbers of two lenses side by side."""
+    from bokehnet.lenses.facts import lens_facts
+
+    both = [lens_facts(_load(name, focal, f_number, focus, paraxial)) for name in (first, second)]
+    if as_json:
+        typer.echo(json.dumps(both, indent=2))
+        return
+    rows = [("", *(str(facts["name"]) for facts in both))]
+    columns = [_flat(facts) for facts in both]
+    rows += [(label, columns[0][label], columns[1][label]) for label in columns[0]]
+    widths = [max(len(row[i]) for row in rows) for i in range(3)]
+    for row in rows:
+        typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+@lens.command()
+def report(
+    name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Write the sheet here: .html, or a picture such as .png."),
+    ] = None,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
+    as_json: _Json = False,
+) -> None:
+    """Show all that is known of a lens on one sheet, or tell it as JSON."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.errors import ImageFileError
+    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.lenses.report_sheet import lens_curves, report_page, report_picture
+
+    if output is None and not as_json:
+        raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
+    if output is not None:
+        check_target(output, error=ImageFileError)
+    chosen = _load(name, focal, f_number, focus, paraxial)
+    if output is not None:
+        with progress("drawing", counted=False) as tell:
+            tell(0, 1)
+            if output.suffix.lower() in (".html", ".htm"):
+                write_text(output, report_page(chosen), error=ImageFileError)
+            else:
+                report_picture(chosen, output)
+            tell(1, 1)
+    if as_json:
+        typer.echo(json.dumps(lens_curves(chosen), indent=2))
+
+
+def _flat(facts: dict[str, Any]) -> dict[str, str]:
+    """Label and text of each number; those of fields with their height, the sums of all surfaces."""
+    told: dict[str, str] = {}
+    for key, value in facts.items():
+        label = key.replace("_", " ")
+        if isinstance(value, dict):
+            told |= {f"{label}, {inner}": f"{number:.5g}" for inner, number in value.items()}
+        elif key == "fields":
+            for field, name in zip(value, ("middle", "0.7", "corner"), strict=True):
+                for inner, number in field.items():
+                    text = "none" if number is None else f"{number:.4g}"
+                    told[f"{inner.replace('_', ' ')}, {name}"] = text
+        elif key == "seidel":
+            for inner in [name for name in value[0] if name != "surface"]:
+                told[f"Seidel sum, {inner}"] = f"{sum(row[inner] for row in value):.4g}"
+        elif not isinstance(value, str):
+            told[label] = "infinity" if value is None else f"{value:.5g}"
+    return told
+
+
+def _load(name: str, focal: float | None, f_number: float | None, focus: float | None, paraxial: bool) -> Any:
+    from bokehnet.lenses.catalog import load_lens
+
+    return load_lens(
+        name,
+        focal_length=focal,
+        f_number=f_number,
+        focus_distance=math.inf if focus is None else 1000 * focus,
+        focusing="paraxial" if paraxial else "sharpest",
+    )
 
 
 def _draw_psfs(lens: Any, path: Path) -> str:

@@ -12,7 +12,7 @@ from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.distortion import Distortion
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.scalars import is_absent
-from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor
+from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, table_factor
 
 __all__ = ["CameraEffects"]
 
@@ -34,6 +34,9 @@ class CameraEffects:
             law.
         optical_vignetting: Shift of the barrel's rim in the corner, in radii of the pupil, 0 to 1.5, as
             ``Aperture.cats_eye``: darkening by what it cuts off.
+        shading: Light that a lens leaves over that in the middle, at even steps from the middle of the
+            picture to its corner (:func:`bokehnet.lenses.relative_illumination.relative_illumination`), above
+            0; beyond the corner it stays as it is there. Empty is 1 everywhere.
         vignette: One of taste.
         grain: Noise of the sensor.
 
@@ -47,12 +50,15 @@ class CameraEffects:
     lateral: Array = 0.0
     cos4: Array = 0.0
     optical_vignetting: Array = 0.0
+    shading: tuple[float, ...] = ()
     vignette: Vignette | None = None
     grain: Grain | None = None
 
     def __post_init__(self) -> None:
         for name, highest in (("cos4", 80.0), ("optical_vignetting", 1.5)):
             check_range(name, getattr(self, name), 0, highest)
+        if self.shading and not (len(self.shading) > 1 and min(self.shading) > 0):
+            raise ParameterError("shading", "two numbers or more, above 0", self.shading)
         check_kind("vignette", self.vignette, Vignette, optional=True)
         check_kind("grain", self.grain, Grain, optional=True)
         _ = self._warp
@@ -109,7 +115,7 @@ class CameraEffects:
     @property
     def _shades(self) -> bool:
         absent = is_absent(self.cos4) and is_absent(self.optical_vignetting)
-        return self.vignette is not None or not absent
+        return self.vignette is not None or bool(self.shading) or not absent
 
     def _shade(self, image: Array, view: View, undo: bool) -> Array:
         """Multiply light by all factors, or divide it."""
@@ -136,6 +142,8 @@ class CameraEffects:
 
     def _factor(self, field: Array, view: View) -> Array:
         factor = cos4_factor(field, self.cos4) * rim_factor(field, self.optical_vignetting)
+        if self.shading:
+            factor = factor * table_factor(field, self.shading)
         return factor if self.vignette is None else factor * self.vignette.factor(field, view.aspect)
 
 

@@ -25,7 +25,7 @@ from bokehnet.optics.aberration_map import TERMS, AberrationMap
 __all__ = ["cache_folder", "cached_aberration_map"]
 
 # To be raised when fits change or files do.
-_VERSION = 1
+_VERSION = 2
 _ARRAYS = ("wavelengths", "transverse_aberration", "pupil_aberration", "vignetting_apertures")
 
 
@@ -89,6 +89,7 @@ def _key(lens: PrescriptionLens, half_diagonal: float, distortion: bool, wavelen
             "prescription": dataclasses.asdict(lens.prescription),
             "stop_radius": lens.stop_radius,
             "focus_distance": lens.focus_distance,
+            "focusing": lens.focusing,
             "half_diagonal": half_diagonal,
             "distortion": distortion,
             "wavelengths": sorted(map(float, wavelengths)),

@@ -26,7 +26,7 @@ from bokehnet.optics.aberration_map import TERMS, AberrationMap
 __all__ = ["WAVELENGTHS", "aberration_misfit", "fit_aberration_map"]
 
 # Nanometres; the design wavelength joins them. Indices bend most in the blue.
-WAVELENGTHS = (400.0, 430.0, 470.0, 520.0, 640.0, 700.0)
+WAVELENGTHS = (400.0, 422.0, 447.0, 480.0, 530.0, 640.0, 700.0)
 
 # Fields from the middle to a little beyond the corner, and rays along each side of the pupil.
 _FIELDS, _FARTHEST, _SIDE = 17, 1.1, 40
@@ -198,7 +198,7 @@ def _prepare(
     rays = stop_rays(lens, radius * field, aim)
     frame = _Frame(
         half_diagonal=radius,
-        picture=lens.thick.sensor_distance,
+        picture=lens.sensor_distance,
         focus=1 / lens.focus_distance,
         pupil_radius=lens.thick.pupil_radius,
         even=fit_uniform_irradiance_pupil(rays, aim, field),

@@ -18,7 +18,7 @@ from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_lens", "sharp_radius", "spot"]
+__all__ = ["draw_section", "plot_lens", "sharp_radius", "spot"]
 
 _FIELDS = (0.0, 0.7, 1.0)
 _FIELD_COLORS = ("#2f6db3", "#c8732b", "#3c8f4f")
@@ -43,13 +43,15 @@ def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings:
     Returns:
         (rays, 2), mm from the ideal image.
     """
-    radii = np.repeat((np.arange(rings) + 0.5) / rings, 6 * (np.arange(rings) + 1))
+    # 6 k rays on ring k, in the middle of the area that they stand for: sums over rays are means over area.
+    number = np.arange(rings) + 1
+    radii = np.repeat(number / math.sqrt(rings * (rings + 1)), 6 * number)
     angles = np.concatenate([np.arange(6 * k) / (6 * k) for k in range(1, rings + 1)]) * 2 * np.pi
     # Real pupils are larger than Gaussian optics has them; the rays that are too many are clipped.
     pupil = 1.5 * lens.thick.pupil_radius * radii
     origin = np.stack([pupil * np.cos(angles), pupil * np.sin(angles)], -1)
     ideal = np.array([-sensor_radius, 0.0])
-    slope = -ideal / lens.thick.sensor_distance - origin / lens.focus_distance
+    slope = -ideal / lens.sensor_distance - origin / lens.focus_distance
     xy, passes = lens.trace_to_sensor(Rays(origin=origin, slope=slope), wavelength)
     return np.asarray((xy - ideal)[passes])
 
@@ -75,7 +77,7 @@ def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
         f"focused at {_distance(lens.focus_distance)}",
         fontweight="bold",
     )
-    _draw_section(section.subplots(), lens)
+    draw_section(section.subplots(), lens)
     section.legend(loc="outside lower center", fontsize=8, ncols=4)
     left.suptitle("spots in the focal plane, mm; F blue, d yellow, C red", fontsize=10)
     columns = left.subplots(1, len(_FIELDS), sharex=True, sharey=True)
@@ -92,13 +94,8 @@ def _distance(depth: float) -> str:
     return "infinity" if math.isinf(depth) else f"{depth / 1000:.4g} m"
 
 
-def _sag(surface: Surface, height: np.ndarray) -> np.ndarray:
-    """Depth of a surface behind its vertex at a height, mm."""
-    c, k = surface.curvature, surface.conic
-    return np.asarray(c * height**2 / (1 + np.sqrt(1 - (1 + k) * c * c * height**2)))
-
-
-def _draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
+def draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
+    """Draw glass, iris, sensor, pupils and principal planes, with the rays of three fields."""
     surfaces, paraxial = lens.surfaces, lens.paraxial
     tallest = max(surface.semi_diameter for surface in surfaces)
     for front, back in pairwise(surfaces):
@@ -132,7 +129,7 @@ def _draw_element(axes: "Axes", front: Surface, back: Surface) -> None:
     sides = []
     for surface in (front, back):
         place = np.linspace(-surface.semi_diameter, surface.semi_diameter, 61)
-        sides.append((surface.vertex + _sag(surface, place), place))
+        sides.append((surface.vertex + surface.sag(place * place)[0], place))
     outline = [np.concatenate([sides[0][i], sides[1][i][::-1]]) for i in range(2)]
     axes.fill(*outline, facecolor=_GLASS, edgecolor=_INK, lw=1, zorder=1)
 

@@ -5,14 +5,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+import numpy as np
+
 from bokehnet.checks import Array, array_namespace, number_of
 from bokehnet.errors import LensError
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.effective_pupil import EffectivePupil, find_effective_pupil
+from bokehnet.lenses.focus_shift import focus_shift
 from bokehnet.lenses.prescription_file import Prescription
 from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
 from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
 from bokehnet.lenses.thick import ThickLens
+from bokehnet.optics.coc import coc_radius
 
 __all__ = ["PrescriptionLens"]
 
@@ -28,12 +32,14 @@ class PrescriptionLens:
 
     The plane z = 0 of the scene is the entrance pupil at the design wavelength, as Gaussian optics has
     it; it moves with the lens, and :attr:`front_vertex` tells how far the glass reaches in front of it.
-    Focus is that of Gaussian optics, too.
 
     Attributes:
         prescription: Surfaces; :meth:`Prescription.scaled` gives other focal lengths.
         f_number: Focal length over diameter of the entrance pupil; None is fully open.
         focus_distance: Depth z that images sharply, mm; may be infinite.
+        focusing: "sharpest" puts the sensor where rays of the whole opening, at the f-number as it is set and
+            the design wavelength, blur a point on the axis least, root mean square; "paraxial" where Gaussian
+            optics images it. With spherical aberration the two differ, and move apart as the iris opens.
         pupil_sampling: "effective" maps the unit disc onto what passes as seen from each sensor point,
             "exit" onto the paraxial exit pupil, whatever the rims of the lens cut off.
 
@@ -44,6 +50,7 @@ class PrescriptionLens:
     prescription: Prescription
     f_number: float | None = None
     focus_distance: float = math.inf
+    focusing: Literal["sharpest", "paraxial"] = "sharpest"
     pupil_sampling: Literal["effective", "exit"] = "effective"
 
     def __post_init__(self) -> None:
@@ -83,6 +90,30 @@ class PrescriptionLens:
         return float(self.focal_length / abs(self.open_paraxial.entrance.radius) / 2)
 
     @cached_property
+    def working_f_number(self) -> float:
+        """1 / (2 sin u') of the widest cone of real rays that reaches the middle of the sensor.
+
+        It counts the spherical aberration of the pupil, the other rims, and how far the lens is racked out;
+        :attr:`ThickLens.f_number` does none of it. 0.5 is the fastest that there can be in air.
+        """
+        low, high = 0.0, 1.0
+        for _ in range(4):
+            sine = np.linspace(low, high, 257)[:-1]
+            nothing = np.zeros_like(sine)
+            direction = (sine, nothing, -np.sqrt(1 - sine * sine))
+            start = (nothing, nothing, nothing + self.sensor_position)
+            passes = trace(
+                self.surfaces,
+                Beam(position=start, direction=direction, fill=nothing, stop_fill=nothing),
+                backwards=True,
+            ).passes
+            last = len(sine) - 1 if passes.all() else int(np.argmin(passes)) - 1
+            if last < 0:
+                raise LensError(f"{self.prescription.name}: no ray from the middle of the sensor passes")
+            low, high = float(sine[last]), float(sine[last]) + (high - low) / 256
+        return 1 / (low + high)
+
+    @cached_property
     def stop_radius(self) -> float:
         """Radius of the iris, mm."""
         largest = next(row.semi_diameter for row in self.prescription.surfaces if row.stop)
@@ -118,7 +149,28 @@ class PrescriptionLens:
     @property
     def sensor_position(self) -> float:
         """Place ``t`` of the sensor, mm behind the first surface; more than at infinity is the travel."""
+        return self.gaussian_focus + self.focus_shift
+
+    @property
+    def gaussian_focus(self) -> float:
+        """Place ``t`` where Gaussian optics images the focus distance, mm behind the first surface."""
         return float(self.paraxial.cardinal.rear_principal + self.thick.image_distance)
+
+    @cached_property
+    def focus_shift(self) -> float:
+        """How far behind :attr:`gaussian_focus` the sensor stands, mm; below 0 for undercorrected lenses."""
+        if self.focusing == "paraxial":
+            return 0.0
+        return focus_shift(self.surfaces, self.paraxial.entrance, self.focus_distance, self.gaussian_focus)
+
+    @property
+    def sensor_distance(self) -> float:
+        """Distance to the sensor of the thin lens with this picture and this blur, mm.
+
+        As :attr:`ThickLens.sensor_distance`, with the sensor where it really stands.
+        """
+        thick = self.thick
+        return thick.sensor_distance + self.focus_shift * (1 + thick.principal_depth / thick.focal_length)
 
     @cached_property
     def effective_pupil(self) -> EffectivePupil:
@@ -129,12 +181,13 @@ class PrescriptionLens:
         return find_effective_pupil(self.surfaces, exit_pupil, distance, radius)
 
     def coc_radius(self, disparity: Array) -> Array:
-        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm, by Gaussian optics."""
-        return self.thick.coc_radius(disparity)
+        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm, by Gaussian optics; 0 in focus."""
+        return coc_radius(disparity, 1 / self.focus_distance, self.thick.pupil_radius, self.sensor_distance)
 
     def image_of(self, points: Array) -> tuple[Array, Array]:
         """Where Gaussian optics images points (..., 3), mm: xy (..., 2), and mm behind the sensor (...,)."""
-        return self.thick.image_of(points)
+        xy, behind = self.thick.image_of(points)
+        return xy, behind - self.focus_shift
 
     def sample_rays(
         self,

@@ -28,10 +28,20 @@ from pathlib import Path
 from bokehnet.config import load_config
 from bokehnet.errors import ConfigError, LensError
 from bokehnet.lenses.surface_trace import Surface
-from bokehnet.optics.glass import D_LINE, AbbeGlass, Glass, SchottGlass, SellmeierGlass, make_glass
+from bokehnet.optics.glass import (
+    D_LINE,
+    AbbeGlass,
+    FormulaGlass,
+    Glass,
+    SchottGlass,
+    SellmeierGlass,
+    TableGlass,
+    make_glass,
+)
 
 __all__ = ["Prescription", "SurfaceRow", "read_prescription"]
 
+_MEDIA = ("glass", "abbe", "sellmeier", "schott", "formula", "table")
 _Six = tuple[float, float, float, float, float, float]
 
 
@@ -45,33 +55,43 @@ class SurfaceRow:
         semi_diameter: Half of the clear aperture, mm.
         radius: Radius of curvature, mm, positive when its centre lies behind; infinite is a plane.
         conic: Conic constant; 0 is a sphere.
-        stop: Whether this is the aperture stop: a plane in air.
+        aspheric: What an even asphere adds to the depth of the conic: coefficients of the height to the
+            powers 2, 4, 6, ..., mm^-1, mm^-3, ...
+        stop: Whether this is the aperture stop: a plane in air, or in the glass of the row in front of it,
+            which it then names again. Only a stop may stand behind what comes next, thickness below 0.
         glass: Name of a glass that :mod:`bokehnet.optics.glass` knows.
         abbe: Index nd and Abbe number Vd.
         sellmeier: b1, b2, b3, c1, c2, c3.
         schott: a0 to a5.
+        formula: Any other formula, as :class:`bokehnet.optics.glass.FormulaGlass`.
+        table: Wavelengths, nm, and indices, as :class:`bokehnet.optics.glass.TableGlass`.
+        comment: What the source calls the surface.
     """
 
     thickness: float
     semi_diameter: float
     radius: float = math.inf
     conic: float = 0.0
+    aspheric: tuple[float, ...] = ()
     stop: bool = False
     glass: str | None = None
     abbe: tuple[float, float] | None = None
     sellmeier: _Six | None = None
     schott: _Six | None = None
+    formula: FormulaGlass | None = None
+    table: TableGlass | None = None
+    comment: str = ""
 
-    def problem(self, in_glass: bool) -> str | None:
-        """Say what no surface can have, beginning with the key; ``in_glass`` tells what is in front of it."""
-        media = [key for key in ("glass", "abbe", "sellmeier", "schott") if getattr(self, key) is not None]
+    def problem(self, in_front: Glass | None) -> str | None:
+        """Say what no surface can have, beginning with the key; ``in_front`` is the glass in front of it."""
+        media = [key for key in _MEDIA if getattr(self, key) is not None]
         if len(media) > 1:
             return f"{media[0]}: expected one way to tell the glass, got {' and '.join(media)}"
-        if self.stop and (math.isfinite(self.radius) or media or in_glass):
-            return "stop: expected a plane in air, got a radius or a glass"
+        if self.stop and (math.isfinite(self.radius) or self.aspheric):
+            return "stop: expected a plane in air, got a radius"
         if self.radius == 0 or math.isnan(self.radius):
             return f"radius: expected a radius, or inf for a plane, got {self.radius:g}"
-        if not 0 <= self.thickness < math.inf:
+        if (self.thickness < 0 and not self.stop) or not math.isfinite(self.thickness):
             return f"thickness: expected 0 or more, got {self.thickness:g}"
         if not 0 < self.semi_diameter < math.inf:
             return f"semi_diameter: expected more than 0, got {self.semi_diameter:g}"
@@ -80,9 +100,11 @@ class SurfaceRow:
         if self.abbe is not None and not (self.abbe[0] > 1 and self.abbe[1] > 0):
             return f"abbe: expected [nd above 1, Vd above 0], got {list(self.abbe)}"
         try:
-            self.medium()
+            behind = self.medium()
         except LensError as error:
             return f"glass: {error}"
+        if self.stop and behind != in_front:
+            return "stop: expected a plane in air, or the glass in front of it named again, got another"
         return None
 
     def medium(self) -> Glass | None:
@@ -93,7 +115,9 @@ class SurfaceRow:
             return AbbeGlass(*self.abbe)
         if self.sellmeier is not None:
             return SellmeierGlass(self.sellmeier[:3], self.sellmeier[3:])
-        return None if self.schott is None else SchottGlass(self.schott)
+        if self.schott is not None:
+            return SchottGlass(self.schott)
+        return self.formula or self.table
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -127,12 +151,12 @@ class Prescription:
             stops = sum(row.stop for row in self.surfaces)
             found = f"{len(self.surfaces)} rows with {stops} stops"
             return f"surfaces: expected two or more, and one with stop = true, got {found}"
-        in_glass = False
+        medium: Glass | None = None
         for i, row in enumerate(self.surfaces):
-            if (problem := row.problem(in_glass)) is not None:
+            if (problem := row.problem(medium)) is not None:
                 return f"surfaces[{i}].{problem}"
-            in_glass = row.medium() is not None
-        return "surfaces: expected air behind the last one, got a glass" if in_glass else None
+            medium = row.medium()
+        return "surfaces: expected air behind the last one, got a glass" if medium is not None else None
 
     def scaled(self, factor: float) -> "Prescription":
         """Return the lens with every length multiplied by ``factor``."""
@@ -142,6 +166,7 @@ class Prescription:
                 thickness=factor * row.thickness,
                 semi_diameter=factor * row.semi_diameter,
                 radius=factor * row.radius,
+                aspheric=tuple(a * factor ** (-1 - 2 * i) for i, a in enumerate(row.aspheric)),
             )
             for row in self.surfaces
         )
@@ -173,6 +198,7 @@ class Prescription:
                     before=before,
                     behind=behind,
                     stop=row.stop,
+                    aspheric=row.aspheric,
                 )
             )
             before, vertex = behind, vertex + row.thickness

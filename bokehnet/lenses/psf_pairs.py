@@ -56,7 +56,7 @@ def psf_depths(lens: PrescriptionLens) -> tuple[float, float, float]:
     The blur radius in front and behind is a fiftieth of the half diagonal, where depths can give it.
     """
     infinity = _INFINITY / lens.focal_length
-    per_disparity = lens.thick.pupil_radius * lens.thick.sensor_distance
+    per_disparity = lens.thick.pupil_radius * lens.sensor_distance
     focus = max(1 / lens.focus_distance, infinity)
     step = _BLUR * lens.prescription.image_radius / per_disparity
     # Room is kept before the glass.

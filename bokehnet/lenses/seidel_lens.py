@@ -10,7 +10,7 @@ Source: Welford, "Aberrations of optical systems", 1986, ch. 8 and 10; the param
 Asberg, "Parametrically replicating bokeh using Seidel aberration", 2020.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,11 +25,12 @@ from bokehnet.optics.paraxial import focused_rays
 from bokehnet.optics.seidel import SeidelCoefficients, SeidelSums, surface_sums, uniform_irradiance
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_aberration_map"]
+__all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_aberration_map", "seidel_by_surface"]
 
 # Of the visible spectrum, evenly spread, nm.
 WAVELENGTHS = tuple(float(wavelength) for wavelength in np.linspace(SHORTEST, LONGEST, 64))
 
+_SUMS = ("spherical", "coma", "astigmatism", "petzval", "distortion")
 _Ray = tuple[Array, Array]
 
 
@@ -165,7 +166,7 @@ def reduce_lens(
     design = lens.paraxial.entrance
     distance = entrance.position - design.position
     marginal_place, chief_place = radius + distance * marginal_slope, distance * chief_slope
-    scale = lens.thick.sensor_distance / corner
+    scale = lens.sensor_distance / corner
     nearness = 1 / lens.focus_distance
     rise, tilt = _light(gauss, SeidelCoefficients.from_sums(rear, -lagrange), lens.sensor_position, corner)
 
@@ -223,21 +224,58 @@ def _sums(
 ) -> tuple[SeidelSums, SeidelSums, SeidelSums]:
     """Sums with the two rays exchanged, of the surfaces in front of the stop and behind it; sums of all."""
     front, rear, image = SeidelSums(), SeidelSums(), SeidelSums()
-    place, in_front = surfaces[0].vertex, True
-    for surface in surfaces:
+    stop = next(number for number, surface in enumerate(surfaces) if surface.stop)
+    for number, own, exchanged in _each_surface(surfaces, marginal, chief):
+        image = image + own
+        front, rear = (front + exchanged, rear) if number < stop else (front, rear + exchanged)
+    return front, rear, image
+
+
+def _each_surface(
+    surfaces: Sequence[Surface], marginal: _Ray, chief: _Ray
+) -> Iterator[tuple[int, SeidelSums, SeidelSums]]:
+    """Number of each surface but the stop, its sums, and those with the two rays exchanged."""
+    place = surfaces[0].vertex
+    for number, surface in enumerate(surfaces):
         gap = (surface.vertex - place) / surface.before
         place = surface.vertex
         marginal, chief = ((y + gap * nu, nu) for y, nu in (marginal, chief))
         if surface.stop:
-            in_front = False
             continue
-        glass = surface.curvature, surface.conic, surface.before, surface.behind
-        image = image + surface_sums(marginal, chief, *glass)
-        exchanged = surface_sums(chief, marginal, *glass)
-        front, rear = (front + exchanged, rear) if in_front else (front, rear + exchanged)
-        power = (surface.behind - surface.before) * surface.curvature
+        glass = surface.vertex_curvature, surface.fourth_order, surface.before, surface.behind
+        yield number, surface_sums(marginal, chief, *glass), surface_sums(chief, marginal, *glass)
+        power = (surface.behind - surface.before) * surface.vertex_curvature
         marginal, chief = ((y, nu - power * y) for y, nu in (marginal, chief))
-    return front, rear, image
+
+
+def seidel_by_surface(lens: PrescriptionLens) -> list[tuple[int, dict[str, float]]]:
+    """Return number (from 1) and Seidel sums S1 to S5, mm, of each surface, at the design wavelength.
+
+    For the lens as it is focused and stopped down, and the corner of its picture.
+    """
+    corner = lens.prescription.image_radius
+    cardinal, entrance = lens.paraxial.cardinal, lens.paraxial.entrance
+    radius = abs(float(entrance.radius))
+    marginal, chief = (
+        (place + entrance.position * slope, -slope)
+        for place, slope in (
+            (
+                place,
+                focused_rays(
+                    at,
+                    place,
+                    cardinal.focal_length,
+                    entrance.position - cardinal.front_principal,
+                    lens.sensor_position - cardinal.rear_principal,
+                ),
+            )
+            for at, place in ((0.0, radius), (corner, 0.0))
+        )
+    )
+    return [
+        (number + 1, {name: float(getattr(own, name)) for name in _SUMS})
+        for number, own, _ in _each_surface(lens.surfaces, marginal, chief)
+    ]
 
 
 def _light(

@@ -14,6 +14,8 @@ __all__ = ["Beam", "Surface", "beam_between", "trace"]
 
 # Height over semi-diameter of rays that a surface cannot pass on: more than any that is clipped.
 _LOST = 1e6
+# Steps that meet an asphere, and mm over 1 mm by which a ray may pass beside it.
+_NEWTON_STEPS, _MET = 10, 1e-9
 # Smallest share of a unit direction that runs along the axis.
 _GRAZING = 1e-3
 
@@ -21,6 +23,8 @@ _GRAZING = 1e-3
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Surface:
     """A conic ``c (x^2 + y^2 + (1 + k) t^2) = 2 t``, counted from its vertex, or a stop.
+
+    An even asphere adds powers of the height to the depth of the conic.
 
     Attributes:
         vertex: Place of the vertex, mm.
@@ -30,6 +34,7 @@ class Surface:
         before: Refractive index on the scene's side, a number or one per ray.
         behind: The same on the sensor's side.
         stop: Whether this is the aperture stop.
+        aspheric: Coefficients of the height to the powers 2, 4, 6, ..., mm^-1, mm^-3, ...
     """
 
     vertex: Array
@@ -39,6 +44,35 @@ class Surface:
     before: Array = 1.0
     behind: Array = 1.0
     stop: bool = False
+    aspheric: tuple[float, ...] = ()
+
+    @property
+    def vertex_curvature(self) -> Array:
+        """Curvature that rays near the axis meet, 1/mm."""
+        return self.curvature + 2 * self.aspheric[0] if self.aspheric else self.curvature
+
+    @property
+    def fourth_order(self) -> Array:
+        """Eight times the depth by the fourth power of the height, less that of the sphere at the vertex."""
+        c, own = self.vertex_curvature, 8 * self.aspheric[1] if len(self.aspheric) > 1 else 0.0
+        return (1 + self.conic) * self.curvature**3 + own - c**3
+
+    def sag(self, square: Array) -> tuple[Array, Array]:
+        """Depth behind the vertex at a squared height, mm, and its derivative by the squared height.
+
+        Beyond the edge of the conic it goes on as at the edge.
+        """
+        xp = array_namespace(square)
+        c = self.curvature
+        inside = 1 - (1 + self.conic) * c * c * square
+        root = xp.where(inside > 1e-9, inside, 1e-9 + 0 * inside) ** 0.5
+        depth, slope = c * square / (1 + root), 0.5 * c / root
+        power = 1.0 + 0 * square
+        for number, coefficient in enumerate(self.aspheric, start=1):
+            slope = slope + number * coefficient * power
+            power = power * square
+            depth = depth + coefficient * power
+        return depth, slope
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,14 +155,40 @@ def _pass_surface(surface: Surface, beam: Beam, sign: float) -> Beam:
     denominator = half + sign * xp.where(hits, root2, one) ** 0.5
     hits = hits & (sign * denominator > _GRAZING)
     s = xp.where(hits, lateral, 0 * one) / xp.where(hits, denominator, one)
+    if surface.aspheric:
+        s, met = _meet_asphere(surface, (x, y), beam.direction, s)
+        hits = hits & met
     x, y, t = x + s * dx, y + s * dy, s * dt
-    normal = (-c * x, -c * y, 1 - c * (1 + conic) * t)
+    if surface.aspheric:
+        _, slope = surface.sag(x * x + y * y)
+        normal = (-2 * slope * x, -2 * slope * y, one)
+    else:
+        normal = (-c * x, -c * y, 1 - c * (1 + conic) * t)
     ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
     direction, refracted = _refract(beam.direction, normal, ratio, sign)
     fill = xp.maximum(beam.fill, _height(x, y) / surface.semi_diameter)
     fill = xp.where(hits & refracted, fill, _LOST * one)
     position = (x, y, surface.vertex + t)
     return Beam(position=position, direction=direction, fill=fill, stop_fill=beam.stop_fill)
+
+
+def _meet_asphere(
+    surface: Surface, start: tuple[Array, Array], direction: tuple[Array, Array, Array], s: Array
+) -> tuple[Array, Array]:
+    """Length along rays from the vertex plane to an asphere, and which rays meet it; ``s`` begins the search.
+
+    Source:
+        Newton's method, as Welford, "Aberrations of optical systems", 1986, 4.7, has it for aspheres.
+    """
+    (x, y), (dx, dy, dt) = start, direction
+    for _ in range(_NEWTON_STEPS):
+        px, py = x + s * dx, y + s * dy
+        depth, slope = surface.sag(px * px + py * py)
+        s = s - (s * dt - depth) / (dt - 2 * slope * (px * dx + py * dy))
+    px, py = x + s * dx, y + s * dy
+    left = abs(s * dt - surface.sag(px * px + py * py)[0])
+    met = left < _MET * (1 + abs(s))
+    return array_namespace(s).where(met, s, 0 * s), met
 
 
 def _height(x: Array, y: Array) -> Array:

@@ -43,7 +43,9 @@ class UniformIrradiancePupil:
 
 def _even(stop: Array, field: Array, radial: tuple[float, float, float], tilt: float) -> Array:
     square = (stop * stop).sum(-1)[..., None]
-    a = stop * (radial[0] + square * (radial[1] + square * radial[2])) ** 0.5
+    growth = radial[0] + square * (radial[1] + square * radial[2])
+    # Far beyond the rim, where rays are of no use, the polynomial may fall below 0.
+    a = stop * (growth * (growth > 0)) ** 0.5
     aa, ah = (a * a).sum(-1)[..., None], (a * field).sum(-1)[..., None]
     return a + tilt / 8 * (field * (aa - 3) + 2 * a * ah)
 

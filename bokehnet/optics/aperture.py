@@ -2,7 +2,9 @@
 
 Aperture coordinates (u right, v down, as in the picture) lie in the unit disc. A point of the scene with
 signed blur radius d (pixels, + in front of focus) lights the pixels ``q + d * (u, v)`` around its own
-place q: in front of focus the shape appears upright, behind focus turned by 180 degrees.
+place q. The ray through the pupil's point A, in pupil radii as seen from behind the camera, crosses the plane
+of focus at A (1 - zf / z) from where the point is seen, so the light of A falls at ``q - d A``: a is -A, what
+stands in the opening is seen upright behind focus and turned by 180 degrees in front of it.
 
 The opening is the product of all its parts. Hole and rim belong to the round pupil, blades and picture
 turn with ``rotation``; ``squeeze`` then narrows the whole. The cat's-eye alone depends on the place in the
@@ -57,8 +59,9 @@ class Aperture:
         spherical_profile: Radial profile s of the light, -1 to 1: 1 + s * (2 rho^2 - 1) behind focus (above
             0: bright rims) and 1 - s * (2 rho^2 - 1) in front of it, as spherical aberration gives.
         obstruction: Radius of the central hole of a mirror lens, 0 to 0.95.
-        picture: Any grey picture (H, W), values from 0 up: the transmission. Its longer side spans the
-            pupil's diameter; what lies outside the disc is cut off.
+        picture: Any grey picture (H, W), values from 0 up: the transmission, as seen from behind the camera
+            through the lens; lights behind focus show it upright. Its longer side spans the pupil's
+            diameter; what lies outside the disc is cut off.
         onion: Contrast of the rings that a machined aspheric surface draws into discs, 0 to 1; bright
             behind focus is dark in front of it (:func:`bokehnet.optics.disc_texture.onion_rings`).
         onion_rings: Their number from the middle to the rim, 1 to 40, whole or not.
@@ -203,7 +206,7 @@ def transmission(aperture: Aperture, u: Any, v: Any, side: int = 0) -> np.ndarra
     if aperture.blades:
         light = light * _inside_blades(aperture.blades, aperture.curvature, u, v, rho2)
     if aperture.picture is not None:
-        light = light * _picture_at(aperture.picture, u, v)
+        light = light * _picture_at(aperture.picture, -u, -v)
     return np.asarray(light)
 
 

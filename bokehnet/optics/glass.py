@@ -4,11 +4,23 @@ Wavelengths are nanometres in vacuum, as numbers, arrays or tensors; indices are
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
-from bokehnet.checks import Array
+from bokehnet.checks import Array, array_namespace
 from bokehnet.errors import LensError
 
-__all__ = ["C_LINE", "D_LINE", "F_LINE", "AbbeGlass", "Glass", "SchottGlass", "SellmeierGlass", "make_glass"]
+__all__ = [
+    "C_LINE",
+    "D_LINE",
+    "F_LINE",
+    "AbbeGlass",
+    "FormulaGlass",
+    "Glass",
+    "SchottGlass",
+    "SellmeierGlass",
+    "TableGlass",
+    "make_glass",
+]
 
 # Fraunhofer lines, nm: hydrogen red, helium yellow, hydrogen blue.
 C_LINE, D_LINE, F_LINE = 656.2725, 587.5618, 486.1327
@@ -92,7 +104,61 @@ def _step(to: Array, start: float) -> tuple[Array, Array]:
     return first - last, first**2 - last**2
 
 
-Glass = SellmeierGlass | SchottGlass | AbbeGlass
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FormulaGlass:
+    """``n^root = sum a w^p + sum b w^q / (w^2 - c)^m``, w the wavelength in micrometres.
+
+    Nearly every formula of glass catalogues and of refractiveindex.info is of this kind: Sellmeier's,
+    Schott's, Cauchy's, Conrady's, those of handbooks; a number alone is a glass without dispersion.
+
+    Attributes:
+        root: 2 where the formula is of the squared index, else 1.
+        powers: Pairs a, p.
+        poles: Fours b, q, c, m.
+
+    Source:
+        Polyanskiy, "Refractiveindex.info database of optical constants", Scientific Data 2024.
+    """
+
+    root: float = 2.0
+    powers: tuple[tuple[float, float], ...] = ()
+    poles: tuple[tuple[float, float, float, float], ...] = ()
+
+    def index(self, wavelength: Array) -> Array:
+        """Refractive index at ``wavelength``, nm."""
+        micrometres = wavelength / 1000
+        total: Array = 0 * micrometres
+        for a, p in self.powers:
+            total = total + a * micrometres**p
+        for b, q, c, m in self.poles:
+            total = total + b * micrometres**q / (micrometres * micrometres - c) ** m
+        return total ** (1 / self.root)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TableGlass:
+    """An index for each of some wavelengths, in straight lines between them, even beyond the ends.
+
+    Attributes:
+        wavelengths: Nanometres, rising, two or more.
+        indices: As many.
+    """
+
+    wavelengths: tuple[float, ...]
+    indices: tuple[float, ...]
+
+    def index(self, wavelength: Array) -> Array:
+        """Refractive index at ``wavelength``, nm."""
+        xp = array_namespace(wavelength)
+        known = list(zip(self.wavelengths, self.indices, strict=True))
+        found = 0 * wavelength + known[0][1]
+        for (first, low), (last, high) in pairwise(known):
+            share = xp.clip((wavelength - first) / (last - first) + 0 * found, 0, 1)
+            found = found + (high - low) * share
+        return found
+
+
+Glass = SellmeierGlass | SchottGlass | AbbeGlass | FormulaGlass | TableGlass
 
 # Schott, "Optical glass data sheets", 2015 and 2019.
 _SELLMEIER = {

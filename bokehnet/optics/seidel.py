@@ -47,7 +47,7 @@ def surface_sums(
     marginal: tuple[Array, Array],
     chief: tuple[Array, Array],
     curvature: Array,
-    conic: Array,
+    fourth_order: Array,
     before: Array,
     behind: Array,
 ) -> SeidelSums:
@@ -57,7 +57,8 @@ def surface_sums(
         marginal: Height y, mm, and n u of the marginal ray as it arrives.
         chief: The same of the chief ray.
         curvature: 1 / radius, 1/mm, positive when the centre lies behind.
-        conic: Conic constant; 0 is a sphere.
+        fourth_order: Eight times the depth by the fourth power of the height, less that of the sphere,
+            1/mm^3; a conic has ``k / radius^3``.
         before: Refractive index in front.
         behind: The same behind.
 
@@ -71,7 +72,7 @@ def surface_sums(
     pupil_aberration = (nu - power * y) / behind**2 - nu / before**2  # change of u / n
     lagrange = nu_chief * y - nu * y_chief
     flattening = 1 / behind - 1 / before
-    aspheric = conic * curvature**3 * (behind - before)
+    aspheric = fourth_order * (behind - before)
     return SeidelSums(
         spherical=-angle * angle * y * pupil_aberration + aspheric * y**4,
         coma=-angle * angle_chief * y * pupil_aberration + aspheric * y**3 * y_chief,

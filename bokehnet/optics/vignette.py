@@ -6,12 +6,15 @@ arrays and tensors alike, differentiable with respect to the strengths.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bokehnet.checks import Array, array_namespace, check_range
+import numpy as np
+
+from bokehnet.checks import Array, array_namespace, check_range, constant_like
 from bokehnet.optics.irradiance import irradiance_cos4
 
-__all__ = ["Vignette", "cos4_factor", "rim_factor"]
+__all__ = ["Vignette", "cos4_factor", "rim_factor", "table_factor"]
 
 
 def cos4_factor(field: Array, angle: Array) -> Array:
@@ -43,6 +46,21 @@ def rim_factor(field: Array, shift: Array) -> Array:
     half = 0.5 * shift * (field * field).sum(-1) ** 0.5
     half = xp.clip(half, 0, 1 - 1e-9)
     return 2 / math.pi * (xp.arccos(half) - half * (1 - half * half) ** 0.5)
+
+
+def table_factor(field: Array, light: Sequence[float]) -> Array:
+    """Light that a table over the radius leaves, (...,), in straight lines between its places.
+
+    Args:
+        field: Field positions, (..., 2).
+        light: At even steps of the radius from the middle to the corner, two or more.
+    """
+    xp = array_namespace(field)
+    place = xp.clip((field * field).sum(-1) ** 0.5 * (len(light) - 1), 0, len(light) - 1)
+    below = xp.clip(xp.floor(place), 0, len(light) - 2)
+    index = below.astype(np.intp) if xp is np else below.long()
+    table = constant_like(np.asarray(light), place)
+    return table[index] * (1 - (place - below)) + table[index + 1] * (place - below)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -14,7 +14,7 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER
 from bokehnet.optics.supersampling import reduce_fine
 from bokehnet.rendering import memory
-from bokehnet.rendering.look import make_highlights, picture_aberrations
+from bokehnet.rendering.look import make_highlights, picture_aberrations, picture_shading
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.result import RenderReport, RenderResult
 from bokehnet.rendering.scene import FocusedScene
@@ -69,6 +69,8 @@ def expose(
     aberrations = None
     if scene.lens is not None:
         aberrations = picture_aberrations(settings.lens, scene.lens, scene.window)
+        if shading := picture_shading(settings.lens, scene.lens, scene.window):
+            effects = replace(effects or CameraEffects(), shading=shading)
     if aberrations is not None and engine.name in RAY_ENGINES:
         lens_response = replace(lens_response, aberration_map=lens_response.aberration_map + aberrations)
     overwrite = overwrite and max_memory is not None

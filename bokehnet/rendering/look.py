@@ -5,6 +5,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
 from bokehnet.errors import ConfigError, LensError, ParameterError
 from bokehnet.io.color import luminance
@@ -14,6 +16,7 @@ from bokehnet.io.window import Window
 from bokehnet.lenses.aberration_cache import cached_aberration_map
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.lenses.relative_illumination import relative_illumination
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
 from bokehnet.optics.aberration_map import AberrationMap
 from bokehnet.optics.aperture import Aperture
@@ -40,11 +43,14 @@ __all__ = [
     "make_highlights",
     "make_lens_response",
     "picture_aberrations",
+    "picture_shading",
     "prescription_lens",
 ]
 
 # Characters of a file with gains; nobody has more.
 _LONGEST_FILE = 10_000
+# Light in corners that a lens does not reach, of that in the middle.
+_DARKEST = 1e-3
 
 
 def make_aperture(settings: ApertureSettings) -> Aperture:
@@ -229,6 +235,7 @@ def prescription_lens(
             focal_length=focal_length,
             f_number=f_number if settings.f_number is None else settings.f_number,
             focus_distance=distance,
+            focusing=settings.focusing or "sharpest",
         )
     except LensError as error:
         hint = "; `lens.f_number` sets it for the lens alone" if "f-number" in str(error) else ""
@@ -258,6 +265,42 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         (False, None)
     """
     leaning = focused.aberration_map()
+    glass = _lens_of_picture(settings, focused, window)
+    if glass is None:
+        return leaning
+    lens, half_diagonal = glass
+    make = seidel_aberration_map if settings.aberrations == "seidel" else cached_aberration_map
+    try:
+        found = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
+    except LensError as error:
+        raise LensError(f"`lens.name`: {error}") from error
+    return found if leaning is None else found + leaning
+
+
+def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, ...]:
+    """Return the light that a lens leaves from the middle of one picture to its corner; empty without one.
+
+    Arguments and errors are those of :func:`picture_aberrations`.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> light = picture_shading(LensSettings(name="petzval"), focused, window)
+        >>> light[0], light[-1] < 0.7
+        (1.0, True)
+    """
+    glass = _lens_of_picture(settings, focused, window) if settings.vignetting else None
+    if glass is None:
+        return ()
+    lens, half_diagonal = glass
+    reach = lens.prescription.image_radius if half_diagonal is None else half_diagonal
+    return tuple(float(light) for light in np.maximum(relative_illumination(lens, reach), _DARKEST))
+
+
+def _lens_of_picture(
+    settings: LensSettings, focused: FocusedLens, window: Window
+) -> tuple[PrescriptionLens, float | None] | None:
+    """The lens at work, and half the diagonal of its sensor, mm; None is that of the design."""
     camera = focused.camera
     if camera is None:
         lens, half_diagonal = prescription_lens(settings), None
@@ -269,11 +312,4 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         lens = prescription_lens(
             settings, focal_length=camera.focal_length, f_number=camera.f_number, distance=distance
         )
-    if lens is None:
-        return leaning
-    make = seidel_aberration_map if settings.aberrations == "seidel" else cached_aberration_map
-    try:
-        found = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
-    except LensError as error:
-        raise LensError(f"`lens.name`: {error}") from error
-    return found if leaning is None else found + leaning
+    return None if lens is None else (lens, half_diagonal)

@@ -57,7 +57,10 @@ class ApertureSettings(Group):
         0.0, "Clipping of the blur disc in the corners of the picture, 0 to 1.5.", low=0, high=1.5
     )
     image: Path | None = setting(
-        None, "Picture of the opening, bright where light passes; any size.", flag="aperture-image"
+        None,
+        "Picture of the opening as seen from behind the camera, bright where light passes; any size. Lights "
+        "behind focus show it upright, in front of focus turned by half a turn.",
+        flag="aperture-image",
     )
     spherical_profile: float = setting(
         0.0,
@@ -109,9 +112,10 @@ class LensSettings(Group):
 
     name: str | None = setting(
         None,
-        "Render through this lens, with all its aberrations; bokehnet lens lists them.",
+        "Render through this lens, with all its aberrations; bokehnet lens lists them. Files of Zemax, "
+        "CODE V, OSLO, optiland and ray-optics are taken as they are.",
         flag="lens",
-        metavar="NAME|FILE.toml",
+        metavar="NAME|FILE",
     )
     aberrations: Literal["traced", "seidel"] | None = setting(
         None, "With --lens: traced through its glass (default), or by third-order theory."
@@ -124,6 +128,16 @@ class LensSettings(Group):
     )
     distortion: bool = setting(
         False, "With --lens: bend a picture without distortion as it does.", flag="lens-distortion"
+    )
+    vignetting: bool = setting(
+        True,
+        "With --lens: darken towards the corners as it does, by its rims and by the slant of light.",
+        flag="lens-vignetting",
+    )
+    focusing: Literal["sharpest", "paraxial"] | None = setting(
+        None,
+        "With --lens or --spherical: focus where blur is least (sharpest, default), or where rays near the "
+        "axis meet (paraxial).",
     )
     spherical: float = setting(
         0.0,
@@ -163,6 +177,7 @@ class LensSettings(Group):
         """See :class:`Group`."""
         for name in ("aberrations", "distortion", "f_number"):
             check_needed(self, name, "name")
+        check_needed(self, "focusing", "name", "spherical")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

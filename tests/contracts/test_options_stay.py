@@ -13,9 +13,10 @@ OPTIONS = {
         --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
         --engine --equaliser --f-number --f-number-from --f-number-to --field-curvature
         --focal-length --focus --focus-at --focus-distance --focus-from --focus-plane
-        --focus-range --focus-to --frames --fringe-glass --gamma --grain
+        --focus-range --focus-to --focusing --frames --fringe-glass --gamma --grain
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
         --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
+        --lens-vignetting --no-lens-vignetting
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
         --bits --color-space --dither --quality --subsampling
@@ -34,7 +35,8 @@ OPTIONS = {
         --full --output --weights
     """,
     "lens": """
-        --f-number --focal --focus --plot --psf-sheet
+        --f-number --focal --focus --plot --psf-sheet --paraxial
+        --output -o --glasses --json
     """,
     "synth": """
         --config --out --ray --workers
@@ -51,8 +53,9 @@ OPTIONS = {
 
 def known(command: str) -> set[str]:
     group = typer.main.get_command(app)
-    parameters = group.commands[command].params  # type: ignore[attr-defined]
-    return {option for parameter in parameters for option in parameter.opts}
+    found = group.commands[command]  # type: ignore[attr-defined]
+    parts = [found, *getattr(found, "commands", {}).values()]
+    return {option for part in parts for parameter in part.params for option in parameter.opts}
 
 
 @pytest.mark.parametrize("command", OPTIONS)

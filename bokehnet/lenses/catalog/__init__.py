@@ -2,8 +2,10 @@
 
 import math
 from pathlib import Path
+from typing import Literal
 
 from bokehnet.errors import LensError
+from bokehnet.lenses.files.reading import LENS_FILES, import_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
 
@@ -18,17 +20,22 @@ def catalog_names() -> list[str]:
 
 
 def find_prescription(name: str | Path) -> Prescription:
-    """Read a prescription by its name in the catalog, or from a TOML file.
+    """Read a prescription by its name in the catalog, from a TOML file, or from a file of another program.
 
     Raises:
-        LensError: It is neither a name nor a path that ends in ``.toml``.
-        ConfigError: The file is missing or wrong.
+        LensError: It is neither a name nor a path of a known ending, or a file of another program is wrong.
+        ConfigError: The TOML file is missing or wrong.
     """
     if str(name) in catalog_names():
         return read_prescription(_FOLDER / f"{name}.toml")
-    if Path(name).suffix != ".toml":
+    suffix = Path(name).suffix.lower()
+    if suffix in LENS_FILES:
+        return import_lens(name).prescription
+    if suffix != ".toml":
+        endings = ", ".join(LENS_FILES)
         raise LensError(
-            f"unknown lens {str(name)!r}: expected a .toml file or one of {', '.join(catalog_names())}"
+            f"unknown lens {str(name)!r}: expected a .toml file, one of other programs ({endings}) "
+            f"or one of {', '.join(catalog_names())}"
         )
     return read_prescription(name)
 
@@ -39,14 +46,16 @@ def load_lens(
     focal_length: float | None = None,
     f_number: float | None = None,
     focus_distance: float = math.inf,
+    focusing: Literal["sharpest", "paraxial"] = "sharpest",
 ) -> PrescriptionLens:
-    """Make a lens from the catalog or from a TOML file.
+    """Make a lens from the catalog or from a file.
 
     Args:
-        name: Name in the catalog, or path of a TOML file.
+        name: Name in the catalog, or path of a lens file, as :func:`find_prescription` takes it.
         focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
         f_number: None is fully open.
         focus_distance: mm from the entrance pupil.
+        focusing: What focus means, as :class:`PrescriptionLens` has it.
 
     Raises:
         LensError: There is no such lens, or it cannot do this.
@@ -59,4 +68,6 @@ def load_lens(
         prescription = prescription.scaled(
             focal_length / PrescriptionLens(prescription=prescription).focal_length
         )
-    return PrescriptionLens(prescription=prescription, f_number=f_number, focus_distance=focus_distance)
+    return PrescriptionLens(
+        prescription=prescription, f_number=f_number, focus_distance=focus_distance, focusing=focusing
+    )

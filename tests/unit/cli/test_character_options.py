@@ -10,6 +10,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import load_lens
+from bokehnet.lenses.relative_illumination import relative_illumination
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
 from bokehnet.lenses.thin import ThinLens
 from bokehnet.optics.lens_response import LensResponse
@@ -31,7 +32,8 @@ def own_cache(tmp_path, monkeypatch):
 
 def assert_rendered_through(cli, words, defocus, aberration_map):
     """Oracle: the renderer, which has its own tests, with that aberration map."""
-    outcome = cli(*words, "-o", "out.exr", "-q")
+    even = ["--no-lens-vignetting"] if "--lens" in words else []
+    outcome = cli(*words, *even, "-o", "out.exr", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     image = read_image(words[1])
     plain = BokehRenderer("rays").render(image, defocus).bokeh
@@ -98,6 +100,23 @@ def test_with_depth_the_lens_has_the_numbers_of_the_camera(folder, cli, read_met
     assert_rendered_through(cli, [*SCENE, "--lens", "petzval", *options], defocus, aberration_map)
 
 
+def test_a_lens_darkens_the_corners_unless_told_not_to(folder, cli):
+    """Authority: the light of the traced lens, which has its own test, at the place of each pixel."""
+    outcomes = [
+        cli(*PHOTO, "--lens", "petzval", *words, "-o", f"{len(words)}.exr", "-q")
+        for words in ([], ["--no-lens-vignetting"])
+    ]
+    assert [outcome.code for outcome in outcomes] == [0, 0]
+    darkened, even = read_image("0.exr"), read_image("1.exr")
+    lens = load_lens("petzval")
+    light = relative_illumination(lens, lens.prescription.image_radius)
+    place = np.stack(np.meshgrid(np.arange(64) - 31.5, np.arange(40) - 19.5), -1)
+    radius = np.hypot(*np.moveaxis(place, -1, 0)) / math.hypot(32, 20)
+    wanted = even * np.interp(radius, np.linspace(0, 1, 33), light)[..., None]
+    assert_allclose(darkened, wanted, rtol=2 * HALF, atol=1e-5)
+    assert (darkened[0, 0] < 0.8 * even[0, 0]).all()
+
+
 @pytest.fixture
 def read_metres(folder):
     """Depth of camera.exr as conftest draws it."""
@@ -141,7 +160,7 @@ def test_frames_of_a_pull_take_the_lens_as_it_is_focused_then(folder, cli):
     [
         (["--lens", "nikkor"], ["--lens: unknown lens 'nikkor'", ".toml", "double_gauss"]),
         (["--lens", "missing.toml"], ["missing.toml"]),
-        (["--lens", "petzval", "--lens-f-number", 1.2], ["--lens: Petzval: f-number", "2.14 or more"]),
+        (["--lens", "petzval", "--lens-f-number", 1.2], ["--lens: Petzval: f-number", "1.93 or more"]),
         (
             ["--lens", "petzval", "--lens-f-number", "nan"],
             ["--lens-f-number: expected a finite number above 0, got nan"],
@@ -164,17 +183,21 @@ def test_mistakes_are_one_clear_line(fails, options, words):
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("lens", "changed", "words"),
     [
-        ({"--f-number": 1.4}, ["--lens: Petzval: f-number", "--lens-f-number"]),
-        ({"--focus-distance": 0.051}, ["--lens: Petzval: cannot focus at 51 mm"]),
-        ({"--sensor-width": 300}, ["--lens: "]),
+        ("petzval", {"--f-number": 1.4}, ["--lens: Petzval: f-number", "--lens-f-number"]),
+        (
+            "telephoto",
+            {"--f-number": 8, "--focus-distance": 0.051},
+            ["--lens: Telephoto: cannot focus at 51"],
+        ),
+        ("petzval", {"--sensor-width": 300}, ["--lens: "]),
     ],
 )
-def test_a_camera_that_the_lens_cannot_follow_is_told(fails, changed, words):
+def test_a_camera_that_the_lens_cannot_follow_is_told(fails, lens, changed, words):
     numbers = dict(zip(CAMERA[::2], CAMERA[1::2], strict=True)) | changed
     camera = [word for pair in numbers.items() for word in pair]
-    fails([*SCENE[: -len(CAMERA)], *camera, "--lens", "petzval"], *words)
+    fails([*SCENE[: -len(CAMERA)], *camera, "--lens", lens], *words)
 
 
 def test_a_lens_file_that_is_wrong_is_told(folder, fails):

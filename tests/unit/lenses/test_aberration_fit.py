@@ -52,7 +52,7 @@ def test_light_of_a_point_arrives_where_the_map_says(maps, name, share):
     lens, _, full = maps[name]
     half_diagonal, depth = lens.prescription.image_radius, share * lens.focus_distance
     seen = 0.5 * np.array([0.8, -0.6])
-    slope = seen * half_diagonal / lens.thick.sensor_distance
+    slope = seen * half_diagonal / lens.sensor_distance
     origin = 1.5 * lens.thick.pupil_radius * DISC
     reached, passes = lens.trace_to_sensor(Rays(origin=origin, slope=slope - origin / depth))
     field = (-reached / half_diagonal)[passes]

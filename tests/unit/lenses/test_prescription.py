@@ -41,18 +41,18 @@ def test_light_sent_back_from_the_scene_reaches_the_sensor_point_that_it_came_fr
 
 def test_focusing_moves_the_lens_by_the_newton_formula():
     """x x' = f^2, both from the focal points."""
-    lens = load_lens("telephoto", focus_distance=5000.0)
+    lens = load_lens("telephoto", focus_distance=5000.0, focusing="paraxial")
     front = lens.focus_distance - (lens.paraxial.entrance.position - lens.paraxial.cardinal.front_focus)
     travel = lens.sensor_position - lens.paraxial.cardinal.rear_focus
     assert travel == pytest.approx(lens.focal_length**2 / front)
 
 
 def test_impossible_settings_are_refused():
-    with pytest.raises(LensError, match=r"Retrofocus.*cannot focus at 70 mm.*front of the lens is 73"):
+    with pytest.raises(LensError, match=r"Retrofocus.*cannot focus at 70 mm.*front of the lens is 70.94"):
         load_lens("retrofocus", focus_distance=70.0)
     with pytest.raises(LensError, match=r"Double Gauss.*cannot focus at 90 mm"):
         load_lens("double_gauss", focus_distance=90.0)
-    with pytest.raises(LensError, match=r"f-number: expected 2.03 or more, got 1.4"):
+    with pytest.raises(LensError, match=r"f-number: expected 2.02 or more, got 1.4"):
         load_lens("double_gauss", f_number=1.4)
 
 
@@ -126,7 +126,7 @@ def test_the_middle_of_the_pupil_looks_from_the_origin():
         lens = load_lens(name, f_number=11.0)
         rays = lens.sample_rays(np.array([0.5, 0.0]), np.zeros(2))
         assert abs(rays.origin[0]) < 1e-3 * lens.thick.pupil_radius
-        assert rays.slope[0] == pytest.approx(-0.5 / lens.thick.sensor_distance, rel=1e-3)
+        assert rays.slope[0] == pytest.approx(-0.5 / lens.sensor_distance, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["double_gauss", "retrofocus", "telephoto"])

@@ -37,11 +37,11 @@ LENSES = [*catalog_names(), "conics"]
 
 
 def make_lens(name, focus=30.0, f_number=None):
-    """A lens that is focused at so many focal lengths."""
+    """A lens that is focused at so many focal lengths, as Gaussian optics has it."""
     if name == "conics":
-        lens = PrescriptionLens(prescription=CONICS, f_number=f_number)
+        lens = PrescriptionLens(prescription=CONICS, f_number=f_number, focusing="paraxial")
     else:
-        lens = load_lens(name, f_number=f_number)
+        lens = load_lens(name, f_number=f_number, focusing="paraxial")
     return dataclasses.replace(lens, focus_distance=focus * lens.focal_length)
 
 
@@ -49,7 +49,7 @@ def traced_lines(lens, field, aim, wavelength):
     """Places in the stop, E and coordinates A of traced rays, by the definition of the aberration map."""
     corner = lens.prescription.image_radius
     rays = stop_rays(lens, corner * field, abs(lens.paraxial.exit.radius) * aim, wavelength)
-    place = lens.thick.sensor_distance / corner * (rays.slope + rays.origin / lens.focus_distance)
+    place = lens.sensor_distance / corner * (rays.slope + rays.origin / lens.focus_distance)
     return rays.stop, field - place, -rays.origin / abs(lens.paraxial.entrance.radius)
 
 
@@ -84,7 +84,7 @@ def test_what_theory_leaves_of_traced_rays_is_of_the_fifth_order(name, focus, wa
 @pytest.mark.parametrize("name", catalog_names())
 def test_a_stopped_down_lens_has_the_pencil_map_that_is_fitted_to_traced_rays(name, distortion):
     """Oracle: ``fit_aberration_map``, in both its frames, with its even coordinates, over the spectrum."""
-    lens = make_lens(name, f_number=16.0)
+    lens = make_lens(name, f_number=20.0)
     half = 0.3 * lens.prescription.image_radius
     fitted = fit_aberration_map(lens, half_diagonal=half, distortion=distortion, wavelengths=(420.0, 680.0))
     theory = seidel_aberration_map(lens, half_diagonal=half, distortion=distortion)
@@ -193,7 +193,7 @@ def test_without_distortion_the_middle_ray_of_the_design_wavelength_hits_at_ever
     raw = dataclasses.replace(reduced, tilt=0 * reduced.tilt)
     kept, left_out = (raw.aberration_map(picture)(0 * field, field, design) for picture in (None, raw))
     assert np.abs(kept[0]).max() > 0.02
-    assert np.abs(kept[1]).max() > 0.02
+    assert np.abs(kept[1]).max() > 0.009  # with the stop where the patent's coefficients have it
     assert_allclose(left_out[0], 0, atol=1e-15)
     assert_allclose(left_out[1], 0, atol=1e-15)
 

@@ -141,15 +141,16 @@ def test_obstruction_cuts_its_disc_out():
     assert area == pytest.approx(math.pi * (1 - 0.36), rel=1e-3)
 
 
-def test_picture_is_upright_and_its_longer_side_spans_the_pupil():
+def test_picture_is_that_of_the_pupil_and_its_longer_side_spans_it():
+    """Light through A falls at -d A, so at aperture coordinates a the picture is that of -a."""
     aperture = Aperture(picture=LETTER)
     for row in range(5):
         for column in range(3):
             u, v = (2 * column + 1 - 3) / 5, (2 * row + 1 - 5) / 5
             if math.hypot(u, v) < 1:
-                assert transmission(aperture, u, v) == LETTER[row, column]
-    assert transmission(aperture, -0.62, 0.0) == 0
-    assert transmission(aperture, -0.4, 0.99) == 0
+                assert transmission(aperture, -u, -v) == LETTER[row, column]
+    assert transmission(aperture, 0.62, 0.0) == 0
+    assert transmission(aperture, 0.4, -0.99) == 0
 
 
 def test_parts_of_the_opening_multiply():

@@ -70,7 +70,7 @@ def test_an_ellipsoid_of_the_right_conic_focuses_parallel_light_without_spherica
     """Authority: Descartes' oval for infinity, conic -(n / n')^2."""
     for before, behind in ((1.0, 1.7), (1.7, 1.0)):
         conic = -((before / behind) ** 2)
-        sums = surface_sums((5.0, 0.0), (0.0, 0.1), 1 / 60, conic, before, behind)
+        sums = surface_sums((5.0, 0.0), (0.0, 0.1), 1 / 60, conic / 60**3, before, behind)
         sphere = surface_sums((5.0, 0.0), (0.0, 0.1), 1 / 60, 0.0, before, behind)
         assert abs(sums.spherical) < 1e-12 * abs(sphere.spherical)
 
@@ -96,7 +96,7 @@ def test_a_thin_lens_has_the_spherical_aberration_of_the_lens_makers_formula():
 def test_a_shifted_stop_changes_the_sums_as_the_stop_shift_equations_say():
     """Authority: Welford 1986, 8.5, for a surface with a conic; q is the change of the chief ray."""
     marginal, chief, q = np.array([5.0, -0.05]), np.array([-1.0, 0.2]), 0.3
-    surface = (1 / 30, -0.7, 1.0, 1.6)
+    surface = (1 / 30, -0.7 / 30**3, 1.0, 1.6)
     old = surface_sums(marginal, chief, *surface)
     new = surface_sums(marginal, chief + q * marginal, *surface)
     s1, s2, s3, s4, s5 = as_rows(old)

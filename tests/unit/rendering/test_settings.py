@@ -164,6 +164,7 @@ VALID = [
         },
         "lens": {
             "name": "double_gauss", "aberrations": "seidel", "f_number": 4, "distortion": True,
+            "focusing": "paraxial", "vignetting": False,
             "spherical": 3, "coma": -3, "astigmatism": 1e-3, "field_curvature": 100,
         },
         "color": {
@@ -367,6 +368,7 @@ def test_numbers_of_other_kinds_become_pythons_own():
         ({"aperture": {"grain_seed": 0}}, "aperture.grain_seed"),
         ({"lens": {"aberrations": "traced"}}, "lens.aberrations"),
         ({"lens": {"f_number": 2}}, "lens.f_number"),
+        ({"lens": {"focusing": "paraxial"}}, "lens.focusing"),
         ({"lens": {"distortion": True}}, "lens.distortion"),
         ({"color": {"axial_map": "linear", "lateral": 1}}, "color.axial_map"),
         ({"color": {"lateral_map": "linear", "axial": 1}}, "color.lateral_map"),
@@ -493,6 +495,7 @@ def test_choices_are_those_of_the_rooms_below():
         "depth.mixed": set(REPAIR_MODES),
         "depth.repair": set(REPAIR_MODES),
         "lens.aberrations": {"traced", "seidel"},
+        "lens.focusing": {"sharpest", "paraxial"},
         "color.dispersion": set(DISPERSIONS),
         "engine.name": set(ENGINES),
         "output.color_space": set(COLOR_SPACE_NAMES),

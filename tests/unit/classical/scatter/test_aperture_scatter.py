@@ -99,7 +99,7 @@ def test_blur_of_half_a_pixel_is_the_identity():
         assert not gradients[1].any()
 
 
-def test_letter_is_upright_in_front_of_focus_and_turned_behind():
+def test_letter_is_upright_behind_focus_and_turned_in_front():
     """The picture's own pixels, of 2/5 of the radius, in the order of rows and columns."""
     radius = 20
     front, behind = one_point(radius, WHOLE["letter"]), one_point(-radius, WHOLE["letter"])
@@ -109,7 +109,7 @@ def test_letter_is_upright_in_front_of_focus_and_turned_behind():
         for column in range(3):
             x, y = (2 * column - 2) * radius // 5, (2 * row - 4) * radius // 5
             if math.hypot(x, y) < 0.95 * radius:
-                assert (front[middle + y, middle + x] > 5e-4) == LETTER[row, column]
+                assert (behind[middle + y, middle + x] > 5e-4) == LETTER[row, column]
 
 
 @pytest.mark.parametrize("squeeze", [0.5, 1.6])

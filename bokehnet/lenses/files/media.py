@@ -1,0 +1,73 @@
+"""From what a lens file calls a glass to the glass, said where it is a stand-in."""
+
+import re
+
+from bokehnet.lenses.files.glasses import GlassCatalogues, approximate, plain_name
+from bokehnet.lenses.files.old_glasses import OLD_GLASSES
+from bokehnet.lenses.files.structure import FileLens, fail
+from bokehnet.optics.glass import FormulaGlass, Glass
+
+__all__ = ["medium_of"]
+
+_AIR = {"", "AIR", "VACUUM"}
+
+
+def medium_of(
+    lens: FileLens,
+    line: int,
+    key: str,
+    name: str,
+    catalogues: GlassCatalogues,
+    *,
+    maker: str = "",
+    nd: float | None = None,
+    vd: float | None = None,
+) -> Glass | None:
+    """Return the medium called ``name``; None is air.
+
+    Glasses of the catalogues come first, then codes of six digits (517642 is nd 1.517, Vd 64.2) and of index
+    and Abbe number (1.517:64.2), then what the file itself tells of it.
+
+    Args:
+        lens: Is told of stand-ins.
+        line: Where the glass stands in the file.
+        key: What the file calls the entry.
+        name: Of the glass.
+        catalogues: To look in.
+        maker: Of the glass, where it is known.
+        nd: Index that the file tells.
+        vd: Abbe number that it tells; 0 is no dispersion.
+
+    Raises:
+        LensError: Nobody knows the glass, or it is a mirror.
+    """
+    if name.upper() in _AIR:
+        return None
+    if name.upper() in ("MIRROR", "REFL"):
+        fail(lens.path, line, key, "expected lenses alone, got a mirror, which no lens here has")
+    found = catalogues.find(name, maker)
+    if found is not None:
+        return found
+    if match := re.fullmatch(r"(\d{3})\.?(\d{3})|(\d\.\d+):(\d+\.?\d*)|(\d{6,9})\.(\d{1,6})", name):
+        nd, vd = _code(match)
+    elif re.fullmatch(r"[12]\.\d*", name):
+        return FormulaGlass(root=1.0, powers=((float(name), 0.0),))
+    elif (nd is None or not nd > 1) and plain_name(name) in OLD_GLASSES:
+        nd, vd = OLD_GLASSES[plain_name(name)]
+    if nd is None or not nd > 1:
+        remedy = "give its catalogue, an AGF file or refractiveindex.info's YAML, by --glasses"
+        fail(lens.path, line, key, f"expected a glass that is known, got {name!r}; {remedy}")
+    vd = vd or 0.0
+    lens.said.append(
+        f"{name} stands for nd {nd:g}, Vd {vd:g}" if vd else f"{name} has the index {nd:g} everywhere"
+    )
+    return approximate(nd, vd)
+
+
+def _code(match: re.Match[str]) -> tuple[float, float]:
+    if match[1]:
+        return 1 + int(match[1]) / 1000, int(match[2]) / 10
+    if match[3]:
+        return float(match[3]), float(match[4])
+    digits, rest = match[5], match[6]
+    return 1 + float(f"0.{digits}"), float(f"{rest[:2]}.{rest[2:] or 0}")

@@ -1,0 +1,123 @@
+"""optiland's JSON: rotationally symmetric lenses of spheres, conics and even aspheres.
+
+Source: what ``optiland.fileio.save_optiland_file`` writes, version 1.0.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import LensError
+from bokehnet.lenses.files.glasses import GlassCatalogues
+from bokehnet.lenses.files.media import medium_of
+from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
+from bokehnet.lenses.files.text import read_lines
+from bokehnet.optics.glass import FormulaGlass, Glass
+
+__all__ = ["read_optiland"]
+
+_APERTURES = {"EPD": "epd", "imageFNO": "f_number", "objectNA": "object_na", "float_by_stop_size": "stop"}
+_FIELDS = {
+    "angle": "angle",
+    "object_height": "object",
+    "paraxial_image_height": "image",
+    "real_image_height": "image",
+}
+_SHAPES = ("Plane", "StandardGeometry", "EvenAsphere")
+
+
+def read_optiland(path: Path, catalogues: GlassCatalogues) -> FileLens:
+    """Read a lens that optiland saved.
+
+    Raises:
+        LensError: It is none, or its surfaces are no spheres, conics or even aspheres about one axis.
+    """
+    try:
+        data = json.loads("\n".join(read_lines(path)))
+    except json.JSONDecodeError as error:
+        fail(path, error.lineno, "JSON", error.msg)
+    if not (isinstance(data, dict) and "surface_group" in data):
+        fail(path, 0, "surface_group", "expected surfaces, got none; is this a lens of optiland?")
+    lens = FileLens(path=path, name=str(data.get("name") or ""))
+    key = "surface_group"
+    try:
+        surfaces = data["surface_group"]["surfaces"]
+        places = [float(surface["geometry"]["cs"]["z"]) for surface in surfaces]
+        for number, surface in enumerate(surfaces):
+            key = f"surfaces[{number}]"
+            after = places[number + 1] if number + 1 < len(surfaces) else places[number]
+            lens.surfaces.append(_surface(lens, key, surface, after - places[number], catalogues))
+        key = "aperture"
+        aperture = data["aperture"]
+        lens.aperture = (_APERTURES.get(aperture["type"], ""), float(aperture["value"]))
+        if not lens.aperture[0]:
+            fail(path, 0, key, f"expected one of {', '.join(_APERTURES)}, got {aperture['type']}")
+        if lens.aperture[0] == "stop":
+            stop = next(surface for surface in lens.surfaces if surface.stop)
+            stop.semi_diameter = lens.aperture[1] / 2
+        key = "fields"
+        fields = data["fields"]["fields"]
+        kind = data["fields"].get("field_type") or (fields[0].get("field_type") if fields else "angle")
+        if isinstance(kind, dict):
+            kind = kind.get("field_type", "angle")
+        sizes = [math.hypot(float(one["x"]), float(one["y"])) for one in fields]
+        lens.field = (_FIELDS.get(str(kind), "angle"), max(sizes, default=0.0))
+        key = "wavelengths"
+        waves = data["wavelengths"]["wavelengths"]
+        primary = next((one for one in waves if one.get("is_primary")), waves[0])
+        lens.wavelength = (
+            float(primary["value"]) * {"um": 1e3, "nm": 1.0, "mm": 1e6}[primary.get("unit", "um")]
+        )
+    except LensError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError, StopIteration) as error:
+        fail(path, 0, key, f"expected what optiland writes, got none of {error}")
+    return lens
+
+
+def _surface(
+    lens: FileLens, key: str, surface: dict[str, Any], thickness: float, catalogues: GlassCatalogues
+) -> FileSurface:
+    geometry = surface["geometry"]
+    shape, place = geometry["type"], geometry["cs"]
+    if shape not in _SHAPES:
+        fail(lens.path, 0, f"{key}.geometry", f"expected one of {', '.join(_SHAPES)}, got {shape}")
+    if any(float(place.get(turn, 0.0)) != 0 for turn in ("x", "y", "rx", "ry")):
+        fail(lens.path, 0, f"{key}.cs", "expected surfaces about one axis, got a shift or a tilt")
+    if surface.get("is_reflective"):
+        fail(lens.path, 0, key, "expected lenses alone, got a mirror, which no lens here has")
+    if surface.get("surface_type") == "paraxial" or surface.get("type") == "ParaxialSurface":
+        fail(lens.path, 0, key, "expected glass, got a paraxial lens")
+    radius = float(geometry.get("radius", math.inf))
+    powers = (
+        tuple(float(power) for power in geometry.get("coefficients", ())) if shape == "EvenAsphere" else ()
+    )
+    aperture = surface.get("aperture") or {}
+    outer = aperture.get("r_max") if isinstance(aperture, dict) else None
+    return FileSurface(
+        radius=radius,
+        thickness=thickness,
+        conic=float(geometry.get("conic", 0.0) or 0.0),
+        aspheric=powers,
+        medium=_medium(lens, f"{key}.material_post", surface["material_post"], catalogues),
+        semi_diameter=None if outer is None else float(outer),
+        stop=bool(surface.get("is_stop", False)),
+        comment=str(surface.get("comment") or ""),
+    )
+
+
+def _medium(lens: FileLens, key: str, told: dict[str, Any], catalogues: GlassCatalogues) -> Glass | None:
+    kind = told.get("type")
+    if kind == "IdealMaterial":
+        index = told["index"]
+        index = float(index[0] if isinstance(index, list) else index)
+        return None if index == 1 else FormulaGlass(root=1.0, powers=((index, 0.0),))
+    if kind == "AbbeMaterial":
+        return medium_of(
+            lens, 0, key, "model glass", catalogues, nd=float(told["index"]), vd=float(told["abbe"])
+        )
+    name = str(told.get("name", kind))
+    folder = str(told.get("filename", "")).replace("\\", "/").split("/")
+    maker = str(told.get("reference") or (folder[-2] if len(folder) > 1 else ""))
+    return medium_of(lens, 0, key, name, catalogues, maker=maker)

@@ -1,0 +1,147 @@
+"""ray-optics models, ``.roa``: rotationally symmetric lenses of spheres, conics and even aspheres.
+
+Source: what ``rayoptics.optical.opticalmodel.OpticalModel.save_model`` writes.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import LensError
+from bokehnet.lenses.files.glasses import GlassCatalogues
+from bokehnet.lenses.files.media import medium_of
+from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
+from bokehnet.lenses.files.text import read_lines
+from bokehnet.optics.glass import FormulaGlass, Glass, TableGlass
+
+__all__ = ["read_rayoptics"]
+
+_UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inches": 25.4, "feet": 304.8}
+_SHAPES = ("Spherical", "Conic", "EvenPolynomial", "RadialPolynomial")
+_APERTURES = {
+    ("object", "epd"): "epd",
+    ("object", "pupil"): "epd",
+    ("image", "f/#"): "working_f_number",
+    ("object", "NA"): "object_na",
+    ("image", "NA"): "image_na",
+}
+
+
+def read_rayoptics(path: Path, catalogues: GlassCatalogues) -> FileLens:
+    """Read a model of ray-optics.
+
+    Raises:
+        LensError: It is none, or its surfaces are no spheres, conics or even aspheres about one axis.
+    """
+    try:
+        data = json.loads("\n".join(read_lines(path)))
+    except json.JSONDecodeError as error:
+        fail(path, error.lineno, "JSON", error.msg)
+    lens, key = FileLens(path=path), "optical_model"
+    try:
+        model = _inside(data["optical_model"])
+        system = _inside(model["system_spec"])
+        lens.name = str(system.get("title", ""))
+        unit = str(system.get("_dimensions") or system.get("dimensions") or "mm").lower()
+        lens.millimetres = _UNITS[unit]
+        key = "seq_model"
+        sequence = _inside(model["seq_model"])
+        profiles = model.get("profile_dict") or {}
+        gaps = sequence["gaps"]
+        for number, entry in enumerate(sequence["ifcs"]):
+            key = f"ifcs[{number}]"
+            gap: Any = _inside(gaps[number]) if number < len(gaps) else {"thi": 0.0, "medium": None}
+            surface = _surface(lens, key, entry, profiles)
+            surface.thickness = float(gap["thi"])
+            surface.medium = _medium(lens, f"gaps[{number}].medium", gap["medium"], catalogues)
+            lens.surfaces.append(surface)
+        stop = sequence.get("stop_surface")
+        if stop is not None:
+            lens.surfaces[stop].stop = True
+        key = "optical_spec"
+        _specification(lens, _inside(model["optical_spec"]))
+    except LensError:
+        raise
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        fail(path, 0, key, f"expected what ray-optics writes, got none of {error}")
+    return lens
+
+
+def _inside(entry: Any) -> Any:
+    """What an object of json-tricks holds."""
+    return entry.get("attributes", entry)
+
+
+def _kind(entry: dict[str, Any]) -> str:
+    return str(entry.get("__instance_type__", ["", ""])[1])
+
+
+def _numbers(entry: Any) -> list[float]:
+    return [float(number) for number in (entry["__ndarray__"] if isinstance(entry, dict) else entry)]
+
+
+def _surface(lens: FileLens, key: str, entry: dict[str, Any], profiles: dict[str, Any]) -> FileSurface:
+    if _kind(entry) not in ("Surface", ""):
+        fail(lens.path, 0, key, f"expected a surface, got {_kind(entry)}, which has no shape")
+    told = _inside(entry)
+    if told.get("interact_mode", "transmit") not in ("transmit", "dummy"):
+        fail(lens.path, 0, key, "expected lenses alone, got a mirror, which no lens here has")
+    if told.get("decenter") or told.get("phase_element"):
+        fail(lens.path, 0, key, "expected surfaces of one axis that refract, got something else")
+    profile = told.get("profile") or profiles.get(str(told.get("profile_id")))
+    if profile is None:
+        raise KeyError("profile")
+    if _kind(profile) not in _SHAPES:
+        fail(lens.path, 0, f"{key}.profile", f"expected one of {', '.join(_SHAPES)}, got {_kind(profile)}")
+    shape = _inside(profile)
+    curvature = float(shape.get("cv", 0.0))
+    powers = _numbers(shape.get("coefs", [])) if _kind(profile).endswith("Polynomial") else []
+    if _kind(profile) == "RadialPolynomial":
+        if any(powers[0::2]):
+            fail(lens.path, 0, f"{key}.profile", "expected even powers of the height, got odd ones")
+        powers = powers[1::2]
+    size = told.get("max_aperture")
+    return FileSurface(
+        radius=1 / curvature if curvature else math.inf,
+        conic=float(shape.get("cc", shape.get("ec", 1.0) - 1)),
+        aspheric=tuple(powers),
+        semi_diameter=float(size) if size else None,
+        comment=str(told.get("label") or ""),
+    )
+
+
+def _medium(lens: FileLens, key: str, entry: Any, catalogues: GlassCatalogues) -> Glass | None:
+    if not entry or _kind(entry) == "Air":
+        return None
+    told, kind = _inside(entry), _kind(entry)
+    name = str(told.get("gname") or told.get("label") or told.get("_label") or "model glass")
+    if kind in ("ConstantIndex",):
+        return FormulaGlass(root=1.0, powers=((float(told["n"]), 0.0),))
+    if kind in ("InterpolatedMedium", "InterpolatedGlass"):
+        known = sorted(zip(_numbers(told["wvls"]), _numbers(told["rndx"]), strict=True))
+        return TableGlass(wavelengths=tuple(w for w, _ in known), indices=tuple(n for _, n in known))
+    if kind == "ModelGlass" or "n" in told:
+        return medium_of(lens, 0, key, name, catalogues, nd=float(told["n"]), vd=float(told.get("v", 0.0)))
+    maker = str(entry.get("__instance_type__", [""])[0]).rpartition(".")[2] or str(told.get("_catalog", ""))
+    if kind == "SchottGlass" and len(told.get("coefs", [])) == 6:
+        b1, b2, b3, c1, c2, c3 = _numbers(told["coefs"])
+        poles = ((b1, 2.0, c1, 1.0), (b2, 2.0, c2, 1.0), (b3, 2.0, c3, 1.0))
+        return FormulaGlass(powers=((1.0, 0.0),), poles=poles)
+    return medium_of(lens, 0, key, name, catalogues, maker=maker)
+
+
+def _specification(lens: FileLens, told: dict[str, Any]) -> None:
+    pupil = _inside(told["pupil"])
+    key = pupil.get("key") or pupil.get("_key")
+    kind = _APERTURES.get((key[-2], key[-1]))
+    if kind is None:
+        fail(lens.path, 0, "pupil", f"expected one of {list(_APERTURES)}, got {key}")
+    lens.aperture = (kind, float(pupil["value"]))
+    field = _inside(told["field_of_view"])
+    place, what = (field.get("key") or field.get("_key"))[-2:]
+    scale = abs(float(field.get("value", 1.0))) if field.get("is_relative") else 1.0
+    sizes = [scale * math.hypot(_inside(one)["x"], _inside(one)["y"]) for one in field.get("fields", [])]
+    lens.field = ("angle" if what == "angle" else str(place), max(sizes, default=0.0))
+    waves = _inside(told["spectral_region"])
+    lens.wavelength = float(waves["wavelengths"][int(waves.get("reference_wvl", 0))])

@@ -1,0 +1,155 @@
+"""One lens in the formats of six programs: the same prescription, and what is said of what is wrong."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bokehnet.errors import LensError
+from bokehnet.lenses import PrescriptionLens, load_lens, read_prescription
+from bokehnet.lenses.files.reading import import_lens
+from bokehnet.lenses.prescription_toml import prescription_toml
+from bokehnet.lenses.surface_trace import beam_between, trace
+from tests.unit.lenses.files.lens_texts import CSV, LEN, OPTILAND, RAYOPTICS, SEQ, ZMX
+
+FORMATS = {
+    "a.zmx": ZMX,
+    "a.seq": SEQ,
+    "a.len": LEN,
+    "a.csv": CSV,
+    "a.json": json.dumps(OPTILAND),
+    "a.roa": json.dumps(RAYOPTICS),
+}
+INCH = 25.4
+
+
+@pytest.fixture
+def put(tmp_path):
+    def write(name, text, encoding="utf-8"):
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
+        return path
+
+    return write
+
+
+def focal_length() -> float:
+    """Of the doublet, mm, by ray matrices written out: three surfaces, two thicknesses."""
+    bk7 = 1.5168000345005885  # Schott's Sellmeier formula at 587.5618 nm
+    system = np.eye(2)
+    for power, gap in (
+        ((bk7 - 1) * 0.4, 0.25 / bk7),
+        ((1.62 - bk7) * -0.35, 0.1 / 1.62),
+        ((1 - 1.62) * -0.1, 0),
+    ):
+        system = np.array([[1, gap], [0, 1]]) @ np.array([[1, 0], [-power, 1]]) @ system
+    return -INCH / system[1, 0]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_is_the_same_lens(put, name):
+    """Authority: matrices by hand for the focal length, the f-number, rays of the lens of another format."""
+    found = import_lens(put(name, FORMATS[name])).prescription
+    lens = PrescriptionLens(prescription=found)
+    assert found.name == "Doublet"
+    assert lens.focal_length == pytest.approx(focal_length(), rel=1e-9)
+    assert lens.fastest == pytest.approx(focal_length() / (0.8 * INCH), rel=1e-9)
+    assert found.image_radius == pytest.approx(focal_length() * np.tan(np.radians(5)), rel=1e-9)
+    assert [row.stop for row in found.surfaces] == [True, False, False, False]
+    other = PrescriptionLens(prescription=import_lens(put("b.zmx", ZMX)).prescription)
+    height = np.linspace(1, 9, 5)
+    start = beam_between((height, 0 * height, -1.0), (height, 0.1 + 0 * height, 0.0))
+    one, two = (trace(each.surfaces, start) for each in (lens, other))
+    np.testing.assert_allclose(one.position, two.position, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(one.direction, two.direction, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig", "latin-1"])
+def test_zemax_writes_in_many_encodings(put, encoding):
+    text = ZMX.replace("NAME Doublet", "NAME Doppellinse Größe 5")
+    found = import_lens(put("a.zmx", text, encoding)).prescription
+    assert found.name == "Doppellinse Größe 5"
+    assert PrescriptionLens(prescription=found).focal_length == pytest.approx(focal_length(), rel=1e-9)
+
+
+def test_a_written_lens_is_the_one_that_was_read(put, tmp_path):
+    found = import_lens(put("a.seq", SEQ)).prescription
+    (tmp_path / "b.toml").write_text(prescription_toml(found))
+    assert read_prescription(tmp_path / "b.toml") == found
+
+
+def test_commands_take_such_a_file_directly(put, cli):
+    path = put("a.seq", SEQ)
+    assert load_lens(path, focal_length=50.0).focal_length == pytest.approx(50)
+    outcome = cli("lens", path)
+    assert outcome.code == 0
+    assert outcome.out.startswith("Doublet")
+
+
+def test_what_was_assumed_and_passed_over_is_said(put):
+    found = import_lens(put("a.zmx", ZMX))
+    assert "___BLANK stands for nd 1.62, Vd 36.3" in found.said
+    assert found.skipped["VERS"] == 1
+    assert found.skipped["GCAT"] == 1
+    assert "DIAM" not in found.skipped
+
+
+def test_a_stop_on_a_surface_is_a_plane_at_its_vertex(put):
+    """In air in front of glass, inside it where glass is on both sides, in air behind the last surface."""
+    base = ZMX.replace("  STOP\n", "")
+    for surface, wanted in (("SURF 2\n", 0), ("SURF 3\n", 2), ("SURF 4\n", 3)):
+        found = import_lens(put("a.zmx", base.replace(surface, surface + "  STOP\n"))).prescription
+        lens = PrescriptionLens(prescription=found)
+        assert [row.stop for row in found.surfaces].index(True) == wanted
+        assert lens.fastest == pytest.approx(focal_length() / (0.8 * INCH), rel=1e-9)
+        assert lens.focal_length == pytest.approx(focal_length(), rel=1e-9)
+
+
+def test_glass_comes_from_a_catalogue_beside_the_file(put):
+    """AGF formula 2 is Sellmeier's, so that this is N-BK7 by another name."""
+    put(
+        "mine.AGF",
+        "CC ours\nNM MYCROWN 2 517642 1.5168 64.17 0 0\nCD 1.03961212 0.00600069867 0.231792344 "
+        "0.0200179144 1.01046945 103.560653\n",
+    )
+    found = import_lens(put("a.zmx", ZMX.replace("N-BK7", "MYCROWN"))).prescription
+    assert PrescriptionLens(prescription=found).focal_length == pytest.approx(focal_length(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.zmx", ZMX.replace("TYPE EVENASPH", "TYPE TOROIDAL"), ["line 24", "TYPE", "TOROIDAL"]),
+        (
+            "a.zmx",
+            ZMX.replace("N-BK7 0 0 1.5 40", "UNOBTAINIUM 0 0 1.5 40"),
+            ["line 29", "GLAS", "UNOBTAINIUM"],
+        ),
+        ("a.zmx", ZMX.replace("N-BK7", "MIRROR"), ["GLAS", "mirror"]),
+        ("a.zmx", ZMX.replace("DISZ 0.25", "DISZ -0.25"), ["thickness", "-0.25"]),
+        ("a.zmx", ZMX.replace("CURV 0.4", "CURV abc"), ["line 25", "CURV", "abc"]),
+        ("a.zmx", ZMX.replace("MODE SEQ", "MODE NSC"), ["line 2", "MODE", "NSC"]),
+        ("a.zmx", ZMX.replace("ENPD 0.8", "ENPD 0"), ["aperture", "above 0"]),
+        ("a.zmx", "junk\n" * 2000, ["SURF", "expected surfaces"]),
+        ("a.zmx", b"\x89\x01\x02\x00\x03" * 4000, ["expected text"]),
+        ("a.seq", SEQ.replace("  STO\n", "  STO\n  ADE 5.0\n"), ["line 12", "ADE"]),
+        ("a.seq", SEQ.replace("NBK7_SCHOTT", "REFL"), ["mirror"]),
+        ("a.seq", "", ["expected surfaces"]),
+        ("a.len", LEN.replace("CC -0.5", "RFL"), ["line 17", "RFL"]),
+        ("a.len", "nothing\n", ["LEN"]),
+        ("a.csv", "a, b\n1, 2\n", ["line 1", "R"]),
+        ("a.csv", CSV.replace("1.62, 36.3", "glass, 36.3"), ["line 7", "N", "glass"]),
+        ("a.json", "{", ["JSON"]),
+        ("a.json", "[]", ["surface_group"]),
+        ("a.roa", "{}", ["optical_model"]),
+    ],
+)
+def test_mistakes_are_one_line_with_file_line_and_key(put, name, text, words):
+    path = put(name, text)
+    with pytest.raises(LensError) as caught:
+        import_lens(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    for word in words:
+        assert word in message
