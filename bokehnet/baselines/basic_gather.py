@@ -1,7 +1,7 @@
 """Basic gather: each pixel is the mean of random pixels inside its own circle of confusion.
 
-Faults: noise of few samples; sharp surroundings bleed into blurred pixels; a blurred foreground keeps its sharp
-outline, as only a pixel's own blur is looked at.
+Faults: noise of few samples; sharp surroundings bleed into blurred pixels; a blurred foreground keeps its
+sharp outline, as only a pixel's own blur is looked at.
 """
 
 import math
@@ -68,8 +68,9 @@ def gather_basic(
         Picture (H, W, 3), float32.
 
     Source:
-        Thesis 004, 2.2.3, the first listing. It adds ``iterations + 1`` colours and divides by ``iterations``,
-        so that its pictures are too bright by one part in ``iterations``; here it is the mean.
+        Thesis 004, 2.2.3, the first listing. It adds ``iterations + 1`` colours and divides by
+        ``iterations``, so that its pictures are too bright by one part in ``iterations``; here it is the
+        mean.
     """
     check_whole("samples", samples, 1)
     image, defocus, aperture = check_baseline("gather_basic", "outline", image, defocus, aperture)

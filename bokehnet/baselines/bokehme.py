@@ -1,7 +1,7 @@
-"""BokehMe's scatter as published: soft discs weighed by their area, all pixels at once, whatever stands before what.
+"""BokehMe's scatter as published: soft discs weighed by their area, whatever stands before what.
 
-Faults: foreground and background mix without order; discs grow by half a pixel; lights behind a sharp edge shine
-through it.
+Faults: foreground and background mix without order; discs grow by half a pixel; lights behind a sharp edge
+shine through it.
 """
 
 import math
@@ -42,8 +42,8 @@ def bokehme_scatter(
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W).
         aperture: A plain disc or None.
-        gamma: Power of scene-linear light in which it is mixed, 0.2 to 5; the paper's own, of encoded light, is
-            2.2 times as large.
+        gamma: Power of scene-linear light in which it is mixed, 0.2 to 5; the paper's own, of encoded light,
+            is 2.2 times as large.
 
     Returns:
         Picture (H, W, 3), float32.

@@ -15,9 +15,7 @@ def _even(values: np.ndarray) -> np.ndarray:
 def halved(values: np.ndarray) -> np.ndarray:
     """Means of 2x2 pixels; (H, W) or (H, W, C), float32."""
     even = _even(values)
-    return np.asarray(
-        (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / 4, np.float32
-    )
+    return np.asarray((even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]) / 4, np.float32)
 
 
 def extreme_of_four(values: np.ndarray, largest: bool) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Blur as heat that spreads: a conductivity from the circle of confusion, solved implicitly row by row.
 
-Faults: the blur is a Gaussian, so lights become no discs; nothing is ever seen beyond the outline of a blurred
-foreground, whose heat stops dead where its surroundings are sharp.
+Faults: the blur is a Gaussian, so lights become no discs; nothing is ever seen beyond the outline of a
+blurred foreground, whose heat stops dead where its surroundings are sharp.
 """
 
 import numpy as np
@@ -57,9 +57,9 @@ def diffusion(
 ) -> np.ndarray:
     """Render by heat diffusion.
 
-    A disc of radius r has the variance r^2 / 4 along each axis, heat that spreads for one unit of time twice its
-    conductivity; so that is r^2 / 8. One implicit step along an axis makes a two-sided exponential, several that
-    share the time tend to the Gaussian.
+    A disc of radius r has the variance r^2 / 4 along each axis, heat that spreads for one unit of time twice
+    its conductivity; so that is r^2 / 8. One implicit step along an axis makes a two-sided exponential,
+    several that share the time tend to the Gaussian.
 
     Args:
         image: Scene-linear, (H, W, 3).

@@ -1,7 +1,7 @@
 """Gather and scatter by layers, as in Unreal Engine: far and near at half the size, bright lights as sprites.
 
-Faults: half resolution; what a foreground hides is the mirror of what lies opposite; which lights become sprites is
-a threshold, so they come and go; no order within a layer.
+Faults: half resolution; what a foreground hides is the mirror of what lies opposite; which lights become
+sprites is a threshold, so they come and go; no order within a layer.
 """
 
 import math
@@ -11,7 +11,7 @@ from numba import prange
 
 from bokehnet.baselines.half_size import doubled, halved
 from bokehnet.baselines.openings import ANGLES, check_baseline, outline, psf_image
-from bokehnet.baselines.scatter_as_you_gather import ring_taps, sample_alpha, spread_weight
+from bokehnet.baselines.scatter_as_you_gather import ring_taps, sample_alpha
 from bokehnet.baselines.tiles import dilated_tiles
 from bokehnet.checks import check_above, check_whole
 from bokehnet.classical.parallel import parallel_region
@@ -49,17 +49,21 @@ def part_lights(light: np.ndarray, coc: np.ndarray, above: float) -> tuple[np.nd
 def _gather(light, coc, largest, size, rings, taps, shape, near, result):  # type: ignore[no-untyped-def]
     """Fill ``result`` with one layer's colours times coverage, and coverage.
 
-    Taps of the far layer that fall on nearer pixels are taken from the opposite side of the kernel.
+    Taps of the far layer that fall on nearer pixels are taken from the opposite side of the kernel. Where a
+    nearer pixel itself stands before it, all taps that lie behind count alike: what it hides is made of them.
     """
     rows, columns, _ = light.shape
     side = 1.0 if near else -1.0
     for y in prange(rows):
         for x in range(columns):
             reach = largest[y // size, x // size]
+            hidden = not near and coc[y, x] > 0.0
+            if hidden:
+                reach = max(reach, coc[y, x])
             sums = np.zeros(4)
-            area = math.pi * (reach * (rings + 0.5) / rings) ** 2 / taps.shape[0]
+            area = math.pi * reach * reach / taps.shape[0]
             for index in range(taps.shape[0]):
-                angle, distance = taps[index, 0], taps[index, 1] * reach
+                angle, distance = taps[index, 0], taps[index, 1] * reach * rings / (rings + 0.5)
                 turn = angle / (2.0 * math.pi) + (0.5 if near else 0.0)
                 away = distance * shape[int((turn - math.floor(turn)) * ANGLES) % ANGLES]
                 down, across = away * math.sin(angle), away * math.cos(angle)
@@ -69,10 +73,12 @@ def _gather(light, coc, largest, size, rings, taps, shape, near, result):  # typ
                     row = min(max(int(math.floor(y - down + 0.5)), 0), rows - 1)
                     column = min(max(int(math.floor(x - across + 0.5)), 0), columns - 1)
                 radius = side * coc[row, column]
-                if radius <= 0.0:
+                if radius < 0.0 or (radius == 0.0 and not hidden):
                     continue
-                weight = spread_weight(distance, radius) * sample_alpha(radius)
+                weight = min(max(radius - distance + 0.5, 0.0), 1.0) * sample_alpha(radius)
                 weight *= min(radius / 0.5, 1.0)
+                if hidden:
+                    weight = 1.0
                 for c in range(3):
                     sums[c] += weight * light[row, column, c]
                 sums[3] += weight
@@ -85,7 +91,7 @@ def _layer(
 ) -> np.ndarray | None:
     """Light times coverage and coverage of one layer, (h, w, 4); None where nothing lies in it."""
     inside = np.maximum(coc, 0) if near else np.minimum(coc, 0)
-    if not inside.any():
+    if not coc.any() or (near and not inside.any()):
         return None
     _, largest = dilated_tiles(inside, _TILE)
     result = np.empty((*coc.shape, 4), np.float32)
@@ -146,13 +152,14 @@ def abadie(
     if far is not None:
         colours = far[..., :3] / np.maximum(far[..., 3:], 1e-6)
         colours = doubled(colours + _splat(lights, coc, aperture, near=False), *size)
-        share = np.clip((-defocus - 0.5), 0, 1)[..., None]
+        found = doubled((far[..., 3] > 0).astype(np.float32), *size)
+        share = np.clip(np.abs(defocus) - 0.5, 0, 1)[..., None] * np.where(defocus > 0, found, 1)[..., None]
         bokeh = bokeh + share * (colours - bokeh)
     near = _layer(light, coc, shape, rings, near=True)
     if near is not None:
         colours = near[..., :3] / np.maximum(near[..., 3:], 1e-6)
         alpha = doubled(np.minimum(near[..., 3], 1), *size)
-        alpha = np.maximum(alpha, np.clip(defocus - 0.5, 0, 1))[..., None]
+        alpha = alpha[..., None]
         sprites = doubled(_splat(lights, coc, aperture, near=True), *size)
         bokeh = bokeh + alpha * (doubled(colours, *size) - bokeh) + sprites
     return np.asarray(bokeh, np.float32)

@@ -1,8 +1,8 @@
 """Light around a defocused point, by Lommel's functions of two variables.
 
-In optical units, with a circular pupil of half-angle a / f and wave number k: ``u = k (a / f)^2 z`` at defocus z,
-``v = k (a / f) r`` at distance r; the edge of the geometrical disc lies at v = u, and the defocus at the pupil's
-edge is u / (4 pi) waves.
+In optical units, with a circular pupil of half-angle a / f and wave number k: ``u = k (a / f)^2 z`` at
+defocus z, ``v = k (a / f) r`` at distance r; the edge of the geometrical disc lies at v = u, and the defocus
+at the pupil's edge is u / (4 pi) waves.
 """
 
 import math
@@ -44,15 +44,16 @@ def lommel_intensity(u: float, v: np.ndarray) -> np.ndarray:
         v: Distances in optical units, from 0 up, (N,).
 
     Returns:
-        (N,) float64. Inside the geometrical disc, v < u, with V_n the sum over s of (-1)^s (v/u)^(n+2s) J_(n+2s)(v),
+        (N,) float64. Inside the geometrical disc, v < u, with V_n the sum over s of
+        (-1)^s (v/u)^(n+2s) J_(n+2s)(v),
 
             I = (2/u)^2 (1 + V_0^2 + V_1^2 - 2 V_0 cos((u + v^2/u) / 2) - 2 V_1 sin((u + v^2/u) / 2));
 
         outside it, with U_n the same of (u/v), I = (2/u)^2 (U_1^2 + U_2^2).
 
     Source:
-        Born and Wolf, "Principles of optics", 8.8. Potmesil and Chakravarty, 1981, use the second form; thesis
-        000 prints it, eq. 3.14, with V for U, which would leave the middle dark at every defocus.
+        Born and Wolf, "Principles of optics", 8.8. Potmesil and Chakravarty, 1981, use the second form;
+        thesis 000 prints it, eq. 3.14, with V for U, which would leave the middle dark at every defocus.
     """
     u, v = abs(float(u)), np.maximum(np.abs(np.asarray(v, float)), 1e-6)
     if u < 1e-3:

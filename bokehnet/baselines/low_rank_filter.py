@@ -26,8 +26,8 @@ def separable_terms(
         radius: Blur radius in pixels.
         side: +1 in front of focus, -1 behind it.
         rank: How many; None takes as few as ``error`` allows.
-        error: Largest part of the image's norm that may be missing: the root of the sum of the squared singular
-            values that are left out, over all.
+        error: Largest part of the image's norm that may be missing: the root of the sum of the squared
+            singular values that are left out, over all.
 
     Returns:
         (rank, 2 n + 1) each, float64, scaled so that all of it sums to 1.

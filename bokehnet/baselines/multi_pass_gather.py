@@ -1,7 +1,7 @@
 """Multi-pass gather: what is in front of focus and what is behind it are blurred apart, at half the size.
 
-Faults: half resolution where blur begins; within the near and within the far plane nothing stands before anything
-else; what a foreground hides is made of its surroundings.
+Faults: half resolution where blur begins; within the near and within the far plane nothing stands before
+anything else; what a foreground hides is made of its surroundings.
 """
 
 import math

@@ -114,8 +114,8 @@ def rungs(defocus: np.ndarray, radii: np.ndarray, side: int) -> tuple[np.ndarray
         side: +1 in front of focus, -1 behind it, with what is in focus.
 
     Returns:
-        Rung at or below each pixel's radius, (H, W) int32, -1 for pixels of the other side; and how far it stands
-        towards the next one, (H, W) float32 in [0, 1).
+        Rung at or below each pixel's radius, (H, W) int32, -1 for pixels of the other side; and how far it
+        stands towards the next one, (H, W) float32 in [0, 1).
     """
     radius = np.abs(defocus)
     low = np.clip(np.searchsorted(radii, radius, side="right") - 1, 0, len(radii) - 1)

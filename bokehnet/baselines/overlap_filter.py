@@ -1,4 +1,4 @@
-"""Overlap filter: columns, then rows, each neighbour weighed by how far its circle of confusion covers the pixel.
+"""Overlap filter: columns, then rows, each neighbour weighed by how far its blur covers the pixel.
 
 Faults: the blur is a square; where it changes, the second pass spreads what the first has moved, which leaves
 streaks; a blurred foreground hides nothing completely.
@@ -17,6 +17,9 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["overlap", "overlap_share", "overlap_weight"]
 
+# Half the side of a square over the radius of a disc of its area.
+_HALF_SIDE = 0.5 * math.sqrt(math.pi)
+
 
 @njit(cache=True)
 def overlap_share(radius, distance):  # type: ignore[no-untyped-def]
@@ -34,7 +37,7 @@ def overlap_weight(defocus, distance, centre, leakage):  # type: ignore[no-untyp
         centre: Defocus of the pixel on which it falls.
         leakage: What is left of light from behind focus on a pixel in focus.
     """
-    radius = max(abs(defocus), 0.5)
+    radius = max(_HALF_SIDE * abs(defocus), 0.5)
     overlap = 1.0 if distance == 0 else overlap_share(radius + 0.5, distance)
     light = 1.0 / (2.0 * radius)
     control = 1.0
@@ -81,10 +84,11 @@ def overlap(
         Picture (H, W, 3), float32.
 
     Source:
-        Zhou, Chen and Pullen, "Accurate depth of field simulation in real time", Computer Graphics Forum 2007;
-        thesis 000, eq. 3.18. Light and leakage it names without a formula: here one over the width of the
-        blur, as a pass spreads along a line (over an area it would count twice), and nothing from behind focus
-        on what is sharp. The circle counts from the pixel's own border, so that radius r covers 2 r pixels.
+        Zhou, Chen and Pullen, "Accurate depth of field simulation in real time", Computer Graphics Forum
+        2007; thesis 000, eq. 3.18. Light and leakage it names without a formula: here one over the width of
+        the blur, as a pass spreads along a line (over an area it would count twice), and nothing from behind
+        focus on what is sharp. A length of 2 r pixels is covered, and as both passes together make a square,
+        r is half the side of one of the disc's area: with the disc's own radius the blur is a third too wide.
     """
     check_range("leakage", leakage, 0, 1)
     image, defocus, _ = check_baseline("overlap", "disc", image, defocus, aperture)

@@ -1,4 +1,4 @@
-"""Every pixel spreads a table of the point spread function at its own blur: slow, and the oracle of fast ways."""
+"""Every pixel spreads a table of the point spread function at its own blur: slow, and an oracle."""
 
 from collections.abc import Sequence
 

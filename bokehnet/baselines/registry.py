@@ -25,8 +25,8 @@ class Baseline:
     Attributes:
         module: Where the function of its name stands.
         paper: Authors and year.
-        openings: Which apertures it knows: ``disc``, ``outline`` (any without a hole, evenly lit), ``any``; and
-            ``cats-eye``, outlines that the lens barrel clips.
+        openings: Which apertures it knows: ``disc``, ``outline`` (any without a hole, evenly lit), ``any``;
+            and ``cats-eye``, outlines that the lens barrel clips.
         faults: What is known to be wrong with it, in a line.
     """
 
@@ -56,7 +56,7 @@ BASELINES = {
         module="bokehnet.baselines.bokeh_gather",
         paper="thesis 004",
         openings="cats-eye",
-        faults="halos: the blur of a background shrinks towards a foreground; a pattern where samples are few",
+        faults="halos: a background is less blurred near a foreground; a pattern where samples are few",
     ),
     "gather_passes": Baseline(
         module="bokehnet.baselines.multi_pass_gather",
@@ -157,7 +157,9 @@ def baseline_renderer(name: str) -> ClassicalRenderer:
     ) -> ClassicalResult:
         if (
             lens_response is not None
-            and not replace(lens_response, aberration_map=lens_response.aberration_map.without_tilt()).is_plain
+            and not replace(
+                lens_response, aberration_map=lens_response.aberration_map.without_tilt()
+            ).is_plain
         ):
             expected = "one that knows aberrations, rims and fringes of a lens"
             raise ParameterError("engine", expected, name, "use the engine `rays` or `hybrid`")

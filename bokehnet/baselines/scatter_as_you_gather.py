@@ -1,8 +1,9 @@
 """Scatter as you gather: a few rings of taps, each weighed by its own circle of confusion, in two layers.
 
-Faults: a fixed number of taps leaves blotches, above all on bright lights, which lose energy where they fall between
-taps; two layers a tile, told apart by the nearest depth in it; half resolution. With Tan's normalisation the
-weights of the two layers, which add up to one, cancel: what is left is a normalised scatter at 81 taps.
+Faults: a fixed number of taps leaves blotches, above all on bright lights, which lose energy where they fall
+between taps; two layers a tile, told apart by the nearest depth in it; half resolution. With Tan's
+normalisation the weights of the two layers, which add up to one, cancel: what is left is a normalised scatter
+at 81 taps.
 """
 
 import math
@@ -24,6 +25,9 @@ __all__ = ["jimenez", "median_of_nine", "presort", "ring_taps", "sample_alpha", 
 # Side of a tile at full size, pixels.
 _TILE = 32
 
+# Power of the cover of the innermost ring, ``kDofSpreadToePower``, whose value is not told.
+_TOE = 4
+
 
 class _Kind(NamedTuple):
     """What Jimenez and Tan choose differently."""
@@ -40,8 +44,8 @@ _JIMENEZ, _TAN = _Kind(3, 1 / 6, True), _Kind(4, 1 / 8, False)
 def presort(behind_nearest, fade):  # type: ignore[no-untyped-def]
     """Weight of the background, 0 at the tile's nearest to 1 ``fade`` pixels of defocus behind it.
 
-    ``depthCmp2`` of thesis 000, 5.1.1. What it calls the foreground's weight is that of the background: it is 0
-    where the depth is the closest one.
+    ``depthCmp2`` of thesis 000, 5.1.1. What it calls the foreground's weight is that of the background: it is
+    0 where the depth is the closest one.
     """
     t = min(max(behind_nearest / fade, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
@@ -54,9 +58,15 @@ def sample_alpha(radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def spread_weight(distance, radius):  # type: ignore[no-untyped-def]
-    """Whether a disc of ``radius`` covers what is at ``distance``, softly over a pixel (``spreadCmp``)."""
-    return min(max(radius - distance + 1.0, 0.0), 1.0)
+def spread_weight(ring, radius):  # type: ignore[no-untyped-def]
+    """Whether a disc covers a ring of the kernel, softly over one ring: ``spreadCmp`` of thesis 000, 5.1.1.
+
+    Args:
+        ring: Its number, 0 in the middle.
+        radius: Of the sample's disc, in distances between rings.
+    """
+    spread = min(max(radius - ring + 1.0, 0.0), 1.0)
+    return spread**_TOE if ring <= 1.0 else spread
 
 
 def ring_taps(rings: int) -> np.ndarray:
@@ -111,13 +121,15 @@ def _prefilter(image, defocus, coc, largest, size, share, result):  # type: igno
 
 
 @njit(cache=True, parallel=True)
-def _main(light, coc, nearest, largest, size, taps, shape, fade, two_layers, result):  # type: ignore[no-untyped-def]
+def _main(  # type: ignore[no-untyped-def]
+    light, coc, nearest, largest, size, taps, rings, shape, fade, two_layers, result
+):
     """Fill ``result`` (half size) with colours and the foreground's alpha."""
     rows, columns, _ = light.shape
     count = taps.shape[0]
     for y in prange(rows):
         for x in range(columns):
-            reach, first = largest[y // size, x // size], nearest[y // size, x // size]
+            reach, first = max(largest[y // size, x // size], 1e-6), nearest[y // size, x // size]
             before, behind = np.zeros(4), np.zeros(4)
             for index in range(count):
                 angle, distance = taps[index, 0], taps[index, 1] * reach
@@ -126,7 +138,7 @@ def _main(light, coc, nearest, largest, size, taps, shape, fade, two_layers, res
                 row = min(max(int(math.floor(y + away * math.sin(angle) + 0.5)), 0), rows - 1)
                 column = min(max(int(math.floor(x + away * math.cos(angle) + 0.5)), 0), columns - 1)
                 radius = abs(coc[row, column])
-                weight = spread_weight(distance, radius) * sample_alpha(radius)
+                weight = spread_weight(taps[index, 1] * rings, radius * rings / reach) * sample_alpha(radius)
                 far = presort(first - coc[row, column], fade)
                 for c in range(3):
                     before[c] += weight * (1.0 - far) * light[row, column, c]
@@ -157,7 +169,17 @@ def _render(
         _prefilter(image, defocus, coc, 2 * largest, _TILE // 2, kind.prefilter, light)
         taps, shape = ring_taps(kind.rings), outline(aperture)
         _main(
-            light, coc, nearest, largest, _TILE // 2, taps, shape, fade / 2, kind.two_layers, blurred
+            light,
+            coc,
+            nearest,
+            largest,
+            _TILE // 2,
+            taps,
+            kind.rings,
+            shape,
+            fade / 2,
+            kind.two_layers,
+            blurred,
         )
     blurred[..., :3] = median_of_nine(blurred[..., :3])
     full = doubled(blurred, *defocus.shape)
@@ -170,7 +192,7 @@ def _render(
 
 
 def jimenez(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, fade: float = 4.0
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, fade: float = 1.0
 ) -> np.ndarray:
     """Render by Jimenez's post-process: 48 taps in 3 rings beside the middle, two layers, alpha between them.
 
@@ -195,7 +217,7 @@ def jimenez(
 
 
 def tan(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, fade: float = 4.0
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, fade: float = 1.0
 ) -> np.ndarray:
     """Render by Tan's post-process: as :func:`jimenez` with 80 taps in 4 rings, all layers in one mean.
 

@@ -1,7 +1,7 @@
-"""Advanced gather: a spiral of samples, each mixed in as far as its own circle of confusion reaches the pixel.
+"""Advanced gather: a spiral of samples, each mixed in as far as its own blur reaches the pixel.
 
-Faults: a sample that does not reach counts as the mean so far, so what lies near the middle weighs too much; a
-blurred foreground stays visible inside its own blur; the spiral shows where samples are few.
+Faults: a sample that does not reach counts as the mean so far, so what lies near the middle weighs too much;
+a blurred foreground stays visible inside its own blur; the spiral shows where samples are few.
 """
 
 import math
@@ -20,19 +20,17 @@ __all__ = ["gather_spiral"]
 
 
 @njit(cache=True, parallel=True)
-def _gather(image, defocus, points, shape, bokeh):  # type: ignore[no-untyped-def]
+def _gather(image, defocus, offsets, bokeh):  # type: ignore[no-untyped-def]
     height, width, _ = image.shape
     for y in prange(height):
         for x in range(width):
             red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
             centre = defocus[y, x]
             steps = 1.0
-            for index in range(points.shape[0]):
-                angle, radius = points[index, 0], points[index, 1]
-                turn = angle / (2.0 * math.pi)
-                stretch = shape[int((turn - math.floor(turn)) * ANGLES) % ANGLES]
-                row = min(max(int(math.floor(y + radius * stretch * math.sin(angle) + 0.5)), 0), height - 1)
-                column = min(max(int(math.floor(x + radius * stretch * math.cos(angle) + 0.5)), 0), width - 1)
+            for index in range(offsets.shape[0]):
+                radius = offsets[index, 2]
+                row = min(max(int(math.floor(y + offsets[index, 1] + 0.5)), 0), height - 1)
+                column = min(max(int(math.floor(x + offsets[index, 0] + 0.5)), 0), width - 1)
                 blur = abs(defocus[row, column])
                 if defocus[row, column] < centre:  # behind the pixel
                     blur = min(blur, 2.0 * abs(centre))
@@ -48,7 +46,7 @@ def _gather(image, defocus, points, shape, bokeh):  # type: ignore[no-untyped-de
 
 
 def gather_spiral(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, scale: float = 0.5
+    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, scale: float = 0.35
 ) -> np.ndarray:
     """Render by the advanced gather.
 
@@ -67,8 +65,10 @@ def gather_spiral(
     """
     check_above("scale", scale, 0)
     image, defocus, aperture = check_baseline("gather_spiral", "outline", image, defocus, aperture)
-    points = spiral(float(np.abs(defocus).max()), scale)
+    angle, radius = spiral(float(np.abs(defocus).max()), scale).T
+    stretched = radius * outline(aperture)[(angle / (2 * math.pi) % 1 * ANGLES).astype(int) % ANGLES]
+    offsets = np.stack([stretched * np.cos(angle), stretched * np.sin(angle), radius], -1)
     bokeh = np.empty_like(image)
     with parallel_region:
-        _gather(image, defocus, points, outline(aperture), bokeh)
+        _gather(image, defocus, np.ascontiguousarray(offsets), bokeh)
     return bokeh

@@ -1,8 +1,8 @@
 """Kosloff's spreading: pixels write the differences of their blur, and sums over the picture make it whole.
 
-Rectangle: sixteen numbers a pixel, whatever its blur. Perimeter: the outline of any opening, row by row. Hybrid: the
-second where contrast is high, the first elsewhere. Faults: foreground and background mix without order; a rectangle
-is a square.
+Rectangle: sixteen numbers a pixel, whatever its blur. Perimeter: the outline of any opening, row by row.
+Hybrid: the second where contrast is high, the first elsewhere. Faults: foreground and background mix without
+order; a rectangle is a square.
 """
 
 import math
@@ -25,8 +25,8 @@ _CHANNELS = 4
 def _add_squares(image, defocus, chosen, sums):  # type: ignore[no-untyped-def]
     """Write the second differences of a square of each pixel's disc's area, (H + 1, W + 1, 4).
 
-    A side of 2 h pixels around a pixel's middle differs at four places, two at each end, as its ends share pixels.
-    What lies beyond the picture is cut off.
+    A side of 2 h pixels around a pixel's middle differs at four places, two at each end, as its ends share
+    pixels. What lies beyond the picture is cut off.
     """
     height, width, _ = image.shape
     at_row, at_column = np.empty(4, np.int64), np.empty(4, np.int64)
@@ -57,8 +57,8 @@ def _add_squares(image, defocus, chosen, sums):  # type: ignore[no-untyped-def]
                     sums[at_row[j], at_column[i], 3] += weight
 
 
-@njit(cache=True)
-def _add_outlines(image, low, upper, starts, down, across, change, chosen, sums):  # type: ignore[no-untyped-def]
+@njit(cache=True) def _add_outlines(image, low, upper, starts, down, across, change, chosen, sums):  # type:
+ignore[no-untyped-def]
     """Write the differences along rows of each pixel's image of the opening, (H, W + 1, 4)."""
     height, width, _ = image.shape
     for y in range(height):
@@ -96,9 +96,7 @@ def _outlines(
     return np.array(starts), down, across, change
 
 
-def _spread(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture, outlined: np.ndarray
-) -> np.ndarray:
+def _spread(image: np.ndarray, defocus: np.ndarray, aperture: Aperture, outlined: np.ndarray) -> np.ndarray:
     """Spread the pixels of the mask ``outlined`` by their outlines, all others by squares."""
     height, width = defocus.shape
     squares = np.zeros((height + 1, width + 1, _CHANNELS))
@@ -141,8 +139,8 @@ def rectangle(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None 
         Picture (H, W, 3), float32.
 
     Source:
-        Kosloff, Tao and Barsky, "Depth of field postprocessing for layered scenes using constant-time rectangle
-        spreading", Graphics Interface 2009; thesis 001, 3.2.4 and 4.4.
+        Kosloff, Tao and Barsky, "Depth of field postprocessing for layered scenes using constant-time
+        rectangle spreading", Graphics Interface 2009; thesis 001, 3.2.4 and 4.4.
     """
     image, defocus, aperture = check_baseline("rectangle", "disc", image, defocus, aperture)
     return _spread(image, defocus, aperture, np.zeros(defocus.shape, bool))
@@ -187,7 +185,8 @@ def hybrid_spreading(
         Picture (H, W, 3), float32.
 
     Source:
-        Kosloff, "Fast image filters for depth of field post-processing", 2010, as thesis 001, 3.2.4, tells it.
+        Kosloff, "Fast image filters for depth of field post-processing", 2010, as thesis 001, 3.2.4, tells
+        it.
     """
     check_above("threshold", threshold, 0)
     check_whole("window", window, 1)
