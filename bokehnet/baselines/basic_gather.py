@@ -35,7 +35,10 @@ def _gather(image, defocus, shape, samples, bokeh):  # type: ignore[no-untyped-d
     height, width, _ = image.shape
     for y in prange(height):
         for x in range(width):
-            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            red, green, blue = 0.0, 0.0, 0.0
+            red += image[y, x, 0]
+            green += image[y, x, 1]
+            blue += image[y, x, 2]
             blur = abs(defocus[y, x])
             side = 1.0 if defocus[y, x] > 0.0 else -1.0
             for index in range(samples):

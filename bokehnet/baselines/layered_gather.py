@@ -147,19 +147,18 @@ def abadie(
     light, lights = part_lights(light, coc, bright)
     shape = outline(aperture)
     size = defocus.shape
-    bokeh = image
+    bokeh = image.astype(np.float32)
     far = _layer(light, coc, shape, rings, near=False)
     if far is not None:
-        colours = far[..., :3] / np.maximum(far[..., 3:], 1e-6)
-        colours = doubled(colours + _splat(lights, coc, aperture, near=False), *size)
-        found = doubled((far[..., 3] > 0).astype(np.float32), *size)
-        share = np.clip(np.abs(defocus) - 0.5, 0, 1)[..., None] * np.where(defocus > 0, found, 1)[..., None]
-        bokeh = bokeh + share * (colours - bokeh)
+        found = (far[..., 3:] > 0).astype(np.float32)
+        colours = far[..., :3] / np.maximum(far[..., 3:], 1e-6) + _splat(lights, coc, aperture, near=False)
+        both = doubled(np.dstack([colours * found, found]), *size)
+        share = np.clip(np.abs(defocus) - 0.5, 0, 1)[..., None] * (both[..., 3:] > 1e-3)
+        bokeh += share * (both[..., :3] / np.maximum(both[..., 3:], 1e-3) - bokeh)
     near = _layer(light, coc, shape, rings, near=True)
     if near is not None:
+        alpha = np.minimum(near[..., 3:], 1)
         colours = near[..., :3] / np.maximum(near[..., 3:], 1e-6)
-        alpha = doubled(np.minimum(near[..., 3], 1), *size)
-        alpha = alpha[..., None]
-        sprites = doubled(_splat(lights, coc, aperture, near=True), *size)
-        bokeh = bokeh + alpha * (doubled(colours, *size) - bokeh) + sprites
-    return np.asarray(bokeh, np.float32)
+        both = doubled(np.dstack([colours * alpha + _splat(lights, coc, aperture, near=True), alpha]), *size)
+        bokeh += both[..., :3] - both[..., 3:] * bokeh
+    return bokeh

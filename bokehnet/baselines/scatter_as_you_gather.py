@@ -95,21 +95,23 @@ def _prefilter(image, defocus, coc, largest, size, share, result):  # type: igno
         for x in range(columns):
             reach = max(share * largest[y // size, x // size], 1.0)  # pixels of full size
             sums = np.zeros(4)
-            for j in range(-1, 2):
-                for i in range(-1, 2):
-                    row = min(max(int(math.floor(2 * y + 0.5 + reach * j + 0.5)), 0), height - 1)
-                    column = min(max(int(math.floor(2 * x + 0.5 + reach * i + 0.5)), 0), width - 1)
+            for tap in range(9):
+                j, i = tap // 3 - 1, tap % 3 - 1
+                if math.sqrt(i * i + j * j) * reach > max(abs(2.0 * coc[y, x]), 1.5):
+                    continue  # no wider than the pixel's own blur
+                down, across = 2 * y + 0.5 + reach * j, 2 * x + 0.5 + reach * i
+                top, left = int(math.floor(down)), int(math.floor(across))
+                for texel in range(4):
+                    v, u = texel // 2, texel % 2
+                    row, column = min(max(top + v, 0), height - 1), min(max(left + u, 0), width - 1)
                     apart = abs(defocus[row, column] - 2.0 * coc[y, x])
-                    luma = (
-                        0.2126 * image[row, column, 0]
-                        + 0.7152 * image[row, column, 1]
-                        + 0.0722 * image[row, column, 2]
-                    )
-                    weight = max(1.0 - 0.5 * apart, 0.0) / (1.0 + luma)
-                    if math.sqrt(i * i + j * j) * reach > max(abs(2.0 * coc[y, x]), 1.5):
-                        weight = 0.0  # no wider than the pixel's own blur
-                    for c in range(3):
-                        sums[c] += weight * image[row, column, c]
+                    red, green, blue = image[row, column, 0], image[row, column, 1], image[row, column, 2]
+                    weight = abs(1 - v - down + top) * abs(1 - u - across + left)
+                    weight *= max(1.0 - 0.5 * apart, 0.0)
+                    weight /= 1.0 + 0.2126 * red + 0.7152 * green + 0.0722 * blue
+                    sums[0] += weight * red
+                    sums[1] += weight * green
+                    sums[2] += weight * blue
                     sums[3] += weight
             if sums[3] > 0.0:
                 for c in range(3):

@@ -24,7 +24,10 @@ def _gather(image, defocus, offsets, bokeh):  # type: ignore[no-untyped-def]
     height, width, _ = image.shape
     for y in prange(height):
         for x in range(width):
-            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            red, green, blue = 0.0, 0.0, 0.0
+            red += image[y, x, 0]
+            green += image[y, x, 1]
+            blue += image[y, x, 2]
             centre = defocus[y, x]
             steps = 1.0
             for index in range(offsets.shape[0]):

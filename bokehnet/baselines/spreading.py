@@ -57,8 +57,10 @@ def _add_squares(image, defocus, chosen, sums):  # type: ignore[no-untyped-def]
                     sums[at_row[j], at_column[i], 3] += weight
 
 
-@njit(cache=True) def _add_outlines(image, low, upper, starts, down, across, change, chosen, sums):  # type:
-ignore[no-untyped-def]
+@njit(cache=True)
+def _add_outlines(  # type: ignore[no-untyped-def]
+    image, low, upper, starts, down, across, change, chosen, sums
+):
     """Write the differences along rows of each pixel's image of the opening, (H, W + 1, 4)."""
     height, width, _ = image.shape
     for y in range(height):
