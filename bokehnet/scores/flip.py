@@ -146,9 +146,9 @@ def flip_map(reference: np.ndarray, test: np.ndarray, pixels_per_degree: float =
     check_image("test", test)
     check_same_size("reference", reference, "test", test)
     check_above("pixels_per_degree", pixels_per_degree, 0)
-    pair = [_to_opponent(_linear(np.clip(x, 0, 1).astype(np.float64))) for x in (reference, test)]
-    colour = _colour_errors(*pair, pixels_per_degree)
-    wanted, got = (_features((x[..., 0] + 16) / 116, pixels_per_degree) for x in pair)
-    apart = np.maximum(*(np.abs(a - b) for a, b in zip(wanted, got, strict=True)))
+    a, b = (_to_opponent(_linear(np.clip(x, 0, 1).astype(np.float64))) for x in (reference, test))
+    colour = _colour_errors(a, b, pixels_per_degree)
+    wanted, got = (_features((x[..., 0] + 16) / 116, pixels_per_degree) for x in (a, b))
+    apart = np.maximum(*(np.abs(p - q) for p, q in zip(wanted, got, strict=True)))
     feature = (apart / math.sqrt(2)) ** _FEATURE_POWER
     return np.asarray(np.clip(colour, 0, 1) ** (1 - np.clip(feature, 0, 1)), np.float32)
