@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from bokehnet.cli.compare import compare
 from bokehnet.cli.demo import demo
 from bokehnet.cli.depth import depth
 from bokehnet.cli.export import export
@@ -37,6 +38,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command(cls=SectionedCommand)(render)
+app.command(cls=SectionedCommand)(compare)
 app.command()(demo)
 app.command()(depth)
 app.command()(export)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_number
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
@@ -118,7 +119,7 @@ class Engine:
     """Renders on the CPU. One engine may be used by several threads at once.
 
     Args:
-        name: One of ``ENGINES``.
+        name: One of ``ENGINES``, or of ``BASELINES``, methods of the literature.
         weights: Folder with the networks and their manifest; the package's own by default.
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
@@ -139,14 +140,15 @@ class Engine:
         providers: Sequence[str] = ("CPUExecutionProvider",),
         session_options: Any = None,
     ) -> None:
-        check_choice("engine", name, ENGINES)
+        check_choice("engine", name, (*ENGINES, *BASELINES))
         self.name = name
         neural = name in HYBRIDS
         self._networks = (
             load_networks(weights or WEIGHTS / name, threads, providers, session_options) if neural else None
         )
         self._classical_name = self._networks.classical if self._networks else name
-        self._classical = make_classical(self._classical_name)
+        baseline = name in BASELINES
+        self._classical = baseline_renderer(name) if baseline else make_classical(self._classical_name)
 
     def render(
         self,
@@ -252,6 +254,10 @@ class Engine:
 
     def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int | None, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
+        if self.name in BASELINES:
+            if memory is not None:
+                raise ParameterError("max_memory", f"None, as {self.name} needs the whole picture", memory)
+            return [None]
         uncut = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )

@@ -4,11 +4,12 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+from bokehnet.baselines.registry import BASELINES
 from bokehnet.classical.base import Place
 from bokehnet.errors import ParameterError
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
 from bokehnet.inference.disparity_repair import network_memory
-from bokehnet.inference.engine import CLASSICAL_HALVES, ray_reach
+from bokehnet.inference.engine import CLASSICAL_HALVES, ENGINES, ray_reach
 from bokehnet.inference.strips import BYTES_PER_PIXEL, least_rows
 from bokehnet.io.heif import is_heif
 from bokehnet.io.picture import find_picture
@@ -46,6 +47,10 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int)
         >>> large > small
         True
     """
+    if engine in BASELINES:
+        raise ParameterError(
+            "engine.max_memory", f"an engine that works in strips: {', '.join(ENGINES)}", shown=f"`{engine}`"
+        )
     pixels = width * height
     started = max(0, PROGRAM - _RENDERING)
     stages = [started + (_HELD + max(_READ, _FOCUSED)) * pixels]

@@ -18,7 +18,28 @@ __all__ = [
     "OutputSettings",
 ]
 
-EngineName = Literal["rays", "scatter", "hybrid", "fast"]
+# Ours, and those of bokehnet.baselines.
+EngineName = Literal[
+    "rays",
+    "scatter",
+    "hybrid",
+    "fast",
+    "gather_basic",
+    "gather_spiral",
+    "gather_bokeh",
+    "gather_passes",
+    "jimenez",
+    "tan",
+    "abadie",
+    "diffusion",
+    "overlap",
+    "low_rank",
+    "lommel",
+    "rectangle",
+    "perimeter",
+    "hybrid_spreading",
+    "bokehme_scatter",
+]
 Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
@@ -324,7 +345,8 @@ class EngineSettings(Group):
 
     name: EngineName | None = setting(
         None,
-        "rays (default, sees occlusion), scatter (faster), hybrid or fast (either, with networks).",
+        "rays (default, sees occlusion), scatter (faster), hybrid or fast (either, with networks); "
+        "or a method of the literature, see docs/theses.md.",
         flag="engine",
         metavar="NAME",
         of_a_look=True,

@@ -25,6 +25,10 @@ OPTIONS = {
         --quiet --verbose --json -q -v
         --tilt-y --vignette --vignette-radius --vignette-roundness --vignette-softness --weights
     """,
+    "compare": """
+        --crop --engines --html --output --truth
+        --blur --depth --disparity --focus --focus-distance --blades
+    """,
     "demo": """
         --engine --output
     """,

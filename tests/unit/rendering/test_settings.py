@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bokehnet.baselines import BASELINES
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError
 from bokehnet.inference.disparity_repair import REPAIR_MODES
@@ -497,7 +498,7 @@ def test_choices_are_those_of_the_rooms_below():
         "lens.aberrations": {"traced", "seidel"},
         "lens.focusing": {"sharpest", "paraxial"},
         "color.dispersion": set(DISPERSIONS),
-        "engine.name": set(ENGINES),
+        "engine.name": {*ENGINES, *BASELINES},
         "output.color_space": set(COLOR_SPACE_NAMES),
         "output.bits": set(map(str, typing.get_args(Bits))),
         "output.subsampling": set(SUBSAMPLINGS),

@@ -1,0 +1,151 @@
+"""Every method of four theses on one ruler: ``python -m benchmarks.theses [FOLDER] [--engine NAME]``.
+
+Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), and its
+scores on the path-traced scenes in FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default
+``../shared/cycles``): PSNR within the blur's reach of a step in depth, over all pixels, FLIP, and seconds.
+Methods that know only discs render discs where a shot has blades.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.fault_probes import FAULTS, faults
+from bokehnet import baselines
+from bokehnet.baselines import BASELINES
+from bokehnet.errors import ParameterError
+from bokehnet.inference.engine import Engine
+from bokehnet.optics.aperture import Aperture
+from bokehnet.scores.flip import flip_map
+from train.evaluation_sets import Shot, path_traced_shots
+from train.metrics import depth_step_pixels, encode, psnr
+
+__all__ = ["METHODS", "SCENES", "render_with", "score_shot"]
+
+OURS = ("scatter", "rays")
+METHODS = ("no_blur", *BASELINES, *OURS)
+SCENES = ("s1_still_life", "s2_thin_fence", "s4_corridor", "s8_crowd")
+
+Method = Callable[..., np.ndarray]
+
+
+def _no_blur(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.ndarray:
+    return image
+
+
+def render_with(name: str) -> Method:
+    """The method of a name: (image, defocus, aperture) -> picture; discs where it knows no other opening."""
+    if name == "no_blur":
+        return _no_blur
+    if name in OURS:
+        engine = Engine(name)
+        return lambda image, defocus, aperture: engine.render(image, defocus, aperture=aperture).bokeh
+    function = getattr(baselines, name)
+
+    def render(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.ndarray:
+        try:
+            return np.asarray(function(image, defocus, aperture))
+        except ParameterError as error:
+            if error.parameter != "aperture":
+                raise
+            return np.asarray(function(image, defocus))
+
+    return render
+
+
+def score_shot(shot: Shot, methods: dict[str, Method]) -> Iterator[tuple[str, dict[str, float]]]:
+    """Scores of every method on one shot."""
+    assert shot.disparity is not None
+    wanted, near = encode(shot.truth), depth_step_pixels(shot.disparity, shot.defocus)
+    for name, method in methods.items():
+        start = time.perf_counter()
+        bokeh = method(shot.image, shot.defocus, shot.aperture)
+        seconds = time.perf_counter() - start
+        got = encode(bokeh)
+        squared = (got - wanted) ** 2
+        yield (
+            name,
+            {
+                "edge": psnr(squared[near]),
+                "psnr": psnr(squared),
+                "flip": float(flip_map(wanted, got).mean()),
+                "seconds": seconds,
+            },
+        )
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("../shared/cycles"))
+    parser.add_argument("--engine", action="append", choices=METHODS, help="default: all")
+    parser.add_argument("--shots", type=int, default=None, help="of each scene, at most")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    methods = {name: render_with(name) for name in arguments.engine or METHODS}
+    found = {"faults": print_faults(methods), "scenes": {}}
+    for scene in SCENES:
+        folder = arguments.folder / scene
+        if not (folder / "scene.json").exists():
+            print(f"\n{scene}: skipped, as {folder} holds no scene.json")
+            continue
+        found["scenes"][scene] = print_scene(folder, methods, arguments.shots)
+    print_means(found["scenes"])
+    if arguments.json:
+        arguments.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+def print_faults(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
+    """The first table, and its numbers."""
+    print("Faults on probes, per cent; 0 is best")
+    print(f"{'method':18s}" + "".join(f"{name:>9s}" for name in FAULTS))
+    found = {}
+    for name, method in methods.items():
+        found[name] = faults(lambda image, defocus, method=method: method(image, defocus, Aperture()))
+        print(f"{name:18s}" + "".join(f"{found[name][key]:9.1f}" for key in FAULTS), flush=True)
+    for name, text in FAULTS.items():
+        print(f"  {name}: {text}")
+    return found
+
+
+def print_scene(folder: Path, methods: dict[str, Method], shots: int | None) -> dict[str, dict[str, float]]:
+    """The table of one scene, means over its shots."""
+    rows: dict[str, list[dict[str, float]]] = {name: [] for name in methods}
+    for index, shot in enumerate(path_traced_shots(folder)):
+        if shots is not None and index >= shots:
+            break
+        for name, scores in score_shot(shot, methods):
+            rows[name].append(scores)
+    means = {
+        name: {key: float(np.mean([row[key] for row in found])) for key in found[0]}
+        for name, found in rows.items()
+    }
+    _print_table(folder.name, means)
+    return means
+
+
+def _print_table(title: str, means: dict[str, dict[str, float]]) -> None:
+    print(f"\n{title}\n{'method':18s}{'edge PSNR':>10s}{'PSNR':>8s}{'FLIP':>8s}{'seconds':>9s}")
+    for name, score in means.items():
+        numbers = f"{score['edge']:10.2f}{score['psnr']:8.2f}{score['flip']:8.4f}{score['seconds']:9.2f}"
+        print(f"{name:18s}{numbers}", flush=True)
+
+
+def print_means(scenes: dict[str, dict[str, dict[str, float]]]) -> None:
+    """The table over all scenes."""
+    if not scenes:
+        return
+    names = next(iter(scenes.values()))
+    means = {
+        name: {key: float(np.mean([scene[name][key] for scene in scenes.values()])) for key in names[name]}
+        for name in names
+    }
+    _print_table(f"mean of {len(scenes)} scenes", means)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""Lommel's functions against the light that a discrete Fourier transform of the pupil gives."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bokehnet.baselines import lommel
+from bokehnet.baselines.lommel_functions import bessel_orders, lommel_intensity
+from bokehnet.baselines.lommel_spots import lommel_table
+from bokehnet.errors import ParameterError
+
+scipy_special = pytest.importorskip("scipy.special")
+
+CELLS = 1024  # across the pupil's radius
+
+
+def transformed_pupil(waves):
+    """Distances v up to twice the disc and intensity, by FFT of a defocused pupil: a cut through the middle.
+
+    Rows of the pupil are added up first: the transform of the sums is the central row of the transform.
+    """
+    at = (np.arange(-CELLS, CELLS) + 0.5) / CELLS
+    x, y = at[None, :], at[:, None]
+    rho2 = x * x + y * y
+    soft = np.clip((1 - np.sqrt(rho2)) * CELLS + 0.5, 0, 1)
+    columns = (soft * np.exp(2j * math.pi * waves * rho2)).sum(axis=0)
+    padded = np.zeros(16 * CELLS, complex)
+    padded[: 2 * CELLS] = columns
+    field = np.fft.fft(padded) / soft.sum()
+    v = 2 * math.pi * CELLS * np.arange(len(padded)) / len(padded)
+    wanted = v <= max(2 * 4 * math.pi * waves, 30)
+    return v[wanted], np.abs(field[wanted]) ** 2
+
+
+@pytest.mark.parametrize("waves", [0, 0.25, 0.5, 1, 2, 3.3, 5, 8, 12, 16.5, 20])
+def test_intensity_is_that_of_the_defocused_pupil(waves):
+    """At most 1 % of the L2 norm over the plane, in which a ring weighs by its circumference."""
+    v, wanted = transformed_pupil(waves)
+    found = lommel_intensity(4 * math.pi * waves, v)
+    error = math.sqrt((v * (found - wanted) ** 2).sum() / (v * wanted**2).sum())
+    assert error <= 0.01
+
+
+def test_both_forms_agree_at_the_edge_of_the_disc():
+    for u in (3.0, 40.0, 200.0):
+        inside, outside = lommel_intensity(u, np.array([u * (1 - 1e-9), u * (1 + 1e-9)]))
+        assert inside == pytest.approx(outside, rel=1e-6)
+
+
+def test_the_axis_has_its_closed_form():
+    """Born and Wolf, 8.8, eq. 25: (sin(u / 4) / (u / 4))^2; with V for U, as printed, it would be 0."""
+    for u in (1.0, 7.0, 60.0):
+        assert lommel_intensity(u, np.array([0.0]))[0] == pytest.approx(
+            (math.sin(u / 4) / (u / 4)) ** 2, abs=1e-9
+        )
+
+
+def test_bessel_functions_are_scipys():
+    v = np.array([1e-6, 0.3, 2.0, 17.0, 250.0])
+    found = bessel_orders(300, v)
+    wanted = scipy_special.jv(np.arange(301)[:, None], v[None, :])
+    assert np.abs(found - wanted).max() < 1e-10
+
+
+def test_tables_hold_the_disc_and_tend_to_it_with_the_wavelength():
+    coarse, fine = (lommel_table(6.0, unit) for unit in (0.5, 0.05))
+    assert coarse.sum() == pytest.approx(1)
+    y, x = np.mgrid[: len(fine), : len(fine)] - len(fine) // 2
+    disc = (np.hypot(x, y) <= 6) / (36 * math.pi)
+    inner = np.hypot(x, y) <= 5
+    assert np.abs(fine[inner] * 36 * math.pi - 1).mean() < 0.12
+    assert np.abs(fine - disc).sum() < 0.25
+
+
+def test_each_channel_has_its_wavelength():
+    image = np.zeros((31, 31, 3), np.float32)
+    image[15, 15] = 1
+    found = lommel(image, np.zeros((31, 31)), f_number=16, wavelengths=(0.65, 0.55, 0.45))
+    spread = [(found[..., c] > 0.1 * found[..., c].max()).sum() for c in range(3)]
+    assert spread[0] > spread[2]
+    with pytest.raises(ParameterError, match="wavelengths"):
+        lommel(image, np.zeros((31, 31)), wavelengths=(0.6, 0.5, -1))
