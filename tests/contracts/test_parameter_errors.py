@@ -92,7 +92,12 @@ BEYOND = {
         "full_well": (math.inf, 0),
         "read_noise": (math.inf, 0),
     },
-    CameraEffects: {"lateral": (0.2, -0.2), "cos4": (81, -1), "optical_vignetting": (1.6, -0.1)},
+    CameraEffects: {
+        "lateral": (0.2, -0.2),
+        "cos4": (81, -1),
+        "optical_vignetting": (1.6, -0.1),
+        "shading": ((1.0,), (1.0, 0.0)),
+    },
     Warp: {"lateral": (0.2, -0.2)},
     DivisionModel: {"strength": (0.91, -0.91)},
     BrownConrady: {"radial": ((0.0,) * 4, ()), "decentring": ((0.0,) * 3, (0.0, math.inf))},
