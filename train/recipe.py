@@ -55,8 +55,9 @@ class Progress:
         self._told: dict[str, dict[str, Any]] = {}
         if self._path.exists():
             try:
-                self._told = json.loads(self._path.read_text(encoding="utf-8"))["steps"]
-            except (OSError, ValueError, KeyError, TypeError) as error:
+                steps = json.loads(self._path.read_text(encoding="utf-8"))["steps"]
+                self._told = {makes: {**told} for makes, told in steps.items()}
+            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
                 raise DataFileError(
                     f"{self._path}: expected what was done of a recipe ({error}); choose another --out"
                 ) from error
@@ -106,7 +107,8 @@ class Progress:
         total = sum(map(recipe.seconds, recipe.steps))
         taken = sum(map(self.seconds, recipe.steps))
         lines.append(
-            f"expected: {_time(total)} in all on two cores, {_time(left)} of it to do; taken: {_time(taken)}"
+            f"expected: {_time(total)} in all (cores: {recipe.workers}), {_time(left)} of it to do; "
+            f"taken: {_time(taken)}"
         )
         return "\n".join(lines)
 
@@ -178,7 +180,9 @@ def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
             f"{out}: cannot make folders there: {error.strerror}; choose another --out"
         ) from error
     progress = Progress(recipe, out)
-    threads = torch.get_num_threads(), numba.get_num_threads()
+    threads = [
+        min(recipe.threads or cores, cores) for cores in (torch.get_num_threads(), numba.get_num_threads())
+    ]
     for number, step in enumerate(recipe.steps, 1):
         if progress.done(step):
             continue
@@ -219,6 +223,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             make(recipe, options.out, options.ray)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
+    except KeyboardInterrupt:
+        print("stopped; run the same command again to go on", file=sys.stderr)
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -80,10 +80,12 @@ class Recipe:
 
     Attributes:
         workers: Processes that make data; two cores are the reference.
+        threads: Threads of everything else; 0 takes all cores.
         steps: What is done.
     """
 
     workers: int = 2
+    threads: int = 0
     steps: tuple[Step, ...]
 
     def with_seed(self, seed: int) -> "Recipe":
@@ -104,8 +106,7 @@ class Recipe:
         if step.by == "synth":
             return int(table["scenes"])
         if step.by == "prepare":
-            (source,) = (other for other in self.steps if other.makes == table["folder"])
-            return self.units(source)
+            return sum(self.units(need) for need in self.needs(step) if need.by == "synth")
         return int(table["optim"]["steps"]) if step.trains else 1
 
     def seconds(self, step: Step) -> float:
@@ -114,8 +115,12 @@ class Recipe:
 
     def needs(self, step: Step) -> list[Step]:
         """The steps whose results a step reads."""
-        texts = [*(text for _, text in _texts(self.table(step))), *step.words]
+        texts = [text for _, text in self._texts(step)]
         return [other for other in self.steps if any(_pattern(other.makes).search(text) for text in texts)]
+
+    def _texts(self, step: Step) -> list[tuple[str, str]]:
+        """All texts of a step that may name what others make, with their keys."""
+        return [*_texts(self.table(step)), *(("words", word) for word in step.words)]
 
     def command(self, step: Step, root: Path | None = None, ray: str | None = None) -> list[str]:
         """Words of a step's command.
@@ -145,15 +150,15 @@ class Recipe:
     def check(self) -> None:
         """Raise ``ConfigError`` unless every step finds what it reads among the steps before it."""
         made: list[str] = []
-        for step in self.steps:
+        for number, step in enumerate(self.steps):
+            later = [other.makes for other in self.steps[number:]]
             if step.by == "synth" and step.settings:
                 raise ConfigError(f"steps: {step.makes} has settings; give a set of its own a file")
             if step.makes in made:
                 raise ConfigError(f"steps: two of them make {step.makes}; give one another name")
-            words = [("words", word) for word in step.words]
-            for key, text in [*_texts(self.table(step)), *words]:
-                wanted = _MADE.search(text)
-                if wanted and not any(_pattern(path).search(text) for path in made):
+            for key, text in self._texts(step):
+                found, too_early = (any(_pattern(path).search(text) for path in x) for x in (made, later))
+                if too_early or (_MADE.search(text) and not found):
                     raise ConfigError(
                         f"{step.config or step.makes}: {key} asks for {text}, which no step before "
                         f"{step.makes} makes; add one or correct the path"

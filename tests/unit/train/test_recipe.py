@@ -61,6 +61,10 @@ def test_a_run_that_no_step_makes_is_named():
         recipe_of(PLANES, PLANES_VAL, REPAIR, fine)
     with pytest.raises(ConfigError, match=r"data\.folder asks for data/planes, which no step"):
         recipe_of(REPAIR, PLANES, PLANES_VAL)
+    prepared = {"makes": "data/rays", "by": "prepare", "config": "configs/prepare_rays.toml"}
+    with pytest.raises(ConfigError, match="repair asks for bokehnet/weights/repair, which no step before"):
+        recipe_of(PLANES, PLANES_VAL, prepared, REPAIR, EXPORT)
+    recipe_of(PLANES, prepared)  # with the repair that ships
     with pytest.raises(ConfigError, match="two of them make data/planes"):
         recipe_of(PLANES, PLANES)
     with pytest.raises(ConfigError, match="data/x: words asks for runs/none/last"):
@@ -171,7 +175,7 @@ def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
     main(["--dry-run", "--out", str(tmp_path / "out")])
     told = capsys.readouterr().out
     assert re.search(r"^runs/arnet_wide +arnet +\d+\.\d min +to do$", told, re.MULTILINE)
-    assert re.search(r"^expected: \d+\.\d h in all on two cores", told.splitlines()[-1])
+    assert re.search(r"^expected: \d+\.\d h in all \(cores: 2\), ", told.splitlines()[-1])
     assert not list(tmp_path.iterdir())
 
 
@@ -194,10 +198,11 @@ def test_mistakes_in_a_recipe_are_one_line(text, told, tmp_path):
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):
-    (tmp_path / "recipe.json").write_text("[]")
-    with pytest.raises(SystemExit) as caught:
-        main(["--small", "--out", str(tmp_path)])
-    assert "recipe.json: expected what was done of a recipe" in str(caught.value.code)
+    for text in ("[]", '{"steps": []}', '{"steps": {"a": 3}}', "{"):
+        (tmp_path / "recipe.json").write_text(text)
+        with pytest.raises(SystemExit) as caught:
+            main(["--small", "--out", str(tmp_path)])
+        assert "recipe.json: expected what was done of a recipe" in str(caught.value.code)
 
 
 def test_the_documentation_lists_the_commands_of_the_recipe():
