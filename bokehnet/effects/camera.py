@@ -4,7 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bokehnet.checks import Array, array_namespace, check_finite, check_kind, check_range, check_rank
+from bokehnet.checks import (
+    Array,
+    array_namespace,
+    check_above,
+    check_finite,
+    check_kind,
+    check_range,
+    check_rank,
+)
 from bokehnet.effects.row_blocks import in_row_blocks
 from bokehnet.effects.view import View, cast_like
 from bokehnet.effects.warp import Warp
@@ -57,8 +65,11 @@ class CameraEffects:
     def __post_init__(self) -> None:
         for name, highest in (("cos4", 80.0), ("optical_vignetting", 1.5)):
             check_range(name, getattr(self, name), 0, highest)
-        if self.shading and not (len(self.shading) > 1 and min(self.shading) > 0):
-            raise ParameterError("shading", "two numbers or more, above 0", self.shading)
+        check_kind("shading", self.shading, tuple, list)
+        for light in self.shading:
+            check_above("shading", light, 0)
+        if len(self.shading) == 1:
+            raise ParameterError("shading", "two numbers or more, or none", self.shading)
         check_kind("vignette", self.vignette, Vignette, optional=True)
         check_kind("grain", self.grain, Grain, optional=True)
         _ = self._warp
