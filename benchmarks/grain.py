@@ -22,7 +22,7 @@ from bokehnet.classical.layered.defocus_bins import TILE
 from bokehnet.classical.layered.ray_marching import march
 from bokehnet.classical.layered.sample_counts import FirstPass
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.io.resample import resample
@@ -129,7 +129,9 @@ def print_pan(shared: Path, blur: float, sheet: Path | None) -> None:
     print(f"== pan: {FRAMES} frames, {STEP} px each, blur {blur:g}")
     print(f"noise {whole:.2f}/255 rms, of which {stays:.2f}/255 stays on the screen")
     if sheet is not None:
-        write_image(sheet, np.clip(np.concatenate(shown[:: FRAMES - 1], axis=1), 0, 1).astype(np.float32))
+        halves = shown[: FRAMES // 2], shown[FRAMES // 2 :]
+        light = srgb_to_linear(np.concatenate([np.concatenate(half, axis=1) for half in halves]).clip(0, 1))
+        write_image(sheet, np.asarray(light, np.float32))
 
 
 def main() -> None:
@@ -142,7 +144,7 @@ def main() -> None:
     parser.add_argument("--megapixels", type=float, default=6, help="of the section radii")
     parser.add_argument("--radii", type=float, nargs="*", default=[60, 120, 240], help="pixels")
     parser.add_argument("--blur", type=float, default=60, help="of the section pan")
-    parser.add_argument("--sheet", type=Path, help="first and last frame of the pan, side by side")
+    parser.add_argument("--sheet", type=Path, help="the frames of the pan in two rows")
     arguments = parser.parse_args()
     for section in arguments.sections:
         if section == "seeds":

@@ -234,18 +234,13 @@ def _render(
         stack, mixed = split_picture(image, defocus, ray_reach, pixel_filter, known)
     else:
         stack = layers
-    large = all_blurred(stack.defocus) & rays_mask if at_half else np.zeros_like(rays_mask)
-    coarse_scene = halved(image, defocus, stack) if large.any() else None
-    rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     tell(1, 1)
-    colors, cells = rest.colors, layer_cells(rest)
-    del stack, rest
-    result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     coarse, share_of_coarse = None, 0.0
-    if coarse_scene is not None:
+    large = all_blurred(stack.defocus) & rays_mask if at_half else np.zeros_like(rays_mask)
+    if large.any():
         share_of_coarse = 0.25 * np.count_nonzero(rays_mask) / (np.count_nonzero(rays_mask & ~large) + 1)
         share_of_coarse = min(share_of_coarse / (1 + share_of_coarse), 0.9)
-        small, small_defocus, small_layers = coarse_scene
+        small, small_defocus, small_layers = halved(image, defocus, stack)
         coarse = _render(
             small,
             small_defocus,
@@ -256,8 +251,12 @@ def _render(
             progress=lambda share: tell(2, share_of_coarse * share),
             rays_share=rays_share,
         )
-        del coarse_scene, small, small_layers
+        del small, small_defocus, small_layers
         rays_mask &= ~large
+    rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
+    colors, cells = rest.colors, layer_cells(rest)
+    del stack, rest
+    result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     bins = occupied_bins(cells, *footprint)
     march(
         colors,

@@ -65,11 +65,11 @@ class CameraEffects:
     def __post_init__(self) -> None:
         for name, highest in (("cos4", 80.0), ("optical_vignetting", 1.5)):
             check_range(name, getattr(self, name), 0, highest)
-        check_kind("shading", self.shading, tuple)
-        if len(self.shading) == 1:
-            raise ParameterError("shading", "two numbers or more, or none", self.shading)
+        check_kind("shading", self.shading, tuple, list)
         for light in self.shading:
             check_above("shading", light, 0)
+        if len(self.shading) == 1:
+            raise ParameterError("shading", "two numbers or more, or none", self.shading)
         check_kind("vignette", self.vignette, Vignette, optional=True)
         check_kind("grain", self.grain, Grain, optional=True)
         _ = self._warp

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.cats_eye import nearest_cats_eye
 from bokehnet.lenses.plot import spot
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.relative_illumination import relative_illumination
@@ -26,6 +28,8 @@ def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
     radius = design.image_radius
     light = relative_illumination(lens, radius, steps=21)
     shares = np.linspace(0, 1, 21)
+    barrel = fit_aberration_map(lens, wavelengths=()).vignetting_apertures
+    slider, differs = nearest_cats_eye(barrel)
     fields = []
     for share in FIELDS:
         points = spot(lens, share * radius, design.design_wavelength)
@@ -63,6 +67,7 @@ def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
         "focus_distance": _finite(lens.focus_distance),
         "focus_shift": lens.focus_shift,
         "sensor_position": lens.sensor_position,
+        "cats_eye": {"slider": slider, "shape_differs": differs},
         "fields": fields,
         "seidel": [
             {"surface": number, **{name: float(value) for name, value in sums.items()}}

@@ -32,8 +32,12 @@ _RENDERING = 400 * 2**20
 # read, repaired or turned into defocus.
 _HELD, _READ, _REPAIRED, _FOCUSED = 16, 5, 14, 12
 
+# The same of alpha: it and what is known of its edges beside the picture as it is rendered, and beside itself
+# as a grey picture that is rendered first.
+_ALPHA, _GREY = 10, 34
 
-def least_memory(settings: RenderSettings, engine: str, width: int, height: int) -> int:
+
+def least_memory(settings: RenderSettings, engine: str, width: int, height: int, alpha: bool = False) -> int:
     """Bytes that the program takes at the least for a picture of that size, about.
 
     Args:
@@ -41,6 +45,7 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int)
         engine: What renders.
         width: Of the picture.
         height: Of the picture.
+        alpha: Whether it has one.
 
     Examples:
         >>> small, large = (least_memory(RenderSettings(), "hybrid", n, n) for n in (400, 4000))
@@ -61,7 +66,10 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int)
     radius = _least_radius(settings)
     reach = _reach(settings, radius, height, width) if radius and classical == "rays" else radius
     rows = least_rows(height, reach, classical)
+    held += _ALPHA if alpha else 0
     stages.append(PROGRAM + held * pixels + rows * width * BYTES_PER_PIXEL[classical])
+    if alpha:
+        stages.append(PROGRAM + (_HELD + _GREY) * pixels + rows * width * BYTES_PER_PIXEL[classical])
     if engine in CLASSICAL_HALVES:
         stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
     return max(stages)
@@ -83,7 +91,7 @@ def check_memory(path: Path | str, settings: RenderSettings) -> None:
     with ImageFile(path) as file:
         part = find_picture(file).part
     width, height = (part.height, part.width) if part.orientation >= 5 else (part.width, part.height)
-    least = least_memory(settings, settings.engine.name or "rays", width, height)
+    least = least_memory(settings, settings.engine.name or "rays", width, height, part.alpha is not None)
     if bound < least:
         raise ParameterError(
             "engine.max_memory",

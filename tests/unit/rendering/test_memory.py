@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bokehnet import BokehRenderer
 from bokehnet.errors import ParameterError
 from bokehnet.inference.engine import Engine
 from bokehnet.io.image import write_image, write_map
@@ -16,6 +17,7 @@ from bokehnet.rendering.look import make_lens_response, picture_aberrations
 from bokehnet.rendering.memory import PROGRAM, least_memory
 from bokehnet.rendering.scene import read_scene
 from bokehnet.rendering.settings import RenderSettings
+from tests.unit.io.exr_files import write_exr
 
 TOLD = {"input": {"disparity": "map.png"}, "camera": {"blur": 20}, "focus": {"value": 0.25}}
 
@@ -84,3 +86,25 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
     found = re.search(r"at least (\d+) MB", str(told.value))
     assert found is not None
     assert int(found[1]) == np.ceil(least / 1e6)
+
+
+@pytest.mark.parametrize("engine", ["scatter", "rays"])
+def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch):
+    """The least that is told is enough to render with; without alpha it is less."""
+    monkeypatch.chdir(tmp_path)
+    height, width = 1500, 60
+    rgba = np.full((height, width, 4), 0.25, np.float32)
+    rgba[700:, :, 3] = 0.5
+    write_exr("shot.exr", {"channels": {name: ("float", rgba[..., i]) for i, name in enumerate("RGBA")}})
+    write_map("map.png", np.linspace(0, 1, height * width).reshape(height, width))
+
+    def told(size):
+        return bounded(size, depth={"repair": "off", "as_stored": True}).updated({"engine": {"name": engine}})
+
+    with pytest.raises(ParameterError, match=r"at least \d+ MB") as refused:
+        read_scene("shot.exr", told(10**8))
+    found = re.search(r"at least (\d+) MB", str(refused.value))
+    assert found is not None
+    settings = told(int(found[1]) * 10**6)
+    assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
+    assert least_memory(settings, engine, width, height) < least_memory(settings, engine, width, height, True)
