@@ -59,7 +59,9 @@ def compare(
         with compile_notice(), progress("rendering", counted=False) as report:
             found = compare_engines(scene, settings, names, wanted, report)
     except ParameterError as error:
-        raise error.renamed("--engines") if error.parameter == "engines" else error
+        if error.parameter != "engines":
+            raise
+        raise error.renamed("--engines") from error
     places = interesting_places(found) if place is None else [place]
     write_image(output, comparison_sheet(scene.image, found, places, wanted))
     if page is not None:
