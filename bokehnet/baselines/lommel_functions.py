@@ -11,6 +11,9 @@ import numpy as np
 
 __all__ = ["bessel_orders", "lommel_intensity"]
 
+# Distances whose Bessel functions are held at a time.
+_AT_ONCE = 2048
+
 
 def bessel_orders(orders: int, v: np.ndarray) -> np.ndarray:
     """Bessel functions J_0 ... J_orders of ``v`` > 0, (orders + 1, N), by recurrence from high orders down.
@@ -56,6 +59,9 @@ def lommel_intensity(u: float, v: np.ndarray) -> np.ndarray:
         thesis 000 prints it, eq. 3.14, with V for U, which would leave the middle dark at every defocus.
     """
     u, v = abs(float(u)), np.maximum(np.abs(np.asarray(v, float)), 1e-6)
+    if v.size > _AT_ONCE:
+        parts = np.array_split(v, -(-v.size // _AT_ONCE))
+        return np.concatenate([lommel_intensity(u, part) for part in parts])
     if u < 1e-3:
         return np.asarray((2 * bessel_orders(1, v)[1] / v) ** 2)
     orders = math.ceil(float(v.max()) + 10 * float(v.max()) ** (1 / 3) + 20)

@@ -20,7 +20,7 @@ __all__ = ["WAVELENGTHS", "lommel", "lommel_table"]
 WAVELENGTHS = (0.61, 0.55, 0.465)
 
 
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=512)
 def lommel_table(radius: float, unit: float) -> np.ndarray:
     """Light of a point on each pixel around it; float64, sum 1.
 

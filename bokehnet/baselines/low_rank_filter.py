@@ -15,7 +15,7 @@ from bokehnet.optics.aperture import Aperture
 __all__ = ["low_rank", "separable_terms"]
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def separable_terms(
     aperture: Aperture, radius: float, side: int, rank: int | None, error: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -19,6 +19,9 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["gather_passes"]
 
+# Coverage by the far plane from which on it is seen in place of what is near.
+_ENOUGH = 0.1
+
 
 @njit(cache=True, parallel=True)
 def _gather(plane, blur, points, shape, area, turned, bokeh):  # type: ignore[no-untyped-def]
@@ -79,16 +82,17 @@ def gather_passes(
     Source:
         Thesis 004, 2.2.3, "Multi pass": near and far plane, scaled down, blurred apart. How they are put
         together again it does not say: here the far plane covers what is sharp as far as its pixels are
-        blurred, and the near plane covers both by the light that arrives of it.
+        blurred, and what is near where any of its light arrives there; the near plane covers both by the
+        light that arrives of it.
     """
     check_above("scale", scale, 0)
     image, defocus, aperture = check_baseline("gather_passes", "outline", image, defocus, aperture)
     bokeh = image
-    behind = np.clip(-defocus - 0.5, 0, 1)
+    behind, before = np.clip(-defocus - 0.5, 0, 1), np.clip(defocus - 0.5, 0, 1)
     if behind.any():
-        far, _ = _blurred(image, np.maximum(-defocus, 0), behind, aperture, scale, 0.0)
-        bokeh = bokeh + behind[..., None] * (far - bokeh)
-    before = np.clip(defocus - 0.5, 0, 1)
+        far, alpha = _blurred(image, np.maximum(-defocus, 0), behind, aperture, scale, 0.0)
+        share = np.maximum(behind, before * np.minimum(alpha / _ENOUGH, 1))
+        bokeh = bokeh + share[..., None] * (far - bokeh)
     if before.any():
         near, alpha = _blurred(image, np.maximum(defocus, 0), before, aperture, scale, 0.5)
         bokeh = bokeh + alpha[..., None] * (near - bokeh)

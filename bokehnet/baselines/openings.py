@@ -17,6 +17,9 @@ ANGLES, _STEPS = 1440, 2048
 # Discs of this radius lie inside their own pixel.
 _SMALLEST = 0.5
 
+# Largest radius of a table, pixels: beyond it tables take memory and time out of all proportion.
+_LARGEST = 256
+
 # Steps of the ladder: pixels, and share of the radius.
 _STEP, _RATIO = 0.25, 0.04
 
@@ -74,7 +77,7 @@ def outline(aperture: Aperture) -> np.ndarray:
     return np.asarray(open_here.sum(axis=1) / _STEPS, np.float32)
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def psf_image(aperture: Aperture, radius: float, side: int) -> np.ndarray:
     """Image of a point, its light on each pixel of a square around it; float64, sum 1.
 
@@ -82,7 +85,11 @@ def psf_image(aperture: Aperture, radius: float, side: int) -> np.ndarray:
         aperture: The opening.
         radius: Blur radius in pixels; up to half a pixel all light stays in one.
         side: +1 in front of focus, -1 behind it.
+
+    Raises:
+        ParameterError: The radius is larger than tables are made for.
     """
+    _check_radius(radius)
     if radius <= _SMALLEST:
         return np.ones((1, 1))
     half = math.ceil(radius - 0.5)
@@ -98,11 +105,22 @@ def psf_image(aperture: Aperture, radius: float, side: int) -> np.ndarray:
 
 
 def radius_ladder(largest: float) -> np.ndarray:
-    """Radii from half a pixel to at least ``largest``; a radius between two is a mix of both; float64."""
-    rungs = [_SMALLEST]
-    while rungs[-1] < largest:
-        rungs.append(rungs[-1] + max(_STEP, _RATIO * rungs[-1]))
-    return np.array(rungs)
+    """Radii from half a pixel to ``largest``; a radius between two is a mix of both; float64.
+
+    Raises:
+        ParameterError: The radius is larger than tables are made for.
+    """
+    _check_radius(largest)
+    found = [_SMALLEST]
+    while found[-1] < largest:
+        found.append(min(found[-1] + max(_STEP, _RATIO * found[-1]), max(largest, found[-1] + 1e-3)))
+    return np.array(found)
+
+
+def _check_radius(radius: float) -> None:
+    if radius > _LARGEST:
+        expected = f"blur radii of at most {_LARGEST} pixels, for which tables are made"
+        raise ParameterError("defocus", expected, radius, "use the engine `rays`")
 
 
 def rungs(defocus: np.ndarray, radii: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:

@@ -61,7 +61,7 @@ def compare(
     except ParameterError as error:
         if error.parameter != "engines":
             raise
-        raise error.renamed("--engines") from None
+        raise error.renamed("--engines") from error
     places = interesting_places(found) if place is None else [place]
     write_image(output, comparison_sheet(scene.image, found, places, wanted))
     if page is not None:

@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from bokehnet import baselines
 from bokehnet.baselines import diffusion, low_rank, overlap
 from bokehnet.baselines.heat_diffusion import diffuse_rows
 from bokehnet.baselines.low_rank_filter import separable_terms
 from bokehnet.baselines.openings import psf_image, radius_ladder, rungs
 from bokehnet.baselines.overlap_filter import overlap_share
+from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
 
@@ -137,10 +139,17 @@ def test_a_shape_along_the_axes_needs_fewer_terms():
 def test_ladders_mix_two_radii():
     radii = radius_ladder(20.0)
     assert radii[0] == 0.5
-    assert radii[-1] >= 20
+    assert radii[-1] == pytest.approx(20)
     defocus = np.array([[-0.2, -7.3, 7.3, 20.0]], np.float32)
     low, upper = rungs(defocus, radii, -1)
     assert low.tolist()[0][2:] == [-1, -1]
     mixed = radii[low[0, 1]] * (1 - upper[0, 1]) + radii[low[0, 1] + 1] * upper[0, 1]
     assert mixed == pytest.approx(7.3, abs=1e-5)
     assert rungs(defocus, radii, 1)[0].tolist()[0][:2] == [-1, -1]
+
+
+@pytest.mark.parametrize("name", ["low_rank", "lommel", "perimeter", "hybrid_spreading"])
+def test_tables_are_not_made_for_any_radius(name):
+    image, defocus = np.random.default_rng(0).random((4, 5, 3)), np.full((4, 5), 300.0)
+    with pytest.raises(ParameterError, match=r"^defocus: expected blur radii of at most 256 pixels"):
+        getattr(baselines, name)(image, defocus)

@@ -5,8 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
+from bokehnet.baselines import BASELINES
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.inference.disparity_repair import DisparityRepair
+from bokehnet.inference.engine import ENGINES
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.rendering.renderer import BokehRenderer
@@ -181,9 +183,8 @@ def test_the_program_renders_in_a_process_of_its_own(folder, cli_process):
     assert read_image(output).shape == (HEIGHT, WIDTH, 3)
     outcome = cli_process(*words, "--engine", "magic")
     assert (outcome.code, outcome.out) == (1, "")
-    assert (
-        outcome.err == "bokehnet: error: --engine: expected one of fast, hybrid, rays, scatter, got 'magic'\n"
-    )
+    engines = ", ".join(sorted([*ENGINES, *BASELINES]))
+    assert outcome.err == f"bokehnet: error: --engine: expected one of {engines}, got 'magic'\n"
 
 
 def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rendered):
