@@ -21,6 +21,7 @@ from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.memory import give_back
 from bokehnet.inference.session import WEIGHTS, load_network
+from bokehnet.inference.soft_maps import explain_soft_map, find_softness
 from bokehnet.io.row_blocks import Progress, make_in_row_blocks
 from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 
@@ -123,6 +124,30 @@ def network_memory(height: int, width: int) -> int:
     return _NETWORK_BYTES * min(height * width, FRUGAL_TILE)
 
 
+@dataclass(frozen=True, slots=True)
+class _SoftMap:
+    """A map with soft steps.
+
+    Attributes:
+        steps: Where they are, (H, W) bool.
+        given: The map, (H, W).
+    """
+
+    steps: np.ndarray
+    given: np.ndarray
+
+    def half(self) -> "_SoftMap":
+        """The same at half its size."""
+        return _SoftMap(_half_mask(self.steps), _half_map(self.given))
+
+    def settle(self, image: np.ndarray, repaired: np.ndarray, span: float) -> np.ndarray:
+        """Put into a repaired map (H, W) what it lacks, and its steps where the colours of (H, W, 3) part."""
+        deviation = find_softness(self.given, repaired, self.steps)
+        if deviation:
+            repaired = explain_soft_map(image, self.given, repaired, deviation)
+        return settle_soft_steps(image, repaired, self.steps, span)
+
+
 class _Work:
     """How far the repair is, by what its sizes cost; the smallest one comes first.
 
@@ -221,7 +246,7 @@ class DisparityRepair:
         shift, smallest = self._edge_bias(sizes, start, span, work)
         maps = [shift_edges(start, shift)]
         del start
-        soft = soft_steps(disparity) if softness > _RAMPS else None
+        soft = _SoftMap(soft_steps(disparity), disparity) if softness > _RAMPS else None
         repaired = self._repair(sizes, maps, span, work, None if shift else smallest, soft)
         if large:
             self._give_back()
@@ -286,7 +311,7 @@ class DisparityRepair:
         span: float,
         work: "_Work",
         smallest: np.ndarray | None,
-        soft: np.ndarray | None,
+        soft: "_SoftMap | None",
     ) -> np.ndarray:
         """Repair a map with the help of the picture, at this and at smaller sizes.
 
@@ -296,7 +321,7 @@ class DisparityRepair:
             span: Of the whole map.
             work: Is told of what is done.
             smallest: The repaired map at the smallest of the sizes, where it is known.
-            soft: Where steps of the map were ramps, (H, W) bool, if anywhere.
+            soft: The map as it was given, where many of its steps were ramps.
         """
         image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
@@ -304,7 +329,7 @@ class DisparityRepair:
         repaired = None if sizes else smallest
         if sizes:
             small = _half_map(disparity)
-            below = _half_mask(soft) if soft is not None and too_large else None
+            below = soft.half() if soft is not None and too_large else None
             repaired_small = self._repair(sizes, [small], span, work, smallest, below)
             change = repaired_small - small
             del small
@@ -318,7 +343,7 @@ class DisparityRepair:
             repaired, _ = self._look(image, disparity, span, work, number)
         if soft is None:
             return repaired
-        return settle_soft_steps(image.transpose(1, 2, 0), repaired, soft, span)
+        return soft.settle(image.transpose(1, 2, 0), repaired, span)
 
     def _look(
         self, image: np.ndarray, disparity: np.ndarray, span: float, work: "_Work", number: int
