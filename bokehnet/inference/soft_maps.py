@@ -5,10 +5,10 @@ repaired map does not give the given one again when it is blurred, it is wrong: 
 left as a low ridge is missing. What is missing is sought as a linear function of the picture's colours in
 each window, so fitted that it explains the rest after both are blurred, and added with the sharp colours.
 
-Source: He, Sun and Tang, "Guided image filtering", ECCV 2010, for local linear functions of colours and the mean
-over all windows that hold a pixel; van Cittert, "Zum Einfluß der Spaltbreite auf die Intensitätsverteilung in
-Spektrallinien II", Zeitschrift für Physik 1931, for adding what does not come out yet. That the guide is blurred
-as the map is, so that the filter sharpens, is ours.
+Source: He, Sun and Tang, "Guided image filtering", ECCV 2010, for local linear functions of colours and the
+mean over all windows that hold a pixel; van Cittert, "Zum Einfluß der Spaltbreite auf die
+Intensitätsverteilung in Spektrallinien II", Zeitschrift für Physik 1931, for adding what does not come out
+yet. That the guide is blurred as the map is, so that the filter sharpens, is ours.
 """
 
 import math
