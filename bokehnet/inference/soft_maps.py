@@ -81,7 +81,8 @@ def blur_map(values: np.ndarray, deviation: float) -> np.ndarray:
 def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> float:
     """Standard deviation in pixels of the Gaussian that best brings a repaired map back to the given one.
 
-    Most pixels are to come out right: the square root counts the others little. 0 where the map is hardly soft.
+    Most pixels are to come out right: the square root counts the others little. 0 where the map is hardly
+    soft.
 
     Args:
         given: (H, W) float32.
