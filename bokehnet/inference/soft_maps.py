@@ -21,8 +21,8 @@ from bokehnet.kernels import njit
 
 __all__ = ["blur_map", "explain_soft_map", "find_softness"]
 
-# Standard deviations of the blur among which the map's is sought, pixels; the least is that of no soft map.
-_DEVIATIONS = tuple(1.25 * 1.12**i for i in range(15))
+# Standard deviations of the blur between which the map's is sought, pixels; the least is that of no soft map.
+_DEVIATIONS = tuple(1.25**i for i in range(1, 9))
 
 # Reach of the Gaussian, in deviations.
 _REACH = 3.5
@@ -41,28 +41,16 @@ _ROUNDS = 2
 
 
 @njit(cache=True, parallel=True)
-def _along_rows(values, weights, result):  # type: ignore[no-untyped-def]
-    """Weighted sums along the first axis of (H, W, C); the border is repeated."""
-    height, width, channels = values.shape
-    reach = len(weights) // 2
-    for y in prange(height):
-        for i in range(len(weights)):
-            v = min(max(y + i - reach, 0), height - 1)
-            for x in range(width):
-                for c in range(channels):
-                    result[y, x, c] += weights[i] * values[v, x, c]
-
-
-@njit(cache=True, parallel=True)
-def _along_columns(values, weights, result):  # type: ignore[no-untyped-def]
-    height, width, channels = values.shape
-    reach = len(weights) // 2
+def _weigh(padded, weights, down, along, result):  # type: ignore[no-untyped-def]
+    """Weighted sums of numbers that lie ``down`` rows and ``along`` columns apart, from each on, (H, N)."""
+    height, width = result.shape
     for y in prange(height):
         for x in range(width):
-            for i in range(len(weights)):
-                u = min(max(x + i - reach, 0), width - 1)
-                for c in range(channels):
-                    result[y, x, c] += weights[i] * values[y, u, c]
+            result[y, x] = 0.0
+        for i in range(len(weights)):
+            weight, row, first = weights[i], y + i * down, i * along
+            for x in range(width):
+                result[y, x] += weight * padded[row, first + x]
 
 
 def blur_map(values: np.ndarray, deviation: float) -> np.ndarray:
@@ -70,11 +58,14 @@ def blur_map(values: np.ndarray, deviation: float) -> np.ndarray:
     reach = math.ceil(_REACH * deviation)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2).astype(np.float32)
     weights /= weights.sum()
-    layers = values[..., None] if values.ndim == 2 else values
-    down, result = np.zeros_like(layers), np.zeros_like(layers)
+    height, channels = len(values), 1 if values.ndim == 2 else values.shape[2]
+    rest = [(0, 0)] * (values.ndim - 1)
+    result = np.empty((height, values.size // height), np.float32)
     with parallel_region:
-        _along_rows(layers, weights, down)
-        _along_columns(down, weights, result)
+        padded = np.pad(values, [(reach, reach), *rest], "edge").reshape(height + 2 * reach, -1)
+        _weigh(padded, weights, 1, 0, result)
+        padded = np.pad(result.reshape(values.shape), [(0, 0), (reach, reach), *rest[1:]], "edge")
+        _weigh(padded.reshape(height, -1), weights, 0, channels, result)
     return result.reshape(values.shape)
 
 
@@ -89,9 +80,14 @@ def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> 
         repaired: The same with sharp steps, (H, W) float32.
         soft: Where steps were soft, (H, W) bool, somewhere.
     """
-    rests = [float(np.sqrt(np.abs(given - blur_map(repaired, d))[soft]).mean()) for d in _DEVIATIONS]
+    there = given[soft]
+    rests = [float(np.sqrt(np.abs(there - blur_map(repaired, d)[soft])).mean()) for d in _DEVIATIONS]
     best = int(np.argmin(rests))
-    return _DEVIATIONS[best] if best else 0.0
+    if best in (0, len(rests) - 1):
+        return _DEVIATIONS[best] if best else 0.0
+    before, least, after = rests[best - 1 : best + 2]
+    peak = 0.5 * (before - after) / max(before - 2 * least + after, 1e-12)  # of a parabola through three
+    return _DEVIATIONS[best] * 1.25**peak
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""What blurred maps have lost. Authority: a map of known steps and wires, blurred by a known Gaussian (SciPy)."""
+"""What blurred maps have lost. Authority: a map of known steps and wires, blurred by SciPy."""
 
 import numpy as np
 import pytest
