@@ -32,7 +32,12 @@ _SLACK = 0.25
 @njit(cache=True)
 def _widest_gap(values, least):  # type: ignore[no-untyped-def]
     """Middle of the widest gap in ``values``, sorted in place, or NaN where none is wider than ``least``."""
-    values.sort()
+    for i in range(1, len(values)):  # few values: sorted as they are inserted
+        value, place = values[i], i
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
     middle = np.nan
     for i in range(1, len(values)):
         if values[i] - values[i - 1] > least:
