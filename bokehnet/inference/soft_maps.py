@@ -78,8 +78,10 @@ def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> 
     Args:
         given: (H, W) float32.
         repaired: The same with sharp steps, (H, W) float32.
-        soft: Where steps were soft, (H, W) bool, somewhere.
+        soft: Where steps were soft, (H, W) bool.
     """
+    if not soft.any():
+        return 0.0
     there = given[soft]
     rests = [float(np.sqrt(np.abs(there - blur_map(repaired, d)[soft])).mean()) for d in _DEVIATIONS]
     best = int(np.argmin(rests))
