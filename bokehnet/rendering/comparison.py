@@ -38,6 +38,10 @@ class Scores:
         edge_psnr: The same of pixels that a depth discontinuity reaches; NaN where there are none.
         ssim: Up to 1, which is best.
         flip: 0, which is best, to 1.
+
+    Examples:
+        >>> Scores(psnr=38.0, edge_psnr=33.5, ssim=0.97, flip=0.05).edge_psnr
+        33.5
     """
 
     psnr: float
@@ -56,6 +60,10 @@ class Compared:
         seconds: That the rendering took, once its kernels were there.
         scores: Against the truth; None where it is not known.
         error: Absolute error of the encoded picture, mean of the channels, (H, W); None likewise.
+
+    Examples:
+        >>> Compared(engine="rays", bokeh=np.zeros((4, 4, 3)), seconds=0.5).line
+        'rays  0.50 s'
     """
 
     engine: str
@@ -156,6 +164,12 @@ def interesting_places(found: Sequence[Compared], size: int = 160, count: int = 
         found: What the engines made.
         size: Side, pixels; smaller in small pictures.
         count: How many, at most; they do not overlap.
+
+    Examples:
+        >>> bokeh, error = np.zeros((40, 60, 3)), np.zeros((40, 60))
+        >>> error[20:30, 40:50] = 1
+        >>> interesting_places([Compared(engine="rays", bokeh=bokeh, seconds=1, error=error)], size=10, count=1)
+        [(40, 20, 10, 10)]
     """
     if found[0].error is not None:
         apart = np.mean([one.error for one in found if one.error is not None], axis=0)
@@ -191,6 +205,12 @@ def comparison_sheet(
 
     Returns:
         Scene-linear, (H', W', 3) float32.
+
+    Examples:
+        >>> image = np.zeros((40, 60, 3), np.float32)
+        >>> found = [Compared(engine="rays", bokeh=image, seconds=1)]
+        >>> comparison_sheet(image, found, [(0, 0, 20, 20)]).shape[2]
+        3
     """
 
     def cut(picture: np.ndarray, place: Crop) -> np.ndarray:
