@@ -168,7 +168,8 @@ def interesting_places(found: Sequence[Compared], size: int = 160, count: int = 
     Examples:
         >>> bokeh, error = np.zeros((40, 60, 3)), np.zeros((40, 60))
         >>> error[20:30, 40:50] = 1
-        >>> interesting_places([Compared(engine="rays", bokeh=bokeh, seconds=1, error=error)], size=10, count=1)
+        >>> found = [Compared(engine="rays", bokeh=bokeh, seconds=1, error=error)]
+        >>> interesting_places(found, size=10, count=1)
         [(40, 20, 10, 10)]
     """
     if found[0].error is not None:
