@@ -207,7 +207,8 @@ class DisparityRepair:
     ) -> RepairedMap:
         """Move the edges of a map to where the picture has them, and say whether it was done.
 
-        Every value stays within those nearby, so that flat regions remain as they are. Maps of
+        Every value stays within those nearby, so that flat regions remain as they are; where a soft map
+        lacks what blur has hidden (:mod:`bokehnet.inference.soft_maps`), within those of the map. Maps of
         large pictures are repaired at half the size first. Memory beyond input and output is that of a
         tile and a third of the picture.
 
