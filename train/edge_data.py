@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from bokehnet.errors import DataFileError
-from bokehnet.inference.disparity_edges import sharpen_if_soft
+from bokehnet.inference.disparity_edges import sharpen_if_soft, soft_edge_fraction
 from bokehnet.synth.shards import TrainingSample
 from train.augmentation import augment_disparity
 from train.repair_data import busy_window
@@ -71,7 +71,7 @@ def edge_pair(
         power = np.float32(2.0 ** rng.uniform(-1, 1))
         true, inside = true**power, np.maximum(inside, 0) ** power
     augmented = true if rng.random() < config.clean else augment_disparity(true, rng, image)
-    augmented = sharpen_if_soft(augmented)
+    augmented = sharpen_if_soft(augmented, soft_edge_fraction(augmented))
     span = max(float(augmented.max() - augmented.min()), 1e-6)
     chosen = rng.permutation(inside.shape[-1])[: config.samples]
     gain = np.float32(2.0 ** rng.uniform(-1, 1))
