@@ -28,8 +28,11 @@ _SHARPNESS = 12.0
 # Squared contrast of neighbours, of the square root of light, of lines that count in full.
 _CONTRAST = 3e-4
 
-# Weight of a light beside that of other pixels, and the least of all.
-_LIGHT, _LEAST = 1e-3, 1e-9
+# Weights of a light, and of a pixel beside a step, which hardly shows its surface alone, beside that of others.
+_LIGHT, _BESIDE_STEP = 1e-3, 0.1
+
+# The least of all weights.
+_LEAST = 1e-9
 
 # Distance from the edge, in pixels, at which a line counts 1 / e: the farther, the less it is sure to go on.
 _FADING = 16.0
@@ -92,7 +95,7 @@ def _direction(defocus, depths, rings, tensors, carried, y, x):  # type: ignore[
 
 
 @njit(cache=True)
-def _mean_along(image, defocus, depths, rings, lights, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
+def _mean_along(image, defocus, depths, rings, lights, tensors, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
     """Set a hidden pixel to the mean of its sources, those along the line first."""
     height, width = defocus.shape
     spread = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)  # of the eigenvalues
@@ -112,7 +115,11 @@ def _mean_along(image, defocus, depths, rings, lights, xx, xy, yy, colors, y, x)
             away = sharpness * (across_x * (u - x) + across_y * (v - y))
             weight = math.exp(-0.5 * away * away) / apart
             if found == 1:
-                weight = (_LIGHT if lights[v, u] else 1.0) * weight + _LEAST
+                if lights[v, u]:
+                    weight *= _LIGHT
+                elif tensors[v, u, 0] < 0.0:
+                    weight *= _BESIDE_STEP
+                weight += _LEAST
                 red += weight * image[v, u, 0]
                 green += weight * image[v, u, 1]
                 blue += weight * image[v, u, 2]
@@ -133,7 +140,7 @@ def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, colors, 
             y, x = ys[i], xs[i]
             xx, xy, yy = _direction(defocus, depths, rings, tensors, carried, y, x)
             carried[y, x, 0], carried[y, x, 1], carried[y, x, 2] = xx, xy, yy
-            _mean_along(image, defocus, depths, rings, lights, xx, xy, yy, colors, y, x)
+            _mean_along(image, defocus, depths, rings, lights, tensors, xx, xy, yy, colors, y, x)
 
 
 def carry_lines_on(

@@ -192,9 +192,7 @@ def test_the_disocclusion_weight_is_the_share_of_the_occluded_background():
         atol=0.02,
     )
     np.testing.assert_allclose(
-        result.occluded_background[middle, EDGE - 8 : EDGE - 2],
-        np.broadcast_to(BACK, (16, 6, 3)),
-        atol=2.5e-3,
+        result.occluded_background[middle, EDGE - 8 : EDGE - 2], np.broadcast_to(BACK, (16, 6, 3)), atol=2e-3
     )
     np.testing.assert_array_equal(
         result.features, np.dstack([result.occluded_background, result.disocclusion_weight, result.error_map])
