@@ -17,9 +17,9 @@ from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
 from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
-from bokehnet.classical.layered.large_discs import LARGE, all_blurred, halved, lay_over
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.mixed_pixels import told_of
+from bokehnet.classical.layered.ray_averages import window_halo
 from bokehnet.classical.layered.ray_marching import SETS, march
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
@@ -218,8 +218,9 @@ def _render(
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     tell = _told(progress, seconds)
     tell(0, 1)
-    if strip is not None:  # and a tile on either side, with whose rays those of large discs are averaged
-        rays_mask[: max(0, strip.wanted.start - TILE)] = rays_mask[strip.wanted.stop + TILE :] = False
+    if strip is not None:  # and those with whose rays those of large discs are averaged
+        halo = -(-window_halo(ray_reach) // TILE) * TILE
+        rays_mask[: max(0, strip.wanted.start - halo)] = rays_mask[strip.wanted.stop + halo :] = False
     if not rays_mask.any():
         return ClassicalResult(
             bokeh=smooth,
@@ -228,31 +229,12 @@ def _render(
             disocclusion_weight=np.zeros_like(error_map),
         )
     faintest = 0.0 if lens is None else _FAINTEST
-    at_half = radius > LARGE and lens is None and strip is None
     mixed = None
     if layers is None:
         stack, mixed = split_picture(image, defocus, ray_reach, pixel_filter, known)
     else:
         stack = layers
     tell(1, 1)
-    coarse, share_of_coarse = None, 0.0
-    large = all_blurred(stack.defocus) & rays_mask if at_half else np.zeros_like(rays_mask)
-    if large.any():
-        share_of_coarse = 0.25 * np.count_nonzero(rays_mask) / (np.count_nonzero(rays_mask & ~large) + 1)
-        share_of_coarse = min(share_of_coarse / (1 + share_of_coarse), 0.9)
-        small, small_defocus, small_layers = halved(image, defocus, stack)
-        coarse = _render(
-            small,
-            small_defocus,
-            aperture,
-            seed=seed,
-            layers=small_layers,
-            place=Place(*(side // 2 for side in place)),
-            progress=lambda share: tell(2, share_of_coarse * share),
-            rays_share=rays_share,
-        )
-        del small, small_defocus, small_layers
-        rays_mask &= ~large
     rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
@@ -272,8 +254,9 @@ def _render(
         seed=seed,
         above=above,
         place=place,
+        radius=ray_reach,
         usual=round(rays_share * (_COLORED_RAYS if colored else _RAYS)),
-        progress=lambda share: tell(2, share_of_coarse + (1 - share_of_coarse) * share),
+        progress=lambda share: tell(2, share),
     )
     add_lights(
         lights,
@@ -288,10 +271,6 @@ def _render(
     )
     with parallel_region:
         _blend(smooth, rays_weight, rays_mask, result)
-    if coarse is not None:
-        assert coarse.disocclusion_weight is not None
-        lay_over(coarse.bokeh, large, result)
-        lay_over(coarse.disocclusion_weight[..., None], large, disocclusion_weight[..., None])
     occluded_background = np.ascontiguousarray(colors[:, :, -1])
     return ClassicalResult(
         bokeh=result,

@@ -45,7 +45,7 @@ _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 _NEVER = np.float32(-1e30)
 _SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
-_SHORT = 96.0  # stretches of the defocus, pixels, from which on looks at tiles pay
+_SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles pay
 _STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
 # The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
 _LOOKS, _CLOSE = 8, np.float32(0.25)

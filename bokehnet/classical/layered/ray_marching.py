@@ -18,7 +18,7 @@ from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_
 from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
 from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, sum_light
-from bokehnet.classical.layered.ray_averages import WIDEST, resolve
+from bokehnet.classical.layered.ray_averages import resolve, window_halo
 from bokehnet.classical.layered.sample_counts import (
     FIRST_RAYS,
     FirstPass,
@@ -234,6 +234,7 @@ def march(
     seed: int = 0,
     above: int = 0,
     place: Place | None = None,
+    radius: float,
     usual: int,
     sample_counts: SampleCounts = counts_by_variance,
     progress: Callable[[float], None] | None = None,
@@ -256,6 +257,7 @@ def march(
         seed: Chooses the variant of each pixel and the random numbers against coverage.
         above: Rows of the picture above these arrays, where they are a strip of it.
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
+        radius: The largest of any disc, pixels, of the whole picture.
         usual: See :class:`bokehnet.classical.layered.sample_counts.FirstPass`.
         sample_counts: Tells how many rays each pixel sends.
         progress: Called with the share of the pixels that is done, 0 to 1.
@@ -266,12 +268,13 @@ def march(
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
     how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
+    halo = window_halo(radius)
     known, kept = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)
-            first = max(0, top - WIDEST) // TILE * TILE
-            last = min(height, -(-(bottom + WIDEST) // TILE) * TILE)
+            first = max(0, top - halo) // TILE * TILE
+            last = min(height, -(-(bottom + halo) // TILE) * TILE)
             new = max(first, known)  # rows above were marched for the strip before
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
             sums[: new - first] = kept[len(kept) - (new - first) :]
@@ -282,6 +285,6 @@ def march(
                 found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
                 _march(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
             known, kept = last, sums
-            resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight)
+            resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
             if progress is not None and done is not None:
                 progress(done[bottom - 1] / max(done[-1], 1))

@@ -28,7 +28,7 @@ _SHARPNESS = 12.0
 # Squared contrast of neighbours, of the square root of light, of lines that count in full.
 _CONTRAST = 3e-4
 
-# Weights of a light, and of a pixel beside a step, which hardly shows its surface alone, beside that of others.
+# Weights of a light, and of a pixel beside a step, where surfaces mix, over that of others.
 _LIGHT, _BESIDE_STEP = 1e-3, 0.1
 
 # The least of all weights.
@@ -36,6 +36,16 @@ _LEAST = 1e-9
 
 # Distance from the edge, in pixels, at which a line counts 1 / e: the farther, the less it is sure to go on.
 _FADING = 16.0
+
+
+# Rows and columns to the pixels of a window, and how far they are.
+_NEIGHBOURS = np.array(
+    [(v, u) for v in range(-_REACH, _REACH + 1) for u in range(-_REACH, _REACH + 1) if (v, u) != (0, 0)]
+)
+_APART = np.sqrt((_NEIGHBOURS**2).sum(1))
+
+# Pixels that are filled one after the other.
+_CHUNK = 256
 
 
 @njit(cache=True, parallel=True)
@@ -69,66 +79,62 @@ def _source(seen, behind, ring, rings, apart, depth):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _direction(defocus, depths, rings, tensors, carried, y, x):  # type: ignore[no-untyped-def]
-    """Mean structure tensor around a hidden pixel."""
+def _find_sources(defocus, depths, rings, y, x, kinds):  # type: ignore[no-untyped-def]
+    """Set which kind of source each neighbour of a hidden pixel is, by :func:`_source`."""
     height, width = defocus.shape
+    for i in range(len(_NEIGHBOURS)):
+        v, u = y + _NEIGHBOURS[i, 0], x + _NEIGHBOURS[i, 1]
+        kinds[i] = 0
+        if 0 <= v < height and 0 <= u < width:
+            ring, own = rings[v, u], rings[y, x]
+            kinds[i] = _source(defocus[v, u], depths[v, u], ring, own, _APART[i], depths[y, x])
+
+
+@njit(cache=True)
+def _direction(kinds, tensors, carried, y, x):  # type: ignore[no-untyped-def]
+    """Mean structure tensor around a hidden pixel."""
     xx = xy = yy = total = 0.0
-    for v in range(max(0, y - _REACH), min(height, y + _REACH + 1)):
-        for u in range(max(0, x - _REACH), min(width, x + _REACH + 1)):
-            apart = math.sqrt((v - y) * (v - y) + (u - x) * (u - x))
-            found = _source(defocus[v, u], depths[v, u], rings[v, u], rings[y, x], apart, depths[y, x])
-            if (v == y and u == x) or found == 0 or (found == 1 and tensors[v, u, 0] < 0.0):
-                continue
-            weight = 1.0 / apart
-            total += weight
-            if found == 1:
-                xx += weight * tensors[v, u, 0]
-                xy += weight * tensors[v, u, 1]
-                yy += weight * tensors[v, u, 2]
-            else:
-                xx += weight * carried[v, u, 0]
-                xy += weight * carried[v, u, 1]
-                yy += weight * carried[v, u, 2]
+    for i in range(len(_NEIGHBOURS)):
+        v, u = y + _NEIGHBOURS[i, 0], x + _NEIGHBOURS[i, 1]
+        if kinds[i] == 0 or (kinds[i] == 1 and tensors[v, u, 0] < 0.0):
+            continue
+        known = tensors if kinds[i] == 1 else carried
+        weight = 1.0 / _APART[i]
+        total += weight
+        xx += weight * known[v, u, 0]
+        xy += weight * known[v, u, 1]
+        yy += weight * known[v, u, 2]
     if total > 0.0:
         xx, xy, yy = xx / total, xy / total, yy / total
     return xx, xy, yy
 
 
 @njit(cache=True)
-def _mean_along(image, defocus, depths, rings, lights, tensors, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
+def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
     """Set a hidden pixel to the mean of its sources, those along the line first."""
-    height, width = defocus.shape
     spread = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)  # of the eigenvalues
     coherence = spread / (xx + yy + 1e-12)
     sharpness = _SHARPNESS / _REACH * coherence * coherence * min(1.0, spread / _CONTRAST)
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    across_x, across_y = math.cos(angle), math.sin(angle)
+    across_x, across_y = sharpness * math.cos(angle), sharpness * math.sin(angle)
     total = red = green = blue = 0.0
-    for v in range(max(0, y - _REACH), min(height, y + _REACH + 1)):
-        for u in range(max(0, x - _REACH), min(width, x + _REACH + 1)):
-            if v == y and u == x:
-                continue
-            apart = math.sqrt((v - y) * (v - y) + (u - x) * (u - x))
-            found = _source(defocus[v, u], depths[v, u], rings[v, u], rings[y, x], apart, depths[y, x])
-            if found == 0:
-                continue
-            away = sharpness * (across_x * (u - x) + across_y * (v - y))
-            weight = math.exp(-0.5 * away * away) / apart
-            if found == 1:
-                if lights[v, u]:
-                    weight *= _LIGHT
-                elif tensors[v, u, 0] < 0.0:
-                    weight *= _BESIDE_STEP
-                weight += _LEAST
-                red += weight * image[v, u, 0]
-                green += weight * image[v, u, 1]
-                blue += weight * image[v, u, 2]
-            else:
-                weight += _LEAST
-                red += weight * colors[v, u, 0]
-                green += weight * colors[v, u, 1]
-                blue += weight * colors[v, u, 2]
-            total += weight
+    for i in range(len(_NEIGHBOURS)):
+        if kinds[i] == 0:
+            continue
+        down, right = _NEIGHBOURS[i]
+        v, u, away = y + down, x + right, across_x * right + across_y * down
+        weight = math.exp(-0.5 * away * away) / _APART[i]
+        if kinds[i] == 1:
+            if lights[v, u]:
+                weight *= _LIGHT
+            elif tensors[v, u, 0] < 0.0:
+                weight *= _BESIDE_STEP
+        weight += _LEAST
+        known = image if kinds[i] == 1 else colors
+        red += weight * known[v, u, 0]
+        green += weight * known[v, u, 1]
+        blue += weight * known[v, u, 2]
+        total += weight
     if total > 0.0:
         colors[y, x, 0], colors[y, x, 1], colors[y, x, 2] = red / total, green / total, blue / total
 
@@ -136,11 +142,16 @@ def _mean_along(image, defocus, depths, rings, lights, tensors, xx, xy, yy, colo
 @njit(cache=True, parallel=True)
 def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, colors, carried):  # type: ignore[no-untyped-def]
     for ring in range(1, len(ends)):
-        for i in prange(ends[ring - 1], ends[ring]):
-            y, x = ys[i], xs[i]
-            xx, xy, yy = _direction(defocus, depths, rings, tensors, carried, y, x)
-            carried[y, x, 0], carried[y, x, 1], carried[y, x, 2] = xx, xy, yy
-            _mean_along(image, defocus, depths, rings, lights, tensors, xx, xy, yy, colors, y, x)
+        first, last = ends[ring - 1], ends[ring]
+        for chunk in prange((last - first + _CHUNK - 1) // _CHUNK):
+            kinds = np.empty(len(_NEIGHBOURS), np.uint8)
+            start = first + chunk * _CHUNK
+            for i in range(start, min(start + _CHUNK, last)):
+                y, x = ys[i], xs[i]
+                _find_sources(defocus, depths, rings, y, x, kinds)
+                xx, xy, yy = _direction(kinds, tensors, carried, y, x)
+                carried[y, x, 0], carried[y, x, 1], carried[y, x, 2] = xx, xy, yy
+                _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x)
 
 
 def carry_lines_on(

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.layered.ray_accumulators import BACK_GROUP, GROUPS, PLAIN, SHARP_GROUP
-from bokehnet.classical.layered.ray_averages import WIDEST
 from bokehnet.classical.layered.sample_counts import _NOISE, FIRST_RAYS, FirstPass, counts_by_variance
 
 USUAL, MOST = 64, 128
@@ -29,7 +28,7 @@ def known(
 @pytest.mark.parametrize("radius", [5.0, 48.0])
 def test_rays_grow_with_the_root_of_the_variance(radius):
     """Neyman's allocation, for the noise that the window leaves; counts are the next powers of two."""
-    side = 3 if radius < 12 else 2 * WIDEST + 1
+    side = 3 if radius < 12 else 9
     for wanted in (12.0, 24.0, 48.0, 96.0):
         left = _NOISE * wanted / USUAL  # of 64 rays
         sigma = left * side * math.sqrt(USUAL / FIRST_RAYS) / SLOPE
