@@ -1,13 +1,17 @@
 """What a run tells while it goes: curves and pictures for TensorBoard, a bar and lines for the terminal."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import TypeVar
 
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
-__all__ = ["Logbook"]
+__all__ = ["Logbook", "over_held_out"]
+
+_Example = TypeVar("_Example")
 
 
 class Logbook:
@@ -52,3 +56,9 @@ class Logbook:
         """Print a line above the bar."""
         if self._writer is not None:
             self._bar.write(text)
+
+
+def over_held_out(examples: Sequence[_Example]) -> Iterable[_Example]:
+    """Held-out examples one by one, with a bar of their own below that of the training."""
+    bar: Iterable[_Example] = tqdm(examples, desc="validating", leave=False, mininterval=1)
+    return bar

@@ -13,6 +13,7 @@ from bokehnet.models.edges import EdgeNet, EdgeNetConfig
 from bokehnet.models.repair import FLAT, extremes
 from train.command import run_command
 from train.edge_data import EdgeDataConfig, edge_source, held_out_edges
+from train.logbook import over_held_out
 from train.schedule import OptimConfig
 from train.task import Task, run_task
 
@@ -79,7 +80,7 @@ def _score(
     for kind, examples in batches.items():
         wrong = {"before": 0.0, "after": 0.0, "share_before": 0.0, "share_after": 0.0}
         pixels = mixed = 0.0
-        for example in examples:
+        for example in over_held_out(examples):
             image, disparity, truth, inside, span = (
                 example[key][None].to(device) for key in ("image", "disparity", "truth", "inside", "span")
             )

@@ -13,6 +13,7 @@ from bokehnet.io.color import linear_to_srgb
 from bokehnet.models.error import CANDIDATES, ErrorNetConfig
 from train.command import run_command
 from train.error_data import ErrorCrops, ErrorDataConfig, split_planes
+from train.logbook import over_held_out
 from train.schedule import OptimConfig
 from train.task import Task, run_task
 
@@ -106,7 +107,7 @@ def score(network: nn.Module, held_out: list[dict[str, Tensor]], device: torch.d
     correlations: dict[str, list[float]] = {name: [] for name in CANDIDATES}
     pairs: dict[str, list[np.ndarray]] = {name: [] for name in CANDIDATES}
     chosen = []
-    for example in held_out:
+    for example in over_held_out(held_out):
         batch = {key: x.to(device) for key, x in example.items()}
         expected, errors = _ask(network, batch)[0], true_errors(batch)[0]
         edge = batch["features"][0, -1] > 0

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from bokehnet.models.repair import FLAT, RepairNet, RepairNetConfig, extremes
 from train.command import run_command
+from train.logbook import over_held_out
 from train.repair_data import RepairDataConfig, held_out_repairs, repair_source
 from train.schedule import OptimConfig
 from train.task import Task, run_task
@@ -71,7 +72,7 @@ def _score(
     for kind, examples in batches.items():
         wrong = {"before": 0.0, "after": 0.0}
         pixels = 0.0
-        for example in examples:
+        for example in over_held_out(examples):
             image, disparity, truth, span = (
                 example[key][None].to(device) for key in ("image", "disparity", "truth", "span")
             )

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from bokehnet.coarse_to_fine import RefineNetwork, render_neural
 from bokehnet.fusion import fuse
 from bokehnet.io.color import linear_to_srgb
+from train.logbook import over_held_out
 from train.metrics import compare, mean_scores
 from train.prepared import PLANES, PreparedSet
 
@@ -43,7 +44,7 @@ def score_coarse_to_fine(
 ) -> tuple[dict[str, float], dict[str, Tensor]]:
     """Render all examples with the hybrid; mean scores beside the classical ones, and pictures of a few."""
     rows, pictures = [], {}
-    for number, example in enumerate(held_out):
+    for number, example in enumerate(over_held_out(held_out)):
         keys = ("image", "defocus", "classical", "classical_error_map", "features")
         image, radius, classical, classical_error_map, features = (example[key].to(device) for key in keys)
         defocus = example["defocus"][0, 0].numpy()
