@@ -70,6 +70,7 @@ def render(
     sequence, run = SequenceSettings(**given.pop("sequence", {})), RunSettings(**given.pop("run", {}))
     resolved = _resolved(settings, preset, given)
     from bokehnet.cli.frame import FrameJob, frame_jobs, render_one  # after parsing, so --help stays fast
+    from bokehnet.cli.models import ensure_model
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.summary import make_talk
     from bokehnet.rendering.frame_names import is_pattern
@@ -91,10 +92,12 @@ def render(
                 shown="none",
             )
         job.check()
+        ensure_model(resolved.input.depth_model)
         with compile_notice(hidden=quiet):
             talk.of_one(render_one(job, quiet=quiet))
         return
     wanted = frame_jobs(job, sequence)
+    ensure_model(resolved.input.depth_model)
     from bokehnet.cli.workers import render_frames  # which single pictures start faster without
 
     with compile_notice(hidden=quiet):

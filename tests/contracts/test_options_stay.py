@@ -42,6 +42,9 @@ OPTIONS = {
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json
     """,
+    "models": """
+        --get
+    """,
     "synth": """
         --config --out --ray --workers
     """,
