@@ -1,6 +1,7 @@
 """Who renders: a thread for each worker process, which claims jobs and watches over their limits."""
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import threading
@@ -16,6 +17,8 @@ from bokehnet.serve.store import Claim, JobStore
 from bokehnet.serve.worker import work
 
 __all__ = ["Pool"]
+
+_log = logging.getLogger(__name__)
 
 # Seconds: between looks at the folder, at a running job, and at what is old; and for a cancelled job to end.
 _LOOK, _BEAT, _CLEAN, _GRACE = 0.25, 0.5, 30.0, 5.0
@@ -77,11 +80,16 @@ class Pool:
                 if not worker.alive():
                     worker.end()
                     worker = _Worker(self._settings)
-                claim = self._next()
+                claim = self._next() if worker.ready(_LOOK) else None
                 if claim is None:
                     continue
                 try:
                     self._render(worker, claim, str(number))
+                except Exception:  # a bug, or a full disk: the job is tried again, the worker goes on
+                    _log.exception("job %s", claim.job)
+                    worker.end()
+                    self._store.release(claim)
+                    time.sleep(_LOOK)
                 finally:
                     with self._work:
                         self._busy -= 1
@@ -152,14 +160,15 @@ class Pool:
 
     def _ended(self, claim: Claim, outcome: dict[str, Any], begun: float) -> None:
         now = time.monotonic()
-        created = claim.request()["created"]
         if self._store.finish(claim, outcome):
             self._metrics.finished.labels(outcome["state"]).inc()
             self._metrics.render.observe(now - begun)
-            self._metrics.whole.observe(max(0.0, time.time() - created))
+            self._metrics.whole.observe(max(0.0, time.time() - claim.created))
             return
-        if "result" in outcome:
-            self._metrics.doubled.inc()
+        if "result" in outcome:  # too late: the job was cancelled, or another worker has done it, too
+            told = self._store.view(claim.job)
+            if told is not None and told["state"] == "done":
+                self._metrics.doubled.inc()
             with contextlib.suppress(FileNotFoundError):
                 (claim.folder / outcome["result"]).unlink()
 
@@ -174,11 +183,21 @@ class _Worker:
         threads = max(1, (os.cpu_count() or 1) // max(1, settings.workers))
         self._process = context.Process(target=work, args=(theirs, threads, settings.max_pixels), daemon=True)
         self._process.start()
+        self._ready = False
         theirs.close()  # so that the pipe ends with the process
 
     def alive(self) -> bool:
         """Whether it can be given a job."""
         return not self.pipe.closed and self._process.is_alive()
+
+    def ready(self, seconds: float) -> bool:
+        """Whether its renderer is there; waited for so long. No job is in its hands before."""
+        try:
+            if not self._ready and self.pipe.poll(seconds):
+                self._ready = self.pipe.recv() == ("ready",)
+        except (EOFError, ConnectionResetError):  # it died; alive() will tell
+            self._process.join()
+        return self._ready
 
     def memory(self) -> int:
         """Resident bytes; 0 where the system does not tell."""

@@ -52,10 +52,10 @@ class Claim:
         """The file that says so."""
         return self.folder / f"claim-{self.number}"
 
-    def request(self) -> dict[str, Any]:
-        """What was asked for."""
-        told: dict[str, Any] = json.loads((self.folder / "request.json").read_text())
-        return told
+    @property
+    def created(self) -> float:
+        """When the job was accepted, seconds since the epoch."""
+        return int(self.job.partition("-")[0], 16) / 1e9
 
 
 class JobStore:
@@ -140,7 +140,8 @@ class JobStore:
 
     def release(self, claim: Claim) -> None:
         """Give a job back whose worker has died."""
-        (claim.folder / f"free-{claim.number}").touch()
+        with contextlib.suppress(FileNotFoundError):  # cancelled and removed meanwhile
+            (claim.folder / f"free-{claim.number}").touch()
 
     def finish(self, claim: Claim | str, outcome: dict[str, Any]) -> bool:
         """Write how a job ended; False where it had ended before, and nothing changes then."""
