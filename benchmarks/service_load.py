@@ -229,7 +229,7 @@ def _kill(address: str, files: dict[str, bytes], pid: int, kills: int, wanted: s
         nonlocal killed
         rng = random.Random(0)
         while killed < kills and not over.is_set():
-            time.sleep(rng.uniform(1, 4))
+            time.sleep(rng.uniform(3, 6))
             with contextlib.suppress(OSError, IndexError):
                 os.kill(rng.choice(workers(pid)), signal.SIGKILL)
                 killed += 1

@@ -41,7 +41,7 @@ class BokehSave:
             written = []
             for number, picture in enumerate(light, start=counter):
                 file = f"{name}_{number:05}_.{format}"
-                bits = {} if format == "exr" else {"bits": "16"}
+                bits = {} if format == "exr" else {"bits": 16}
                 write_image(Path(folder) / file, picture, **bits)
                 written.append({"filename": file, "subfolder": subfolder, "type": "output"})
             return {"ui": {"images": written}}

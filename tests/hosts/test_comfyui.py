@@ -143,7 +143,7 @@ def test_a_shot_gives_the_frames_of_the_command_line(host, cli, tmp_path):
     files = [host.base / "output" / item["filename"] for item in history["outputs"]["7"]["images"]]
     assert len(files) == 3 == len(history["outputs"]["6"]["images"])
     for number in (1, 2, 3):
-        write_image(tmp_path / f"in.{number:04}.png", read_image(host.base / "input/photo.png"), bits="16")
+        write_image(tmp_path / f"in.{number:04}.png", read_image(host.base / "input/photo.png"), bits=16)
     pull = ("--focus-from", "0.2", "--focus-to", "0.8", "--blur-from", "20", "--blur-to", "30")
     given = ("--disparity", host.base / "input/disparity.png", "--engine", "scatter")
     plain = ("--repair-disparity", "auto", "--bits", "16", "--dither", "off", "--frames", "1-3")
