@@ -73,8 +73,7 @@ def check_request(settings: str, preset: str | None, output: str, files: Mapping
     if output not in FORMATS:
         raise ParameterError("format", f"one of {', '.join(FORMATS)}", output)
     changes = settings_from_table(table, "settings")
-    RenderSettings().updated(changes)  # of what was sent alone, so that its own mistakes are told first
-    _check_own_files(RenderSettings().updated({group: dict(values) for group, values in changes.items()}))
+    _check_own_files(RenderSettings().updated(changes))
     request = {"settings": changes, "preset": preset, "format": output, "files": dict(files)}
     check_focus(job_settings(request, Path("/")))
     return request
