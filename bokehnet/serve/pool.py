@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 _LOOK, _BEAT, _CLEAN, _GRACE = 0.25, 0.5, 30.0, 5.0
 
 # Workers that may die of a job before it counts as its fault.
-_ATTEMPTS = 5
+_ATTEMPTS = 10
 
 
 class Pool:
