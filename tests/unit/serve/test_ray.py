@@ -7,13 +7,15 @@ import signal
 import time
 from pathlib import Path
 
-import httpx
 import pytest
 
 from bokehnet.errors import ParameterError
 from bokehnet.serve.ray_app import application, settings_of_environment
 from bokehnet.serve.service_settings import ServiceSettings
-from tests.unit.serve.running import ENDED, SETTINGS, command_line, write_scene
+
+httpx = pytest.importorskip("httpx", reason="asks the service")
+
+from tests.unit.serve.running import ENDED, SETTINGS, command_line, write_scene  # noqa: E402
 
 JOBS, PORT = 8, 8133
 
@@ -37,7 +39,9 @@ def replicas() -> list[int]:
 @pytest.mark.timeout(300)
 def test_two_replicas_share_the_work_and_a_killed_one_loses_nothing(tmp_path):
     ray = pytest.importorskip("ray", reason="needs the extra cluster")
-    serve = pytest.importorskip("ray.serve", reason="needs Ray Serve: pip install 'ray[serve]'")
+    serve = pytest.importorskip(
+        "ray.serve", reason="needs Ray Serve: pip install 'ray[serve]'", exc_type=ImportError
+    )
     write_scene(tmp_path, 240, 320)
     files = {
         name: (f"{name}.png", (tmp_path / f"{name}.png").read_bytes()) for name in ("image", "disparity")
