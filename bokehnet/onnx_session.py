@@ -56,6 +56,11 @@ class OnnxSession:
         found: list[Any] = self._opened().get_inputs()
         return found
 
+    def outputs(self) -> list[Any]:
+        """Its outputs, likewise, in the order of :meth:`run`."""
+        found: list[Any] = self._opened().get_outputs()
+        return found
+
     def run(self, arrays: Mapping[str, Any], *, release: bool = False) -> list[Any]:
         """Return all its outputs for the inputs by name; ``release`` gives its memory back afterwards."""
         options = None

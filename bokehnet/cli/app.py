@@ -13,9 +13,11 @@ from bokehnet.cli.depth import depth
 from bokehnet.cli.export import export
 from bokehnet.cli.info import info
 from bokehnet.cli.lens import lens
+from bokehnet.cli.models import models
 from bokehnet.cli.options import QuickGroup, SectionedCommand, told
 from bokehnet.cli.presets import presets
 from bokehnet.cli.render import render
+from bokehnet.cli.serve import serve
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
 from bokehnet.cli.warm_up import warm_up
@@ -44,7 +46,9 @@ app.command()(depth)
 app.command()(export)
 app.command()(info)
 app.add_typer(lens)
+app.command()(models)
 app.command()(presets)
+app.command(cls=SectionedCommand)(serve)
 app.command()(synth)
 app.command()(trace)
 app.command()(warm_up)

@@ -20,15 +20,17 @@ def depth(
     model: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.onnx", help="Network that guesses depth; default: the map inside a phone's photo."
+            metavar="NAME|FILE.onnx",
+            help="Network that guesses depth: a file, or a name that bokehnet models lists; default: the map "
+            "inside a phone's photo.",
         ),
     ] = None,
     convention: Annotated[
         str | None,
         typer.Option(
             metavar="NAME|FILE.toml",
-            help="What the network sees and returns: depth-anything-v2 (default), depth-anything-v2-metric, "
-            "midas, midas-dpt or a file.",
+            help="What the network of a file sees and returns: depth-anything-v2 (default), "
+            "depth-anything-v2-metric, midas, midas-dpt, depth-pro, moge-2 and others, or a file.",
         ),
     ] = None,
     threads: Annotated[int, typer.Option(min=0, help="Of the network; 0 takes all cores.")] = 0,
@@ -38,6 +40,7 @@ def depth(
     Relative disparity runs from 0, far, to 1, near; metric disparity is in 1/m.
     """
     # After parsing, so that --help stays fast.
+    from bokehnet.cli.models import ensure_model
     from bokehnet.cli.progress import progress
     from bokehnet.io.image import MAP_EXTENSIONS, check_writable, write_map
     from bokehnet.io.resample import resample
@@ -47,7 +50,8 @@ def depth(
     check_writable(output, MAP_EXTENSIONS)
     source: DepthSource
     if model is not None:
-        source = NetworkDepth(model=model, convention=convention or "depth-anything-v2", threads=threads)
+        ensure_model(model)
+        source = NetworkDepth(model=model, convention=convention or "", threads=threads)
     elif convention is None:
         source = EmbeddedDepth()
     else:
@@ -63,7 +67,12 @@ def depth(
         if error.parameter != "input.disparity":
             raise
         expected = f"a network, since {image} holds no depth map"
-        raise ParameterError("--model", expected, shown="none", remedy="give its FILE.onnx") from error
+        raise ParameterError(
+            "--model",
+            expected,
+            shown="none",
+            remedy="give its FILE.onnx, or a name that bokehnet models lists",
+        ) from error
     _check_extension(output, scene.depth.kind)
     metric = scene.depth.kind == "metric"
     values, size = scene.depth.values, scene.image.shape[:2]

@@ -1,6 +1,7 @@
 """``bokehnet render``: bokeh from a picture and its depth or disparity."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -25,6 +26,11 @@ class RunSettings(Group):
     TITLE: ClassVar[str] = SequenceSettings.TITLE
 
     jobs: int | None = setting(None, "With --frames: how many are rendered at a time; default 1.", low=1)
+    ray: str | None = setting(
+        None,
+        "With --frames: address of a Ray cluster that renders them; its machines see the same folders.",
+        metavar="ADDRESS",
+    )
     overwrite: bool = setting(False, "With --frames: render again what is there; default: skip it.")
 
 
@@ -70,6 +76,7 @@ def render(
     sequence, run = SequenceSettings(**given.pop("sequence", {})), RunSettings(**given.pop("run", {}))
     resolved = _resolved(settings, preset, given)
     from bokehnet.cli.frame import FrameJob, frame_jobs, render_one  # after parsing, so --help stays fast
+    from bokehnet.cli.models import ensure_model
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.summary import make_talk
     from bokehnet.rendering.frame_names import is_pattern
@@ -81,7 +88,8 @@ def render(
         if (sequence, run) != (SequenceSettings(), RunSettings()):
             raise ParameterError(
                 "sequence.frames",
-                expected="frames, which --jobs, --overwrite, --pull, and what ends in -from and -to need",
+                expected="frames, which --jobs, --overwrite, --pull, --ray, "
+                "and what ends in -from and -to need",
                 shown="none",
             )
         if is_pattern(job.image) and not job.image.exists():
@@ -91,14 +99,22 @@ def render(
                 shown="none",
             )
         job.check()
+        ensure_model(resolved.input.depth_model)
         with compile_notice(hidden=quiet):
             talk.of_one(render_one(job, quiet=quiet))
         return
     wanted = frame_jobs(job, sequence)
+    ensure_model(resolved.input.depth_model)
+    if run.ray is not None and run.jobs is not None:
+        raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
+    from bokehnet.cli.cluster_frames import render_on_cluster
     from bokehnet.cli.workers import render_frames  # which single pictures start faster without
 
+    elsewhere = None if run.ray is None else partial(render_on_cluster, address=run.ray)
     with compile_notice(hidden=quiet):
-        render_frames(wanted, processes=run.jobs or 1, overwrite=run.overwrite, talk=talk)
+        render_frames(
+            wanted, processes=run.jobs or 1, elsewhere=elsewhere, overwrite=run.overwrite, talk=talk
+        )
 
 
 def _resolved(file: str | None, preset: str | None, given: Given) -> RenderSettings:

@@ -7,7 +7,7 @@ import signal
 import sys
 import traceback
 from collections import deque
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -27,6 +27,9 @@ from bokehnet.rendering.settings import RenderSettings
 
 __all__ = ["available_cores", "render_frames", "render_in_processes", "try_frame"]
 
+# Each frame when it is done, with what was done or why it failed.
+Outcomes = Generator[tuple[int, FrameSummary | str], None, None]
+
 
 def available_cores() -> int:
     """Number of cores that this process may use."""
@@ -36,7 +39,12 @@ def available_cores() -> int:
 
 
 def render_frames(
-    jobs: Mapping[int, FrameJob], *, processes: int = 1, overwrite: bool = False, talk: Talk | None = None
+    jobs: Mapping[int, FrameJob],
+    *,
+    processes: int = 1,
+    elsewhere: Callable[[Mapping[int, FrameJob], RenderSettings], Outcomes] | None = None,
+    overwrite: bool = False,
+    talk: Talk | None = None,
 ) -> None:
     """Render the frames that are not there yet; files are written in one step, so what is there is complete.
 
@@ -45,6 +53,7 @@ def render_frames(
     Args:
         jobs: By frame.
         processes: How many render at a time, with their share of the cores each.
+        elsewhere: Renders jobs by frame in place of this machine, as :func:`render_in_processes` does.
         overwrite: Render again what is there.
         talk: How much is said.
 
@@ -57,7 +66,11 @@ def render_frames(
     failed: dict[int, str] = {}
     settings = next(iter(jobs.values())).settings  # in what makes a renderer, frames are alike
     renderer = make_renderer(settings)  # here first, so that wrong weights are told once
-    if processes > 1 and len(wanted) > 1:
+    outcomes: Outcomes
+    if elsewhere is not None:
+        del renderer
+        outcomes = elsewhere(wanted, settings)
+    elif processes > 1 and len(wanted) > 1:
         del renderer
         outcomes = render_in_processes(wanted, settings, min(processes, len(wanted)), quiet=talk.quiet)
     else:

@@ -34,6 +34,13 @@ class DepthConvention:
         std: Divided by afterwards.
         output: Inverse depth (near is large) or depth.
         unit: Of the output; "none" for one that is known up to scale and shift.
+        map: Name of the output that holds the map; empty for the first.
+        component: Which of three coordinates is the depth, where that output is a map of points; None where
+            it is a map of numbers.
+        shift: "unknown" where points are known up to a shift along the axis, which is then found.
+        scale: Name of the output that holds what depth is multiplied by; empty for none.
+        mask: Name of the output that is above 0.5 where there is a surface; all else is infinitely far.
+        tokens: Value of the further input ``num_tokens`` of networks that take their resolution so.
     """
 
     size: int
@@ -47,6 +54,12 @@ class DepthConvention:
     std: tuple[float, float, float] = (1.0, 1.0, 1.0)
     output: Literal["disparity", "depth"]
     unit: Literal["none", "m", "mm"] = "none"
+    map: str = ""
+    component: Literal[0, 1, 2] | None = None
+    shift: Literal["known", "unknown"] = "known"
+    scale: str = ""
+    mask: str = ""
+    tokens: int | None = None
 
     def input_size(self, height: int, width: int, fixed: tuple[int | None, int | None]) -> tuple[int, int]:
         """Return the height and width that the network sees.
@@ -109,6 +122,10 @@ def find_convention(name: str | Path) -> DepthConvention:
     ):
         if not 1 <= value <= most:
             raise ConfigError(f"{path}: {key}: expected 1 to {most}, found {value}")
+    if convention.shift == "unknown" and convention.component is None:
+        raise ConfigError(f"{path}: shift: expected component beside it, since only points tell their shift")
+    if convention.mask and convention.output != "depth":
+        raise ConfigError(f"{path}: mask: expected depth as output, found {convention.output}")
     numbers = (convention.white, *convention.mean, *convention.std)
     if not all(np.isfinite(numbers)) or 0 in convention.std:
         raise ConfigError(f"{path}: white, mean, std: expected finite numbers, and std not 0")

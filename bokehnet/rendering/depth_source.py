@@ -55,7 +55,7 @@ def depth_source(settings: RenderSettings) -> DepthSource:
     if given.defocus is not None:
         return DefocusMap(map=given.defocus, channel=given.channel)
     if given.depth_model is not None:
-        return NetworkDepth(model=given.depth_model, convention=given.depth_convention or "depth-anything-v2")
+        return NetworkDepth(model=given.depth_model, convention=given.depth_convention or "")
     if given.constant_disparity is not None:
         return ConstantDisparity(value=given.constant_disparity)
     return EmbeddedDepth(relative=settings.camera.blur is not None)

@@ -14,6 +14,7 @@ from bokehnet.io.window import Window
 from bokehnet.rendering.camera import full_frame_camera
 from bokehnet.rendering.depth_map import DepthMap, Kind, Photo
 from bokehnet.rendering.given_depth import MetricDepth
+from bokehnet.rendering.network_depth import cached_network
 
 __all__ = ["EmbeddedDepth"]
 
@@ -30,7 +31,9 @@ class EmbeddedDepth:
 
     Depth of an EXR is that of :class:`MetricDepth`, metres. A phone's is blurred as by a full-frame camera:
     its own lens, a few millimetres long, blurs next to nothing. What people mean by an f-number is the camera
-    that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too.
+    that has the same view on 36 x 24 mm of film, which is what portrait modes of phones imitate too. A
+    picture without any map is treated alike, its map guessed by the first named network that this machine
+    has.
 
     Attributes:
         map: What :func:`bokehnet.io.phone_depth.read_phone_depth` gives; None reads the picture's own file.
@@ -67,12 +70,18 @@ class EmbeddedDepth:
             found = read_phone_depth(photo.path)
             if found is None and (channel := own_depth_channel(photo.path)) is not None:
                 return self._of_exr(photo, photo.path, channel)
+        notes: tuple[str, ...] = ()
+        if found is None and (network := cached_network()) is not None:
+            guessed = network.depth_map(photo)
+            found = PhoneDepth(disparity=guessed.values, metric=guessed.kind == "metric")
+            notes = (f"depth guessed by {network.model}, since the picture holds none",)
         if found is None:
             holder = "the picture" if photo.path is None else photo.path
             raise ParameterError(
                 "input.disparity",
                 expected="one of `input.disparity` and `input.depth`",
                 shown=f"neither, and {holder} holds no depth map",
+                remedy="`input.depth_model` has a network guess it",
             )
         window = photo.window
         if found.all_in_focus is not None:
@@ -88,6 +97,7 @@ class EmbeddedDepth:
             camera=full_frame_camera(photo.camera, window.width, window.height),
             focus=_middle(values) if focus is None else focus,
             all_in_focus=found.all_in_focus,
+            notes=notes,
         )
 
     def _of_exr(self, photo: Photo, path: Path, channel: str) -> DepthMap:

@@ -111,11 +111,13 @@ class InputSettings(Group):
         flag="defocus-map",
     )
     depth_model: Path | None = setting(
-        None, "Network that guesses the depth of the picture.", metavar="FILE.onnx"
+        None,
+        "Network that guesses the depth of the picture: a file, or a name that bokehnet models lists.",
+        metavar="NAME|FILE.onnx",
     )
     depth_convention: str | None = setting(
         None,
-        "With --depth-model: what the network sees and returns; default depth-anything-v2.",
+        "With a file as --depth-model: what the network sees and returns; default depth-anything-v2.",
         metavar="NAME|FILE.toml",
     )
     constant_disparity: float | None = setting(

@@ -2,19 +2,16 @@
 
 import collections
 import contextlib
-import logging
-import socket
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from bokehnet.checks import require_extra
-from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.cluster import connected
+from bokehnet.errors import BokehnetError
 
 __all__ = ["render_on_cluster"]
 
 # Scenes under way for each core: enough that none waits for another.
 _AHEAD = 3
-_PATIENCE = 10.0  # s
 
 
 @contextlib.contextmanager
@@ -37,34 +34,8 @@ def render_on_cluster(
         ParameterError: There is no cluster at ``address``, or no core in it.
         BokehnetError: What ``make`` raised.
     """
-    require_extra("ray", "cluster")
-    import ray
-
-    try:
-        _knock(address)
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        found = " ".join(str(error).split())
-        expected = "the address of a running cluster"
-        raise ParameterError("cluster", expected, address, shown=f"{address!r}: {found}") from error
-    try:
-        cores = int(ray.cluster_resources().get("CPU", 0))
-        if not cores:
-            expected = f"workers with cores at {address!r}"
-            raise ParameterError("cluster", expected, address, "start them", shown="none")
+    with connected(address) as (ray, cores):
         yield _in_order(ray, make, indices, _AHEAD * cores)
-    finally:
-        ray.shutdown()
-
-
-def _knock(address: str) -> None:
-    """Raise ``OSError`` or ``ValueError`` if nobody listens at ``address``: Ray itself tries for minutes."""
-    if address == "auto":
-        return
-    host, separator, port = address.removeprefix("ray://").rpartition(":")
-    if not separator:
-        raise ValueError("need auto, HOST:PORT or ray://HOST:PORT")
-    socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE).close()
 
 
 def _in_order(ray: Any, make: Callable[[int], bytes], indices: list[int], most: int) -> Iterator[bytes]:

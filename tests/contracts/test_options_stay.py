@@ -15,7 +15,7 @@ OPTIONS = {
         --focal-length --focus --focus-at --focus-distance --focus-from --focus-plane
         --focus-range --focus-to --focusing --frames --fringe-glass --gamma --grain
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
-        --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
+        --jobs --ray --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
         --lens-vignetting --no-lens-vignetting
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
@@ -41,6 +41,13 @@ OPTIONS = {
     "lens": """
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json
+    """,
+    "models": """
+        --get
+    """,
+    "serve": """
+        --host --port --folder --tokens --workers --queue --max-pixels --max-upload --time-limit
+        --memory-limit --keep --patience --drain --fetch-from
     """,
     "synth": """
         --config --out --ray --workers

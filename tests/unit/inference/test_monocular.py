@@ -5,6 +5,7 @@ from numpy.testing import assert_allclose
 from bokehnet.errors import ConfigError, ModelFileError, ParameterError
 from bokehnet.inference.depth_convention import DepthConvention, convention_names, find_convention
 from bokehnet.inference.monocular import DepthEstimator
+from bokehnet.inference.point_maps import shift_of_points
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 from bokehnet.io.resample import resample
 
@@ -49,9 +50,11 @@ def node(operator, *inputs, **attributes):
 
 
 def test_the_names_that_come_with_the_package_can_be_read():
-    assert {"midas", "midas-dpt", "depth-anything-v2", "depth-anything-v2-metric"} == set(convention_names())
+    metric = {"depth-anything-v2-metric", "depth-pro", "moge-2", "unidepth-v2"}
+    relative = {"midas", "midas-dpt", "depth-anything-v2", "depth-anything-v2-apple", "marigold"}
+    assert metric | relative == set(convention_names())
     for name in convention_names():
-        assert (find_convention(name).unit == "m") == name.endswith("metric")
+        assert (find_convention(name).unit == "m") == (name in metric)
 
 
 @pytest.mark.parametrize(
@@ -296,3 +299,87 @@ def test_an_unknown_convention_lists_the_known_ones():
 
 def test_the_ramp_is_what_it_says():
     assert_allclose(linear_to_srgb(ramp())[0, :, 0], (np.arange(32) + 0.5) / 32, atol=1e-6)
+
+
+def pinhole(shift=0.0, height=40, width=56):
+    """Points of a slope and a step seen by a pinhole camera, (1, h, w, 3), metres; and their depth."""
+    focal = 47.0  # pixels
+    v, u = np.mgrid[:height, :width] - np.array([(height - 1) / 2, (width - 1) / 2])[:, None, None]
+    depth = 2 + 0.03 * u + 1.5 * (v > 3)
+    points = np.stack([u * depth / focal, v * depth / focal, depth + shift], -1)
+    return points[None].astype(np.float32), depth
+
+
+@pytest.mark.parametrize("shift", [-1.2, 0.0, 0.7, 30.0])
+def test_the_shift_of_points_is_that_which_puts_them_on_rays(shift):
+    """By construction: points of a pinhole camera, moved along its axis."""
+    points, _ = pinhole(shift)
+    assert_allclose(shift_of_points(points[0].transpose(2, 0, 1)), -shift, atol=2e-3)
+
+
+@pytest.fixture
+def points_network(tmp_path):
+    """A network as MoGe-2's: a picture and num_tokens in, fixed points, scale and mask out."""
+
+    def write(points, mask, scale=2.5):
+        helper = onnx.helper
+        stored = {"p": points, "m": mask.astype(np.float32)[None], "s": np.array([scale], np.float32)}
+        nodes = [
+            helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0),
+            helper.make_node("Mul", ["mean", "zero"], ["nothing"]),
+            helper.make_node("Cast", ["num_tokens"], ["tokens"], to=FLOAT),
+            helper.make_node("Div", ["tokens", "wanted"], ["one"]),  # 1 only where the convention told it
+            helper.make_node("Add", ["p", "nothing"], ["points"]),
+            helper.make_node("Identity", ["m"], ["mask"]),
+            helper.make_node("Mul", ["s", "one"], ["metric_scale"]),
+        ]
+        constants = {**stored, "zero": np.zeros((), np.float32), "wanted": np.array(1800, np.float32)}
+        graph = helper.make_graph(
+            nodes,
+            "points",
+            [
+                helper.make_tensor_value_info("image", FLOAT, (1, 3, "h", "w")),
+                helper.make_tensor_value_info("num_tokens", onnx.TensorProto.INT64, ()),
+            ],
+            [helper.make_tensor_value_info(name, FLOAT, None) for name in ("mask", "points", "metric_scale")],
+            [onnx.numpy_helper.from_array(value, name) for name, value in constants.items()],
+        )
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+        (tmp_path / "points.onnx").write_bytes(model.SerializeToString())
+        return tmp_path / "points.onnx"
+
+    return write
+
+
+def test_a_map_of_points_becomes_disparity_in_metres_and_no_surface_is_infinitely_far(points_network):
+    points, depth = pinhole(shift=0.4)
+    sky = np.zeros(depth.shape, bool)
+    sky[:5] = True
+    points[0, :5] = 0.9  # what a network says of sky means nothing
+    estimator = DepthEstimator(points_network(points, ~sky), find_convention("moge-2"))
+    assert estimator.metric
+    found = estimator(ramp(*depth.shape))
+    assert_allclose(found[sky], 0, atol=0)
+    assert_allclose(found[~sky], (1 / (2500 * depth))[~sky], rtol=2e-3)
+
+
+def test_a_convention_that_names_another_output_is_refused(network, points_network):
+    points, depth = pinhole()
+    path = points_network(points, depth > 0)
+    with pytest.raises(ModelFileError, match="expected an output predicted_depth, found mask, points"):
+        DepthEstimator(path, DepthConvention(size=16, output="depth", map="predicted_depth", tokens=1800))
+    with pytest.raises(ModelFileError, match="expected an output points, found depth"):
+        DepthEstimator(network(), find_convention("moge-2"))
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ('output = "depth"\nshift = "unknown"\n', "shift: expected component beside it"),
+        ('output = "disparity"\nmask = "m"\n', "mask: expected depth as output"),
+    ],
+)
+def test_fields_of_points_that_do_not_fit_are_told(tmp_path, lines, words):
+    (tmp_path / "mine.toml").write_text(f"size = 16\n{lines}")
+    with pytest.raises(ConfigError, match=words):
+        find_convention(tmp_path / "mine.toml")

@@ -1,0 +1,89 @@
+"""Frames of a shot on a Ray cluster: each is a task, and a task whose worker dies is done again elsewhere."""
+
+import contextlib
+from collections.abc import Generator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bokehnet.cli.frame import FrameJob, make_renderer
+from bokehnet.cli.summary import FrameSummary
+from bokehnet.cli.workers import try_frame
+from bokehnet.cluster import connected
+from bokehnet.errors import ParameterError
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.sequence import input_files
+from bokehnet.rendering.settings import RenderSettings
+
+__all__ = ["render_on_cluster"]
+
+# Frames under way for each core: enough that none waits for another.
+_AHEAD = 2
+
+# The renderer of a worker, by its settings; one shot needs one.
+_warm: dict[str, BokehRenderer] = {}
+
+
+def render_on_cluster(
+    jobs: Mapping[int, FrameJob], settings: RenderSettings, address: str
+) -> Generator[tuple[int, FrameSummary | str], None, None]:
+    """Render ``jobs`` by frame, and yield each when it is done, with what was done or why it failed.
+
+    Workers read and write the files themselves, so their machines must see the same folders; a frame that is
+    done twice, since its worker died late, is written twice with the same bytes. When the caller stops, by
+    Ctrl-C too, frames under way are given up and leave no half of a file.
+
+    Args:
+        jobs: By frame; started in their order.
+        settings: What makes a renderer for all of them.
+        address: Of a cluster that runs, as :func:`bokehnet.cluster.connected` takes it.
+
+    Raises:
+        MissingExtraError: Ray is not installed.
+        ParameterError: There is no cluster at ``address``.
+    """
+    with contextlib.ExitStack() as stack:
+        try:
+            ray, cores = stack.enter_context(connected(address))
+        except ParameterError as error:
+            raise error.renamed("--ray") from error
+        task = ray.remote(num_cpus=1, max_retries=-1)(_render)
+        left = iter(jobs.items())
+        running: dict[Any, int] = {}
+        try:
+            while True:
+                while len(running) < _AHEAD * cores and (item := next(left, None)) is not None:
+                    running[task.remote(_absolute(item[1]), settings)] = item[0]
+                if not running:
+                    return
+                done, _ = ray.wait(list(running), num_returns=1)
+                for found in done:
+                    yield running.pop(found), ray.get(found)
+        finally:
+            for found in running:
+                ray.cancel(found, force=True)
+
+
+def _render(job: FrameJob, settings: RenderSettings) -> FrameSummary | str:
+    """Render a frame in a worker, whose renderer stays warm."""
+    key = str(settings.to_table())
+    if key not in _warm:
+        _warm.clear()
+        _warm[key] = make_renderer(settings, threads=1)
+    return try_frame(job, _warm[key])
+
+
+def _absolute(job: FrameJob) -> FrameJob:
+    """The same with paths that do not depend on where a worker was started."""
+    files: dict[str, Any] = {
+        name: path.absolute() for name, path in input_files(job.settings).items() if path.exists()
+    }
+    maps, aperture = job.settings.output.save_maps, job.settings.aperture.image
+    settings = replace(
+        job.settings,
+        input=replace(job.settings.input, **files),
+        output=replace(job.settings.output, save_maps=None if maps is None else maps.absolute()),
+        aperture=replace(job.settings.aperture, image=None if aperture is None else aperture.absolute()),
+    )
+    image, output = Path(job.image).absolute(), Path(job.output).absolute()
+    return replace(job, image=image, output=output, settings=settings)

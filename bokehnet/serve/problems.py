@@ -1,0 +1,77 @@
+"""Errors as problem documents, RFC 9457: what went wrong, in one line and in its parts."""
+
+from typing import Any
+
+from bokehnet.errors import BokehnetError, ParameterError
+
+__all__ = ["MEDIA_TYPE", "Problem", "problem_of"]
+
+MEDIA_TYPE = "application/problem+json"
+
+# Kind of a problem: its status and its title.
+_KINDS = {
+    "parameter": (422, "A parameter is wrong"),
+    "input": (422, "The files cannot be rendered"),
+    "request": (422, "The request is not as described"),
+    "idempotency": (422, "The idempotency key stands for another request"),
+    "too-many-pixels": (413, "The picture is too large"),
+    "too-large": (413, "The request is too large"),
+    "too-slow": (408, "The upload stood still"),
+    "unauthorized": (401, "A token is needed"),
+    "not-found": (404, "There is no such thing"),
+    "not-done": (409, "There is no result yet"),
+    "queue-full": (429, "The queue is full"),
+    "draining": (503, "The service is stopping"),
+    "time": (422, "The job took too long"),
+    "memory": (422, "The job took too much memory"),
+    "died": (500, "The worker died"),
+    "cancelled": (410, "The job was cancelled"),
+    "bug": (500, "A bug in the service"),
+}
+
+
+class Problem(Exception):  # noqa: N818  # it is called so where it comes from
+    """What a client did that cannot be, or what befell its job.
+
+    Args:
+        kind: One of the kinds above.
+        detail: One line: what, expected, found, way out.
+        parts: Further members of the document.
+        headers: Of the answer.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        detail: str,
+        parts: dict[str, Any] | None = None,
+        headers: dict[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail)
+        self.kind, self.detail, self.parts, self.headers = kind, detail, parts or {}, headers or {}
+        self.status, self.title = _KINDS[kind]
+
+    def document(self, instance: str = "") -> dict[str, Any]:
+        """Return the members of the document."""
+        told = {
+            "type": f"urn:bokehnet:problem:{self.kind}",
+            "title": self.title,
+            "status": self.status,
+            "detail": self.detail,
+        }
+        return told | ({"instance": instance} if instance else {}) | self.parts
+
+
+def problem_of(error: BaseException) -> Problem:
+    """Return what an error of the package is to a client; fields keep their paths."""
+    detail = " ".join(str(error).split())
+    if isinstance(error, ParameterError):
+        parts = {"parameter": error.parameter, "expected": error.expected, "remedy": error.remedy}
+        if error.has_got:
+            parts["got"] = str(error.got)
+        return Problem("parameter", detail, {key: value for key, value in parts.items() if value})
+    if isinstance(error, BokehnetError):
+        return Problem("input", detail)
+    if isinstance(error, MemoryError):
+        return Problem("memory", "the picture does not fit into memory; send a smaller one")
+    return Problem("bug", f"{type(error).__name__}: {detail}")

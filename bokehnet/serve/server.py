@@ -1,0 +1,60 @@
+"""The service in one process: uvicorn around the application, which ends gently."""
+
+import ipaddress
+import signal
+import threading
+from types import FrameType
+from typing import Any
+
+from bokehnet.checks import require_extra
+from bokehnet.errors import ParameterError
+from bokehnet.serve.service_settings import ServiceSettings
+
+__all__ = ["run_service"]
+
+
+def run_service(settings: ServiceSettings) -> None:
+    """Serve until SIGTERM or Ctrl-C: then no job is taken any more, running ones end, others stay for later.
+
+    Raises:
+        MissingExtraError: The extra "serve" is not installed.
+        ParameterError: Anybody on the network could ask, and no tokens are given.
+        ConfigError: The file of tokens is wrong.
+    """
+    for module in ("fastapi", "uvicorn", "prometheus_client", "python_multipart"):
+        require_extra(module, "serve")
+    if settings.tokens is None and not _own(settings.host):
+        raise ParameterError(
+            "serve.tokens", f"a file, since {settings.host} is open to other machines", shown="none"
+        )
+    import uvicorn
+
+    from bokehnet.serve.app import make_app
+
+    app = make_app(settings)
+
+    class Server(uvicorn.Server):
+        """Drains before it closes its socket, so that clients can still fetch what is done."""
+
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            if app.state.pool.draining or sig == signal.SIGINT:
+                super().handle_exit(sig, frame)
+                return
+            app.state.pool.draining = True
+
+            def end() -> None:
+                app.state.pool.drain(settings.drain)
+                super(Server, self).handle_exit(sig, frame)
+
+            threading.Thread(target=end, daemon=True).start()
+
+    config: dict[str, Any] = {"host": settings.host, "port": settings.port, "log_level": "info"}
+    Server(uvicorn.Config(app, timeout_graceful_shutdown=10, **config)).run()
+
+
+def _own(host: str) -> bool:
+    """Whether an address is of this machine alone."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"

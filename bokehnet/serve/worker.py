@@ -1,0 +1,150 @@
+"""The process that renders the jobs of a service, one after the other, with a renderer that stays warm."""
+
+import contextlib
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.serve.problems import Problem, problem_of
+
+__all__ = ["work"]
+
+# Seconds between two words about progress.
+_OFTEN = 0.2
+
+
+def work(pipe: Connection, threads: int, max_pixels: int) -> None:
+    """Render what comes through a pipe until it closes; the main function of a worker.
+
+    In come ``(job folder, name of the result without its extension)``, and "cancel" at any time; out go
+    ``("progress", stage, share)`` and, once for each job, ``("outcome", ...)``.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the service decides
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers clean up behind themselves
+    import numba
+    import OpenImageIO as oiio  # noqa: N813
+
+    from bokehnet.rendering.renderer import BokehRenderer
+
+    numba.set_num_threads(min(threads, numba.get_num_threads()))
+    oiio.attribute("threads", threads)
+    renderer = BokehRenderer(threads=threads)
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        pipe.send(("ready",))
+        while True:
+            task = pipe.recv()
+            if task == "cancel":  # of a job that ended meanwhile
+                continue
+            folder, name = task
+            pipe.send(("outcome", _outcome(pipe, renderer, Path(folder), name, max_pixels)))
+
+
+def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixels: int) -> dict[str, Any]:
+    """What became of a job, as its store keeps it."""
+    try:
+        return _rendered(pipe, renderer, folder, name, max_pixels)
+    except RenderCancelled:
+        return {"state": "cancelled", "problem": Problem("cancelled", "cancelled by its client").document()}
+    except Problem as problem:
+        return {"state": "failed", "problem": problem.document()}
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        raise
+    except Exception as error:
+        if not isinstance(error, BokehnetError | MemoryError):
+            import traceback
+
+            traceback.print_exc()
+        found = problem_of(error)
+        found.detail = found.detail.replace(f"{folder}{os.sep}", "")
+        return {"state": "failed", "problem": found.document()}
+
+
+def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixels: int) -> dict[str, Any]:
+    from bokehnet.rendering.cancelling import watched
+    from bokehnet.rendering.scene import read_scene
+    from bokehnet.serve.requests import job_settings
+
+    request = json.loads((folder / "request.json").read_text())
+    watch = _Watch(pipe)
+    settings = job_settings(request, folder)
+    image = folder / request["files"]["image"]
+    for field, file in request["files"].items():
+        height, width = _size(folder / file)
+        if height * width > max_pixels:
+            raise Problem(
+                "too-many-pixels",
+                f"{field}: expected at most {max_pixels} pixels, found {width}x{height}; send a smaller one",
+                {"parameter": field, "max_pixels": max_pixels},
+            )
+    scene = read_scene(image, settings, progress=watched(watch.stage("reading", 0.0, 0.1), watch))
+    focused = renderer.prepare(scene, settings, watch.stage("depth", 0.1, 0.35), cancel=watch)
+    del scene
+    result = renderer.render(
+        focused, settings, watch.stage("rendering", 0.35, 0.95), cancel=watch, overwrite=True
+    )
+    file = f"{name}.{request['format']}"
+    result.save(folder / file, watch.stage("writing", 0.95, 1.0))
+    report = result.report
+    return {
+        "state": "done",
+        "result": file,
+        "report": {
+            "width": result.bokeh.shape[1],
+            "height": result.bokeh.shape[0],
+            "engine": report.engine,
+            "largest_blur_px": report.largest_blur,
+            "focus_disparity": report.focus_disparity,
+            "focus_distance_m": report.focus_distance,
+            "repaired": report.repaired,
+            "repair_reason": report.repair_reason,
+            "notes": [note.replace(f"{folder}{os.sep}", "") for note in report.notes],
+        },
+    }
+
+
+def _size(path: Path) -> tuple[int, int]:
+    """Height and width of a picture or a map, by its header; HEIC, which has its own bounds, is decoded."""
+    from bokehnet.io.heif import is_heif, read_heif
+    from bokehnet.io.pixels import ImageFile
+
+    if is_heif(path):
+        height, width = read_heif(path).image.shape[:2]
+        return height, width
+    with ImageFile(path) as file:
+        return max(((part.height, part.width) for part in file.parts), key=math.prod)
+
+
+class _Watch:
+    """Tells progress through the pipe and hears from it whether to stop."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe, self._last, self._cancelled = pipe, 0.0, False
+        self._lock = threading.Lock()  # writers report from several threads
+
+    def is_set(self) -> bool:
+        """Whether the job was cancelled."""
+        with self._lock:
+            while not self._cancelled and self._pipe.poll():
+                self._cancelled = self._pipe.recv() == "cancel"
+            return self._cancelled
+
+    def stage(self, label: str, begin: float, end: float) -> Any:
+        """Return the callback of a stage, which is this share of the whole."""
+
+        def report(done: int, total: int) -> None:
+            now = time.monotonic()
+            with self._lock:
+                if now - self._last >= _OFTEN:
+                    self._last = now
+                    share = begin + (end - begin) * done / max(total, 1)
+                    self._pipe.send(("progress", label, round(share, 3)))
+
+        return report

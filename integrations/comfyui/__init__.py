@@ -1,0 +1,23 @@
+"""Nodes of ComfyUI that render a lens's bokeh: put this folder, or a link to it, into ComfyUI's custom_nodes.
+
+The package itself is `pip install bokehnet` in ComfyUI's own Python. Pictures are IMAGE tensors (frames,
+height, width, 3), sRGB 0 to 1, as all nodes have them; disparity is an IMAGE whose near things are bright.
+"""
+
+from .depth_nodes import BokehDepthRepair, BokehFocusPicker
+from .look_nodes import BokehLook
+from .render_nodes import BokehRender, BokehVideo
+from .save_node import BokehSave
+
+_NODES = {
+    "BokehRender": (BokehRender, "Bokeh Render"),
+    "BokehFocusPicker": (BokehFocusPicker, "Bokeh Focus Picker"),
+    "BokehLook": (BokehLook, "Bokeh Lens / Preset"),
+    "BokehDepthRepair": (BokehDepthRepair, "Bokeh Depth Repair"),
+    "BokehVideo": (BokehVideo, "Bokeh Video"),
+    "BokehSave": (BokehSave, "Bokeh Save (16 bit, EXR)"),
+}
+NODE_CLASS_MAPPINGS = {name: node for name, (node, _) in _NODES.items()}
+NODE_DISPLAY_NAME_MAPPINGS = {name: shown for name, (_, shown) in _NODES.items()}
+
+__all__ = ["NODE_CLASS_MAPPINGS", "NODE_DISPLAY_NAME_MAPPINGS"]

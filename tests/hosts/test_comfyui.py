@@ -1,0 +1,212 @@
+"""The nodes inside the real ComfyUI, headless on the CPU, through its HTTP API.
+
+``COMFYUI_ROOT`` is a checkout of Comfy-Org/ComfyUI, ``COMFYUI_PYTHON`` a Python that has its requirements and
+this package (default: the one that runs the tests).
+"""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bokehnet.io.image import read_image, write_image
+
+ROOT = Path(__file__).parents[2]
+PACK = ROOT / "integrations/comfyui"
+COMFYUI = os.environ.get("COMFYUI_ROOT")
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(400),
+    pytest.mark.skipif(not COMFYUI, reason="needs COMFYUI_ROOT, a checkout of Comfy-Org/ComfyUI"),
+]
+
+HEIGHT, WIDTH = 90, 120
+
+
+class Host:
+    """A running ComfyUI."""
+
+    def __init__(self, address: str, base: Path) -> None:
+        self.address, self.base = address, base
+
+    def ask(self, path: str, body: object = None) -> tuple[int, object]:
+        """Ask its API; return status and answer."""
+        data = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(f"{self.address}{path}", data, {"Content-Type": "application/json"})
+        try:
+            with urllib.request.urlopen(request, timeout=30) as answer:
+                code, text = answer.status, answer.read()
+        except urllib.error.HTTPError as error:
+            code, text = error.code, error.read()
+        return code, json.loads(text or "{}")
+
+    def begin(self, workflow: dict) -> str:
+        """Queue a workflow."""
+        code, told = self.ask("/prompt", {"prompt": workflow})
+        assert code == 200, told
+        return told["prompt_id"]
+
+    def end(self, name: str, seconds: float = 180) -> dict:
+        """Wait for a workflow; return its history."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            history = self.ask(f"/history/{name}")[1]
+            if name in history:
+                return history[name]
+            time.sleep(0.1)
+        raise TimeoutError(name)
+
+    def messages(self, history: dict) -> dict[str, dict]:
+        return dict(history["status"]["messages"])
+
+
+@pytest.fixture(scope="module")
+def host(tmp_path_factory):
+    base = tmp_path_factory.mktemp("comfyui")
+    for name in ("custom_nodes", "input", "output", "temp", "user", "models"):
+        (base / name).mkdir()
+    (base / "custom_nodes/bokehnet").symlink_to(PACK)
+    rng = np.random.default_rng(3)
+    coarse = rng.random((HEIGHT // 6, WIDTH // 6, 3), dtype=np.float32)
+    write_image(base / "input/photo.png", np.kron(coarse, np.ones((6, 6, 1), np.float32)))
+    steps = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    steps[:, 30:80], steps[40:, 60:] = 0.2, 1.0
+    write_image(base / "input/disparity.png", steps)
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    command = [os.environ.get("COMFYUI_PYTHON", sys.executable), "main.py", "--cpu", "--port", str(port)]
+    command += ["--base-directory", str(base), "--disable-api-nodes", "--database-url", "sqlite:///:memory:"]
+    search = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    with (base / "log").open("wb") as log:
+        process = subprocess.Popen(
+            command, cwd=COMFYUI, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": search}
+        )
+        try:
+            running = Host(f"http://127.0.0.1:{port}", base)
+            end = time.monotonic() + 180
+            while True:
+                try:
+                    running.ask("/system_stats")
+                    break
+                except OSError:
+                    assert process.poll() is None, (base / "log").read_text()
+                    assert time.monotonic() < end, (base / "log").read_text()
+                    time.sleep(0.3)
+            yield running
+        finally:
+            process.terminate()
+            process.wait(30)
+
+
+def workflow(name: str) -> dict:
+    return json.loads((PACK / f"example_workflows/{name}.json").read_text())
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return float(-10 * np.log10(max(float(np.mean((a - b) ** 2)), 1e-20)))
+
+
+def test_comfyui_knows_the_nodes(host):
+    told = host.ask("/object_info")[1]
+    names = {"BokehRender", "BokehFocusPicker", "BokehLook", "BokehDepthRepair", "BokehVideo", "BokehSave"}
+    assert names <= set(told)
+    assert told["BokehLook"]["input"]["optional"]["cats_eye"][1]["max"] == 1.5
+
+
+def test_a_workflow_gives_the_picture_of_the_command_line(host, cli, tmp_path):
+    history = host.end(host.begin(workflow("still")))
+    assert history["status"]["status_str"] == "success", history["status"]
+    [file] = history["outputs"]["7"]["images"]
+    assert history["outputs"]["6"]["images"]  # the preview
+    ours = read_image(host.base / "output" / file["subfolder"] / file["filename"])
+    given = ("--disparity", host.base / "input/disparity.png", "--blur", "30", "--focus-at", "40,30")
+    look = ("--blades", "6", "--cats-eye", "0.4", "-o", tmp_path / "out.exr")
+    outcome = cli("render", host.base / "input/photo.png", *given, *look)
+    assert outcome.code == 0, outcome.err
+    found = psnr(ours, read_image(tmp_path / "out.exr"))
+    assert found >= 60
+
+
+def test_a_shot_gives_the_frames_of_the_command_line(host, cli, tmp_path):
+    history = host.end(host.begin(workflow("focus_pull")))
+    assert history["status"]["status_str"] == "success", history["status"]
+    files = [host.base / "output" / item["filename"] for item in history["outputs"]["7"]["images"]]
+    assert len(files) == 3 == len(history["outputs"]["6"]["images"])
+    for number in (1, 2, 3):
+        write_image(tmp_path / f"in.{number:04}.png", read_image(host.base / "input/photo.png"), bits=16)
+    pull = ("--focus-from", "0.2", "--focus-to", "0.8", "--blur-from", "20", "--blur-to", "30")
+    given = ("--disparity", host.base / "input/disparity.png", "--engine", "scatter")
+    plain = ("--repair-disparity", "auto", "--bits", "16", "--dither", "off", "--frames", "1-3")
+    outcome = cli("render", tmp_path / "in.####.png", "-o", tmp_path / "out.####.png", *given, *pull, *plain)
+    assert outcome.code == 0, outcome.err
+    for number, file in enumerate(files, start=1):
+        assert psnr(read_image(file), read_image(tmp_path / f"out.{number:04}.png")) >= 60
+
+
+def test_a_value_out_of_range_is_refused_before_it_runs(host):
+    wrong = workflow("still")
+    wrong["5"]["inputs"]["blur"] = -3.0
+    code, told = host.ask("/prompt", {"prompt": wrong})
+    assert code == 400
+    assert "blur" in json.dumps(told["node_errors"]["5"])
+
+
+@pytest.mark.parametrize(
+    ("node", "inputs", "words"),
+    [
+        ("3", {"x": 999}, ["x, y", "a pixel of the map, below 120 and 90"]),
+        ("3", {"by": "mask"}, ["mask: expected a mask"]),
+        ("4", {"lens": "petzval", "blades": 2}, ["aperture.blades", "0 (disc) or 3 to 16"]),
+        (
+            "5",
+            {"engine": "scatter", "settings_json": '{"lens": {"coma": 2}}'},
+            ["lens.coma", "rays or hybrid"],
+        ),
+        ("5", {"settings_json": '{"camera": {"blurr": 2}}'}, ["unknown option 'camera.blurr'"]),
+        ("5", {"settings_json": "{"}, ["settings_json: expected JSON"]),
+    ],
+)
+def test_a_mistake_is_an_error_of_its_node_in_one_line(host, node, inputs, words):
+    wrong = workflow("still")
+    wrong[node]["inputs"] |= inputs
+    history = host.end(host.begin(wrong))
+    assert history["status"]["status_str"] == "error"
+    error = host.messages(history)["execution_error"]
+    assert error["node_id"] == node
+    assert "\n" not in error["exception_message"].strip()
+    for word in words:
+        assert word in error["exception_message"]
+
+
+def test_cancel_ends_a_rendering_and_the_next_one_runs(host):
+    long = workflow("still")
+    long["8"] = {
+        "class_type": "ImageScale",
+        "inputs": {
+            "image": ["1", 0],
+            "upscale_method": "bilinear",
+            "width": 2400,
+            "height": 1800,
+            "crop": "disabled",
+        },
+    }
+    long["9"] = {**long["8"], "inputs": {**long["8"]["inputs"], "image": ["2", 0]}}
+    long["5"]["inputs"] |= {"image": ["8", 0], "disparity": ["9", 0], "blur": 200.0}
+    name = host.begin(long)
+    time.sleep(3)
+    host.ask("/interrupt", {})
+    begun = time.monotonic()
+    history = host.end(name)
+    assert "execution_interrupted" in host.messages(history)
+    assert time.monotonic() - begun < 30
+    assert host.end(host.begin(workflow("still")))["status"]["status_str"] == "success"

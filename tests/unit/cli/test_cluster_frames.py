@@ -1,0 +1,89 @@
+"""Frames of a shot on a cluster of this machine. Authority: the bytes that one process writes."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from bokehnet.io.image import write_image, write_map
+
+FRAMES = 10
+OPTIONS = [
+    "--disparity",
+    "d.png",
+    "--blur-from",
+    "8",
+    "--blur-to",
+    "30",
+    "--focus",
+    "0.5",
+    "--frames",
+    f"1-{FRAMES}",
+]
+
+
+@pytest.fixture
+def shot(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    for frame in range(1, FRAMES + 1):
+        write_image(f"in.{frame:04}.png", rng.random((120, 160, 3), dtype=np.float32))
+    write_map("d.png", np.tile(np.linspace(0, 1, 160, dtype=np.float32), (120, 1)))
+    return tmp_path
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """A head without cores, so that all work is done by the workers that tests add."""
+    ray = pytest.importorskip("ray", reason="needs the extra cluster")
+    from ray.cluster_utils import Cluster
+
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    head = {"num_cpus": 0, "include_dashboard": False}
+    made = Cluster(initialize_head=True, head_node_args=head, connect=False)
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_shot_on_a_cluster_is_that_of_one_machine_though_a_worker_is_killed(cli, cluster, shot):
+    workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
+    cluster.wait_for_nodes()
+    killed = threading.Event()
+
+    def kill():
+        while not (shot / "ray.0001.png").exists():
+            if killed.wait(0.05):
+                return
+        cluster.remove_node(workers[0], allow_graceful=False)
+        killed.set()
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    outcome = cli("render", "in.####.png", "-o", "ray.####.png", *OPTIONS, "--ray", cluster.address)
+    was_killed = killed.is_set()
+    killed.set()
+    thread.join()
+    assert outcome.code == 0, outcome.err
+    assert was_killed
+    assert cli("render", "in.####.png", "-o", "one.####.png", *OPTIONS).code == 0
+    for frame in range(1, FRAMES + 1):
+        assert (shot / f"ray.{frame:04}.png").read_bytes() == (shot / f"one.{frame:04}.png").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--ray", "127.0.0.1:1"], ["--ray: expected the address of a running cluster", "127.0.0.1:1"]),
+        (["--ray", "auto", "--jobs", "2"], ["--ray: expected either this or --jobs"]),
+    ],
+)
+def test_a_cluster_that_cannot_be_is_told_in_one_line(cli, shot, options, words):
+    pytest.importorskip("ray", reason="needs the extra cluster")
+    outcome = cli("render", "in.####.png", "-o", "ray.####.png", *OPTIONS, *options)
+    assert outcome.code == 1
+    for word in words:
+        assert word in outcome.err
+    assert not list(shot.glob("ray.*"))
