@@ -16,6 +16,7 @@ from bokehnet.cli.lens import lens
 from bokehnet.cli.options import QuickGroup, SectionedCommand, told
 from bokehnet.cli.presets import presets
 from bokehnet.cli.render import render
+from bokehnet.cli.studio import studio
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
 from bokehnet.cli.warm_up import warm_up
@@ -45,6 +46,7 @@ app.command()(export)
 app.command()(info)
 app.add_typer(lens)
 app.command()(presets)
+app.command(cls=SectionedCommand)(studio)
 app.command()(synth)
 app.command()(trace)
 app.command()(warm_up)
