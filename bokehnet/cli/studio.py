@@ -20,10 +20,12 @@ def studio(
         str | None, typer.Argument(metavar="[IMAGE]", help="All-in-focus picture; or drop one on the page.")
     ] = None,
     preset: Annotated[
-        str | None, typer.Option(metavar="NAME|FILE.toml", help="A look to begin with.", autocompletion=presets)
+        str | None,
+        typer.Option(metavar="NAME|FILE.toml", help="A look to begin with.", autocompletion=presets),
     ] = None,
     settings: Annotated[
-        str | None, typer.Option(metavar="FILE.toml", help="Settings to begin with; preset and options prevail.")
+        str | None,
+        typer.Option(metavar="FILE.toml", help="Settings to begin with; preset and options prevail."),
     ] = None,
     port: Annotated[str | None, typer.Option(metavar="N", help="Port of this machine; default: any.")] = None,
     no_browser: Annotated[
@@ -58,7 +60,9 @@ def studio(
             session,
             port=int(port or 0),
             browser=not no_browser,
-            tell=lambda address: typer.echo(f"bokehnet studio: {address}\nOnly this machine sees it. Ctrl-C ends it."),
+            tell=lambda address: typer.echo(
+                f"bokehnet studio: {address}\nOnly this machine sees it. Ctrl-C ends it."
+            ),
         )
     finally:
         session.close()

@@ -24,7 +24,7 @@ from bokehnet.studio.overlays import aperture_image, overlay, plain
 from bokehnet.studio.panels import panels
 from bokehnet.studio.preview import Picture, refine
 from bokehnet.studio.session import Session
-from bokehnet.studio.uploads import UploadTooLarge, receive, safe_name
+from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 
 __all__ = ["PAGE", "make_app"]
 
@@ -48,14 +48,38 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
         port: On which it listens.
     """
     api = _Api(session)
-    posts = ("change", "wear", "stroke", "undo", "redo", "export", "stop", "preview", "loupe", "thumbnail", "words")
-    gets = ("state", "jobs", "panels", "presets", "plain", "overlay", "aperture", "result", "map", "preset", "session")
+    posts = (
+        "change",
+        "wear",
+        "stroke",
+        "undo",
+        "redo",
+        "export",
+        "stop",
+        "preview",
+        "loupe",
+        "thumbnail",
+        "words",
+    )
+    gets = (
+        "state",
+        "jobs",
+        "panels",
+        "presets",
+        "plain",
+        "overlay",
+        "aperture",
+        "result",
+        "map",
+        "preset",
+        "session",
+    )
     routes = [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["POST"]) for name in posts]
     routes += [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["GET"]) for name in gets]
+    files = Mount("/", StaticFiles(directory=PAGE, html=True))
     routes += [
         Route("/api/open", _answered(api.open), methods=["POST"]),
         Route("/api/reopen", _answered(api.reopen), methods=["POST"]),
-        Mount("/", StaticFiles(directory=PAGE, html=True)),
     ]
 
     @asynccontextmanager
@@ -63,7 +87,7 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
         yield
         session.close()
 
-    return Guard(Starlette(routes=routes, lifespan=lifespan), token=token, port=port)
+    return Guard(Starlette(routes=[*routes, files], lifespan=lifespan), token=token, port=port)
 
 
 def _answered(handler: Handler) -> Handler:
@@ -72,14 +96,16 @@ def _answered(handler: Handler) -> Handler:
     async def answer(request: Request) -> Response:
         try:
             return await handler(request)
-        except UploadTooLarge as error:
+        except UploadTooLargeError as error:
             return _told(error, 413)
         except RenderCancelled:
             return JSONResponse({"error": "another request came"}, 409)
         except BokehnetError as error:
             return _told(error, 422)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            return JSONResponse({"error": f"expected another request: {type(error).__name__}", "path": ""}, 400)
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
+            return JSONResponse(
+                {"error": f"expected another request: {type(error).__name__}", "path": ""}, 400
+            )
 
     return answer
 
@@ -95,7 +121,7 @@ async def _json(request: Request) -> dict[str, Any]:
     async for chunk in request.stream():
         body += chunk
         if len(body) > _MOST_JSON:
-            raise UploadTooLarge("expected a shorter request")
+            raise UploadTooLargeError("expected a shorter request")
     try:
         found = json.loads(bytes(body) or b"{}")
     except RecursionError as error:
@@ -134,7 +160,9 @@ class _Api:
         return JSONResponse(panels())
 
     async def presets(self, request: Request) -> Response:
-        return JSONResponse([{"name": name, "description": load_preset(name).description} for name in presets()])
+        return JSONResponse(
+            [{"name": name, "description": load_preset(name).description} for name in presets()]
+        )
 
     async def open(self, request: Request) -> Response:
         """A picture, or with ``role`` its map: ``disparity``, ``depth`` or ``defocus``."""
@@ -333,5 +361,3 @@ def _space(name: Any) -> str:
 
 def _download(path: Path) -> Response:
     return FileResponse(path, filename=path.name, media_type="application/octet-stream")
-
-

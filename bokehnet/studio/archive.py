@@ -1,5 +1,6 @@
-"""Sessions as one file: the picture, what tells its depth, the settings and the strokes; a ZIP file without
-compression, so that none grows when it is read.
+"""Sessions as one file: the picture, what tells its depth, the settings and the strokes.
+
+It is a ZIP file without compression, so that none grows when it is read.
 """
 
 import json

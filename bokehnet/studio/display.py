@@ -20,7 +20,7 @@ _ONE = int(np.float32(1).view(np.uint32)) >> _SHIFT
 
 @cache
 def _bytes_of_light() -> NDArray[np.uint8]:
-    """The byte of each number from 0 to 1 by its leading bits, that of the middle of those that share them."""
+    """The byte of the numbers from 0 to 1 that share their leading bits: that of the middle one."""
     bits = (np.arange(_ONE + 1, dtype=np.uint32) << _SHIFT) + (1 << (_SHIFT - 1))
     light = np.minimum(bits.view(np.float32), 1)
     return np.rint(255 * linear_to_srgb(light)).astype(np.uint8)

@@ -62,14 +62,20 @@ def with_painted_map(
     reading = {"repair": "off", "mixed": "off"}
     if "pixel_filter" in table.get("depth", {}):
         reading["pixel_filter"] = table["depth"]["pixel_filter"]
-    changes: dict[str, dict[str, Any]] = {"camera": dict(table.get("camera", {})), "focus": dict(table.get("focus", {}))}
+    changes: dict[str, dict[str, Any]] = {
+        "camera": dict(table.get("camera", {})),
+        "focus": dict(table.get("focus", {})),
+    }
     if write:
         scale, channel = (1000, "Z") if depth.kind == "metric" else (1, "Y")
         write_map(path, scale * opened.painted_map(settings), channel=channel)
     if depth.kind == "relative":
         changes |= {"input": {"disparity": str(path), **kept}, "depth": {"value_range": [0, 1], **reading}}
     elif depth.kind == "metric":
-        changes |= {"input": {"depth": str(path), "channel": "Z", **kept}, "depth": {"unit": "1/m", **reading}}
+        changes |= {
+            "input": {"depth": str(path), "channel": "Z", **kept},
+            "depth": {"unit": "1/m", **reading},
+        }
         for name in ("focal_length", "f_number", "sensor_width"):
             found = getattr(depth.camera, name, None)
             if name not in changes["camera"] and found is not None:

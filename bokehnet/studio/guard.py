@@ -1,4 +1,4 @@
-"""Who may talk to the studio: pages that it has sent itself, with the token of its address, and nobody else."""
+"""Who may talk to the studio: its own page, which knows the token of its address, and nobody else."""
 
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -45,8 +45,8 @@ def make_token() -> str:
 class Guard:
     """Lets a request pass when it names this machine, comes from the studio's own page and knows the token.
 
-    A name of another site that was made to lead to this machine (DNS rebinding) fails by its ``Host``; another
-    page by its ``Origin``; another program or user by the token, the first part of every path.
+    A name of another site that was made to lead to this machine (DNS rebinding) fails by its ``Host``,
+    another page by its ``Origin``; another program or user by the token, the first part of every path.
 
     Args:
         app: Sees what passes, its path without the token.
@@ -82,7 +82,7 @@ class Guard:
             await guarded({"type": "http.response.start", "status": 403, "headers": headers})
             await guarded({"type": "http.response.body", "body": body})
             return
-        _, first, rest = scope["path"].split("/", 2)
+        _, _, rest = scope["path"].split("/", 2)
         inside = {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "root_path": ""}
         await self._app(inside, receive, guarded)
 

@@ -1,4 +1,4 @@
-"""A process that does what takes long, at low priority, so that quick work has the cores when it needs them."""
+"""A process that does what takes long, at low priority, so that quick work finds the cores free."""
 
 import contextlib
 import multiprocessing
@@ -81,7 +81,11 @@ class Helper:
             number = self._wanted.value = self._number
             try:
                 self._pipe.send((number, task, arguments))
-                return self._answer(number, progress, cancel, None if seconds is None else monotonic() + seconds)
+                return self._answer(
+                    number, progress, cancel, None if seconds is None else monotonic() + seconds
+                )
+            except BokehnetError:  # some of them are OSError, too
+                raise
             except (EOFError, OSError) as error:
                 self._process.join(5)
                 code, self._process = self._process.exitcode, None

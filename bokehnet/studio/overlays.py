@@ -1,4 +1,4 @@
-"""What is laid over the picture, and drawn beside it: depth, focus, doubt, and the shape of a point of light."""
+"""What is laid over the picture or drawn beside it: depth, focus, doubt, the shape of a point of light."""
 
 from collections.abc import Callable
 
@@ -27,6 +27,8 @@ _DEPTH_COLORS = np.array([[20, 24, 70], [20, 110, 130], [200, 170, 110], [255, 2
 _NEAR, _FAR, _IN_FOCUS, _DOUBT = (235, 140, 40), (60, 120, 235), (70, 230, 120), (235, 60, 60)
 
 _PSF_SIDE, _PSF_RADIUS = 96, 40  # pixels
+_PSF_AROUND = 64  # pixels beyond, so that no border of a picture is near
+_PSF_PICTURE = 4096  # pixels; of the picture in which the point lies
 
 
 def plain(opened: Opened, size: tuple[int, int], shown: str) -> Picture:
@@ -59,7 +61,7 @@ def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kin
 
 
 def aperture_image(settings: RenderSettings) -> Picture:
-    """What a point of light behind focus becomes: in the middle of the picture, and in its upper right corner.
+    """What a point of light behind focus becomes in the middle of the picture and in its upper right corner.
 
     Both are rendered by the engine that shapes come from; the brightest 1 % is white.
     """
@@ -67,16 +69,21 @@ def aperture_image(settings: RenderSettings) -> Picture:
     for gone in ("focus", "camera", "input", "depth", "effects", "highlights"):
         told.pop(gone, None)
     quick = RenderSettings().updated({**told, "depth": {"repair": "off"}})
-    side, wide = _PSF_SIDE, 12 * _PSF_SIDE
+    side, shown = _PSF_SIDE + 2 * _PSF_AROUND, slice(_PSF_AROUND, _PSF_AROUND + _PSF_SIDE)
     radii = np.full((side, side), -_PSF_RADIUS, np.float32)
     point = np.zeros((side, side, 3), np.float32)
     point[side // 2, side // 2] = 1.0
     panels = []
-    for left, top in ((wide // 2 - side // 2, wide // 2 - side // 2), (wide - side, 0)):
-        window = Window(x=left, y=top, width=side, height=side, display_width=wide, display_height=wide)
+    for left, top in (
+        (_PSF_PICTURE // 2 - side // 2, _PSF_PICTURE // 2 - side // 2),
+        (_PSF_PICTURE - side, 0),
+    ):
+        window = Window(
+            x=left, y=top, width=side, height=side, display_width=_PSF_PICTURE, display_height=_PSF_PICTURE
+        )
         light = renderer.render(make_scene(point, DefocusMap(map=radii), window=window), quick).bokeh
-        bright = float(np.quantile(light, 0.99)) or 1.0
-        panels.append(to_rgba(light / np.float32(bright), SRGB))
+        bright = float(np.quantile(light[shown, shown], 0.99)) or 1.0
+        panels.append(to_rgba(light[shown, shown] / np.float32(bright), SRGB))
     return Picture(stage="aperture", rgba=np.ascontiguousarray(np.concatenate(panels, axis=1)), facts={})
 
 
@@ -94,7 +101,7 @@ def _focus(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> N
     defocus = _defocus(opened, settings, size)
     strength = np.clip(np.abs(defocus) / max(float(np.abs(defocus).max()), 1e-6), 0, 1)
     result = np.zeros((*defocus.shape, 4), np.uint8)
-    result[..., :3] = np.where(defocus[..., None] > 0, np.uint8(_NEAR), np.uint8(_FAR))
+    result[..., :3] = np.where(defocus[..., None] > 0, np.array(_NEAR, np.uint8), np.array(_FAR, np.uint8))
     result[..., 3] = np.rint(40 + 130 * strength)
     result[np.abs(defocus) <= _SHARP] = (*_IN_FOCUS, 150)
     return result

@@ -1,4 +1,4 @@
-"""The panels of the page: what is known of each setting, told as JSON; nothing of it is written down twice."""
+"""The panels of the page: what is known of each setting, told as JSON, so that it stands nowhere twice."""
 
 import types
 import typing
@@ -13,7 +13,13 @@ from bokehnet.rendering.settings import RenderSettings, all_settings, group_type
 __all__ = ["check_reachable", "is_path", "panels"]
 
 # Texts that may name a file where they are no name that is known.
-_MAY_NAME_FILES = ("lens.name", "input.depth_convention", "color.glass", "color.axial_map", "color.lateral_map")
+_MAY_NAME_FILES = (
+    "lens.name",
+    "input.depth_convention",
+    "color.glass",
+    "color.axial_map",
+    "color.lateral_map",
+)
 
 
 def panels() -> list[dict[str, Any]]:
@@ -61,7 +67,9 @@ def check_reachable(changes: dict[str, dict[str, Any]], settings: RenderSettings
             numbers = isinstance(value, list) and all(isinstance(item, int | float) for item in value)
             if (is_path(known) and not numbers) or (path in _MAY_NAME_FILES and value not in _names(path)):
                 names = ", ".join(_names(path))
-                expected = f"one of {names}" if names else "nothing that names a file; drop the file on the page"
+                expected = (
+                    f"one of {names}" if names else "nothing that names a file; drop the file on the page"
+                )
                 raise ParameterError(path, expected, shown="another name")
 
 

@@ -49,7 +49,8 @@ def quick_settings(settings: RenderSettings) -> RenderSettings:
     """Return the settings that the quickest engine can follow: no rays, so no glass and no parted colours.
 
     Examples:
-        >>> quick_settings(RenderSettings().updated({"lens": {"coma": 2}, "aperture": {"blades": 6}})).to_table()
+        >>> settings = RenderSettings().updated({"lens": {"coma": 2}, "aperture": {"blades": 6}})
+        >>> quick_settings(settings).to_table()
         {'aperture': {'blades': 6}, 'engine': {'name': 'scatter'}}
     """
     table = settings.to_table()
@@ -131,7 +132,9 @@ class Previews:
             if share < 1:
                 small = max(16, round(size[0] * share)), max(16, round(size[1] * share))
                 few = opened.at_size(settings, factor * small[0] / size[0])
-                yield self._quick(opened, opened.view(small, settings), quick_settings(few), shown, "draft", cancel)
+                yield self._quick(
+                    opened, opened.view(small, settings), quick_settings(few), shown, "draft", cancel
+                )
         first = self._quick(opened, scene, quick, shown, "scatter", cancel)
         yield _cut(first, inside)
         if engine != "scatter":
@@ -207,7 +210,9 @@ def _cut(picture: Picture, part: Region | None) -> Picture:
     if part is None:
         return picture
     rows, columns = slice(part.y, part.y + part.height), slice(part.x, part.x + part.width)
-    return Picture(stage=picture.stage, rgba=np.ascontiguousarray(picture.rgba[rows, columns]), facts=picture.facts)
+    return Picture(
+        stage=picture.stage, rgba=np.ascontiguousarray(picture.rgba[rows, columns]), facts=picture.facts
+    )
 
 
 def _untold(done: int, total: int) -> None:

@@ -38,7 +38,12 @@ def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callab
         port, token = listener.getsockname()[1], make_token()
         app = make_app(session, token=token, port=port)
         config = uvicorn.Config(
-            app, log_level="error", access_log=False, server_header=False, timeout_graceful_shutdown=1, ws="none"
+            app,
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+            ws="none",
         )
         address = f"http://{_HOST}:{port}/{token}/"
         tell(address)

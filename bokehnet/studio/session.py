@@ -1,4 +1,4 @@
-"""What is open in the studio: a picture, its settings, what is painted, and what goes on in the background."""
+"""What is open in the studio: a picture, its settings, what is painted, what goes on in the background."""
 
 import shutil
 import tempfile
@@ -138,7 +138,9 @@ class Session:
 
     def _unworn(self) -> dict[str, dict[str, Any]]:
         return {
-            group: {key: value for key, value in fields.items() if not all_settings()[f"{group}.{key}"].of_a_look}
+            group: {
+                key: value for key, value in fields.items() if not all_settings()[f"{group}.{key}"].of_a_look
+            }
             for group, fields in self.settings.to_table().items()
         }
 
@@ -184,7 +186,7 @@ class Session:
         return self._result
 
     def words(self, output: str) -> dict[str, str]:
-        """The command line and the Python that make the file, and the map that they need where it is painted."""
+        """The command line and the Python that make the file, and the painted map that they need."""
         opened, output = self._open_one(), safe_name(output, _OUTPUTS)
         settings, painted = with_painted_map(opened, self.settings, self._made(), write=False)
         return {
@@ -325,7 +327,12 @@ class Session:
             arguments = (opened.path, folder / name, complete)
             facts = self.slow.run(render_file, *arguments, progress=progress, cancel=self._export_stop)
             self._result = folder / name
-            self.jobs["export"] = {"state": "done", "name": name, "bytes": self._result.stat().st_size, **facts}
+            self.jobs["export"] = {
+                "state": "done",
+                "name": name,
+                "bytes": self._result.stat().st_size,
+                **facts,
+            }
         except RenderCancelled:
             shutil.rmtree(folder, ignore_errors=True)
             self.jobs["export"] = {"state": "idle"}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -52,7 +53,9 @@ class Stroke:
                 raise ParameterError(f"stroke.{name}", f"above 0 and up to {high:g}", getattr(self, name))
         inside = all(-1 <= x <= 2 and -1 <= y <= 2 for x, y in self.points)
         if not (1 <= len(self.points) <= _MOST_POINTS and inside):
-            raise ParameterError("stroke.points", f"1 to {_MOST_POINTS} points in the picture", shown="others")
+            raise ParameterError(
+                "stroke.points", f"1 to {_MOST_POINTS} points in the picture", shown="others"
+            )
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> "Stroke":
@@ -113,7 +116,9 @@ def painted(values: Array, image: Array, strokes: Sequence[Stroke], focus: float
         under = result[rows, columns]
         if stroke.effect in ("nearer", "farther"):
             step = stroke.strength * span * (1 if stroke.effect == "nearer" else -1)
-            new = np.clip(under + step * weight, min(low, 0), max(high, 1) if low >= 0 and high <= 1 else high)
+            new = np.clip(
+                under + step * weight, min(low, 0), max(high, 1) if low >= 0 and high <= 1 else high
+            )
         else:
             target = focus if stroke.effect == "sharp" else _value_at(result, stroke.points[0])
             new = np.where(weight >= 0.5, np.float32(target), under)  # soft edges would be surfaces between
@@ -136,7 +141,7 @@ def _weight(stroke: Stroke, image: Array) -> tuple[slice, slice, Array]:
     rows = slice(int(np.clip(top, 0, height)), int(np.clip(bottom, 0, height)))
     columns = slice(int(np.clip(left, 0, width)), int(np.clip(right, 0, width)))
     distance = np.full((rows.stop - rows.start, columns.stop - columns.start), np.inf, np.float32)
-    for begin, end in zip(path[:-1], path[1:], strict=True) if len(path) > 1 else ((path[0], path[0]),):
+    for begin, end in pairwise(path) if len(path) > 1 else ((path[0], path[0]),):
         _lower(distance, (columns.start, rows.start), begin, end, radius)
     weight = np.clip((radius - distance) / max(0.2 * radius, 1) + 0.5, 0, 1).astype(np.float32)
     if stroke.edges and weight.size:

@@ -7,22 +7,35 @@ from pathlib import Path
 
 from bokehnet.errors import BokehnetError, ImageFileError
 
-__all__ = ["MOST_BYTES", "UploadTooLarge", "receive", "safe_name"]
+__all__ = ["MOST_BYTES", "UploadTooLargeError", "receive", "safe_name"]
 
 MOST_BYTES = 256 * 2**20
 """Of one upload."""
 
 _MOST_SECONDS = 120.0
 _LONGEST_NAME = 80
-_PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".jxl", ".exr", ".hdr", ".pfm", ".heic", ".heif")
+_PICTURES = (
+    ".jpg",
+    ".jpeg",
+    ".png",
+    ".tif",
+    ".tiff",
+    ".webp",
+    ".jxl",
+    ".exr",
+    ".hdr",
+    ".pfm",
+    ".heic",
+    ".heif",
+)
 
 
-class UploadTooLarge(BokehnetError):
+class UploadTooLargeError(BokehnetError):
     """More bytes, or more time, than an upload may take."""
 
 
 def safe_name(name: str, extensions: tuple[str, ...] = _PICTURES) -> str:
-    """Return the last part of a file's name with nothing in it that leads elsewhere.
+    r"""Return the last part of a file's name with nothing in it that leads elsewhere.
 
     Args:
         name: As the page tells it.
@@ -32,7 +45,7 @@ def safe_name(name: str, extensions: tuple[str, ...] = _PICTURES) -> str:
         ImageFileError: Another extension.
 
     Examples:
-        >>> safe_name("../../etc/My photo;.JPG"), safe_name("..\\\\a.png")
+        >>> safe_name("../../etc/My photo;.JPG"), safe_name("..\\a.png")
         ('My_photo_.JPG', 'a.png')
     """
     last = re.split(r"[/\\]", name)[-1]
@@ -53,10 +66,10 @@ async def receive(chunks: AsyncIterator[bytes], path: Path, told: str | None, mo
         most: Bytes that it may have.
 
     Raises:
-        UploadTooLarge: It is larger, or takes longer than two minutes.
+        UploadTooLargeError: It is larger, or takes longer than two minutes.
     """
     if told is not None and told.isdigit() and int(told) > most:
-        raise UploadTooLarge(_too_large(int(told), most))
+        raise UploadTooLargeError(_too_large(int(told), most))
     size = 0
     try:
         async with asyncio.timeout(_MOST_SECONDS):
@@ -64,11 +77,11 @@ async def receive(chunks: AsyncIterator[bytes], path: Path, told: str | None, mo
                 async for chunk in chunks:
                     size += len(chunk)
                     if size > most:
-                        raise UploadTooLarge(_too_large(size, most))
+                        raise UploadTooLargeError(_too_large(size, most))
                     file.write(chunk)
     except TimeoutError as error:
         path.unlink(missing_ok=True)
-        raise UploadTooLarge(f"expected the file within {_MOST_SECONDS:g} s; send it again") from error
+        raise UploadTooLargeError(f"expected the file within {_MOST_SECONDS:g} s; send it again") from error
     except BaseException:
         path.unlink(missing_ok=True)
         raise

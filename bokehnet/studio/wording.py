@@ -24,7 +24,8 @@ def command_line(image: Path, output: str, settings: RenderSettings, name: Name 
 
     Examples:
         >>> settings = RenderSettings().updated({"camera": {"blur": 40}, "focus": {"at": [6, 4]}})
-        >>> command_line(Path("photo.jpg"), "out.png", settings.updated({"lens": {"coma": -2, "vignetting": False}}))
+        >>> settings = settings.updated({"lens": {"coma": -2, "vignetting": False}})
+        >>> command_line(Path("photo.jpg"), "out.png", settings)
         'bokehnet render photo.jpg --focus-at 6,4 --blur 40.0 --no-lens-vignetting --coma=-2.0 -o out.png'
     """
     words = ["bokehnet", "render", name(image)]
@@ -55,7 +56,9 @@ def python_lines(image: Path, output: str, settings: RenderSettings, name: Name 
     """
     paths = {str(value): name(value) for value in _paths(settings)}
     table = {
-        group: {key: paths.get(value, value) if isinstance(value, str) else value for key, value in fields.items()}
+        group: {
+            key: paths.get(value, value) if isinstance(value, str) else value for key, value in fields.items()
+        }
         for group, fields in settings.to_table().items()
     }
     return (
@@ -90,7 +93,9 @@ def _text(value: Any, name: Name) -> str:
 
 
 def _paths(settings: RenderSettings) -> list[Path]:
-    values = (getattr(getattr(settings, path.partition(".")[0]), path.partition(".")[2]) for path in all_settings())
+    values = (
+        getattr(getattr(settings, path.partition(".")[0]), path.partition(".")[2]) for path in all_settings()
+    )
     return [value for value in values if isinstance(value, Path)]
 
 
