@@ -1,5 +1,7 @@
 """``bokehnet studio``: a page in the browser on which one plays with bokeh."""
 
+import signal
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -51,6 +53,7 @@ def studio(
     from bokehnet.studio.session import Session
 
     session = Session()
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # what was made for the page goes
     try:
         if image is not None:
             typer.echo(f"bokehnet: opening {image}", err=True)

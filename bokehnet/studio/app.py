@@ -106,6 +106,8 @@ def _answered(handler: Handler) -> Handler:
             return JSONResponse(
                 {"error": f"expected another request: {type(error).__name__}", "path": ""}, 400
             )
+        except Exception as error:  # a fault of ours is told, and the page goes on
+            return JSONResponse({"error": f"failed by a fault: {type(error).__name__}: {error}"}, 500)
 
     return answer
 
@@ -321,6 +323,7 @@ class _Api:
                 yield _framed(first, **facts)
                 while True:
                     waiting = asyncio.ensure_future(asyncio.to_thread(_next, stages))
+                    waiting.add_done_callback(_looked_at)
                     while not (await asyncio.wait([waiting], timeout=0.2))[0]:
                         yield _line(stage="progress", share=share[0])
                     made = waiting.result()
@@ -335,6 +338,12 @@ class _Api:
                 cancel.set()
 
         return StreamingResponse(body(), media_type="application/octet-stream")
+
+
+def _looked_at(task: asyncio.Future[Any]) -> None:
+    """Look at what a task ended by: nobody else does where the page has gone."""
+    if not task.cancelled():
+        task.exception()
 
 
 def _next(stages: Any) -> Picture | None:

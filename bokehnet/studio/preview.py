@@ -14,7 +14,13 @@ from bokehnet.inference.engine import Progress
 from bokehnet.rendering.cancelling import CancelSignal
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import Scene
-from bokehnet.rendering.settings import ColorSettings, EngineSettings, LensSettings, RenderSettings
+from bokehnet.rendering.settings import (
+    ApertureSettings,
+    ColorSettings,
+    EngineSettings,
+    LensSettings,
+    RenderSettings,
+)
 from bokehnet.studio.display import to_rgba
 from bokehnet.studio.helper import Helper
 from bokehnet.studio.opened import Opened, Region
@@ -25,7 +31,7 @@ __all__ = ["Picture", "Previews", "quick_settings"]
 _AT_ONCE = 0.045
 
 # Sides of the first picture over those of the screen's.
-_FIRST = (1.0, 0.75, 0.5, 0.35, 0.25)
+_FIRST = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18)
 
 _MARGIN = 1.25  # of a part of the picture, in its largest blur radii
 
@@ -84,7 +90,10 @@ class Previews:
     def __init__(self, helper: Helper) -> None:
         self._helper = helper
         self._turn = threading.Lock()
-        self._pace = 4e-7  # seconds a pixel, of those before
+        self._pace: dict[bool, float] = {
+            True: 4e-7,
+            False: 2e-6,
+        }  # seconds a pixel, by whether discs are plain
         self._latest: dict[str, threading.Event] = {}
 
     def begin(self, client: str) -> threading.Event:
@@ -128,7 +137,8 @@ class Previews:
         engine = settings.engine.name or "rays"
         if region is None:
             pixels = size[0] * size[1]
-            share = next((side for side in _FIRST if side**2 * pixels * self._pace < _AT_ONCE), _FIRST[-1])
+            seconds = pixels * self._pace[_is_plain(quick)]
+            share = next((side for side in _FIRST if side**2 * seconds < _AT_ONCE), _FIRST[-1])
             if share < 1:
                 small = max(16, round(size[0] * share)), max(16, round(size[1] * share))
                 few = opened.at_size(settings, factor * small[0] / size[0])
@@ -156,7 +166,8 @@ class Previews:
             begun = perf_counter()
             picture = _render(_renderer(), scene, settings, opened.space, shown, stage, _untold)
             pace = (perf_counter() - begun) / (picture.rgba.shape[0] * picture.rgba.shape[1])
-            self._pace += 0.3 * (pace - self._pace)
+            plain = _is_plain(settings)
+            self._pace[plain] += 0.3 * (pace - self._pace[plain])
             return picture
 
     def _scene(
@@ -204,6 +215,11 @@ def _render(
     }
     rgba = to_rgba(result.bokeh, space, shown)
     return Picture(stage=stage, rgba=rgba, facts=facts | {"seconds": perf_counter() - begun})
+
+
+def _is_plain(settings: RenderSettings) -> bool:
+    """Whether points of light become plain discs, the quickest shape."""
+    return settings.aperture == ApertureSettings()
 
 
 def _cut(picture: Picture, part: Region | None) -> Picture:

@@ -35,11 +35,12 @@ def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callab
             listener.bind((_HOST, port))
         except OSError as error:
             raise BokehnetError(f"--port: expected a free one, found {port} taken; leave it out") from error
+        listener.listen(128)  # before anybody is told where
         port, token = listener.getsockname()[1], make_token()
         app = make_app(session, token=token, port=port)
         config = uvicorn.Config(
             app,
-            log_level="error",
+            log_level="critical",
             access_log=False,
             server_header=False,
             timeout_graceful_shutdown=1,
