@@ -3,10 +3,10 @@
     python -m benchmarks.studio_latency [FOLDER] [--clicks 30]
 
 ``FOLDER`` holds 21.jpg and 21.png (by default the photographs of ../shared/real). Each is measured from the
-time stamp of the pointer's event to the first task after the frame in which the pixels are drawn: for the first
-picture, for the one at the size of the screen, and for the engine's own. A photograph of 1080x1350 pixels and
-its enlargement to 12 megapixels; the window is 1440x900, blur up to 60 pixels of the preview. Needs the extra
-studio, playwright and Chromium.
+time stamp of the pointer's event to the first task after the frame in which the pixels are drawn: for the
+first picture, for the one at the size of the screen, and for the engine's own. A photograph of 1080x1350
+pixels and its enlargement to 12 megapixels; the window is 1440x900, blur up to 60 pixels of the preview.
+Needs the extra studio, playwright and Chromium.
 """
 
 import argparse
@@ -47,10 +47,11 @@ def until(page: Page, expression: str, seconds: float = 240) -> None:
 
 
 def measured(page: Page) -> dict[str, list[float]]:
-    """Milliseconds of each stage since the last look; the first picture is the draft, or what came in its place."""
+    """Milliseconds of each stage since the last look; the first is the draft, or what came in its place."""
     entries = page.evaluate(
         """() => {
-            const found = performance.getEntriesByType("measure").map((one) => [one.name.split(" ")[1], one.duration, one.startTime]);
+            const found = performance.getEntriesByType("measure")
+                .map((one) => [one.name.split(" ")[1], one.duration, one.startTime]);
             performance.clearMeasures();
             return found;
         }"""
@@ -71,17 +72,16 @@ def act(page: Page, kind: str, count: int, rng: random.Random, wait: str) -> dic
     sheet = page.locator("#sheet").bounding_box()
     blur = page.locator("#blur").bounding_box()
     presets = page.locator("#presets button")
-    assert sheet and blur
+    assert sheet
+    assert blur
     if kind == "slider":
         page.mouse.move(blur["x"] + 0.5 * blur["width"], blur["y"] + blur["height"] / 2)
         page.mouse.down()
     for at in range(count):
         page.evaluate("() => { delete document.body.dataset.stage; performance.clearMeasures(); }")
         if kind == "click":
-            x, y = (
-                sheet[side] + rng.uniform(0.1, 0.9) * sheet[size]
-                for side, size in (("x", "width"), ("y", "height"))
-            )
+            x = sheet["x"] + rng.uniform(0.1, 0.9) * sheet["width"]
+            y = sheet["y"] + rng.uniform(0.1, 0.9) * sheet["height"]
             page.mouse.click(x, y)
         elif kind == "slider":
             x = blur["x"] + (0.3 + 0.4 * rng.random()) * blur["width"]
@@ -99,6 +99,7 @@ def act(page: Page, kind: str, count: int, rng: random.Random, wait: str) -> dic
 
 
 def told(times: list[float]) -> str:
+    """p50 and p95."""
     if not times:
         return "      -      "
     return f"{np.percentile(times, 50):6.0f} {np.percentile(times, 95):6.0f}"
@@ -106,20 +107,10 @@ def told(times: list[float]) -> str:
 
 def measure(picture: Path, disparity: Path, clicks: int, browser: Any) -> None:
     """Measure one picture and print its table."""
-    words = [
-        sys.executable,
-        "-m",
-        "bokehnet",
-        "studio",
-        "--no-browser",
-        str(picture),
-        "--disparity",
-        str(disparity),
-    ]
-    width = oiio.ImageBuf(str(picture)).spec().width
-    process = subprocess.Popen(
-        [*words, "--blur", f"{0.05 * width:g}", "--focus", "0.4"], stdout=subprocess.PIPE, text=True
-    )
+    words = [sys.executable, "-m", "bokehnet", "studio", "--no-browser", str(picture)]
+    blur = 0.05 * oiio.ImageBuf(str(picture)).spec().width
+    words += ["--disparity", str(disparity), "--blur", f"{blur:g}", "--focus", "0.4"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         address = re.search(r"http://\S+", process.stdout.readline())

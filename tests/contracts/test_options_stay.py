@@ -42,6 +42,9 @@ OPTIONS = {
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json
     """,
+    "studio": """
+        --blur --disparity --depth-model --no-browser --port --preset --settings
+    """,
     "synth": """
         --config --out --ray --workers
     """,

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("starlette", reason="needs the extra studio")
 api = pytest.importorskip("playwright.sync_api", reason="drives a browser with playwright")
 
-from bokehnet.io.image import write_image, write_map
+from bokehnet.io.image import write_image, write_map  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -36,7 +36,7 @@ def put(page, name: str, value: object) -> None:
     """Move a slider as a hand does."""
     page.eval_on_selector(
         name,
-        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', {bubbles: true})); }",
+        "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input', {bubbles: true})); }",
         value,
     )
 
@@ -186,7 +186,7 @@ def test_loupe_and_overlays(page, pixels):
 
 def test_every_control_has_a_name_for_screen_readers(page):
     nameless = page.evaluate(
-        """() => [...document.querySelectorAll("button, input, select, canvas:not([aria-hidden]), a")].filter((one) => {
+        """() => [...document.querySelectorAll("button, input, select, a, #loupe")].filter((one) => {
             const label = one.labels?.[0]?.textContent || one.getAttribute("aria-label") || one.textContent;
             return !label?.trim() && !one.closest("#sheet, figure, [aria-hidden=true]");
         }).map((one) => one.outerHTML)"""
