@@ -1,6 +1,7 @@
 """An opened picture in the sizes at which it is looked at, with what is painted on its map."""
 
 import os
+import threading
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -128,6 +129,7 @@ class Opened:
         self.repaired: bool | None = None
         self.repair_reason = ""
         self.version = 0
+        self._lock = threading.Lock()
         self._views: OrderedDict[Any, tuple[Array, Array]] = OrderedDict()
 
     @property
@@ -149,9 +151,10 @@ class Opened:
         """Go on with a map whose edges stand where the picture has them."""
         self.repaired, self.repair_reason = repaired, reason
         if repaired:
-            self.values = values
-            self.version += 1
-            self._views.clear()
+            with self._lock:
+                self.values = values
+                self.version += 1
+                self._views.clear()
 
     def fitted(self, width: int, height: int) -> tuple[int, int]:
         """The largest size within the given one that has the picture's proportions; no larger than it is."""
@@ -245,22 +248,25 @@ class Opened:
 
     def change_strokes(self, strokes: Sequence[Stroke], undone: Sequence[Stroke] = ()) -> None:
         """Put other strokes on the map."""
-        self.strokes, self.undone = list(strokes), list(undone)
-        self.version += 1
-        self._views.clear()
+        with self._lock:
+            self.strokes, self.undone = list(strokes), list(undone)
+            self.version += 1
+            self._views.clear()
 
     def _resized(self, size: tuple[int, int]) -> tuple[Array, Array]:
-        if size not in self._views:
-            width, height = size
-            image, values = self.scene.image, self.values
-            if size != self.size:
-                image, values = resample(image, height, width, "area"), resize_map(values, height, width)
-            lasting = [stroke for stroke in self.strokes if stroke.effect != "sharp"]
-            self._views[size] = image, painted(values, image, lasting) if lasting else values
-            while len(self._views) > _MOST_KEPT:
-                self._views.popitem(last=False)
-        self._views.move_to_end(size)
-        return self._views[size]
+        """Picture and map at a size, with the strokes that do not follow the focus; the latest are kept."""
+        with self._lock:
+            if size not in self._views:
+                width, height = size
+                image, values = self.scene.image, self.values
+                if size != self.size:
+                    image, values = resample(image, height, width, "area"), resize_map(values, height, width)
+                lasting = [stroke for stroke in self.strokes if stroke.effect != "sharp"]
+                self._views[size] = image, painted(values, image, lasting) if lasting else values
+                while len(self._views) > _MOST_KEPT:
+                    self._views.popitem(last=False)
+            self._views.move_to_end(size)
+            return self._views[size]
 
     def _painted_in_full(self) -> Array:
         return self._resized(self.size)[1]

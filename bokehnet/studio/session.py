@@ -53,6 +53,7 @@ class Session:
         self._opening = threading.Event()
         self.jobs: dict[str, dict[str, Any]] = {"repair": {"state": "idle"}, "export": {"state": "idle"}}
         self._result: Path | None = None
+        self._sent: list[Path] = []
 
     def start(self) -> None:
         """Start the helpers ahead."""
@@ -77,12 +78,21 @@ class Session:
         try:
             scene, complete = self.slow.run(open_picture, path, settings, seconds=_OPENING)
         except BokehnetError as error:
+            self._opening = threading.Event()
+            if self.opened is not None and self.opened.repaired is None:
+                self._repair()  # of the picture that stays
+            self._sent += [path.parent] if self.folder in path.parents else []
+            self._remove_unused()
             raise self._without_paths(error) from error
         with self._lock:
             self.opened, self.settings = Opened(path, scene), complete
             self.opened.strokes = strokes or []
             self._opening = threading.Event()
             self.jobs["repair"] = {"state": "idle"}
+            values = (getattr(getattr(complete, one.group), one.name) for one in all_settings().values())
+            sent = {path.parent, *(value.parent for value in values if isinstance(value, Path))}
+            self._sent += [folder for folder in sent if self.folder in folder.parents]
+            self._remove_unused()
         self._repair()
 
     def change(self, changes: Mapping[str, Any]) -> RenderSettings:
@@ -232,6 +242,7 @@ class Session:
         """
         folder = Path(tempfile.mkdtemp(dir=self.folder))
         table = read_session(path, folder)
+        shutil.rmtree(path.parent, ignore_errors=True)
         try:
             settings, strokes = table["settings"], [Stroke.from_table(one) for one in table["strokes"]]
             picture = folder / safe_name(table["picture"])
@@ -326,6 +337,8 @@ class Session:
             complete = replace(complete, output=replace(complete.output, save_maps=None))
             arguments = (opened.path, folder / name, complete)
             facts = self.slow.run(render_file, *arguments, progress=progress, cancel=self._export_stop)
+            if self._result is not None:
+                shutil.rmtree(self._result.parent, ignore_errors=True)
             self._result = folder / name
             self.jobs["export"] = {
                 "state": "done",
@@ -339,6 +352,16 @@ class Session:
         except Exception as error:
             told = str(error) if isinstance(error, BokehnetError) else f"failed by a fault: {error}"
             self.jobs["export"] = {"state": "failed", "error": self._clean(told)}
+
+    def _remove_unused(self) -> None:
+        """Remove what pages have sent and nothing needs: pictures that were open before, or could not be."""
+        used = set() if self.opened is None else {self.opened.path.parent}
+        for known in all_settings().values():
+            value = getattr(getattr(self.settings, known.group), known.name)
+            used |= {value.parent} if isinstance(value, Path) else set()
+        for folder in [folder for folder in self._sent if folder not in used]:
+            self._sent.remove(folder)
+            shutil.rmtree(folder, ignore_errors=True)
 
     def _made(self) -> Path:
         folder = self.folder / "made"

@@ -10,10 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("starlette", reason="needs the extra studio")
-api = pytest.importorskip("playwright.sync_api", reason="drives a browser with playwright")
-
-from bokehnet.io.image import write_image, write_map  # noqa: E402
+from bokehnet.io.image import write_image, write_map
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -43,6 +40,8 @@ class Studio:
 @pytest.fixture(scope="session")
 def browser() -> Iterator[object]:
     """The distribution's Chromium, or playwright's own."""
+    pytest.importorskip("starlette", reason="needs the extra studio")
+    api = pytest.importorskip("playwright.sync_api", reason="drives a browser with playwright")
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     with api.sync_playwright() as driver:
@@ -70,6 +69,7 @@ def files(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def studio(files) -> Iterator[Studio]:
+    pytest.importorskip("starlette", reason="needs the extra studio")
     made = Studio(
         files / "photo.png",
         *("--disparity", files / "map.png", "--blur", 12, "--focus", 0, "--repair-disparity", "off"),

@@ -50,17 +50,20 @@ async function render({ changes, preset, begun, kind }) {
       else if (header.stage === "error") throw new Told(header.error);
       else if (header.bytes) {
         draw(result, found);
-        measure(header.stage, begun, kind);
-        if (!first) taken(header);
+        const fresh = !first;
         first = true;
-        showFacts(header);
-        if (header.stage !== "draft") requestAnimationFrame(() => histogram($("histogram"), found.pixels));
+        painted(() => {
+          performance.measure(`pixels ${header.stage}`, { start: begun, end: performance.now(), detail: { kind } });
+          if (fresh) taken(header);
+          showFacts(header);
+          if (header.stage !== "draft") histogram($("histogram"), found.pixels);
+        });
         pump();
       }
     }
     if (control.signal.aborted) return;
     showProgress(0);
-    settled();
+    painted(settled);
   } catch (error) {
     if (error.name === "AbortError" || control.signal.aborted) return;
     tell(error);
@@ -72,11 +75,11 @@ async function render({ changes, preset, begun, kind }) {
   }
 }
 
-/** Remember how long it was from the hand to the painted pixels. */
-function measure(name, begun, kind) {
+/** Do something once what was drawn is on the screen, so that it does not wait for this. */
+function painted(then) {
   requestAnimationFrame(() => {
     const channel = new MessageChannel();
-    channel.port1.onmessage = () => performance.measure(`pixels ${name}`, { start: begun, end: performance.now(), detail: { kind } });
+    channel.port1.onmessage = then;
     channel.port2.postMessage(0);
   });
 }
@@ -155,6 +158,7 @@ async function opened(state) {
 /** Give the canvases the size that the picture has here. */
 function fit() {
   const { width, height } = now.state;
+  stage.style.setProperty("--ratio", height / width);
   const room = stage.getBoundingClientRect(), dense = Math.min(devicePixelRatio || 1, 2);
   const factor = Math.min((room.width - 4) / width, (room.height - 4) / height);
   sheet.style.width = `${Math.round(width * factor)}px`;
@@ -360,6 +364,7 @@ const look = safely(async () => {
       if (next) break;
     }
   } finally {
+    looking?.abort();
     looking = null;
     if (next) look();
   }

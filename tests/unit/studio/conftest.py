@@ -6,14 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-pytest.importorskip("starlette", reason="needs the extra studio")
-pytest.importorskip("httpx", reason="asks the application as a browser does, with httpx")
-
-from starlette.testclient import TestClient
-
 from bokehnet.io.image import write_image, write_map
 from bokehnet.rendering.settings import RenderSettings
-from bokehnet.studio.app import make_app
 from bokehnet.studio.session import Session
 
 PORT, TOKEN = 8123, "a-token-that-tests-know"
@@ -57,9 +51,16 @@ def opened(session, files) -> Session:
 
 
 @pytest.fixture(scope="session")
-def client(session) -> TestClient:
+def client(session):
+    """Asks as the studio's own page does."""
+    pytest.importorskip("httpx", reason="asks the application as a browser does, with httpx")
+    testclient = pytest.importorskip("starlette.testclient", reason="needs the extra studio")
+    from bokehnet.studio.app import make_app
+
     app = make_app(session, token=TOKEN, port=PORT)
-    return TestClient(app, base_url=f"http://{HOST}/{TOKEN}/", headers={"origin": f"http://{HOST}"})
+    return testclient.TestClient(
+        app, base_url=f"http://{HOST}/{TOKEN}/", headers={"origin": f"http://{HOST}"}
+    )
 
 
 @pytest.fixture

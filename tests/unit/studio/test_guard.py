@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from starlette.websockets import WebSocketDisconnect
 
 from bokehnet.errors import BokehnetError, ConfigError, ImageFileError
 from bokehnet.studio import uploads
@@ -98,6 +97,8 @@ def test_every_answer_forbids_inline_scripts_and_frames(client):
 
 
 def test_a_websocket_is_closed(client):
+    from starlette.websockets import WebSocketDisconnect
+
     with pytest.raises(WebSocketDisconnect), client.websocket_connect(f"/{TOKEN}/api/state"):
         pass
 

@@ -272,6 +272,17 @@ def test_a_map_is_dropped_on_an_open_picture(client, session, files):
     assert state["settings"]["input"] == {"disparity": "map.png"}  # its name, and no path
 
 
+def test_files_that_nothing_needs_any_more_are_removed(client, session, files, frames):
+    for _ in range(3):
+        client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+        client.post("api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes())
+        client.post("api/open?name=photo.png", content=b"broken")
+    assert len(list(session.folder.rglob("photo.png"))) == 1
+    assert len(list(session.folder.rglob("map.png"))) == 1
+    asked = ASKED | {"changes": {"engine": {"name": "scatter"}}}
+    assert frames(client.post("api/preview", json=asked).content)[-1][0]["stage"] == "scatter"
+
+
 def test_an_exr_with_depth_opens_with_its_own(client, session, tmp_path, write_channels):
     y, x = np.mgrid[:48, :64].astype(np.float32)
     write_channels(tmp_path / "shot.exr", R=x / 64, G=y / 48, B=x * 0 + 0.2, Z=1 + x / 16)
