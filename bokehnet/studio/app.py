@@ -277,7 +277,7 @@ class _Api:
         def render() -> Picture:
             scene = opened.view(size, settings)
             told = opened.at_size(settings, size[0] / opened.size[0])
-            found: Picture = session.fine.run(refine, scene, told, opened.space, shown)
+            found: Picture = session.fine.run(refine, scene, told, opened.space, shown, "final")
             return found
 
         return Response(_framed(await asyncio.to_thread(render)), media_type="application/octet-stream")

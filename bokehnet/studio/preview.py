@@ -1,9 +1,10 @@
 """From a change to pixels: a small picture at once, the screen's size next, then the engine's own."""
 
 import threading
+from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
-from time import perf_counter
+from dataclasses import dataclass, replace
+from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,9 @@ _AT_ONCE = 0.045
 
 # Sides of the first picture over those of the screen's.
 _FIRST = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18)
+
+# Looks for the next change after the first picture, and the seconds before each.
+_MOMENTS, _MOMENT = 5, 0.01
 
 _MARGIN = 1.25  # of a part of the picture, in its largest blur radii
 
@@ -65,9 +69,11 @@ def quick_settings(settings: RenderSettings) -> RenderSettings:
     return RenderSettings().updated({**table, "engine": {"name": "scatter"}})
 
 
-def refine(scene: Scene, settings: RenderSettings, space: Any, shown: str, *, report: Progress) -> Picture:
+def refine(
+    scene: Scene, settings: RenderSettings, space: Any, shown: str, stage: str, *, report: Progress
+) -> Picture:
     """Render by the engine that is asked for; a task of the helper."""
-    return _render(_renderer(), scene, settings, space, shown, "final", report)
+    return _render(_renderer(), scene, settings, space, shown, stage, report)
 
 
 _kept: list[BokehRenderer] = []
@@ -95,6 +101,8 @@ class Previews:
             False: 2e-6,
         }  # seconds a pixel, by whether discs are plain
         self._latest: dict[str, threading.Event] = {}
+        # Shapes of the opening that are laid out here, beside plain discs; the engine keeps two.
+        self._ready: deque[ApertureSettings] = deque(maxlen=2)
 
     def begin(self, client: str) -> threading.Event:
         """Return the signal that ends a preview; that of the same page before it is set."""
@@ -131,25 +139,33 @@ class Previews:
             RenderCancelled: ``cancel`` was set.
         """
         scene, inside = self._scene(opened, settings, size, region)
-        factor = 1.0 if region else size[0] / opened.size[0]
-        wanted = opened.at_size(settings, factor)
-        quick = quick_settings(wanted)
-        engine = settings.engine.name or "rays"
-        if region is None:
-            pixels = size[0] * size[1]
-            seconds = pixels * self._pace[_is_plain(quick)]
-            share = next((side for side in _FIRST if side**2 * seconds < _AT_ONCE), _FIRST[-1])
-            if share < 1:
-                small = max(16, round(size[0] * share)), max(16, round(size[1] * share))
-                few = opened.at_size(settings, factor * small[0] / size[0])
-                yield self._quick(
-                    opened, opened.view(small, settings), quick_settings(few), shown, "draft", cancel
-                )
-        first = self._quick(opened, scene, quick, shown, "scatter", cancel)
-        yield _cut(first, inside)
+        wanted = opened.at_size(settings, 1.0 if region else size[0] / opened.size[0])
+        quick, engine = quick_settings(wanted), settings.engine.name or "rays"
+        ready = _is_plain(quick) or quick.aperture in self._ready
+        small = size if region else self._first_size(size, ready and _is_plain(quick))
+        if small != size or not ready:
+            few = opened.at_size(settings, small[0] / opened.size[0])
+            first = replace(quick_settings(few), aperture=quick.aperture if ready else ApertureSettings())
+            view = scene if region else opened.view(small, settings)
+            yield _cut(self._quick(opened, view, first, shown, "draft", cancel), inside)
+            _rest(cancel)
+        if ready:
+            yield _cut(self._quick(opened, scene, quick, shown, "scatter", cancel), inside)
+        else:  # its shape takes long to be laid out, which must not keep the next change waiting
+            task = (scene, quick, opened.space, shown, "scatter")
+            yield _cut(self._helper.run(refine, *task, cancel=cancel), inside)
         if engine != "scatter":
-            task = (scene, wanted, opened.space, shown)
+            task = (scene, wanted, opened.space, shown, "final")
             yield _cut(self._helper.run(refine, *task, progress=progress, cancel=cancel), inside)
+        if not ready and not cancel.is_set():
+            _renderer().warm_up(quick.updated({"depth": {"repair": "off"}}))
+            self._ready.append(quick.aperture)
+
+    def _first_size(self, size: tuple[int, int], plain: bool) -> tuple[int, int]:
+        """Size of the first picture: as large as it can be within its time."""
+        seconds = size[0] * size[1] * self._pace[plain]
+        share = next((side for side in _FIRST if side**2 * seconds < _AT_ONCE), _FIRST[-1])
+        return max(16, round(size[0] * share)), max(16, round(size[1] * share))
 
     def _quick(
         self,
@@ -215,6 +231,14 @@ def _render(
     }
     rgba = to_rgba(result.bokeh, space, shown)
     return Picture(stage=stage, rgba=rgba, facts=facts | {"seconds": perf_counter() - begun})
+
+
+def _rest(cancel: CancelSignal) -> None:
+    """Wait a moment for the next change, as while a slider is dragged: what is begun cannot be given up."""
+    for _ in range(_MOMENTS):
+        sleep(_MOMENT)
+        if cancel.is_set():
+            raise RenderCancelled("rendering was cancelled")
 
 
 def _is_plain(settings: RenderSettings) -> bool:

@@ -73,6 +73,18 @@ def test_null_brings_a_default_back(client, opened):
     assert opened.settings.aperture.blades == 0
 
 
+def test_a_new_shape_comes_first_as_plain_discs(client, opened, frames):
+    """Laying out a shape takes long; the first picture does not wait for it, and the next one knows it."""
+    asked = ASKED | {"changes": {"aperture": {"blades": 3, "rotation": 20.0}}}
+    found = frames(client.post("api/preview", json=asked).content)
+    assert [header["stage"] for header, _ in found] == ["draft", "scatter", "final"]
+    scene = read_scene(opened.opened.path, opened.settings)
+    shaped = shown(BokehRenderer("scatter").render(scene, opened.settings).bokeh)
+    assert np.abs(found[1][1][..., :3] - shaped).max() <= 1
+    again = frames(client.post("api/preview", json=ASKED).content)
+    assert (again[-2][1] == found[1][1]).all()
+
+
 def test_a_newer_request_of_the_same_page_ends_the_one_before(opened):
     previews = opened.previews
     first = previews.begin("page")
