@@ -29,7 +29,7 @@ from bokehnet.studio.opened import Opened, Region
 __all__ = ["Picture", "Previews", "quick_settings"]
 
 # Seconds that the first picture may take; its size follows from what earlier ones took.
-_AT_ONCE = 0.045
+_AT_ONCE = 0.03
 
 # Sides of the first picture over those of the screen's.
 _FIRST = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18)
