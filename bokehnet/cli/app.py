@@ -18,6 +18,7 @@ from bokehnet.cli.options import QuickGroup, SectionedCommand, told
 from bokehnet.cli.presets import presets
 from bokehnet.cli.render import render
 from bokehnet.cli.serve import serve
+from bokehnet.cli.studio import studio
 from bokehnet.cli.synth import synth
 from bokehnet.cli.trace import trace
 from bokehnet.cli.warm_up import warm_up
@@ -49,6 +50,7 @@ app.add_typer(lens)
 app.command()(models)
 app.command()(presets)
 app.command(cls=SectionedCommand)(serve)
+app.command(cls=SectionedCommand)(studio)
 app.command()(synth)
 app.command()(trace)
 app.command()(warm_up)

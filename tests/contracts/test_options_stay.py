@@ -49,6 +49,9 @@ OPTIONS = {
         --host --port --folder --tokens --workers --queue --max-pixels --max-upload --time-limit
         --memory-limit --keep --patience --drain --fetch-from
     """,
+    "studio": """
+        --blur --disparity --depth-model --no-browser --port --preset --settings
+    """,
     "synth": """
         --config --out --ray --workers
     """,

@@ -1,0 +1,63 @@
+"""Sessions as one file: the picture, what tells its depth, the settings and the strokes.
+
+It is a ZIP file without compression, so that none grows when it is read.
+"""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import ConfigError
+from bokehnet.studio.uploads import MOST_BYTES, safe_name
+
+__all__ = ["read_session", "write_session"]
+
+_TABLE = "session.json"
+_MOST_FILES = 8
+_MOST_TABLE = 4 * 2**20
+
+
+def write_session(path: Path, table: dict[str, Any], files: dict[str, Path]) -> None:
+    """Write a session.
+
+    Args:
+        path: Where it goes.
+        table: What JSON holds of it.
+        files: By the names that the table has for them.
+    """
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        archive.writestr(_TABLE, json.dumps(table, indent=1))
+        for name, file in files.items():
+            archive.write(file, name)
+
+
+def read_session(path: Path, folder: Path) -> dict[str, Any]:
+    """Return the table of a session, and put its files into a folder.
+
+    Raises:
+        ConfigError: It is none, holds anything that is compressed, too large, or named to go elsewhere.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+            if len(entries) > _MOST_FILES or sum(entry.file_size for entry in entries) > MOST_BYTES:
+                raise ConfigError("expected a session of a few files, found a larger one")
+            for entry in entries:
+                if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
+                    raise ConfigError("expected a session without compression, found a compressed file in it")
+            if archive.getinfo(_TABLE).file_size > _MOST_TABLE:
+                raise ConfigError("expected a session of a few files, found a larger one")
+            table = json.loads(archive.read(_TABLE))
+            for entry in entries:
+                if entry.filename != _TABLE:
+                    if safe_name(entry.filename) != entry.filename:
+                        raise ConfigError("expected plain names in a session, found another")
+                    (folder / entry.filename).write_bytes(archive.read(entry))
+    except (zipfile.BadZipFile, KeyError, ValueError, RecursionError, EOFError, NotImplementedError) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise ConfigError("expected a session that the studio has saved, found something else") from error
+    if not isinstance(table, dict):
+        raise ConfigError("expected a session that the studio has saved, found something else")
+    return table

@@ -1,0 +1,90 @@
+"""The file that the shown command line makes, made in the background by the same steps."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bokehnet.inference.engine import Progress
+from bokehnet.io.image import check_writable, write_map
+from bokehnet.io.row_blocks import part_of
+from bokehnet.rendering.output import check_output
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.scene import read_scene
+from bokehnet.rendering.settings import RenderSettings
+from bokehnet.studio.opened import Opened
+
+__all__ = ["render_file", "with_painted_map"]
+
+
+def render_file(image: Path, output: Path, settings: RenderSettings, *, report: Progress) -> dict[str, Any]:
+    """Read, render and write a picture, as ``bokehnet render`` does; a task of the helper.
+
+    Returns:
+        What was decided, for people.
+
+    Raises:
+        BokehnetError: As for the command.
+    """
+    check_writable(output)
+    check_output(output, settings.output)
+    renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights)
+    renderer.check(settings)
+    scene = read_scene(image, settings, progress=part_of(report, 0, 4))
+    check_output(output, settings.output, scene.frame)
+    focused = renderer.prepare(scene, settings, part_of(report, 1, 4))
+    del scene
+    result = renderer.render(focused, settings, part_of(report, 2, 4), overwrite=True)
+    result.save(output, part_of(report, 3, 4))
+    return {"engine": result.report.engine, "largest_blur": result.report.largest_blur}
+
+
+def with_painted_map(
+    opened: Opened, settings: RenderSettings, folder: Path, *, write: bool = True
+) -> tuple[RenderSettings, Path | None]:
+    """Write the map of a picture that is painted on, and return settings that take the depth from there.
+
+    Args:
+        opened: The picture.
+        settings: All that is asked for.
+        folder: Where the map goes.
+        write: Whether it is written; else only its name is told.
+
+    Returns:
+        The settings, and the map's file; None where nothing is painted.
+    """
+    if not opened.strokes:
+        return settings, None
+    path = folder / f"{opened.path.stem}_painted.exr"
+    depth = opened.scene.depth
+    table = settings.to_table()
+    source = {name: table.get("input", {}).get(name) for name in ("matte", "supersampled")}
+    kept = {name: value for name, value in source.items() if value is not None}
+    reading = {"repair": "off", "mixed": "off"}
+    if "pixel_filter" in table.get("depth", {}):
+        reading["pixel_filter"] = table["depth"]["pixel_filter"]
+    changes: dict[str, dict[str, Any]] = {
+        "camera": dict(table.get("camera", {})),
+        "focus": dict(table.get("focus", {})),
+    }
+    if write:
+        scale, channel = (1000, "Z") if depth.kind == "metric" else (1, "Y")
+        write_map(path, scale * opened.painted_map(settings), channel=channel)
+    if depth.kind == "relative":
+        changes |= {"input": {"disparity": str(path), **kept}, "depth": {"value_range": [0, 1], **reading}}
+    elif depth.kind == "metric":
+        changes |= {
+            "input": {"depth": str(path), "channel": "Z", **kept},
+            "depth": {"unit": "1/m", **reading},
+        }
+        for name in ("focal_length", "f_number", "sensor_width"):
+            found = getattr(depth.camera, name, None)
+            if name not in changes["camera"] and found is not None:
+                changes["camera"][name] = float(found)
+    else:
+        changes |= {"input": {"defocus": str(path), **kept}, "depth": reading}
+    focus = opened.focus_of(settings)
+    if not changes["focus"] and focus is not None and depth.kind != "defocus":
+        metric = depth.kind == "metric"
+        changes["focus"] = {"distance": 1 / (1000 * focus)} if metric else {"value": focus}
+    plain = replace(settings, input=RenderSettings().input, depth=RenderSettings().depth)
+    return plain.updated(changes), path

@@ -1,0 +1,272 @@
+"""An opened picture in the sizes at which it is looked at, with what is painted on its map."""
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.errors import BokehnetError
+from bokehnet.inference.disparity_repair import DisparityRepair
+from bokehnet.inference.engine import Progress
+from bokehnet.io.color_space import LINEAR_REC709, ColorSpace
+from bokehnet.io.maps import resize_map
+from bokehnet.io.resample import resample
+from bokehnet.io.window import Window
+from bokehnet.rendering.depth_source import depth_source
+from bokehnet.rendering.focus import disparity_at_pixel
+from bokehnet.rendering.scene import Scene, fitted_map, is_exact, read_scene
+from bokehnet.rendering.settings import (
+    CameraSettings,
+    DepthSettings,
+    FocusSettings,
+    InputSettings,
+    OutputSettings,
+    RenderSettings,
+)
+from bokehnet.studio.strokes import Stroke, painted
+
+__all__ = ["Opened", "Region", "open_picture", "repaired_map"]
+
+Array = NDArray[np.float32]
+
+_MOST_KEPT = 6
+
+# Pixels of a file that is opened, where the environment says nothing else.
+MOST_PIXELS = ("BOKEHNET_MAX_PIXELS", "64000000")
+
+_FLAT = 0.5  # relative disparity of a picture without depth
+_BLUR = 0.04  # of the width, a fast lens
+_CAMERA = {"focal_length": 50.0, "f_number": 1.8, "sensor_width": 36.0}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Region:
+    """A rectangle of the picture, in pixels of the file."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> tuple[Scene, RenderSettings]:
+    """Read a picture and its map, brought to the picture's size; a task of the helper.
+
+    Args:
+        path: The picture. One without any depth gets a flat map, to paint on.
+        settings: As given; what they leave open that the picture needs is chosen.
+        report: Is told of the progress.
+    """
+    os.environ.setdefault(*MOST_PIXELS)
+    try:
+        scene = read_scene(path, settings, source=depth_source(settings), progress=report)
+    except BokehnetError:  # no depth in it; what is wrong with the picture is told below again
+        if any(getattr(settings.input, name) is not None for name in InputSettings.ONE_OF):
+            raise
+        flat = InputSettings(constant_disparity=_FLAT)
+        settings = replace(settings, input=flat, camera=CameraSettings(blur=settings.camera.blur))
+        scene = read_scene(path, settings, source=depth_source(settings), progress=report)
+    if scene.depth.values.shape != scene.image.shape[:2] and not scene.depth.fits_any_size:
+        settings = replace(settings, depth=replace(settings.depth, resize=True))
+    values = fitted_map(scene, replace(settings.depth, repair="off"))
+    depth = replace(scene.depth, values=values, filtered=None, fits_any_size=False)
+    return replace(scene, depth=depth), _completed(settings, scene)
+
+
+def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
+    """The settings with a camera and a focus where neither they nor the picture's files tell one."""
+    height, width = (side // scene.supersampled for side in scene.image.shape[:2])
+    focus, camera, depth = settings.focus, settings.camera, scene.depth
+    if depth.kind == "defocus":
+        return settings
+    changes: dict[str, dict[str, Any]] = {"camera": {}, "focus": {}}
+    if depth.kind == "relative" and camera.blur is None:
+        changes["camera"]["blur"] = float(round(_BLUR * width))
+    for name, usual in _CAMERA.items() if depth.kind == "metric" else ():
+        if getattr(camera, name) is None and getattr(depth.camera, name, None) is None:
+            changes["camera"][name] = usual
+    told = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
+    if not told and all(getattr(focus, name) is None for name in FocusSettings.ONE_OF):
+        changes["focus"]["at"] = [width // 2, height // 2]
+    return settings.updated(changes)
+
+
+def repaired_map(scene: Scene, mode: Any, *, report: Progress) -> tuple[Array, bool, str]:
+    """Return the map with its edges repaired, whether they were moved, and why; a task of the helper."""
+    found = DisparityRepair().repair(scene.image, scene.depth.values, mode, report)
+    return found.disparity, found.repaired, found.reason
+
+
+class Opened:
+    """A picture that is looked at.
+
+    Args:
+        path: Its file.
+        scene: As :func:`open_picture` gives it.
+
+    Attributes:
+        path: As given.
+        scene: As given.
+        strokes: What is painted on the map.
+        undone: Strokes that can come back, the last one first.
+        values: The map (H, W), repaired once that is done.
+        repaired: Whether it is; None before anybody looked.
+        repair_reason: Why.
+        version: Rises whenever the map changes.
+    """
+
+    def __init__(self, path: Path, scene: Scene) -> None:
+        self.path, self.scene = path, scene
+        self.strokes: list[Stroke] = []
+        self.undone: list[Stroke] = []
+        self.values = scene.depth.values
+        self.repaired: bool | None = None
+        self.repair_reason = ""
+        self.version = 0
+        self._lock = threading.Lock()
+        self._views: OrderedDict[Any, tuple[Array, Array]] = OrderedDict()
+
+    @property
+    def space(self) -> ColorSpace:
+        """Whose primaries the picture has."""
+        return LINEAR_REC709 if self.scene.frame is None else self.scene.frame.space
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture, pixels."""
+        return self.scene.image.shape[1], self.scene.image.shape[0]
+
+    @property
+    def can_be_repaired(self) -> bool:
+        """Whether edges of its map may be out of place."""
+        return self.scene.depth.kind != "defocus" and not is_exact(self.scene)
+
+    def take_repaired(self, values: Array, repaired: bool, reason: str) -> None:
+        """Go on with a map whose edges stand where the picture has them."""
+        self.repaired, self.repair_reason = repaired, reason
+        if repaired:
+            with self._lock:
+                self.values = values
+                self.version += 1
+                self._views.clear()
+
+    def fitted(self, width: int, height: int) -> tuple[int, int]:
+        """The largest size within the given one that has the picture's proportions; no larger than it is."""
+        full = self.size
+        scale = min(1.0, width / full[0], height / full[1])
+        return max(16, round(full[0] * scale)), max(16, round(full[1] * scale))
+
+    def focus_of(self, settings: RenderSettings) -> float | None:
+        """What stays sharp, in the unit of the map; None where settings do not tell it without the lens."""
+        focus = settings.focus
+        if focus.value is not None:
+            return focus.value
+        if focus.distance is not None:
+            return 1 / (1000 * focus.distance)
+        if focus.at is not None:
+            depth = replace(self.scene.depth, values=self._painted_in_full())
+            return disparity_at_pixel(focus.at, depth, self.scene.window)
+        return self.scene.depth.focus
+
+    def view(self, size: tuple[int, int], settings: RenderSettings, region: Region | None = None) -> Scene:
+        """Return the scene at another size, or a part of it in full, with all strokes on its map.
+
+        Args:
+            size: Width and height, pixels.
+            settings: Tell the focus, which strokes keep sharp.
+            region: The part; ``size`` is of no meaning then.
+        """
+        window = self.scene.window
+        if region is None:
+            image, values = self._resized(size)
+            factor = size[0] / self.size[0]
+            shown = round(window.display_width * factor), round(window.display_height * factor)
+            place = Window(
+                x=round(window.x * factor),
+                y=round(window.y * factor),
+                width=size[0],
+                height=size[1],
+                display_width=max(shown[0], 1),
+                display_height=max(shown[1], 1),
+            )
+        else:
+            image, values, factor = self.scene.image, self._painted_in_full(), 1.0
+            rows = slice(max(region.y, 0), min(region.y + region.height, self.size[1]))
+            columns = slice(max(region.x, 0), min(region.x + region.width, self.size[0]))
+            image, values = (np.ascontiguousarray(array[rows, columns]) for array in (image, values))
+            place = replace(
+                window,
+                x=window.x + columns.start,
+                y=window.y + rows.start,
+                width=image.shape[1],
+                height=image.shape[0],
+            )
+        if region is None and any(stroke.effect == "sharp" for stroke in self.strokes):
+            sharp = [stroke for stroke in self.strokes if stroke.effect == "sharp"]
+            values = painted(values, image, sharp, self.focus_of(settings))
+        if self.scene.depth.kind == "defocus" and factor != 1:
+            values = values * np.float32(factor)
+        return Scene(image=image, depth=replace(self.scene.depth, values=values, notes=()), window=place)
+
+    def painted_map(self, settings: RenderSettings) -> Array:
+        """The map (H, W) of the whole picture with all strokes."""
+        return painted(self.values, self.scene.image, self.strokes, self.focus_of(settings))
+
+    def at_size(self, settings: RenderSettings, factor: float) -> RenderSettings:
+        """Return the settings for a view that is ``factor`` times the size: no files, nothing to repair."""
+        table = {group: dict(fields) for group, fields in settings.to_table().items()}
+        for gone in (InputSettings.GROUP, DepthSettings.GROUP, OutputSettings.GROUP):
+            table.pop(gone, None)
+        table["depth"] = {"repair": "off", "mixed": "off", "pixel_filter": settings.depth.pixel_filter}
+        table.get("engine", {}).pop("max_memory", None)
+        camera, focus, effects = (table.setdefault(name, {}) for name in ("camera", "focus", "effects"))
+        factor /= self.scene.supersampled
+        if "blur" in camera:
+            camera["blur"] *= factor
+        if effects.get("grain_size"):
+            effects["grain_size"] *= factor
+        leans = focus.get("tilt_x") or focus.get("tilt_y")
+        if "at" in focus and leans:
+            focus["at"] = [int(side * factor) for side in focus["at"]]
+        elif "at" in focus:
+            del focus["at"]
+            disparity = self.focus_of(settings)
+            assert disparity is not None
+            if self.scene.depth.kind == "metric":
+                focus["distance"] = 1 / (1000 * disparity) if disparity > 0 else float("inf")
+            else:
+                focus["value"] = float(np.clip(disparity, 0, 1))
+        if "plane" in focus:
+            focus["plane"] = [[int(side * factor) for side in pixel] for pixel in focus["plane"]]
+        return RenderSettings().updated(table)
+
+    def change_strokes(self, strokes: Sequence[Stroke], undone: Sequence[Stroke] = ()) -> None:
+        """Put other strokes on the map."""
+        with self._lock:
+            self.strokes, self.undone = list(strokes), list(undone)
+            self.version += 1
+            self._views.clear()
+
+    def _resized(self, size: tuple[int, int]) -> tuple[Array, Array]:
+        """Picture and map at a size, with the strokes that do not follow the focus; the latest are kept."""
+        with self._lock:
+            if size not in self._views:
+                width, height = size
+                image, values = self.scene.image, self.values
+                if size != self.size:
+                    image, values = resample(image, height, width, "area"), resize_map(values, height, width)
+                lasting = [stroke for stroke in self.strokes if stroke.effect != "sharp"]
+                self._views[size] = image, painted(values, image, lasting) if lasting else values
+                while len(self._views) > _MOST_KEPT:
+                    self._views.popitem(last=False)
+            self._views.move_to_end(size)
+            return self._views[size]
+
+    def _painted_in_full(self) -> Array:
+        return self._resized(self.size)[1]

@@ -1,0 +1,133 @@
+"""What is laid over the picture or drawn beside it: depth, focus, doubt, the shape of a point of light."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.errors import ParameterError
+from bokehnet.io.color_space import SRGB
+from bokehnet.io.window import Window
+from bokehnet.rendering.depth_source import DefocusMap
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.scene import make_scene
+from bokehnet.rendering.settings import RenderSettings
+from bokehnet.studio.display import to_rgba
+from bokehnet.studio.opened import Opened
+from bokehnet.studio.preview import Picture, quick_settings
+
+__all__ = ["aperture_image", "overlay", "plain"]
+
+Array = NDArray[np.float32]
+
+_SHARP = 0.75  # pixels of blur radius up to which a pixel is in focus
+
+# From far to near: dark blue, teal, sand, white; even in lightness, so that grey prints tell as much.
+_DEPTH_COLORS = np.array([[20, 24, 70], [20, 110, 130], [200, 170, 110], [255, 250, 240]], np.float32)
+_NEAR, _FAR, _IN_FOCUS, _DOUBT = (235, 140, 40), (60, 120, 235), (70, 230, 120), (235, 60, 60)
+
+_PSF_SIDE, _PSF_RADIUS = 96, 40  # pixels
+_PSF_AROUND = 64  # pixels beyond, so that no border of a picture is near
+_PSF_PICTURE = 4096  # pixels; of the picture in which the point lies
+
+
+def plain(opened: Opened, size: tuple[int, int], shown: str) -> Picture:
+    """The picture before any blur."""
+    scene = opened.view(size, RenderSettings())
+    return Picture(stage="plain", rgba=to_rgba(scene.image, opened.space, shown), facts={})
+
+
+def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kind: str) -> Picture:
+    """Return a picture (H, W, 4) to lay over the preview.
+
+    Args:
+        opened: What is looked at.
+        settings: Tell the focus.
+        size: Width and height, pixels.
+        kind: ``depth``: near is light; ``focus``: green is sharp, orange in front of it, blue behind;
+            ``confidence``: red where depth edges or the repair of the map may be wrong.
+
+    Raises:
+        ParameterError: Another kind.
+    """
+    made: dict[str, Callable[[Opened, RenderSettings, tuple[int, int]], NDArray[np.uint8]]] = {
+        "depth": _depth,
+        "focus": _focus,
+        "confidence": _confidence,
+    }
+    if kind not in made:
+        raise ParameterError("kind", f"one of {', '.join(made)}", kind)
+    return Picture(stage=kind, rgba=made[kind](opened, settings, size), facts={})
+
+
+def aperture_image(settings: RenderSettings) -> Picture:
+    """What a point of light behind focus becomes in the middle of the picture and in its upper right corner.
+
+    Both are rendered by the engine that shapes come from; the brightest 1 % is white.
+    """
+    renderer, told = BokehRenderer("scatter"), quick_settings(settings).to_table()
+    for gone in ("focus", "camera", "input", "depth", "effects", "highlights"):
+        told.pop(gone, None)
+    quick = RenderSettings().updated({**told, "depth": {"repair": "off"}})
+    side, shown = _PSF_SIDE + 2 * _PSF_AROUND, slice(_PSF_AROUND, _PSF_AROUND + _PSF_SIDE)
+    radii = np.full((side, side), -_PSF_RADIUS, np.float32)
+    point = np.zeros((side, side, 3), np.float32)
+    point[side // 2, side // 2] = 1.0
+    panels = []
+    for left, top in (
+        (_PSF_PICTURE // 2 - side // 2, _PSF_PICTURE // 2 - side // 2),
+        (_PSF_PICTURE - side, 0),
+    ):
+        window = Window(
+            x=left, y=top, width=side, height=side, display_width=_PSF_PICTURE, display_height=_PSF_PICTURE
+        )
+        light = renderer.render(make_scene(point, DefocusMap(map=radii), window=window), quick).bokeh
+        bright = float(np.quantile(light[shown, shown], 0.99)) or 1.0
+        panels.append(to_rgba(light[shown, shown] / np.float32(bright), SRGB))
+    return Picture(stage="aperture", rgba=np.ascontiguousarray(np.concatenate(panels, axis=1)), facts={})
+
+
+def _depth(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
+    values = opened.view(size, settings).depth.values
+    low, high = float(values.min()), float(values.max())
+    share = (values - low) / ((high - low) or 1.0) * (len(_DEPTH_COLORS) - 1)
+    below = np.clip(share.astype(int), 0, len(_DEPTH_COLORS) - 2)
+    part = (share - below)[..., None]
+    colors = _DEPTH_COLORS[below] * (1 - part) + _DEPTH_COLORS[below + 1] * part
+    return _opaque(colors)
+
+
+def _focus(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
+    defocus = _defocus(opened, settings, size)
+    strength = np.clip(np.abs(defocus) / max(float(np.abs(defocus).max()), 1e-6), 0, 1)
+    result = np.zeros((*defocus.shape, 4), np.uint8)
+    result[..., :3] = np.where(defocus[..., None] > 0, np.array(_NEAR, np.uint8), np.array(_FAR, np.uint8))
+    result[..., 3] = np.rint(40 + 130 * strength)
+    result[np.abs(defocus) <= _SHARP] = (*_IN_FOCUS, 150)
+    return result
+
+
+def _confidence(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
+    told = quick_settings(opened.at_size(settings, size[0] / opened.size[0]))
+    scene = opened.view(size, settings)
+    wrong = BokehRenderer("scatter").render(scene, told).error_map
+    if opened.repaired:  # where edges were moved, the map was wrong; the repair may be, too
+        was = Opened(opened.path, opened.scene).view(size, settings).depth.values
+        span = float(np.ptp(was)) or 1.0
+        wrong = np.maximum(wrong, np.clip(4 * np.abs(was - scene.depth.values) / span, 0, 1))
+    result = np.zeros((*wrong.shape, 4), np.uint8)
+    result[..., :3] = _DOUBT
+    result[..., 3] = np.rint(190 * np.clip(wrong, 0, 1))
+    return result
+
+
+def _defocus(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> Array:
+    told = quick_settings(opened.at_size(settings, size[0] / opened.size[0]))
+    focused = BokehRenderer("scatter").prepare(opened.view(size, settings), told)
+    return focused.defocus
+
+
+def _opaque(colors: NDArray[np.floating]) -> NDArray[np.uint8]:
+    result = np.full((*colors.shape[:2], 4), 255, np.uint8)
+    result[..., :3] = np.rint(colors)
+    return result

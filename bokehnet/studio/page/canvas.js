@@ -1,0 +1,83 @@
+// Pixels on canvases, the histogram, and marks on the picture.
+
+import { space } from "./api.js";
+
+const scratch = document.createElement("canvas");
+const scratchContext = scratch.getContext("2d", { colorSpace: space, willReadFrequently: false });
+
+export function contextOf(canvas) {
+  return canvas.getContext("2d", { colorSpace: space });
+}
+
+/** Draw a frame over a whole canvas, enlarged where it is smaller. */
+export function draw(canvas, { header, pixels }) {
+  const { width, height } = header;
+  const data = new ImageData(new Uint8ClampedArray(pixels.buffer), width, height, { colorSpace: space });
+  const context = contextOf(canvas);
+  if (canvas.width === width && canvas.height === height) {
+    context.putImageData(data, 0, 0);
+    return;
+  }
+  if (scratch.width !== width || scratch.height !== height) {
+    scratch.width = width;
+    scratch.height = height;
+  }
+  scratchContext.putImageData(data, 0, 0);
+  context.imageSmoothingQuality = "high";
+  context.clearRect(0, 0, canvas.width, canvas.height);
+  context.drawImage(scratch, 0, 0, canvas.width, canvas.height);
+}
+
+/** Red, green and blue of a frame, each pixel of some. */
+export function histogram(canvas, pixels) {
+  const counts = [0, 1, 2].map(() => new Uint32Array(64));
+  const step = 4 * Math.max(1, Math.floor(pixels.length / 4 / 60000));
+  for (let at = 0; at < pixels.length; at += step) {
+    for (let channel = 0; channel < 3; channel++) counts[channel][pixels[at + channel] >> 2]++;
+  }
+  const context = canvas.getContext("2d"), { width, height } = canvas;
+  const most = Math.max(...counts.flatMap((one) => [...one.subarray(1, 63)]), 1);
+  context.clearRect(0, 0, width, height);
+  context.globalCompositeOperation = "lighter";
+  ["#b03a3a", "#3a9a4a", "#3a5ac0"].forEach((color, channel) => {
+    context.fillStyle = color;
+    counts[channel].forEach((count, bin) => {
+      const tall = Math.min(1, Math.sqrt(count / most)) * height;
+      context.fillRect((bin * width) / 64, height - tall, width / 64, tall);
+    });
+  });
+  context.globalCompositeOperation = "source-over";
+}
+
+/** The cursor or the focus as a cross in a ring, or the path of a brush. */
+export function mark(canvas, { focus, cursor, path, radius }) {
+  const context = canvas.getContext("2d"), { width, height } = canvas;
+  const unit = width / canvas.clientWidth || 1;
+  context.clearRect(0, 0, width, height);
+  for (const [point, color] of [[focus, "#f5b04c"], [cursor, "#ffffff"]]) {
+    if (!point) continue;
+    const x = point[0] * width, y = point[1] * height;
+    for (const [line, shade] of [[4, "#000000a0"], [2, color]]) {
+      context.lineWidth = line * unit;
+      context.strokeStyle = shade;
+      context.beginPath();
+      context.arc(x, y, 11 * unit, 0, 7);
+      context.moveTo(x - 5 * unit, y);
+      context.lineTo(x + 5 * unit, y);
+      context.moveTo(x, y - 5 * unit);
+      context.lineTo(x, y + 5 * unit);
+      context.stroke();
+    }
+  }
+  if (path?.length) {
+    context.strokeStyle = "#ffffff66";
+    context.lineWidth = 2 * radius * width;
+    context.lineCap = context.lineJoin = "round";
+    context.beginPath();
+    context.moveTo(path[0][0] * width, path[0][1] * height);
+    for (const [x, y] of [...path, [path[0][0] + (path.length < 2 ? 1e-4 : NaN), path[0][1]]]) {
+      if (!Number.isNaN(x)) context.lineTo(x * width, y * height);
+    }
+    context.stroke();
+  }
+}

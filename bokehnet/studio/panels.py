@@ -1,0 +1,114 @@
+"""The panels of the page: what is known of each setting, told as JSON, so that it stands nowhere twice."""
+
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import ParameterError
+from bokehnet.lenses.catalog import catalog_names
+from bokehnet.rendering.setting import Setting, field_settings, to_plain
+from bokehnet.rendering.settings import RenderSettings, all_settings, group_types
+
+__all__ = ["check_reachable", "is_path", "panels"]
+
+# Texts that may name a file where they are no name that is known.
+_MAY_NAME_FILES = (
+    "lens.name",
+    "input.depth_convention",
+    "color.glass",
+    "color.axial_map",
+    "color.lateral_map",
+)
+
+
+def panels() -> list[dict[str, Any]]:
+    """All groups with the fields that a page can set: label, kind, unit, range, default and help of each.
+
+    Examples:
+        >>> fields = {field["path"]: field for panel in panels() for field in panel["fields"]}
+        >>> blades = fields["aperture.squeeze"]
+        >>> blades["kind"], blades["low"], blades["high"], blades["default"]
+        ('number', 0.1, 10, 1.0)
+        >>> "engine.weights" in fields  # a path of this machine
+        False
+    """
+    found = []
+    for group in group_types():
+        fields = [_told(known) for known in field_settings(group).values() if _settable(known)]
+        if fields:
+            found.append({"group": group.GROUP, "title": group.TITLE, "fields": fields})
+    return found
+
+
+def is_path(known: Setting) -> bool:
+    """Whether a value can be a path.
+
+    Examples:
+        >>> is_path(all_settings()["input.disparity"]), is_path(all_settings()["camera.blur"])
+        (True, False)
+    """
+    return known.type is Path or Path in typing.get_args(known.type)
+
+
+def check_reachable(changes: dict[str, dict[str, Any]], settings: RenderSettings) -> None:
+    """Raise ``ParameterError`` where changes of a page name a file of this machine that is not open already.
+
+    Args:
+        changes: Group to field to plain value.
+        settings: What is set; a value that stays is no change.
+    """
+    for group, fields in changes.items():
+        for name, value in fields.items():
+            path = f"{group}.{name}"
+            known = all_settings().get(path)
+            if known is None or value is None or to_plain(getattr(getattr(settings, group), name)) == value:
+                continue
+            numbers = isinstance(value, list) and all(isinstance(item, int | float) for item in value)
+            if (is_path(known) and not numbers) or (path in _MAY_NAME_FILES and value not in _names(path)):
+                names = ", ".join(_names(path))
+                expected = (
+                    f"one of {names}" if names else "nothing that names a file; drop the file on the page"
+                )
+                raise ParameterError(path, expected, shown="another name")
+
+
+def _names(path: str) -> list[str]:
+    return catalog_names() if path == "lens.name" else []
+
+
+def _settable(known: Setting) -> bool:
+    if known.flag is None or known.type is Path or known.group == "input":
+        return False
+    return known.path not in _MAY_NAME_FILES or bool(_names(known.path))
+
+
+def _told(known: Setting) -> dict[str, Any]:
+    choices = list(known.choices) or _names(known.path)
+    return {
+        "path": known.path,
+        "label": known.name.replace("_", " ").capitalize(),
+        "flag": f"--{known.flag}",
+        "help": known.help,
+        "unit": known.unit,
+        "kind": "choice" if choices else _kind(known.type),
+        "choices": choices,
+        "low": known.low if known.low is not None else known.above,
+        "high": known.high if known.high is not None else known.below,
+        "default": to_plain(known.default),
+        "expected": known.expectation,
+        "look": known.of_a_look,
+    }
+
+
+def _kind(kind: Any) -> str:
+    """``number``, ``whole``, ``switch``, ``text``, ``numbers`` (of a list) or ``pixels``."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        return next(found for found in map(_kind, typing.get_args(kind)) if found != "text")
+    simple = {float: "number", int: "whole", bool: "switch"}
+    if kind in simple:
+        return simple[kind]
+    if typing.get_origin(kind) is tuple:
+        inner = typing.get_args(kind)[0]
+        return "pixels" if inner is int or typing.get_origin(inner) is tuple else "numbers"
+    return "text"

@@ -1,0 +1,56 @@
+"""Start the studio: a port of this machine, an address with a token, a page in the browser."""
+
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+
+import uvicorn
+
+from bokehnet.errors import BokehnetError
+from bokehnet.studio.app import make_app
+from bokehnet.studio.guard import make_token
+from bokehnet.studio.session import Session
+
+__all__ = ["serve"]
+
+_HOST = "127.0.0.1"
+
+
+def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callable[[str], None]) -> None:
+    """Serve a session until Ctrl-C.
+
+    Args:
+        session: What is open; closed at the end.
+        port: On which to listen; 0 takes any that is free.
+        browser: Whether to open the page.
+        tell: Is told the address.
+
+    Raises:
+        BokehnetError: The port is taken.
+    """
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((_HOST, port))
+        except OSError as error:
+            raise BokehnetError(f"--port: expected a free one, found {port} taken; leave it out") from error
+        listener.listen(128)  # before anybody is told where
+        port, token = listener.getsockname()[1], make_token()
+        app = make_app(session, token=token, port=port)
+        config = uvicorn.Config(
+            app,
+            log_level="critical",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+            ws="none",
+        )
+        address = f"http://{_HOST}:{port}/{token}/"
+        tell(address)
+        if browser:
+            threading.Timer(0.5, webbrowser.open, (address,)).start()
+        try:
+            uvicorn.Server(config).run(sockets=[listener])
+        finally:
+            session.close()

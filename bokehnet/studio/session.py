@@ -1,0 +1,377 @@
+"""What is open in the studio: a picture, its settings, what is painted, what goes on in the background."""
+
+import shutil
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import BokehnetError, ConfigError, ParameterError, RenderCancelled
+from bokehnet.rendering.preset import load_preset
+from bokehnet.rendering.setting import field_settings
+from bokehnet.rendering.settings import InputSettings, RenderSettings, all_settings, merged
+from bokehnet.rendering.settings_file import save_settings
+from bokehnet.studio.archive import read_session, write_session
+from bokehnet.studio.export import render_file, with_painted_map
+from bokehnet.studio.helper import Helper
+from bokehnet.studio.opened import Opened, open_picture, repaired_map
+from bokehnet.studio.panels import check_reachable, is_path
+from bokehnet.studio.preview import Previews
+from bokehnet.studio.strokes import Stroke
+from bokehnet.studio.uploads import safe_name
+from bokehnet.studio.wording import command_line, look_of, python_lines
+
+__all__ = ["Session"]
+
+_OPENING = 90.0  # seconds that a file may take to be read
+
+_OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
+
+
+class Session:
+    """One studio, whose pages share the picture and its settings; its files vanish with it.
+
+    Attributes:
+        folder: Holds what pages have sent and what is made for them.
+        opened: The picture; None before there is one.
+        settings: All that is asked for.
+        previews: Renders them.
+        slow: Does what takes long: opening, repair, export, thumbnails.
+    """
+
+    def __init__(self) -> None:
+        self._holder = tempfile.TemporaryDirectory(prefix="bokehnet_studio_", ignore_cleanup_errors=True)
+        self.folder = Path(self._holder.name)
+        self.opened: Opened | None = None
+        self.settings = RenderSettings()
+        self.slow, self.fine = Helper(), Helper()
+        self.previews = Previews(self.fine)
+        self._lock = threading.Lock()
+        self._export_stop = threading.Event()
+        self._opening = threading.Event()
+        self.jobs: dict[str, dict[str, Any]] = {"repair": {"state": "idle"}, "export": {"state": "idle"}}
+        self._result: Path | None = None
+        self._sent: list[Path] = []
+
+    def start(self) -> None:
+        """Start the helpers ahead."""
+        self.slow.start()
+        self.fine.start()
+
+    def close(self) -> None:
+        """End all that goes on, and remove the files."""
+        self._opening.set()
+        self._export_stop.set()
+        self.slow.stop()
+        self.fine.stop()
+        self._holder.cleanup()
+
+    def open(self, path: Path, settings: RenderSettings, strokes: list[Stroke] | None = None) -> None:
+        """Open a picture in place of the one that is open; that stays where this fails.
+
+        Raises:
+            BokehnetError: It cannot be read, or not in time.
+        """
+        self._opening.set()  # a repair of the picture before
+        try:
+            scene, complete = self.slow.run(open_picture, path, settings, seconds=_OPENING)
+        except BokehnetError as error:
+            self._opening = threading.Event()
+            if self.opened is not None and self.opened.repaired is None:
+                self._repair()  # of the picture that stays
+            self._sent += [path.parent] if self.folder in path.parents else []
+            self._remove_unused()
+            raise self._without_paths(error) from error
+        with self._lock:
+            self.opened, self.settings = Opened(path, scene), complete
+            self.opened.strokes = strokes or []
+            self._opening = threading.Event()
+            self.jobs["repair"] = {"state": "idle"}
+            values = (getattr(getattr(complete, one.group), one.name) for one in all_settings().values())
+            sent = {path.parent, *(value.parent for value in values if isinstance(value, Path))}
+            self._sent += [folder for folder in sent if self.folder in folder.parents]
+            self._remove_unused()
+        self._repair()
+
+    def change(self, changes: Mapping[str, Any]) -> RenderSettings:
+        """Take changes of a page, all or none; a null brings a default back.
+
+        Args:
+            changes: Group to field to plain value.
+
+        Raises:
+            ParameterError: A name is unknown, a value out of range, or a file of this machine.
+        """
+        with self._lock:
+            before, table = self.settings, self.settings.to_table()
+            given: dict[str, dict[str, Any]] = {}
+            for group, fields in changes.items():
+                if not isinstance(fields, Mapping):
+                    raise ParameterError(group, expected="fields and their values", shown="something else")
+                for name, value in fields.items():
+                    if f"{group}.{name}" not in all_settings():
+                        raise ParameterError(f"{group}.{name}", expected="a setting", shown="an unknown name")
+                    if value is None:
+                        table.get(group, {}).pop(name, None)
+                    else:
+                        given.setdefault(group, {})[name] = value
+            check_reachable(given, before)
+            self.settings = RenderSettings().updated(merged(table, given))
+            settings, opened = self.settings, self.opened
+        if opened is not None and settings.depth.repair != before.depth.repair:
+            self._opening.set()
+            self._opening = threading.Event()
+            opened.take_repaired(opened.scene.depth.values, True, "")
+            opened.repaired = None
+            self._repair()
+        return settings
+
+    def wear(self, preset: str) -> RenderSettings:
+        """Put on a look that comes with the package; that of before goes."""
+        with self._lock:
+            self.settings = self._dressed(preset)
+            return self.settings
+
+    def dressed(self, preset: str) -> RenderSettings:
+        """The settings with a look that comes with the package."""
+        with self._lock:
+            return self._dressed(preset)
+
+    def _dressed(self, preset: str) -> RenderSettings:
+        if preset == "":
+            return RenderSettings().updated(self._unworn())
+        if "/" in preset or "\\" in preset or preset.endswith(".toml"):
+            raise ConfigError("expected the name of a preset, found that of a file")
+        return RenderSettings().updated(merged(self._unworn(), load_preset(preset).values))
+
+    def _unworn(self) -> dict[str, dict[str, Any]]:
+        return {
+            group: {
+                key: value for key, value in fields.items() if not all_settings()[f"{group}.{key}"].of_a_look
+            }
+            for group, fields in self.settings.to_table().items()
+        }
+
+    def stroke(self, table: Mapping[str, Any]) -> None:
+        """Add a stroke of the brush."""
+        opened = self._open_one()
+        with self._lock:
+            opened.change_strokes([*opened.strokes, Stroke.from_table(table)])
+
+    def step(self, back: bool) -> None:
+        """Undo the last stroke, or do it again."""
+        opened = self._open_one()
+        with self._lock:
+            done, undone = list(opened.strokes), list(opened.undone)
+            source, target = (done, undone) if back else (undone, done)
+            if source:
+                target.append(source.pop())
+                opened.change_strokes(done, undone)
+
+    def export(self, name: str) -> None:
+        """Start to make the file of the shown command; ``jobs["export"]`` tells how far it is.
+
+        Raises:
+            BokehnetError: Nothing is open, another export runs, or the name is none of a picture.
+        """
+        opened, name = self._open_one(), safe_name(name, _OUTPUTS)
+        with self._lock:
+            if self.jobs["export"]["state"] == "running":
+                raise BokehnetError("expected one export at a time; wait for it, or stop it")
+            self._export_stop = threading.Event()
+            self.jobs["export"] = {"state": "running", "share": 0.0, "name": name}
+            settings = self.settings
+        threading.Thread(target=self._export, args=(opened, settings, name), daemon=True).start()
+
+    def stop_export(self) -> None:
+        """End the export that runs."""
+        self._export_stop.set()
+
+    def result(self) -> Path:
+        """The file of the last export."""
+        if self._result is None:
+            raise BokehnetError("nothing was exported yet")
+        return self._result
+
+    def words(self, output: str) -> dict[str, str]:
+        """The command line and the Python that make the file, and the painted map that they need."""
+        opened, output = self._open_one(), safe_name(output, _OUTPUTS)
+        settings, painted = with_painted_map(opened, self.settings, self._made(), write=False)
+        return {
+            "command": command_line(opened.path, output, settings, self.shown),
+            "python": python_lines(opened.path, output, settings, self.shown),
+            "map": "" if painted is None else painted.name,
+        }
+
+    def painted_map(self) -> Path:
+        """The file of the map that is painted on."""
+        _, path = with_painted_map(self._open_one(), self.settings, self._made())
+        if path is None:
+            raise BokehnetError("nothing is painted yet")
+        return path
+
+    def preset_text(self) -> str:
+        """The look as a preset's file."""
+        path = self._made() / "preset.toml"
+        save_settings(path, look_of(self.settings))
+        return f'description = "A look of the studio"\n\n{path.read_text("utf-8")}'
+
+    def save(self) -> Path:
+        """Write the session to a file and return that."""
+        opened = self._open_one()
+        table, files = self.settings.to_table(), {opened.path.name: opened.path}
+        for group, fields in table.items():
+            for key in fields:
+                value = getattr(getattr(self.settings, group), key)
+                if is_path(all_settings()[f"{group}.{key}"]) and isinstance(value, Path) and value.is_file():
+                    fields[key] = value.name
+                    files[value.name] = value
+        strokes = [stroke.to_table() for stroke in opened.strokes]
+        whole = {"format": 1, "picture": opened.path.name, "settings": table, "strokes": strokes}
+        path = self._made() / f"{opened.path.stem}.bokeh"
+        write_session(path, whole, files)
+        return path
+
+    def reopen(self, path: Path) -> None:
+        """Open a session that was saved.
+
+        Raises:
+            BokehnetError: It is none, or what it holds cannot be read.
+        """
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        table = read_session(path, folder)
+        shutil.rmtree(path.parent, ignore_errors=True)
+        try:
+            settings, strokes = table["settings"], [Stroke.from_table(one) for one in table["strokes"]]
+            picture = folder / safe_name(table["picture"])
+            for group, fields in settings.items():
+                for key, value in fields.items():
+                    known = all_settings().get(f"{group}.{key}")
+                    if known is not None and is_path(known) and isinstance(value, str):
+                        fields[key] = str(folder / safe_name(value))
+            check_reachable({g: f for g, f in settings.items() if g != InputSettings.GROUP}, RenderSettings())
+            complete = RenderSettings().updated(settings)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ConfigError("expected a session that the studio has saved, found something else") from error
+        self.open(picture, complete, strokes)
+
+    def incoming(self, name: str) -> Path:
+        """Where an upload goes: a folder of its own, so that names never meet."""
+        return Path(tempfile.mkdtemp(dir=self.folder)) / name
+
+    def shown(self, path: Path) -> str:
+        """What a path is called on the page: a name for what the page has sent, else as it was typed."""
+        return path.name if self.folder in path.parents else str(path)
+
+    def state(self) -> dict[str, Any]:
+        """All that a page needs to know when it opens."""
+        opened = self.opened
+        if opened is None:
+            return {"open": False, "jobs": self.jobs}
+        return {
+            "open": True,
+            "name": opened.path.name,
+            "width": opened.size[0],
+            "height": opened.size[1],
+            "kind": opened.scene.depth.kind,
+            "flat": self.settings.input.constant_disparity is not None,
+            "notes": [self._clean(note) for note in (*opened.scene.notes, *opened.scene.depth.notes)],
+            "repaired": opened.repaired,
+            "repair_reason": opened.repair_reason,
+            "strokes": len(opened.strokes),
+            "undone": len(opened.undone),
+            "version": opened.version,
+            "settings": self.told_settings(),
+            "jobs": self.jobs,
+        }
+
+    def told_settings(self) -> dict[str, dict[str, Any]]:
+        """The settings that differ from their defaults, paths by their names alone."""
+        table = self.settings.to_table()
+        for group, fields in table.items():
+            known = field_settings(type(getattr(self.settings, group)))
+            for key in fields:
+                if isinstance(getattr(getattr(self.settings, group), key), Path) and is_path(known[key]):
+                    fields[key] = Path(fields[key]).name
+        return table
+
+    def _open_one(self) -> Opened:
+        if self.opened is None:
+            raise BokehnetError("expected an open picture; drop one on the page")
+        return self.opened
+
+    def _repair(self) -> None:
+        opened, mode, stop = self.opened, self.settings.depth.repair, self._opening
+        if opened is None or mode == "off" or not opened.can_be_repaired:
+            return
+        self.jobs["repair"] = {"state": "running", "share": 0.0}
+        arguments = (opened, mode, stop)
+        threading.Thread(target=self._repair_now, args=arguments, daemon=True).start()
+
+    def _repair_now(self, opened: Opened, mode: str, stop: threading.Event) -> None:
+        def progress(done: int, total: int) -> None:
+            if not stop.is_set():
+                self.jobs["repair"] = {"state": "running", "share": done / max(total, 1)}
+
+        try:
+            found = self.slow.run(repaired_map, opened.scene, mode, progress=progress, cancel=stop)
+        except RenderCancelled:
+            return
+        except BokehnetError as error:
+            self.jobs["repair"] = {"state": "failed", "error": self._clean(str(error))}
+            return
+        if not stop.is_set():
+            with self._lock:
+                opened.take_repaired(*found)
+            self.jobs["repair"] = {"state": "done", "reason": opened.repair_reason}
+
+    def _export(self, opened: Opened, settings: RenderSettings, name: str) -> None:
+        def progress(done: int, total: int) -> None:
+            self.jobs["export"] = {"state": "running", "share": done / max(total, 1), "name": name}
+
+        folder = Path(tempfile.mkdtemp(dir=self.folder))
+        try:
+            complete, _ = with_painted_map(opened, settings, folder)
+            complete = replace(complete, output=replace(complete.output, save_maps=None))
+            arguments = (opened.path, folder / name, complete)
+            facts = self.slow.run(render_file, *arguments, progress=progress, cancel=self._export_stop)
+            if self._result is not None:
+                shutil.rmtree(self._result.parent, ignore_errors=True)
+            self._result = folder / name
+            self.jobs["export"] = {
+                "state": "done",
+                "name": name,
+                "bytes": self._result.stat().st_size,
+                **facts,
+            }
+        except RenderCancelled:
+            shutil.rmtree(folder, ignore_errors=True)
+            self.jobs["export"] = {"state": "idle"}
+        except Exception as error:
+            told = str(error) if isinstance(error, BokehnetError) else f"failed by a fault: {error}"
+            self.jobs["export"] = {"state": "failed", "error": self._clean(told)}
+
+    def _remove_unused(self) -> None:
+        """Remove what pages have sent and nothing needs: pictures that were open before, or could not be."""
+        used = set() if self.opened is None else {self.opened.path.parent}
+        for known in all_settings().values():
+            value = getattr(getattr(self.settings, known.group), known.name)
+            used |= {value.parent} if isinstance(value, Path) else set()
+        for folder in [folder for folder in self._sent if folder not in used]:
+            self._sent.remove(folder)
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _made(self) -> Path:
+        folder = self.folder / "made"
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    def _without_paths(self, error: BokehnetError) -> BokehnetError:
+        return error if self._clean(str(error)) == str(error) else BokehnetError(self._clean(str(error)))
+
+    def _clean(self, text: str) -> str:
+        """A message without the folders in which the studio keeps files."""
+        words = text.split(str(self.folder))
+        return words[0] + "".join(word.split("/", 2)[-1] for word in words[1:])

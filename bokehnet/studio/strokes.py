@@ -1,0 +1,172 @@
+"""The depth brush: strokes on a map, kept as what the hand did, so that they fit maps of any size."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.errors import ParameterError
+from bokehnet.io.color import linear_to_srgb
+
+__all__ = ["Effect", "Stroke", "painted"]
+
+Effect = Literal["nearer", "farther", "same", "sharp"]
+
+Array = NDArray[np.float32]
+
+_MOST_POINTS = 2000
+
+# Difference of encoded colours, 0 to 1, beyond which a brush that heeds edges paints no more, at least.
+_ALIKE = 0.06
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Stroke:
+    """One stroke of the brush.
+
+    Attributes:
+        effect: ``nearer`` and ``farther`` move by ``strength``, ``same`` takes the depth where the stroke
+            begins, ``sharp`` that of the focus, wherever it will be.
+        points: Of its path, (x, y) as shares of the picture's width and height.
+        radius: Share of the picture's width.
+        strength: Share of the map's range.
+        edges: Whether it paints only what has the colours that its middle goes over.
+
+    Raises:
+        ParameterError: A value is out of range.
+    """
+
+    effect: Effect
+    points: tuple[tuple[float, float], ...]
+    radius: float
+    strength: float = 0.1
+    edges: bool = True
+
+    def __post_init__(self) -> None:
+        if self.effect not in get_args(Effect):
+            raise ParameterError("stroke.effect", f"one of {', '.join(get_args(Effect))}", self.effect)
+        for name, high in (("radius", 0.5), ("strength", 1.0)):
+            if not 0 < getattr(self, name) <= high:
+                raise ParameterError(f"stroke.{name}", f"above 0 and up to {high:g}", getattr(self, name))
+        inside = all(-1 <= x <= 2 and -1 <= y <= 2 for x, y in self.points)
+        if not (1 <= len(self.points) <= _MOST_POINTS and inside):
+            raise ParameterError(
+                "stroke.points", f"1 to {_MOST_POINTS} points in the picture", shown="others"
+            )
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> "Stroke":
+        """Return the stroke that a page or a session file tells; ``ParameterError`` where it tells none.
+
+        Examples:
+            >>> Stroke.from_table({"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1}).strength
+            0.1
+        """
+        try:
+            return cls(
+                effect=table["effect"],
+                points=tuple((float(x), float(y)) for x, y in table["points"]),
+                radius=float(table["radius"]),
+                strength=float(table.get("strength", 0.1)),
+                edges=bool(table.get("edges", True)),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, ParameterError):
+                raise
+            raise ParameterError("stroke", "effect, points and radius", shown="something else") from error
+
+    def to_table(self) -> dict[str, Any]:
+        """The contrary of :meth:`from_table`."""
+        points = [list(point) for point in self.points]
+        return {
+            "effect": self.effect,
+            "points": points,
+            "radius": self.radius,
+            "strength": self.strength,
+            "edges": self.edges,
+        }
+
+
+def painted(values: Array, image: Array, strokes: Sequence[Stroke], focus: float | None = None) -> Array:
+    """Return a map with strokes on it; those that keep sharp go last, whenever they were drawn.
+
+    Args:
+        values: Disparity, (H, W), near is large.
+        image: The picture, scene-linear, (H, W, 3), whose colours the brush heeds.
+        strokes: In the order in which they were drawn.
+        focus: What stays sharp, in the unit of the map; None leaves strokes out that keep sharp.
+
+    Examples:
+        >>> values, image = np.full((9, 9), 0.5, np.float32), np.ones((9, 9, 3), np.float32)
+        >>> dot = Stroke(effect="sharp", points=((0.5, 0.5),), radius=0.2)
+        >>> result = painted(values, image, [dot], focus=0.75)
+        >>> float(result[4, 4]), float(result[0, 0])
+        (0.75, 0.5)
+    """
+    result = values.copy()
+    low, high = float(values.min()), float(values.max())
+    span = high - low or 1.0
+    for stroke in sorted(strokes, key=lambda stroke: stroke.effect == "sharp"):
+        if stroke.effect == "sharp" and focus is None:
+            continue
+        rows, columns, weight = _weight(stroke, image)
+        under = result[rows, columns]
+        if stroke.effect in ("nearer", "farther"):
+            step = stroke.strength * span * (1 if stroke.effect == "nearer" else -1)
+            new = np.clip(
+                under + step * weight, min(low, 0), max(high, 1) if low >= 0 and high <= 1 else high
+            )
+        else:
+            target = focus if stroke.effect == "sharp" else _value_at(result, stroke.points[0])
+            new = np.where(weight >= 0.5, np.float32(target), under)  # soft edges would be surfaces between
+        result[rows, columns] = new
+    return result
+
+
+def _value_at(values: Array, point: tuple[float, float]) -> float:
+    height, width = values.shape
+    row, column = int(np.clip(point[1] * height, 0, height - 1)), int(np.clip(point[0] * width, 0, width - 1))
+    return float(values[row, column])
+
+
+def _weight(stroke: Stroke, image: Array) -> tuple[slice, slice, Array]:
+    """The box that a stroke covers, rows and columns, and how much of it each pixel gets there, 0 to 1."""
+    height, width = image.shape[:2]
+    radius = max(stroke.radius * width, 0.75)
+    path = np.asarray(stroke.points, np.float32) * (width, height) - 0.5
+    (left, top), (right, bottom) = path.min(0) - radius - 1, path.max(0) + radius + 2
+    rows = slice(int(np.clip(top, 0, height)), int(np.clip(bottom, 0, height)))
+    columns = slice(int(np.clip(left, 0, width)), int(np.clip(right, 0, width)))
+    distance = np.full((rows.stop - rows.start, columns.stop - columns.start), np.inf, np.float32)
+    for begin, end in pairwise(path) if len(path) > 1 else ((path[0], path[0]),):
+        _lower(distance, (columns.start, rows.start), begin, end, radius)
+    weight = np.clip((radius - distance) / max(0.2 * radius, 1) + 0.5, 0, 1).astype(np.float32)
+    if stroke.edges and weight.size:
+        weight *= _alike(image[rows, columns], distance <= 0.4 * radius)
+    return rows, columns, weight
+
+
+def _lower(distance: Array, corner: tuple[int, int], begin: Array, end: Array, radius: float) -> None:
+    """Lower distances (H, W), whose first pixel is at ``corner``, to those from one piece of the path."""
+    height, width = distance.shape
+    low, high = np.minimum(begin, end) - radius - 1, np.maximum(begin, end) + radius + 2
+    x0, x1 = (int(np.clip(edge - corner[0], 0, width)) for edge in (low[0], high[0]))
+    y0, y1 = (int(np.clip(edge - corner[1], 0, height)) for edge in (low[1], high[1]))
+    x = np.arange(x0, x1, dtype=np.float32)[None] + np.float32(corner[0]) - begin[0]
+    y = np.arange(y0, y1, dtype=np.float32)[:, None] + np.float32(corner[1]) - begin[1]
+    along = end - begin
+    share = np.clip((x * along[0] + y * along[1]) / max(float(along @ along), 1e-9), 0, 1)
+    piece = distance[y0:y1, x0:x1]
+    np.minimum(piece, np.hypot(x - share * along[0], y - share * along[1]), out=piece)
+
+
+def _alike(image: Array, core: NDArray[np.bool_]) -> Array:
+    """1 for colours as in the core, falling to 0 within three deviations; image (H, W, 3), core (H, W)."""
+    colors = np.asarray(linear_to_srgb(np.clip(image, 0, 1)), np.float32)
+    inside = colors[core] if core.any() else colors.reshape(-1, 3)
+    off = np.abs(colors - np.median(inside, axis=0)) / np.maximum(inside.std(axis=0), _ALIKE)
+    result: Array = np.clip((3 - off.max(axis=-1)) / 1.5, 0, 1)
+    return result

@@ -1,0 +1,256 @@
+"""The studio as a hand meets it, in a browser."""
+
+import shlex
+import socket
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+from bokehnet.cli.app import run
+from bokehnet.io.color import linear_to_srgb
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.scene import read_scene
+from bokehnet.rendering.settings import RenderSettings
+
+from .conftest import Studio, until
+
+TOLD = {"camera": {"blur": 12}, "focus": {"value": 0}, "depth": {"repair": "off"}}
+
+
+def rendered(files, **changes) -> np.ndarray:
+    """The picture that Python makes, as bytes of sRGB."""
+    told = {**TOLD, "input": {"disparity": str(files / "map.png")}, **changes}
+    settings = RenderSettings().updated(told)
+    scene = read_scene(files / "photo.png", settings)
+    return np.rint(255 * linear_to_srgb(np.clip(BokehRenderer().render(scene, settings).bokeh, 0, 1)))
+
+
+def at(page, x: float, y: float) -> tuple[float, float]:
+    box = page.locator("#sheet").bounding_box()
+    return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+
+def put(page, name: str, value: object) -> None:
+    """Move a slider as a hand does."""
+    page.eval_on_selector(
+        name,
+        "(slider, to) => { slider.value = to; slider.dispatchEvent(new Event('input', {bubbles: true})); }",
+        value,
+    )
+
+
+def command(page) -> str:
+    return page.locator("#command").inner_text()
+
+
+def test_the_canvas_shows_the_picture_that_python_makes(page, files, pixels):
+    assert page.evaluate("document.body.dataset.stage") == "final"
+    assert np.abs(pixels(page)[..., :3] - rendered(files)).max() <= 1
+
+
+def test_a_click_focuses_there(page, files, pixels, settle):
+    settle(page, lambda: page.mouse.click(*at(page, 0.5, 0.5)))
+    until(page, "document.querySelector('#command').textContent.includes('--focus-at 90,60')")
+    assert np.abs(pixels(page)[..., :3] - rendered(files, focus={"at": [90, 60]})).max() <= 1
+
+
+def test_the_wheel_turns_the_focus_ring(page, settle):
+    page.mouse.move(*at(page, 0.5, 0.5))
+    settle(page, lambda: page.mouse.wheel(0, -100))
+    assert float(page.locator("#focus").input_value()) == pytest.approx(0.01)
+
+
+def test_keys_move_the_cursor_and_focus(page, settle):
+    page.focus("#stage")
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    settle(page, lambda: page.keyboard.press("Enter"))
+    until(page, "/--focus-at 9[0-9],60/.test(document.querySelector('#command').textContent)")
+    settle(page, lambda: page.keyboard.press("-"))
+    assert "--focus-at" not in command(page) or page.locator("#focus").input_value()
+
+
+def test_a_wrong_value_is_told_beside_its_control_and_the_picture_stays(page, pixels, settle):
+    before = pixels(page)
+    page.click("summary:has-text('Camera')")
+    page.fill("#field-camera-blur", "-5")
+    page.keyboard.press("Enter")
+    fault = page.locator(".field:has(#field-camera-blur) .fault")
+    fault.wait_for(state="visible")
+    assert "expected a number of at least 0 pixels, got -5" in fault.inner_text()
+    assert (pixels(page) == before).all()
+    page.fill("#field-camera-blur", "12")
+    settle(page, lambda: page.keyboard.press("Enter"))
+    assert fault.inner_text() == ""
+
+
+def test_a_stroke_changes_the_picture_and_undo_takes_it_back(page, pixels, settle):
+    before = pixels(page)
+    page.click("[data-tool=nearer]")
+    page.mouse.move(*at(page, 0.1, 0.1))
+    page.mouse.down()
+    page.mouse.move(*at(page, 0.2, 0.15), steps=4)
+    settle(page, page.mouse.up)
+    painted = pixels(page)
+    assert (painted != before).any()
+    assert "photo_painted.exr" in command(page)
+    settle(page, lambda: page.keyboard.press("Control+z"))
+    assert (pixels(page) == before).all()
+    settle(page, lambda: page.keyboard.press("Control+Shift+z"))
+    assert (pixels(page) == painted).all()
+
+
+def test_an_export_has_the_bytes_of_the_shown_command(page, tmp_path, monkeypatch):
+    page.fill("#out-name", "mine.png")
+    page.keyboard.press("Tab")
+    until(page, "document.querySelector('#command').textContent.endsWith('mine.png')")
+    with page.expect_download() as download:
+        page.click("#export")
+    monkeypatch.chdir(tmp_path)
+    assert run([*shlex.split(command(page))[1:], "-q"]) == 0
+    assert download.value.suggested_filename == "mine.png"
+    assert download.value.path().read_bytes() == (tmp_path / "mine.png").read_bytes()
+
+
+def test_a_reload_and_a_second_tab_show_the_same(page, pixels, settle):
+    settle(page, lambda: put(page, "#focus", 1))
+    before = pixels(page)
+    other = page.context.new_page()
+    other.goto(page.url)
+    for each in (other, page):
+        each.reload()
+        each.wait_for_selector("body[data-settled]")
+        assert (pixels(each) == before).all()
+        assert float(each.locator("#focus").input_value()) == 1
+    settle(other, lambda: put(other, "#focus", 0))
+    assert (pixels(other) != before).any()
+    other.close()
+
+
+def large(side: int) -> bytes:
+    """A PNG file of side x side black pixels, of which each row is stored."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packer, row = zlib.compressobj(1), bytes(1 + side)
+    rows = b"".join([*(packer.compress(row) for _ in range(side)), packer.flush()])
+    header = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("broken.jpg", b"\xff\xd8\xff\xe0 no picture", "broken.jpg"),
+        ("empty.png", b"", "empty.png"),
+        ("notes.txt", b"text", "expected a file that ends in"),
+        ("large.png", large(10_000), "pixels"),
+    ],
+    ids=["broken", "empty", "text", "100 MP"],
+)
+def test_a_file_that_cannot_be_opened_is_told_and_the_picture_stays(
+    page, pixels, settle, name, content, told
+):
+    before = pixels(page)
+    page.set_input_files("#open", {"name": name, "mimeType": "image/png", "buffer": content})
+    until(page, "document.querySelector('#wrong').textContent !== ''")
+    assert told in page.locator("#wrong").inner_text()
+    assert (pixels(page) == before).all()
+    settle(page, lambda: put(page, "#focus", 0.5))
+
+
+def test_before_and_after(page, files, pixels):
+    put(page, "#compare", 50)
+    until(page, "!document.querySelector('#before').hidden")
+    scene = read_scene(
+        files / "photo.png",
+        RenderSettings().updated({**TOLD, "input": {"disparity": str(files / "map.png")}}),
+    )
+    sharp = np.rint(255 * linear_to_srgb(scene.image))
+    until(page, "document.querySelector('#before').getContext('2d').getImageData(3, 3, 1, 1).data[3] > 0")
+    assert np.abs(pixels(page, "#before")[..., :3] - sharp).max() <= 1
+
+
+def test_loupe_and_overlays(page, pixels):
+    page.keyboard.press("l")
+    page.wait_for_selector("#loupe[data-stage=final]")
+    assert pixels(page, "#loupe")[..., :3].std() > 0
+    page.keyboard.press("d")
+    until(page, "document.querySelector('#over').getContext('2d').getImageData(90, 60, 1, 1).data[3] > 0")
+    depth = pixels(page, "#over")[..., :3].sum(-1)
+    assert depth[60, 90] > depth[5, 5]  # near is light
+
+
+def test_every_control_has_a_name_for_screen_readers(page):
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select, a, #loupe")].filter((one) => {
+            const label = one.labels?.[0]?.textContent || one.getAttribute("aria-label") || one.textContent;
+            return !label?.trim() && !one.closest("#sheet, figure, [aria-hidden=true]");
+        }).map((one) => one.outerHTML)"""
+    )
+    assert nameless == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (320, 600), (1440, 900)])
+def test_nothing_lies_beyond_the_screen(page, width, height):
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(400)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    box = page.locator("#sheet").bounding_box()
+    assert box["width"] > 0.4 * min(width, height)
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= width
+
+
+def test_a_script_inside_the_page_does_not_run(browser, studio):
+    page = browser.new_page()
+    page.goto(studio.address)
+    page.wait_for_selector("body[data-ready]")
+    page.evaluate(
+        "() => { const script = document.createElement('script'); script.textContent = 'window.ran = true';"
+        " document.body.append(script); }"
+    )
+    assert page.evaluate("window.ran") is None
+    page.close()
+
+
+def test_a_page_of_another_site_learns_nothing(browser, studio):
+    page = browser.new_page()
+    page.goto("data:text/html,<title>elsewhere</title>")
+    answer = page.evaluate(
+        "(address) => fetch(address).then((answer) => answer.text(), () => 'refused')",
+        studio.address + "api/state",
+    )
+    assert answer == "refused"
+    page.close()
+
+
+def test_only_this_machine_can_reach_the_studio(studio):
+    """Authority: the sockets of the process, as Linux lists them; 0100007F is 127.0.0.1."""
+    port = int(studio.address.split(":")[2].split("/")[0])
+    try:
+        with open("/proc/net/tcp") as table:
+            listening = [line.split()[1] for line in table if line.split()[3] == "0A"]
+    except OSError:
+        pytest.skip("needs /proc/net/tcp")
+    assert [one for one in listening if one.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
+    with socket.create_connection(("127.0.0.1", port)):
+        pass
+
+
+def test_a_studio_that_is_killed_in_mid_render_is_told(browser, files):
+    studio = Studio(files / "photo.png", "--disparity", files / "map.png", "--blur", 12, "--focus", 0)
+    page = browser.new_page()
+    try:
+        page.goto(studio.address)
+        page.wait_for_selector("body[data-settled]")
+        page.evaluate("document.querySelector('#focus').value = 1")
+        page.dispatch_event("#focus", "input")
+        studio.process.kill()
+        until(page, "document.querySelector('#wrong').textContent.includes('The studio has stopped')")
+    finally:
+        page.close()
+        studio.end()

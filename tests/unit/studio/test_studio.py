@@ -1,0 +1,393 @@
+"""What the studio shows and makes: previews are the renderer's pictures, exports the command line's bytes."""
+
+import dataclasses
+import shlex
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from bokehnet.cli.app import run
+from bokehnet.errors import ParameterError, RenderCancelled
+from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color_space import SRGB
+from bokehnet.io.image import read_image
+from bokehnet.rendering.preset import load_preset, presets
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.scene import read_scene
+from bokehnet.rendering.settings import RenderSettings, all_settings, group_types
+from bokehnet.studio.display import to_rgba
+from bokehnet.studio.opened import Region
+from bokehnet.studio.panels import is_path, panels
+from bokehnet.studio.strokes import Stroke, painted
+from bokehnet.studio.wording import command_line, python_lines
+
+from .conftest import SIZE
+
+ASKED = {"width": SIZE[0], "height": SIZE[1], "client": "tests"}
+
+
+def shown(light: np.ndarray) -> np.ndarray:
+    return np.rint(255 * linear_to_srgb(np.clip(light, 0, 1)))
+
+
+def test_bytes_of_the_canvas_are_those_of_the_formula():
+    """Authority: IEC 61966-2-1, as bokehnet.io.color has it in float32."""
+    light = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32) ** 3
+    found = to_rgba(light, SRGB)
+    assert np.abs(found[..., :3] - shown(light)).max() <= 1
+    assert (found[..., :3] != shown(light)).mean() < 0.02
+    assert (found[..., 3] == 255).all()
+
+
+def test_the_last_preview_is_the_renderers_picture(client, opened, frames):
+    found = frames(client.post("api/preview", json=ASKED).content)
+    assert [header["stage"] for header, _ in found][-2:] == ["scatter", "final"]
+    scene = read_scene(opened.opened.path, opened.settings)
+    for engine, (_, pixels) in zip(("scatter", "rays"), found[-2:], strict=True):
+        result = BokehRenderer(engine).render(scene, opened.settings).bokeh
+        assert np.abs(pixels[..., :3] - shown(result)).max() <= 1
+
+
+def test_a_change_of_focus_comes_with_its_preview(client, opened, frames):
+    asked = ASKED | {"changes": {"focus": {"at": [45, 35]}}}
+    header, _ = frames(client.post("api/preview", json=asked).content)[0]
+    assert header["settings"]["focus"] == {"at": [45, 35]}
+    # the map runs from 0 to 1 once it is stretched, and the square is its nearest
+    assert header["focus_disparity"] == pytest.approx(1)
+
+
+def test_a_value_out_of_range_is_told_with_its_setting_and_changes_nothing(client, opened):
+    before = opened.settings
+    answer = client.post("api/preview", json=ASKED | {"changes": {"camera": {"blur": -1}}})
+    assert (answer.status_code, answer.json()["path"]) == (422, "camera.blur")
+    assert "expected a number of at least 0 pixels, got -1" in answer.json()["error"]
+    assert opened.settings == before
+
+
+def test_null_brings_a_default_back(client, opened):
+    client.post("api/change", json={"changes": {"aperture": {"blades": 6}}})
+    assert opened.settings.aperture.blades == 6
+    client.post("api/change", json={"changes": {"aperture": {"blades": None}}})
+    assert opened.settings.aperture.blades == 0
+
+
+def test_a_new_shape_comes_first_as_plain_discs(client, opened, frames):
+    """Laying out a shape takes long; the first picture does not wait for it, and the next one knows it."""
+    asked = ASKED | {"changes": {"aperture": {"blades": 3, "rotation": 20.0}}}
+    found = frames(client.post("api/preview", json=asked).content)
+    assert [header["stage"] for header, _ in found] == ["draft", "scatter", "final"]
+    scene = read_scene(opened.opened.path, opened.settings)
+    shaped = shown(BokehRenderer("scatter").render(scene, opened.settings).bokeh)
+    assert np.abs(found[1][1][..., :3] - shaped).max() <= 1
+    again = frames(client.post("api/preview", json=ASKED).content)
+    assert (again[-2][1] == found[1][1]).all()
+
+
+def test_a_newer_request_of_the_same_page_ends_the_one_before(opened):
+    previews = opened.previews
+    first = previews.begin("page")
+    assert not first.is_set()
+    other, second = previews.begin("another page"), previews.begin("page")
+    assert first.is_set()
+    assert not other.is_set()
+    stages = previews.stages(opened.opened, opened.settings, SIZE, "srgb", first, lambda done, total: None)
+    with pytest.raises(RenderCancelled):
+        next(stages)
+    assert not second.is_set()
+
+
+def test_a_refinement_that_nobody_wants_returns_at_once(opened):
+    stop = threading.Event()
+    threading.Timer(0.1, stop.set).start()
+    begun = time.monotonic()
+    with pytest.raises(RenderCancelled):
+        opened.fine.run(wait_for_long, cancel=stop)
+    assert time.monotonic() - begun < 1.5
+    assert opened.fine.run(answer_at_once) == 42
+
+
+def wait_for_long(*, report):
+    for step in range(400):
+        time.sleep(0.01)
+        report(step, 400)
+
+
+def answer_at_once(*, report):
+    return 42
+
+
+def test_the_loupe_shows_what_the_file_will_have(client, opened, frames):
+    """A part is rendered with what lies around it, so that it is as in the whole."""
+    client.post("api/change", json={"changes": {"engine": {"name": "scatter"}}})
+    answer = client.post("api/loupe", json={"x": 0.5, "y": 0.5, "width": 32, "height": 24, "client": "a"})
+    header, pixels = frames(answer.content)[-1]
+    assert (header["width"], header["height"]) == (32, 24)
+    scene = read_scene(opened.opened.path, opened.settings)
+    whole = shown(BokehRenderer().render(scene, opened.settings).bokeh)
+    assert np.abs(pixels[..., :3] - whole[20:44, 32:64]).max() <= 1
+
+
+@pytest.mark.parametrize("kind", ["depth", "focus", "confidence"])
+def test_overlays_have_the_size_of_the_preview(client, opened, frames, kind):
+    ((_, pixels),) = frames(client.get(f"api/overlay?kind={kind}&width=48&height=64").content)
+    assert pixels.shape == (32, 48, 4)
+    assert pixels[..., :3].std() > 0 or pixels[..., 3].std() > 0
+
+
+def test_the_focus_overlay_is_green_where_it_is_sharp(client, opened, frames):
+    client.post("api/change", json={"changes": {"focus": {"at": [45, 35]}}})
+    ((_, pixels),) = frames(client.get("api/overlay?kind=focus&width=96&height=64").content)
+    assert pixels[35, 45, 1] == pixels[35, 45, :3].max()  # green: in focus
+    assert pixels[5, 5, 2] == pixels[5, 5, :3].max()  # blue: behind it
+
+
+def test_a_point_of_light_has_the_area_of_the_opening(client, opened, frames):
+    """Authority: a square in the unit circle covers 2 / pi of it."""
+    areas = []
+    for blades in (0, 4):
+        client.post("api/change", json={"changes": {"aperture": {"blades": blades}}})
+        ((_, pixels),) = frames(client.get("api/aperture").content)
+        areas.append((pixels[:, :96, 1] > 127).sum())
+    assert areas[0] == pytest.approx(np.pi * 40**2, rel=0.03)
+    assert areas[1] / areas[0] == pytest.approx(2 / np.pi, rel=0.03)
+
+
+def test_every_setting_is_in_a_panel_unless_it_is_a_path():
+    fields = {field["path"]: field for panel in panels() for field in panel["fields"]}
+    assert [panel["title"] for panel in panels()] == [
+        group.TITLE for group in group_types() if group.GROUP != "input"
+    ]
+    for path, known in all_settings().items():
+        if path in fields:
+            told = fields[path]
+            assert (told["help"], told["unit"]) == (known.help, known.unit)
+        else:
+            hidden = is_path(known) or known.flag is None or known.group == "input"
+            assert hidden or path in ("color.glass", "color.axial_map", "color.lateral_map"), path
+
+
+LOOKS = {
+    "plain": {},
+    "shape": {"aperture": {"blades": 6, "curvature": 0.25, "cats_eye": 0.5}},
+    "glass": {"lens": {"coma": -2.0, "spherical": 1.5, "vignetting": False}},
+    "light": {"highlights": {"threshold": 0.8, "gain": 4.0}, "effects": {"vignette": 0.7}},
+    "tilt": {"focus": {"value": 0.4, "tilt_x": -20.0}, "engine": {"name": "scatter"}},
+    "file": {"output": {"bits": "16", "dither": "off"}, "depth": {"mixed": "on"}},
+}
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_an_export_has_the_bytes_of_the_shown_command(client, opened, exported, tmp_path, monkeypatch, look):
+    client.post("api/change", json={"changes": LOOKS[look]})
+    words = client.post("api/words", json={"name": "out.png"}).json()
+    monkeypatch.chdir(tmp_path)
+    assert run([*shlex.split(words["command"])[1:], "-q"]) == 0
+    made = (tmp_path / "out.png").read_bytes()
+    assert exported("out.png") == made
+    (tmp_path / "out.png").unlink()
+    exec(words["python"], {})
+    assert (tmp_path / "out.png").read_bytes() == made
+
+
+def test_an_export_of_a_painted_map_has_the_bytes_of_its_command(
+    client, opened, exported, tmp_path, monkeypatch
+):
+    stroke = {"effect": "farther", "points": [[0.5, 0.5], [0.6, 0.6]], "radius": 0.1, "strength": 0.5}
+    assert client.post("api/stroke", json={"stroke": stroke}).json()["strokes"] == 1
+    client.post("api/stroke", json={"stroke": stroke | {"effect": "sharp", "points": [[0.1, 0.1]]}})
+    words = client.post("api/words", json={"name": "out.png"}).json()
+    (tmp_path / words["map"]).write_bytes(client.get("api/map").content)
+    monkeypatch.chdir(tmp_path)
+    assert run([*shlex.split(words["command"])[1:], "-q"]) == 0
+    assert exported("out.png") == (tmp_path / "out.png").read_bytes()
+
+
+def test_words_say_every_value_that_was_set():
+    values = {
+        "focus": {"plane": [[1, 2], [30, 4], [5, 60]]},
+        "camera": {"blur": 0.1 + 0.2},
+        "lens": {"vignetting": False, "coma": -1.0},
+        "aperture": {"blades": 5},
+        "color": {"lateral": 1.0, "equaliser": [1.0, 0.5]},
+    }
+    settings = RenderSettings().updated(values)
+    command = command_line("a b.jpg", "out.png", settings)
+    for part in (
+        "'a b.jpg'",
+        "--focus-plane 1,2 30,4 5,60",
+        "--blur 0.30000000000000004",
+        "--no-lens-vignetting",
+    ):
+        assert part in command
+    assert "--coma=-1.0" in command
+    assert "--equaliser 1.0,0.5" in command
+    compile(python_lines("a.jpg", "b.png", settings), "words", "exec")
+
+
+def test_a_look_is_saved_as_a_preset_that_the_command_line_takes(client, opened, tmp_path):
+    client.post("api/change", json={"changes": {"aperture": {"blades": 7}, "highlights": {"gamma": 1.5}}})
+    path = tmp_path / "mine.toml"
+    path.write_text(client.get("api/preset").text)
+    assert load_preset(path).values == {"aperture": {"blades": 7}, "highlights": {"gamma": 1.5}}
+
+
+def test_a_preset_takes_the_place_of_the_look_and_leaves_the_scene(client, opened):
+    client.post("api/change", json={"changes": {"aperture": {"blades": 7}}})
+    client.post("api/wear", json={"preset": "petzval-swirl"})
+    assert opened.settings.aperture.blades == 0
+    assert opened.settings.aperture.cats_eye == 1.1
+    assert opened.settings.camera.blur == 12
+    assert [each["name"] for each in client.get("api/presets").json()] == presets()
+
+
+def test_a_thumbnail_shows_the_picture_with_a_look(client, opened, frames):
+    ((plain, one),) = frames(client.post("api/thumbnail", json={"preset": ""}).content)
+    ((_, other),) = frames(client.post("api/thumbnail", json={"preset": "soft-focus"}).content)
+    assert plain["width"] <= 144
+    assert (one != other).any()
+    assert opened.settings.aperture.cats_eye == 0
+
+
+def test_a_session_is_saved_and_reopened(client, opened, frames):
+    client.post("api/change", json={"changes": {"aperture": {"blades": 5}, "focus": {"at": [45, 35]}}})
+    client.post("api/stroke", json={"stroke": {"effect": "nearer", "points": [[0.2, 0.2]], "radius": 0.1}})
+    before = frames(client.post("api/preview", json=ASKED).content)[-1][1]
+    saved = client.get("api/session").content
+    client.post("api/change", json={"changes": {"aperture": {"blades": 0}}})
+    client.post("api/undo")
+    state = client.post("api/reopen", content=saved).json()
+    assert (state["strokes"], state["settings"]["aperture"]) == (1, {"blades": 5})
+    assert (frames(client.post("api/preview", json=ASKED).content)[-1][1] == before).all()
+
+
+def test_a_photo_without_depth_opens_flat_and_can_be_painted(client, session, files):
+    state = client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes()).json()
+    assert state["flat"]
+    assert state["settings"]["camera"]["blur"] > 0
+    client.post(
+        "api/stroke",
+        json={"stroke": {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.2, "edges": False}},
+    )
+    values = session.opened.painted_map(session.settings)
+    assert values[32, 48] == pytest.approx(0.6)
+    assert values[2, 2] == 0.5
+
+
+def test_a_map_is_dropped_on_an_open_picture(client, session, files):
+    client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+    state = client.post(
+        "api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes()
+    ).json()
+    assert (state["kind"], state["flat"]) == ("relative", False)
+    assert state["settings"]["input"] == {"disparity": "map.png"}  # its name, and no path
+
+
+def test_files_that_nothing_needs_any_more_are_removed(client, session, files, frames):
+    for _ in range(3):
+        client.post("api/open?name=photo.png", content=(files / "photo.png").read_bytes())
+        client.post("api/open?name=map.png&role=disparity", content=(files / "map.png").read_bytes())
+        client.post("api/open?name=photo.png", content=b"broken")
+    assert len(list(session.folder.rglob("photo.png"))) == 1
+    assert len(list(session.folder.rglob("map.png"))) == 1
+    asked = ASKED | {"changes": {"engine": {"name": "scatter"}}}
+    assert frames(client.post("api/preview", json=asked).content)[-1][0]["stage"] == "scatter"
+
+
+def test_an_exr_with_depth_opens_with_its_own(client, session, tmp_path, write_channels):
+    y, x = np.mgrid[:48, :64].astype(np.float32)
+    write_channels(tmp_path / "shot.exr", R=x / 64, G=y / 48, B=x * 0 + 0.2, Z=1 + x / 16)
+    state = client.post("api/open?name=shot.exr", content=(tmp_path / "shot.exr").read_bytes()).json()
+    assert state["kind"] == "metric"
+    assert state["settings"]["camera"]["focal_length"] == 50
+
+
+# ---- the brush
+
+FLAT = np.full((40, 60), 0.5, np.float32)
+GREY = np.full((40, 60, 3), 0.3, np.float32)
+
+
+@pytest.mark.parametrize(("effect", "sign"), [("nearer", 1), ("farther", -1)])
+def test_nearer_raises_disparity_by_the_strength(effect, sign):
+    values = np.tile(np.linspace(0.25, 0.75, 60, dtype=np.float32), (40, 1))
+    stroke = Stroke(effect=effect, points=((0.5, 0.5),), radius=0.1, strength=0.2)
+    moved = painted(values, GREY, [stroke]) - values
+    assert moved[20, 30] == pytest.approx(sign * 0.2 * 0.5, abs=1e-6)  # of the map's range
+    assert (moved[0] == 0).all()
+
+
+def test_same_takes_the_depth_where_the_stroke_begins():
+    values = FLAT.copy()
+    values[:, 30:] = 0.9
+    stroke = Stroke(effect="same", points=((0.9, 0.5), (0.1, 0.5)), radius=0.05)
+    result = painted(values, GREY, [stroke])
+    assert (result[20, 8:52] == np.float32(0.9)).all()
+    assert set(np.unique(result)) == {np.float32(0.5), np.float32(0.9)}  # no surface between the two
+
+
+def test_sharp_follows_the_focus_and_goes_last():
+    sharp = Stroke(effect="sharp", points=((0.5, 0.5),), radius=0.1)
+    nearer = Stroke(effect="nearer", points=((0.5, 0.5),), radius=0.1, strength=0.5)
+    for focus in (0.1, 0.7):
+        assert painted(FLAT, GREY, [sharp, nearer], focus)[20, 30] == np.float32(focus)
+
+
+def test_a_brush_that_heeds_edges_stops_at_them():
+    image = GREY.copy()
+    image[:, 32:] = 0.9
+    told = {"effect": "nearer", "points": ((0.45, 0.5),), "radius": 0.15, "strength": 0.5}
+    heeding, heedless = (painted(FLAT, image, [Stroke(**told, edges=edges)]) for edges in (True, False))
+    assert heeding[20, 27] > 0.6
+    assert (heeding[:, 32:] == 0.5).all()
+    assert heedless[20, 33] > 0.6
+
+
+def test_a_stroke_is_the_same_on_maps_of_any_size():
+    stroke = Stroke(effect="nearer", points=((0.3, 0.4), (0.6, 0.5)), radius=0.1, strength=0.5)
+    small = painted(FLAT, GREY, [stroke])
+    large = painted(
+        np.kron(FLAT, np.ones((4, 4), np.float32)), np.kron(GREY, np.ones((4, 4, 1), np.float32)), [stroke]
+    )
+    assert np.abs(large.reshape(40, 4, 60, 4).mean((1, 3)) - small).mean() < 0.005
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"radius": 0},
+        {"radius": 3},
+        {"points": []},
+        {"points": [[9, 9]]},
+        {"effect": "delete"},
+        {"strength": -1},
+        {"points": 3},
+    ],
+)
+def test_wrong_strokes_are_refused(wrong):
+    table = {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1} | wrong
+    with pytest.raises(ParameterError, match=r"^stroke"):
+        Stroke.from_table(table)
+
+
+def test_undo_and_redo(client, opened):
+    dot = {"effect": "nearer", "points": [[0.5, 0.5]], "radius": 0.1}
+    for _ in range(2):
+        client.post("api/stroke", json={"stroke": dot})
+    steps = [client.post(f"api/{name}").json() for name in ("undo", "undo", "undo", "redo")]
+    assert [(state["strokes"], state["undone"]) for state in steps] == [(1, 1), (0, 2), (0, 2), (1, 1)]
+    assert client.post("api/stroke", json={"stroke": dot}).json()["undone"] == 0
+
+
+def test_a_region_beside_the_border_is_the_part_of_the_whole(opened):
+    region = Region(x=60, y=40, width=36, height=24)
+    part = opened.opened.view(SIZE, opened.settings, region)
+    assert (part.image == opened.opened.scene.image[40:, 60:]).all()
+    assert (part.window.x, part.window.display_width) == (60, SIZE[0])
+    assert dataclasses.is_dataclass(part)
+
+
+def test_exported_pictures_can_be_read(client, opened, exported, tmp_path):
+    (tmp_path / "out.jpg").write_bytes(exported("out.jpg"))
+    assert read_image(tmp_path / "out.jpg").shape == (SIZE[1], SIZE[0], 3)
