@@ -1,10 +1,10 @@
 """Builds a release, checks it, and tries out its wheel: ``python -m benchmarks.release --out dist``.
 
-Steps, each of which must pass: version, changelog and citation agree; sdist and wheel are built, the wheel from
-the sdist; twine checks both; the sdist holds every file of the repository but those of its own house-keeping;
-the wheel holds every file of the package; for each interpreter the wheel is installed into an empty environment,
-where no torch may be, the command line renders a picture, and what that took is told; a list of what was
-installed there is written (CycloneDX), and sums of all files. It needs the extra ``release``.
+Steps, each of which must pass: version, changelog and citation agree; sdist and wheel are built, the wheel
+from the sdist; twine checks both; the sdist holds every file of the repository but those of its own
+house-keeping; the wheel holds the whole package; for each interpreter the wheel is installed into an empty
+environment, where no torch may be, the command line renders a picture, and what that took is told; a list of
+what was installed there is written (CycloneDX), and sums of all files. It needs the extra ``release``.
 """
 
 import argparse
@@ -36,9 +36,8 @@ def run(*command: str | Path, folder: Path = ROOT) -> str:
     )
     if done.returncode:
         last = " | ".join((done.stdout + done.stderr).strip().splitlines()[-3:])
-        fail(
-            f"{Path(str(command[0])).name} {' '.join(map(str, command[1:4]))}: code {done.returncode}: {last}"
-        )
+        words = " ".join(map(str, command[1:4]))
+        fail(f"{Path(str(command[0])).name} {words}: code {done.returncode}: {last}")
     return done.stdout
 
 
@@ -86,9 +85,7 @@ def check_contents(sdist: Path, wheel: Path) -> None:
     with tarfile.open(sdist) as file:
         there = {name.partition("/")[2] for name in file.getnames()}
     if missing := sorted(wanted - there):
-        fail(
-            f"{sdist.name}: expected every file of the repository, found {len(missing)} missing: {missing[:5]}"
-        )
+        fail(f"{sdist.name}: expected all of the repository, found {len(missing)} missing: {missing[:5]}")
     with zipfile.ZipFile(wheel) as file:
         there = set(file.namelist())
     package = {name for name in wanted if name.startswith("bokehnet/")}
