@@ -1,7 +1,7 @@
 """Not run in Nuke, which could not be had where the rest was tested: written against its published interface.
 
-Renders the input's RGBA and depth.Z by the command line, a frame at a time, and reads the result back. Put this
-folder on NUKE_PATH; ``menu.py`` adds **Filter > bokehnet**. What the panel holds are knobs of the gizmo
+Renders the input's RGBA and depth.Z by the command line, a frame at a time, and reads the result back. Put
+this folder on NUKE_PATH; ``menu.py`` adds **Filter > bokehnet**. What the panel holds are knobs of the gizmo
 ``bokehnet.gizmo``, named as ZDefocus names them; math ``depth`` means metres, ``far=0`` their inverse.
 """
 
