@@ -6,8 +6,9 @@ Argument: the folder of the files; task.json in it has the program, its options 
 import json
 from pathlib import Path
 
-import bokehnet
 from krita import InfoObject, Krita
+
+import bokehnet
 
 
 def main(arguments) -> None:
