@@ -20,8 +20,14 @@ pytestmark = [
 ]
 
 
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """Where Krita keeps what it makes when it is started for the first time, which takes long."""
+    return str(tmp_path_factory.mktemp("home"))
+
+
 @pytest.fixture
-def krita(tmp_path):
+def krita(tmp_path, home):
     """Render a document of a picture and its depth; return what the plug-in told."""
     rng = np.random.default_rng(1)
     disparity = np.zeros((60, 80, 3), np.float32)
@@ -37,7 +43,7 @@ def krita(tmp_path):
 
     def run(options="--blur 6 --focus 1 --repair-disparity off", depth="depth"):
         (tmp_path / "task.json").write_text(json.dumps([str(program), options, depth]), encoding="utf-8")
-        environment = dict(os.environ, HOME=str(tmp_path), XDG_RUNTIME_DIR=str(tmp_path))
+        environment = dict(os.environ, HOME=home, XDG_RUNTIME_DIR=home)
         environment["PYTHONPATH"] = f"{ROOT}/integrations/krita:{ROOT}/tests/hosts"
         words = ["xvfb-run", "-a", "kritarunner", "-s", "krita_child", "-f", "main", str(tmp_path)]
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=180)

@@ -42,8 +42,18 @@ def render(plugin, picture, tmp_path_factory):  # noqa: F811
     subprocess.run(build, check=True)
     (library,) = plugin.glob("bokehnet.ofx.bundle/Contents/*/bokehnet.ofx")
 
-    def run(window=None, *, step=1, abort=-1, mask=None, without=(), python=sys.executable, **numbers):
-        light, depth = picture[0][::step, ::step], picture[1][::step, ::step]
+    def run(
+        window=None,
+        *,
+        step=1,
+        abort=-1,
+        mask=None,
+        without=(),
+        change=lambda depth: depth,
+        python=sys.executable,
+        **numbers,
+    ):
+        light, depth = picture[0][::step, ::step], change(picture[1])[::step, ::step]
         height, width = depth.shape
         ones = np.ones((height, width, 1), np.float32)
         clips = {"Source": np.concatenate([light, ones], -1), "Z": np.repeat(depth[..., None], 4, -1)}
@@ -72,16 +82,16 @@ def by_renderer(picture, step=1):
     return BokehRenderer().render(make_scene(light, DefocusMap(map=radii)), settings).bokeh
 
 
-def test_distance_and_its_inverse_become_the_renderers_picture(render, picture):
+def test_distance_its_inverse_and_radii_become_the_renderers_picture(render, picture):
     found, told = render()
     assert "status 0" in told
     assert "identity 0" in told
     assert np.abs(found[..., :3] - by_renderer(picture)).max() < 1e-5
     assert (found[..., 3] == 1).all()
-    direct, _ = render(
-        math=2, max_size=1.4
-    )  # the channel is the radius then: 1.4 near, 6 far, which is too much
-    assert np.abs(direct[:8, :, :3] - found[:8, :, :3]).max() > 0.01
+    inverse, _ = render(math=1, center=1 / CENTER, change=lambda depth: 1 / depth)
+    assert np.abs(inverse - found).max() < 1e-4
+    direct, _ = render(math=2, change=lambda depth: SIZE * (CENTER / depth - 1))
+    assert np.abs(direct - found).max() < 1e-4
 
 
 def test_a_window_is_that_part_of_the_whole_and_nothing_else_is_written(render):
