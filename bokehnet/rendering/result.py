@@ -13,6 +13,7 @@ from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.row_blocks import Progress
 from bokehnet.optics.pixel_filter import FilterChoice
+from bokehnet.rendering.html import shown_html
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.output import make_output_format
 from bokehnet.rendering.settings import OutputSettings, RenderSettings
@@ -77,6 +78,8 @@ class RenderResult:
         >>> from bokehnet.rendering.renderer import BokehRenderer
         >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
         >>> result = BokehRenderer("scatter").render(picture, defocus)
+        >>> result._repr_html_()[-59:]  # what a notebook shows below the picture
+        'scatter, 32x24, blur up to 4.0 pixels</figcaption></figure>'
         >>> result.save_maps("maps")
         >>> sorted(path.name for path in Path("maps").iterdir())
         ['classical.png', 'defocus.exr', 'defocus.png', 'error_map.png']
@@ -157,6 +160,17 @@ class RenderResult:
                 light = np.zeros((height, width, 3), np.float32)
                 light[mixed.rows, mixed.columns] = colors
                 write_image(folder / f"{name}.png", self._in_rec709(light), alpha=parted)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the picture, and below it what was decided."""
+        report = self.report
+        height, width = self.bokeh.shape[:2]
+        lines = [f"{report.engine}, {width}x{height}, blur up to {report.largest_blur:.1f} pixels"]
+        if report.focus_distance is not None:
+            lines[0] += f", focus at {report.focus_distance:.3g} m"
+        elif report.focus_disparity is not None:
+            lines[0] += f", focus at disparity {report.focus_disparity:.3g}"
+        return shown_html(self._in_rec709(self.bokeh), [*lines, *report.notes])
 
     def _in_rec709(self, image: Array) -> Array:
         return image if self.frame is None else convert(image, self.frame.space, LINEAR_REC709)

@@ -1,0 +1,91 @@
+"""A picture in a notebook, focused where it is clicked. Needs anywidget: pip install 'bokehnet[notebook]'."""
+
+from typing import Any
+
+from bokehnet.checks import require_extra
+from bokehnet.errors import BokehnetError
+from bokehnet.rendering.html import picture_url
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.result import RenderResult
+from bokehnet.rendering.scene import Scene
+from bokehnet.rendering.settings import RenderSettings, merged
+
+require_extra("anywidget", "notebook")
+
+import anywidget  # noqa: E402
+import traitlets  # noqa: E402
+
+__all__ = ["FocusWidget"]
+
+_SCRIPT = """
+function render({ model, el }) {
+  const picture = document.createElement("img");
+  const line = document.createElement("div");
+  picture.style.cssText = "max-width: 100%; cursor: crosshair";
+  picture.alt = "click where it shall be sharp";
+  const show = () => { picture.src = model.get("picture"); line.textContent = model.get("line"); };
+  picture.addEventListener("click", (event) => {
+    const box = picture.getBoundingClientRect();
+    const u = (event.clientX - box.left) / box.width, v = (event.clientY - box.top) / box.height;
+    line.textContent = "rendering";
+    model.set("clicked", [u, v]);
+    model.save_changes();
+  });
+  model.on("change:picture", show);
+  model.on("change:line", show);
+  show();
+  el.append(picture, line);
+}
+export default { render };
+"""
+
+
+class FocusWidget(anywidget.AnyWidget):
+    """A scene, rendered again with each click, which says what is to be sharp.
+
+    Args:
+        scene: The scene.
+        settings: All else; default a blur of a fortieth of the picture's width.
+        renderer: Default one of the engine "scatter", which answers fastest.
+
+    Attributes:
+        clicked: Where was clicked, shares of width and height from the upper left; may be set by programs,
+        too. line: What is said below the picture. result: The last one.
+
+    Examples:
+        >>> from bokehnet.rendering.demo import small_demo_scene
+        >>> widget = FocusWidget(small_demo_scene())
+        >>> widget.clicked = [0.5, 0.5]
+        >>> widget.line
+        'focus at pixel 72,48'
+    """
+
+    _esm = _SCRIPT
+    picture = traitlets.Unicode("").tag(sync=True)
+    line = traitlets.Unicode("").tag(sync=True)
+    clicked = traitlets.List(traitlets.Float(), default_value=[], maxlen=2).tag(sync=True)
+
+    def __init__(
+        self, scene: Scene, settings: RenderSettings | None = None, renderer: BokehRenderer | None = None
+    ) -> None:
+        super().__init__()
+        width = scene.image.shape[1]
+        self._scene, self._renderer = scene, renderer or BokehRenderer("scatter")
+        self._settings = settings or RenderSettings().updated({"camera": {"blur": width / 40}})
+        self.result: RenderResult | None = None
+        self.line = "click where it shall be sharp"
+        self.picture = picture_url(scene.image)
+
+    @traitlets.observe("clicked")
+    def _focus(self, change: Any) -> None:
+        height, width = self._scene.image.shape[:2]
+        u, v = change["new"]
+        pixel = (min(max(int(u * width), 0), width - 1), min(max(int(v * height), 0), height - 1))
+        try:
+            table = merged(self._settings.to_table(), {"focus": {"at": pixel}})
+            self.result = self._renderer.render(self._scene, RenderSettings().updated(table))
+        except BokehnetError as error:
+            self.line = str(error)
+            return
+        self.picture = picture_url(self.result.bokeh)
+        self.line = f"focus at pixel {pixel[0]},{pixel[1]}"

@@ -1,0 +1,174 @@
+"""A renderer that stays warm behind a pipe: ``python -m bokehnet.integrations.warm``.
+
+Each line of stdin is a request, each line of stdout an answer, all JSON objects in UTF-8::
+
+    {"id": 1, "picture": "in.exr", "settings": {"camera": {"f_number": 2}}, "output": "out.exr"}
+    {"id": 2, "pixels": {"file": "/dev/shm/bokeh", "width": 64, "height": 48, ...}, "settings": {...}}
+    {"cancel": 2}
+
+    {"ready": "0.9"}
+    {"id": 1, "done": 3, "total": 10}
+    {"id": 1, "result": {"largest_blur": 12.5, "notes": []}}
+    {"id": 2, "error": {"message": "...", "parameter": "camera.f_number", "expected": ..., "remedy": ...}}
+
+Settings are groups and fields as in TOML files. With ``"plain": true`` an EXR gets the picture alone, none of
+the other channels of its input. Requests are worked through one after the other. With the end of stdin the
+process ends. What ``pixels`` may say stands at :class:`bokehnet.integrations.shared_pixels.PixelLayout`.
+"""
+
+import json
+import os
+import sys
+import threading
+import traceback
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, TextIO
+
+from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
+from bokehnet.integrations.shared_pixels import SharedPixels
+from bokehnet.io.frame import detached
+from bokehnet.rendering.output import check_output
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.result import RenderReport
+from bokehnet.rendering.scene import read_scene
+from bokehnet.rendering.settings import RenderSettings
+from bokehnet.version import __version__
+
+__all__ = ["WarmRenderer", "main"]
+
+_CANCELLED = "cancelled"
+
+
+class WarmRenderer:
+    """Answers requests with one renderer that is kept.
+
+    Args:
+        answers: Where answers are written, a line each.
+
+    Examples:
+        >>> WarmRenderer(sys.stdout).work_through(['{"id": 7, "picture": "none.exr", "output": "o.png"}'])
+        {"id": 7, "error": {"message": "...", ...}}
+    """
+
+    def __init__(self, answers: TextIO) -> None:
+        self._answers = answers
+        self._renderer = BokehRenderer()
+        self._waiting: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+        self._cancelled: dict[Any, threading.Event] = {}
+
+    def work_through(self, lines: Iterable[str]) -> None:
+        """Answer requests until they end; a request is cancelled while it waits or runs."""
+        reader = threading.Thread(target=self._read, args=(lines,), daemon=True)
+        reader.start()
+        while (request := self._waiting.get()) is not None:
+            self._answer(request)
+
+    def _read(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            try:
+                request = json.loads(line)
+                if not isinstance(request, dict):
+                    raise ValueError(line)
+            except ValueError:
+                self._say(
+                    {"id": None, "error": {"message": f"expected a JSON object in a line, got {line[:80]!r}"}}
+                )
+                continue
+            if "cancel" in request:
+                self._signal(request["cancel"]).set()
+            else:
+                self._waiting.put(request)
+        self._waiting.put(None)
+
+    def _signal(self, number: Any) -> threading.Event:
+        return self._cancelled.setdefault(number, threading.Event())
+
+    def _answer(self, request: dict[str, Any]) -> None:
+        number = request.get("id")
+        cancel = self._signal(number)
+        try:
+            result = self._rendered(request, number, cancel)
+        except RenderCancelled:
+            answer: dict[str, Any] = {"error": {"message": _CANCELLED}}
+        except BokehnetError as error:
+            answer = {"error": _told(error)}
+        except Exception:
+            traceback.print_exc()
+            answer = {"error": {"message": f"a bug of bokehnet: {traceback.format_exc(limit=-1)}"}}
+        else:
+            answer = {"result": result}
+        self._cancelled.pop(number, None)
+        self._say({"id": number, **answer})
+
+    def _rendered(self, request: dict[str, Any], number: Any, cancel: threading.Event) -> dict[str, Any]:
+        known = {"id", "picture", "settings", "output", "plain", "pixels"}
+        if unknown := sorted(set(request) - known):
+            raise ParameterError(unknown[0], f"one of {', '.join(sorted(known))}", request[unknown[0]])
+        settings = RenderSettings().updated(request.get("settings", {}))
+
+        def report(done: int, total: int) -> None:
+            self._say({"id": number, "done": done, "total": total})
+
+        if "pixels" in request:
+            with SharedPixels.opened(request["pixels"]) as pixels:
+                scene = pixels.scene()
+                result = self._renderer.render(scene, settings, report, cancel=cancel)
+                pixels.write(result)
+            return _summary(result.report)
+        for name in ("picture", "output"):
+            if not isinstance(request.get(name), str):
+                raise ParameterError(name, "the path of a file", request.get(name))
+        scene = read_scene(request["picture"], settings)
+        if request.get("plain") and scene.frame is not None:
+            scene = replace(scene, frame=detached(scene.frame))
+        output = Path(request["output"])
+        check_output(output, settings.output, scene.frame)
+        result = self._renderer.render(scene, settings, report, cancel=cancel)
+        result.save(output)
+        return _summary(result.report)
+
+    def _say(self, answer: dict[str, Any]) -> None:
+        self._answers.write(json.dumps(answer) + "\n")
+        self._answers.flush()
+
+
+def _summary(report: RenderReport) -> dict[str, Any]:
+    distance = report.focus_distance
+    return {
+        "engine": report.engine,
+        "largest_blur": report.largest_blur,
+        "focus_distance": None
+        if distance is None
+        else str(distance)
+        if distance == float("inf")
+        else distance,
+        "notes": list(report.notes),
+    }
+
+
+def _told(error: BokehnetError) -> dict[str, str]:
+    told = {"message": " ".join(str(error).split())}
+    if isinstance(error, ParameterError):
+        told |= {"parameter": error.parameter, "expected": error.expected, "remedy": error.remedy}
+        if error.has_got:
+            told["got"] = str(error.got)
+    return told
+
+
+def main() -> None:
+    """Answer stdin on stdout, which nothing else may write to."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    sys.stdout = sys.stderr
+    sys.stdin.reconfigure(encoding="utf-8")  # type: ignore[union-attr]
+    warm = WarmRenderer(answers)
+    answers.write(json.dumps({"ready": __version__}) + "\n")
+    answers.flush()
+    warm.work_through(sys.stdin)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,134 @@
+"""A warm bokehnet process beside Blender, asked through its pipe, one JSON line each way."""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .camera import HostError
+
+__all__ = ["WarmProcess"]
+
+_WAITING = 0.1  # seconds between two looks at whether it is still wanted
+
+
+class WarmProcess:
+    """Renders files; started with the first one, used again until it is ended.
+
+    Args:
+        python: The interpreter that has bokehnet; empty is Blender's own, with the wheels of the extension.
+    """
+
+    def __init__(self, python: str = "") -> None:
+        self.python = python
+        self._process: subprocess.Popen[str] | None = None
+        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._number = 0
+
+    def render(
+        self,
+        picture: Path,
+        settings: dict[str, dict[str, object]],
+        output: Path,
+        report: Callable[[float], None] = lambda share: None,
+        wanted: Callable[[], bool] = lambda: True,
+    ) -> dict[str, Any]:
+        """Render one file and return what was decided.
+
+        Args:
+            picture: All-in-focus, with its depth.
+            settings: Groups and fields.
+            output: Where the result goes.
+            report: Is told the share that is done, 0 to 1.
+            wanted: Asked now and then; once it says no, rendering is cancelled.
+
+        Raises:
+            HostError: It cannot be rendered, or the process died.
+        """
+        self._start()
+        self._number += 1
+        files = {"picture": str(picture), "output": str(output), "plain": True}
+        self._send({"id": self._number, "settings": settings, **files})
+        while True:
+            try:
+                answer = self._answers.get(timeout=_WAITING)
+            except queue.Empty:
+                if not wanted():
+                    self._send({"cancel": self._number})
+                continue
+            if answer is None:
+                code = self._process.wait() if self._process else None
+                self._process = None
+                raise HostError(
+                    f"bokehnet: expected an answer, found its process ended with code {code}; try again"
+                )
+            if answer.get("id") != self._number:
+                continue
+            if "error" in answer:
+                raise HostError(answer["error"]["message"])
+            if "result" in answer:
+                return dict(answer["result"])
+            report(answer["done"] / max(answer["total"], 1))
+
+    def stop(self) -> None:
+        """End the process, if there is one."""
+        if self._process is not None and self._process.stdin is not None:
+            self._process.stdin.close()
+            try:
+                self._process.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._process = None
+
+    def _start(self) -> None:
+        if self._process is not None and self._process.poll() is None:
+            return
+        environment = dict(os.environ)
+        if not self.python:  # the wheels come before what Blender itself brings, as its older NumPy
+            environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if "extensions" in path)
+        python = self.python or sys.executable
+        try:
+            self._process = subprocess.Popen(
+                [python, "-m", "bokehnet.integrations.warm"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                encoding="utf-8",
+                env=environment,
+            )
+        except OSError as error:
+            raise HostError(
+                f"preferences: expected a Python with bokehnet, found {python} ({error.strerror}); "
+                "set it in the extension's preferences"
+            ) from error
+        self._answers = queue.SimpleQueue()
+        threading.Thread(target=self._read, args=(self._process, self._answers), daemon=True).start()
+        first = self._answers.get()
+        if first is None or "ready" not in first:
+            self.stop()
+            raise HostError(
+                f"preferences: expected a Python with bokehnet, found {python} without; "
+                "pip install bokehnet there, or set another one in the extension's preferences"
+            )
+
+    @staticmethod
+    def _read(process: "subprocess.Popen[str]", answers: "queue.SimpleQueue[dict[str, Any] | None]") -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            answers.put(json.loads(line))
+        answers.put(None)
+
+    def _send(self, request: dict[str, Any]) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+        except OSError:
+            pass  # it died: its last answer says so

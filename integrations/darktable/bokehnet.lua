@@ -1,0 +1,98 @@
+--[[ Edit with bokehnet: renders the selected pictures of darktable and takes the results into its library.
+
+Copy this file to the folder lua/ of darktable's configuration and add  require "bokehnet"  to its luarc.
+The depth of a picture is a file beside it, of its name and .disparity.png, .disparity.exr (near is large) or
+.depth.exr (metres); without one the picture must hold its own, as a phone's does. It must show what the picture
+shows: crop and turn after bokehnet, not before.
+]]
+
+local dt = require "darktable"
+
+local NAME = "bokehnet"
+local bokehnet = {}
+
+local PREFERENCES = {
+  command = { "bokehnet: program", "the command line of bokehnet", "bokehnet" },
+  options = { "bokehnet: options", "options of bokehnet render", "--blur 40 --focus 0.5" },
+}
+
+if dt.gui then -- darktable-cli has no preferences to register
+  for name, told in pairs(PREFERENCES) do
+    dt.preferences.register(NAME, name, "string", told[1], told[2], told[3])
+  end
+end
+
+local function preference(name)
+  local value = dt.preferences.read(NAME, name, "string")
+  return value ~= "" and value or PREFERENCES[name][3]
+end
+
+local function quoted(text)
+  return "'" .. text:gsub("'", "'\\''") .. "'"
+end
+
+local function readable(path)
+  local file = io.open(path, "rb")
+  if file then file:close() end
+  return file ~= nil
+end
+
+-- Options that name the depth beside a picture; none where the picture must hold its own.
+local function depth_options(path)
+  local stem = path:gsub("%.[^./\\]+$", "")
+  for _, ending in ipairs { ".disparity.png", ".disparity.exr" } do
+    if readable(stem .. ending) then return "--resize-disparity --disparity " .. quoted(stem .. ending) end
+  end
+  if readable(stem .. ".depth.exr") then return "--resize-disparity --depth " .. quoted(stem .. ".depth.exr") end
+  return ""
+end
+
+-- Render an exported file; the path of the result, or nil and one line.
+function bokehnet.render_file(exported, original, output)
+  local errors = os.tmpname()
+  local words = {
+    preference("command"), "render", quoted(exported), "-o", quoted(output),
+    depth_options(original), preference("options"), "--quiet",
+    "> /dev/null 2>", quoted(errors),
+  }
+  local done = os.execute(table.concat(words, " "))
+  local file = io.open(errors)
+  local line = file and file:read("l") or nil
+  if file then file:close() end
+  os.remove(errors)
+  if done then return output end
+  return nil, line or "bokehnet: expected a program that runs, found none; set it in the preferences"
+end
+
+-- Export a picture of the library as darktable shows it, render it, take the result in beside it.
+function bokehnet.edit(image)
+  local original = image.path .. "/" .. image.filename
+  local exported = os.tmpname() .. ".tif"
+  local format = dt.new_format("tiff")
+  format.bpp = 16
+  format:write_image(image, exported)
+  local output = original:gsub("%.[^./\\]+$", "") .. ".bokeh.tif"
+  local made, message = bokehnet.render_file(exported, original, output)
+  os.remove(exported)
+  if not made then
+    dt.print_error(message)
+    if dt.gui then dt.print(message) end
+    return nil, message
+  end
+  local taken = dt.database.import(made)
+  if taken then taken:group_with(image.group_leader) end
+  return made
+end
+
+local function edit_all(_, images)
+  for place, image in ipairs(images) do
+    dt.print(string.format("bokehnet: %d of %d", place, #images))
+    bokehnet.edit(image)
+  end
+end
+
+if dt.gui then
+  dt.gui.libs.image.register_action(NAME, "edit with bokehnet", edit_all, "render the blur of a lens")
+end
+
+return bokehnet

@@ -1,0 +1,105 @@
+#!/usr/bin/env python3
+"""Not run in GIMP: GIMP 3 could not be had where the rest was tested; made for its published interface.
+
+Copy the folder ``bokehnet`` with this executable file into GIMP's folder ``plug-ins``. **Filters > Blur >
+bokehnet** renders what the image shows by its layer named *depth*, near is bright, and adds the result as a
+layer *bokeh*.
+"""
+
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+
+import gi
+
+gi.require_version("Gimp", "3.0")
+from gi.repository import Gimp, Gio, GLib, GObject  # noqa: E402
+
+PROCEDURE, DEPTH, RESULT = "plug-in-bokehnet", "depth", "bokeh"
+
+
+def saved(image, path, wanted):
+    """Write the image with some of its layers alone, as it would be shown."""
+    copy = image.duplicate()
+    try:
+        for layer in copy.get_layers():
+            layer.set_visible(wanted(layer))
+        copy.merge_visible_layers(Gimp.MergeType.CLIP_TO_IMAGE)
+        Gimp.file_save(Gimp.RunMode.NONINTERACTIVE, copy, Gio.File.new_for_path(path), None)
+    finally:
+        copy.delete()
+
+
+def rendered(image, command, options):
+    """Add the result as a layer; return None, or one line that says what is wrong."""
+    layers = image.get_layers()
+    names = [layer.get_name() for layer in layers]
+    if DEPTH not in names:
+        return f"layers: expected one named {DEPTH}, found {', '.join(names)}; name the depth so"
+    with tempfile.TemporaryDirectory() as folder:
+        picture, depth, result = (os.path.join(folder, f"{name}.png") for name in ("picture", DEPTH, RESULT))
+        saved(image, picture, lambda layer: layer.get_visible() and layer.get_name() not in (DEPTH, RESULT))
+        saved(image, depth, lambda layer: layer.get_name() == DEPTH)
+        words = [*shlex.split(command), "render", picture, "--disparity", depth, "-o", result]
+        try:
+            words += [*shlex.split(options), "--quiet"]
+            done = subprocess.run(words, capture_output=True, text=True, check=False)
+        except (OSError, ValueError) as error:
+            return f"program: expected bokehnet and its options, found {command} ({error}); set them"
+        if done.returncode:
+            return (done.stderr.strip().splitlines() or ["bokehnet failed"])[-1]
+        file = Gio.File.new_for_path(result)
+        made = Gimp.file_load_layer(Gimp.RunMode.NONINTERACTIVE, image, file)
+        made.set_name(RESULT)
+        image.undo_group_start()
+        for layer in layers:
+            if layer.get_name() == RESULT:
+                image.remove_layer(layer)
+        image.insert_layer(made, None, 0)
+        image.undo_group_end()
+    return None
+
+
+class Bokehnet(Gimp.PlugIn):
+    """The plug-in."""
+
+    def do_query_procedures(self):
+        """Name its procedure."""
+        return [PROCEDURE]
+
+    def do_create_procedure(self, name):
+        """Describe it: what it takes, and where it stands in the menu."""
+        procedure = Gimp.ImageProcedure.new(self, name, Gimp.PDBProcType.PLUGIN, self.run, None)
+        procedure.set_image_types("RGB*")
+        procedure.set_menu_label("bokehnet...")
+        procedure.add_menu_path("<Image>/Filters/Blur")
+        procedure.set_documentation("The blur of a real lens", "By the layer named depth", name)
+        flags = GObject.ParamFlags.READWRITE
+        procedure.add_string_argument("command", "Program", "Command line of bokehnet", "bokehnet", flags)
+        options = "--blur 40 --focus 0.5"
+        procedure.add_string_argument("options", "Options", "Of bokehnet render", options, flags)
+        return procedure
+
+    def run(self, procedure, mode, image, drawables, config, data):
+        """Ask in a dialog, render, and tell what is wrong in GIMP's way."""
+        if mode == Gimp.RunMode.INTERACTIVE:
+            gi.require_version("GimpUi", "3.0")
+            from gi.repository import GimpUi
+
+            GimpUi.init("bokehnet")
+            dialog = GimpUi.ProcedureDialog.new(procedure, config, "bokehnet")
+            dialog.fill(None)
+            if not dialog.run():
+                return procedure.new_return_values(Gimp.PDBStatusType.CANCEL, None)
+            dialog.destroy()
+        message = rendered(image, config.get_property("command"), config.get_property("options"))
+        if message is not None:
+            error = GLib.Error.new_literal(GLib.quark_from_string(PROCEDURE), message, 0)
+            return procedure.new_return_values(Gimp.PDBStatusType.EXECUTION_ERROR, error)
+        Gimp.displays_flush()
+        return procedure.new_return_values(Gimp.PDBStatusType.SUCCESS, None)
+
+
+Gimp.main(Bokehnet.__gtype__, sys.argv)

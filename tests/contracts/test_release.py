@@ -1,0 +1,45 @@
+"""What is released is whole and agrees with itself. Authority: git's list of files."""
+
+import subprocess
+import sys
+import tarfile
+
+import pytest
+
+from benchmarks import release
+from tests.conftest import ROOT
+
+
+def test_every_file_tells_the_same_version():
+    assert len(set(release.told_versions().values())) == 1
+    assert release.check_versions() == release.told_versions()["bokehnet/version.py"]
+
+
+def test_a_version_that_disagrees_is_told(monkeypatch):
+    monkeypatch.setattr(release, "told_versions", lambda: {"a": "1.0", "b": "1.1"})
+    with pytest.raises(SystemExit, match=r"expected one version, found a 1\.0, b 1\.1"):
+        release.check_versions()
+
+
+def test_the_sdist_holds_every_file_of_the_repository(tmp_path):
+    pytest.importorskip("hatchling", reason="builds with hatchling, which the extra release brings")
+    if not (ROOT / ".git").exists():
+        pytest.skip("needs git's list of files")
+    code = "import sys; from hatchling.builders.sdist import SdistBuilder"
+    code += "; next(SdistBuilder('.').build(directory=sys.argv[1]))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as file:
+        there = {name.partition("/")[2] for name in file.getnames()}
+    assert sorted(release.released_files() - there) == []
+
+
+def test_a_file_that_is_missing_is_told(tmp_path, monkeypatch):
+    empty = tmp_path / "a.tar.gz"
+    with tarfile.open(empty, "w:gz"):
+        pass
+    monkeypatch.setattr(release, "released_files", lambda: {"bokehnet/version.py"})
+    with pytest.raises(SystemExit, match=r"1 missing: \['bokehnet/version.py'\]"):
+        release.check_contents(empty, tmp_path / "none.whl")
