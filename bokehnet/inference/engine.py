@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -386,19 +387,19 @@ class Engine:
         known = lens.known
         if known is not None and strip is not None:
             known = known.in_rows(strip.first, strip.last)
-        how = (
-            defocus,
-            lens.aperture,
-            strip,
-            lens.lens_response,
-            lens.place,
-            progress,
-            lens.pixel_filter,
+        render = partial(
+            self._classical,
+            strip=strip,
+            lens_response=lens.lens_response,
+            place=lens.place,
+            progress=progress,
+            pixel_filter=lens.pixel_filter,
+            rays_share=lens.rays_share,
         )
         if curve is None:
-            return self._classical(image, *how, known, lens.rays_share)
+            return render(image, defocus, lens.aperture, known=known)
         encoded = known and known.in_light(curve.encode)
-        result = self._classical(curve.encode(image), *how, encoded, lens.rays_share)
+        result = render(curve.encode(image), defocus, lens.aperture, known=encoded)
         mixed = result.mixed_pixels
         return replace(
             result,
