@@ -57,7 +57,7 @@ bokehme_scatter   bokehme                disc      Peng 2022
 
 _FAULTS = {
     "gather_basic": f"noise; sharp surroundings bleed into the blur; {_LEAK}",
-    "gather_spiral": "the running mean weighs rings unevenly; the foreground stays visible inside its own blur",
+    "gather_spiral": "the running mean weighs rings unevenly; a foreground stays visible in its own blur",
     "gather_bokeh": "halos: a background is less blurred near a foreground; a pattern where samples are few",
     "gather_passes": "half resolution near focus; no order within the near and the far plane",
     "jimenez": "few taps: blotches and tiles; two layers a tile; bright lights lose energy",

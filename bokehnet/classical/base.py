@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol, TypedDict, Unpack
 import numpy as np
 
 from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
+from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
@@ -156,6 +157,7 @@ class ClassicalOptions(TypedDict, total=False):
         pixel_filter: Of the picture, by which its pixels at edges mix both sides.
         known: Surfaces of pixels at edges that need not be estimated, for renderers that take layers.
         rays_share: Share of the usual rays of a pixel, where several pixels will be reduced to one.
+        layers: True layers, for renderers that take layers.
     """
 
     strip: Strip | None
@@ -165,6 +167,7 @@ class ClassicalOptions(TypedDict, total=False):
     pixel_filter: PixelFilter
     known: KnownSurfaces | None
     rays_share: float
+    layers: Layers | None
 
 
 class ClassicalRenderer(Protocol):
