@@ -67,7 +67,7 @@ def planes(seed: int) -> Scene:
         layers[label] = (peeled.colors.numpy(), near.astype(np.float32), peeled.coverage.numpy().clip(0, 1))
     return Scene(
         image=render_all_in_focus(scene, camera, _IMAGE, 1).numpy(),
-        truth=render_bokeh(scene, camera, _TRUTH // 2, 0).numpy(),
+        truth=render_bokeh(scene, camera, _TRUTH // 4, 0).numpy(),
         disparity=render_disparity(scene, camera).numpy() * _CONFIG.nearest_distance,
         focus=focus,
         layers=layers,
@@ -175,7 +175,7 @@ def main() -> None:
     )
     parser.add_argument("--scenes", type=int, default=3, help="of each kind")
     count = parser.parse_args().scenes
-    for make in (planes, clutter):
+    for make in (clutter, planes):
         rows = []
         for seed in range(1, count + 1):
             rows.append(scores(make(seed)))
