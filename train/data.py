@@ -11,15 +11,15 @@ from bokehnet.pyramid import count_halvings, downsample2
 from train.examples import Skips
 from train.prepared import PLANES, PreparedSet
 
-__all__ = ["DataConfig", "PreparedCrops", "best_window"]
+__all__ = ["CropsConfig", "DataConfig", "PreparedCrops", "best_window"]
 
 # Crops to choose from; where the error map is empty there is nothing to learn.
 TRIES = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class DataConfig:
-    """Where the examples come from and what is done to them.
+class CropsConfig:
+    """Where prepared examples come from and how they are drawn.
 
     Attributes:
         folder: Prepared examples for training.
@@ -27,8 +27,23 @@ class DataConfig:
         validation: Prepared examples for validation, of other scenes.
         batch_size: Examples a step.
         workers: Loader processes; 0 loads in the training process.
-        augmented: Share of examples with a augmented disparity, where the set holds such.
         max_exposure: Light is scaled by 2 ** u, u uniform in [-max_exposure, max_exposure].
+    """
+
+    folder: str
+    validation: str
+    batch_size: int = 8
+    workers: int = 0
+    max_exposure: float = 1.0
+    also: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataConfig(CropsConfig):
+    """Where the examples come from and what is done to them.
+
+    Attributes:
+        augmented: Share of examples with a augmented disparity, where the set holds such.
         coarse_crop: Side of ARNet's crops, pixels at the size that it works at.
         fine_crop: Side of IUNet's crops, pixels at the full size.
         most_halvings: ARNet's crops are halved at most this often, so that they stay large enough; it then
@@ -37,17 +52,11 @@ class DataConfig:
             of all sizes are seen at all sizes.
     """
 
-    folder: str
-    validation: str
-    batch_size: int = 8
-    workers: int = 0
     augmented: float = 0.5
-    max_exposure: float = 1.0
     coarse_crop: int = 96
     fine_crop: int = 192
     most_halvings: int = 1
     extra_halvings: int = 0
-    also: tuple[str, ...] = ()
 
 
 def _halved(array: np.ndarray, times: int) -> np.ndarray:

@@ -8,7 +8,7 @@ goes on where it stopped and gives the same bytes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +18,12 @@ from torch import Tensor
 
 from bokehnet.classical.rays_renderer import rays, render_rays
 from bokehnet.errors import DataFileError
-from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.shards import ShardSet, TrainingSample
-from train.augmentation import augment_disparity
-from train.data import best_window
+from train.data import CropsConfig, best_window
 from train.examples import Skips
-from train.prepare import prepare_command, write_parts
+from train.prepare import packed, prepare_command, scene_examples, write_parts
 from train.prepared import PreparedSet
 
 __all__ = ["ERROR_PLANES", "ErrorCrops", "ErrorDataConfig", "ErrorSetConfig", "main", "prepare_errors"]
@@ -74,11 +72,6 @@ def _engine(folder: str) -> Engine:
     return Engine("fast", weights=Path(folder), threads=1)
 
 
-@lru_cache(maxsize=1)
-def _repair(folder: str) -> DisparityRepair:
-    return DisparityRepair(Path(folder), threads=1)
-
-
 def rays_noise(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Standard deviation of the noise of one render, by two that differ by it alone.
 
@@ -112,27 +105,11 @@ def error_example(sample: TrainingSample, view: int, disparity: np.ndarray, neur
         "truth": sample.bokeh[view],
         "features": np.stack(features, -1),
     }
-    planes = np.empty((_COUNT, *defocus.shape), np.float16)
-    for name, place in ERROR_PLANES.items():
-        planes[place] = parts[name].transpose(2, 0, 1)
-    return planes
+    return packed(parts, ERROR_PLANES, _COUNT)
 
 
 def _scene(config: ErrorSetConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
-    try:
-        sample = samples[number]
-    except DataFileError as error:
-        return error
-    rng = np.random.default_rng([config.seed, number])
-    examples = []
-    for view in range(len(sample.blur)):
-        examples.append(error_example(sample, view, sample.disparity, config.neural))
-        for _ in range(config.augmented):
-            given = augment_disparity(sample.disparity, rng)
-            if config.repair:
-                given = _repair(config.repair)(sample.image.astype(np.float32), given)
-            examples.append(error_example(sample, view, given, config.neural))
-    return examples
+    return scene_examples(config, samples, number, partial(error_example, neural=config.neural))
 
 
 def prepare_errors(config: ErrorSetConfig, out: Path, workers: int = 1) -> None:
@@ -141,26 +118,14 @@ def prepare_errors(config: ErrorSetConfig, out: Path, workers: int = 1) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ErrorDataConfig:
+class ErrorDataConfig(CropsConfig):
     """Where the examples come from and what is done to them.
 
     Attributes:
-        folder: Prepared examples for training.
-        also: Further sets of them; every set is as likely as the others.
-        validation: Prepared examples for validation, of other scenes.
-        batch_size: Examples a step.
-        workers: Loader processes; 0 loads in the training process.
-        max_exposure: Light is scaled by 2 ** u, u uniform in [-max_exposure, max_exposure].
         crop: Side of the crops, pixels, a multiple of 8.
     """
 
-    folder: str
-    validation: str
-    batch_size: int = 8
-    workers: int = 0
-    max_exposure: float = 1.0
     crop: int = 96
-    also: tuple[str, ...] = ()
 
 
 class ErrorCrops:

@@ -12,7 +12,7 @@ import functools
 import json
 import multiprocessing
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,17 @@ from train.command import add_settings, settings_of
 from train.examples import Skips
 from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 
-__all__ = ["PrepareConfig", "main", "prepare", "prepare_command", "prepare_view", "write_parts"]
+__all__ = [
+    "PrepareConfig",
+    "load_repair",
+    "main",
+    "packed",
+    "prepare",
+    "prepare_command",
+    "prepare_view",
+    "scene_examples",
+    "write_parts",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,33 +93,58 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
         "classical_error_map": result.error_map[..., None],
         "target": target[..., None],
     }
-    planes = np.empty((NUM_PLANES, *defocus.shape), np.float16)
-    for name, place in PLANES.items():
+    return packed(parts, PLANES, NUM_PLANES)
+
+
+def packed(parts: Mapping[str, np.ndarray], places: Mapping[str, slice], count: int) -> np.ndarray:
+    """Arrays (H, W, C) by name as planes (count, H, W), float16, each in its place."""
+    planes = np.empty((count, *parts["image"].shape[:2]), np.float16)
+    for name, place in places.items():
         planes[place] = parts[name].transpose(2, 0, 1)
     return planes
 
 
 @functools.lru_cache(maxsize=1)
-def _load_repair(folder: str) -> DisparityRepair:
+def load_repair(folder: str) -> DisparityRepair:
+    """The disparity repair with the weights in a folder, on one thread, loaded once in a process."""
     return DisparityRepair(Path(folder), threads=1)
 
 
-def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
-    """All examples of a scene, or what is wrong with it."""
+def scene_examples(
+    config: Any,
+    samples: ShardSet,
+    number: int,
+    example: Callable[[TrainingSample, int, np.ndarray], np.ndarray],
+    repaired: float = 1.0,
+) -> list[np.ndarray] | DataFileError:
+    """All examples of a scene, with its disparity and with augmented ones, or what is wrong with it.
+
+    Args:
+        config: Has ``seed``, ``augmented`` and ``repair``, as :class:`PrepareConfig`.
+        samples: All scenes.
+        number: Of the scene.
+        example: Makes that of a sample, a view and a disparity map.
+        repaired: Share of the augmented maps that are repaired.
+    """
     try:
         sample = samples[number]
     except DataFileError as error:
         return error
     rng = np.random.default_rng([config.seed, number])
-    views = []
+    examples = []
     for view in range(len(sample.blur)):
-        views.append(prepare_view(sample, view, sample.disparity, config.classical))
+        examples.append(example(sample, view, sample.disparity))
         for _ in range(config.augmented):
             augmented = augment_disparity(sample.disparity, rng)
-            if config.repair and rng.random() < config.repaired:
-                augmented = _load_repair(config.repair)(sample.image.astype(np.float32), augmented)
-            views.append(prepare_view(sample, view, augmented, config.classical))
-    return views
+            if config.repair and (repaired == 1 or rng.random() < repaired):
+                augmented = load_repair(config.repair)(sample.image.astype(np.float32), augmented)
+            examples.append(example(sample, view, augmented))
+    return examples
+
+
+def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
+    prepared = functools.partial(prepare_view, classical=config.classical)
+    return scene_examples(config, samples, number, prepared, config.repaired)
 
 
 def _start_worker() -> None:

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.nearest_pixel import nearest_pixel
 from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.checks import check_whole
 from bokehnet.classical.parallel import parallel_region
@@ -46,8 +47,9 @@ def _gather(image, defocus, shape, samples, bokeh):  # type: ignore[no-untyped-d
                 angle = 2.0 * math.pi * turn
                 rho = shape[int(turn * ANGLES)] * blur * side
                 rho *= math.sqrt(random_number(x, y, 2 * index + 1))
-                row = min(max(int(math.floor(y - rho * math.sin(angle) + 0.5)), 0), height - 1)
-                column = min(max(int(math.floor(x - rho * math.cos(angle) + 0.5)), 0), width - 1)
+                row, column = nearest_pixel(
+                    y - rho * math.sin(angle), x - rho * math.cos(angle), height, width
+                )
                 red += image[row, column, 0]
                 green += image[row, column, 1]
                 blue += image[row, column, 2]

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.nearest_pixel import nearest_pixel
 from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.baselines.spiral import GOLDEN_ANGLE
 from bokehnet.baselines.tiles import dilated_tiles
@@ -54,8 +55,7 @@ def _gather(image, defocus, offsets, reach, size, frame, cats_eye, bokeh):  # ty
             narrower = 0.5 * cats_eye * field
             for index in range(offsets.shape[0]):
                 across, down = squeezed(offsets[index, 0], offsets[index, 1], from_column, from_row, narrower)
-                row = min(max(int(math.floor(y + largest * down + 0.5)), 0), height - 1)
-                column = min(max(int(math.floor(x + largest * across + 0.5)), 0), width - 1)
+                row, column = nearest_pixel(y + largest * down, x + largest * across, height, width)
                 blur = abs(defocus[row, column])
                 if defocus[row, column] < centre:
                     blur = min(blur, abs(centre))

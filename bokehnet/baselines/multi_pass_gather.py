@@ -10,6 +10,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.baselines.half_size import doubled, halved
+from bokehnet.baselines.nearest_pixel import nearest_pixel
 from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.baselines.spiral import spiral
 from bokehnet.checks import check_above
@@ -39,8 +40,9 @@ def _gather(plane, blur, points, shape, area, turned, bokeh):  # type: ignore[no
                     angle, radius, stands = points[index, 0], points[index, 1], area
                 turn = angle / (2.0 * math.pi) + turned
                 reach = radius * shape[int((turn - math.floor(turn)) * ANGLES) % ANGLES]
-                row = min(max(int(math.floor(y + reach * math.sin(angle) + 0.5)), 0), height - 1)
-                column = min(max(int(math.floor(x + reach * math.cos(angle) + 0.5)), 0), width - 1)
+                row, column = nearest_pixel(
+                    y + reach * math.sin(angle), x + reach * math.cos(angle), height, width
+                )
                 weight = min(max(blur[row, column] - radius + 0.5, 0.0), 1.0) * stands
                 weight /= math.pi * max(blur[row, column], 0.5) ** 2
                 for c in range(channels):

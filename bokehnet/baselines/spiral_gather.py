@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.nearest_pixel import nearest_pixel
 from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.baselines.spiral import spiral
 from bokehnet.checks import check_above
@@ -32,8 +33,7 @@ def _gather(image, defocus, offsets, bokeh):  # type: ignore[no-untyped-def]
             steps = 1.0
             for index in range(offsets.shape[0]):
                 radius = offsets[index, 2]
-                row = min(max(int(math.floor(y + offsets[index, 1] + 0.5)), 0), height - 1)
-                column = min(max(int(math.floor(x + offsets[index, 0] + 0.5)), 0), width - 1)
+                row, column = nearest_pixel(y + offsets[index, 1], x + offsets[index, 0], height, width)
                 blur = abs(defocus[row, column])
                 if defocus[row, column] < centre:  # behind the pixel
                     blur = min(blur, 2.0 * abs(centre))
@@ -54,13 +54,10 @@ def gather_spiral(
     """Render by the advanced gather.
 
     Args:
-        image: Scene-linear, (H, W, 3).
-        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Its outline shapes the spiral, the same on both sides of focus; default a disc.
+        image: As for :func:`bokehnet.baselines.basic_gather.gather_basic`.
+        defocus: Likewise.
+        aperture: Likewise, of one outline on both sides of focus.
         scale: Of the spiral, pixels: a sample for each area of 2 pi times it.
-
-    Returns:
-        Picture (H, W, 3), float32.
 
     Source:
         Gustafsson, "Bokeh depth of field in a single pass", 2018; thesis 004, 2.2.3, the second listing, with

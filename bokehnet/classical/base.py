@@ -2,26 +2,30 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypedDict, Unpack
 
 import numpy as np
 
 from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
+from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
+from bokehnet.optics.pixel_filter import PixelFilter
 
 __all__ = [
     "ALIGNED",
     "CLASSICAL_RENDERERS",
+    "ClassicalOptions",
     "ClassicalRenderer",
     "ClassicalResult",
     "Frame",
     "Place",
     "Strip",
+    "check_focuses_alone",
     "check_inputs",
     "make_classical",
 ]
@@ -140,6 +144,32 @@ class ClassicalResult:
         return np.dstack([self.occluded_background, self.disocclusion_weight, self.error_map])
 
 
+class ClassicalOptions(TypedDict, total=False):
+    """What a classical renderer may be told besides picture, defocus and aperture.
+
+    Attributes:
+        strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of the
+            result mean anything.
+        lens_response: What the lens does beyond focusing; default a perfect lens.
+        place: Where the whole picture, of which a strip may be a part, lies in the shown one; default: all of
+            it is shown.
+        progress: Called with the share of the work that is done, 0 to 1.
+        pixel_filter: Of the picture, by which its pixels at edges mix both sides.
+        known: Surfaces of pixels at edges that need not be estimated, for renderers that take layers.
+        rays_share: Share of the usual rays of a pixel, where several pixels will be reduced to one.
+        layers: True layers, for renderers that take layers.
+    """
+
+    strip: Strip | None
+    lens_response: LensResponse | None
+    place: Place | None
+    progress: Callable[[float], None] | None
+    pixel_filter: PixelFilter
+    known: KnownSurfaces | None
+    rays_share: float
+    layers: Layers | None
+
+
 class ClassicalRenderer(Protocol):
     """A renderer without learned parts."""
 
@@ -148,13 +178,7 @@ class ClassicalRenderer(Protocol):
         image: np.ndarray,
         defocus: np.ndarray,
         aperture: Aperture | None = None,
-        strip: Strip | None = None,
-        lens_response: LensResponse | None = None,
-        place: Place | None = None,
-        progress: Callable[[float], None] | None = None,
-        pixel_filter: PixelFilter = DEFAULT_FILTER,
-        known: KnownSurfaces | None = None,
-        rays_share: float = 1.0,
+        **options: Unpack[ClassicalOptions],
     ) -> ClassicalResult:
         """Render.
 
@@ -162,15 +186,7 @@ class ClassicalRenderer(Protocol):
             image: All-in-focus picture, scene-linear, (H, W, 3), float32.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
             aperture: Shape of the lens opening; default a plain disc.
-            strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of
-                the result mean anything.
-            lens_response: What the lens does beyond focusing; default a perfect lens.
-            place: Where the whole picture, of which a strip may be a part, lies in the shown one; default:
-                all of it is shown.
-            progress: Called with the share of the work that is done, 0 to 1.
-            pixel_filter: Of the picture, by which its pixels at edges mix both sides.
-            known: Surfaces of pixels at edges that need not be estimated, for renderers that take layers.
-            rays_share: Share of the usual rays of a pixel, where several pixels will be reduced to one.
+            options: What else there is to know.
         """
         ...
 
@@ -203,3 +219,13 @@ def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     check_same_size("image", image, "defocus", defocus)
     dtype = np.float64 if image.dtype == np.float64 else np.float32
     return np.ascontiguousarray(image, dtype), np.ascontiguousarray(defocus, dtype)
+
+
+def check_focuses_alone(lens_response: LensResponse | None, engine: str) -> None:
+    """Raise ``ParameterError`` for a lens that does more than focus and tilt, all that ``engine`` knows."""
+    if lens_response is None:
+        return
+    upright = lens_response.aberration_map.without_tilt()
+    if not replace(lens_response, aberration_map=upright).is_plain:
+        expected = "one that knows aberrations, rims and fringes of a lens"
+        raise ParameterError("engine", expected, engine, "use the engine `rays` or `hybrid`")

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import numpy.typing as npt
 from numba import prange
 
 from bokehnet.checks import check_same_size
-from bokehnet.classical.base import ALIGNED, ClassicalResult, Place, Strip, check_inputs
+from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
@@ -290,24 +290,7 @@ def render_rays(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture | None = None,
-    strip: Strip | None = None,
-    lens_response: LensResponse | None = None,
-    place: Place | None = None,
-    progress: Callable[[float], None] | None = None,
-    pixel_filter: PixelFilter = DEFAULT_FILTER,
-    known: KnownSurfaces | None = None,
-    rays_share: float = 1.0,
+    **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
-    return _render(
-        image,
-        defocus,
-        aperture or Aperture(),
-        lens_response,
-        strip=strip,
-        place=place,
-        progress=progress,
-        pixel_filter=pixel_filter,
-        known=known,
-        rays_share=rays_share,
-    )
+    return _render(image, defocus, aperture or Aperture(), **options)

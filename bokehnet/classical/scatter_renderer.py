@@ -1,25 +1,25 @@
 """The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, Unpack, cast
 
 import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.classical.base import ClassicalResult, Place, Strip, check_inputs
+from bokehnet.classical.base import (
+    ClassicalOptions,
+    ClassicalResult,
+    Place,
+    check_focuses_alone,
+    check_inputs,
+)
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
-from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
 from bokehnet.classical.scatter.operators import scatter_operator
-from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["render_scatter", "scatter"]
 
@@ -95,13 +95,7 @@ def render_scatter(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture | None = None,
-    strip: Strip | None = None,
-    lens_response: LensResponse | None = None,
-    place: Place | None = None,
-    progress: Callable[[float], None] | None = None,
-    pixel_filter: PixelFilter = DEFAULT_FILTER,
-    known: KnownSurfaces | None = None,
-    rays_share: float = 1.0,
+    **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
 
@@ -114,16 +108,8 @@ def render_scatter(
     the error map is that of the whole picture. It takes pixels as they are, one surface each, whatever is
     ``known``.
     """
-    if (
-        lens_response is not None
-        and not replace(lens_response, aberration_map=lens_response.aberration_map.without_tilt()).is_plain
-    ):
-        raise ParameterError(
-            "engine",
-            "one that knows aberrations, rims and fringes of a lens",
-            "scatter",
-            "use the engine `rays` or `hybrid`",
-        )
+    check_focuses_alone(options.get("lens_response"), "scatter")
+    strip, place, progress = options.get("strip"), options.get("place"), options.get("progress")
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)
     bokeh = scatter(image, defocus, aperture, place)

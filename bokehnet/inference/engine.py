@@ -3,13 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
-from bokehnet.checks import check_choice, check_kind, check_number
+from bokehnet.checks import check_choice, check_kind, check_number, check_same_size
 from bokehnet.classical.base import (
     CLASSICAL_RENDERERS,
     ClassicalResult,
@@ -18,6 +19,7 @@ from bokehnet.classical.base import (
     check_inputs,
     make_classical,
 )
+from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
@@ -113,6 +115,7 @@ class _Lens:
     pixel_filter: PixelFilter
     known: KnownSurfaces | None = None
     rays_share: float = 1.0
+    layers: Layers | None = None
 
 
 class Engine:
@@ -168,6 +171,7 @@ class Engine:
         overwrite: bool = False,
         known: KnownSurfaces | None = None,
         rays_share: float = 1.0,
+        layers: Layers | None = None,
     ) -> EngineResult:
         """Render one picture from its defocus.
 
@@ -196,6 +200,8 @@ class Engine:
                 surface each do so still.
             rays_share: Share of the usual rays of a pixel, above 0 to 1, where several pixels will be reduced
                 to one.
+            layers: True layers, for engines that march rays, in place of those that would be made of the
+                picture; the others take the picture as it is.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -205,12 +211,16 @@ class Engine:
         check_kind("aperture", aperture, Aperture, optional=True)
         check_kind("lens_response", lens_response, LensResponse, optional=True)
         check_kind("known", known, KnownSurfaces, optional=True)
+        check_kind("layers", layers, Layers, optional=True)
         image, defocus = (x.astype(np.float32, copy=False) for x in check_inputs(image, defocus))
         check_kind("pixel_filter", pixel_filter, PixelFilter, optional=True)
         place = place or Place.whole(*defocus.shape)
         if known is not None:
             known.check_within(*defocus.shape)
             known = known.in_light(lambda light: np.maximum(light, 0))
+        if layers is not None:
+            check_same_size("image", image, "layers", layers.defocus[..., 0])
+            layers = layers.in_light(lambda light: np.maximum(light, 0))
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
@@ -225,6 +235,7 @@ class Engine:
         if highlights is not None:
             image = in_row_blocks(highlights.expand, image, out=over)
             known = known and known.in_light(highlights.expand)
+            layers = layers and layers.in_light(highlights.expand)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         if max_memory is not None:
             check_number("max_memory", max_memory)
@@ -235,6 +246,7 @@ class Engine:
             pixel_filter=pixel_filter or DEFAULT_FILTER,
             known=known,
             rays_share=rays_share,
+            layers=layers,
         )
         strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = (
@@ -386,19 +398,23 @@ class Engine:
         known = lens.known
         if known is not None and strip is not None:
             known = known.in_rows(strip.first, strip.last)
-        how = (
-            defocus,
-            lens.aperture,
-            strip,
-            lens.lens_response,
-            lens.place,
-            progress,
-            lens.pixel_filter,
+        layers = lens.layers
+        if layers is not None and strip is not None:
+            layers = layers.in_rows(strip.first, strip.last)
+        render = partial(
+            self._classical,
+            strip=strip,
+            lens_response=lens.lens_response,
+            place=lens.place,
+            progress=progress,
+            pixel_filter=lens.pixel_filter,
+            rays_share=lens.rays_share,
         )
         if curve is None:
-            return self._classical(image, *how, known, lens.rays_share)
+            return render(image, defocus, lens.aperture, known=known, layers=layers)
         encoded = known and known.in_light(curve.encode)
-        result = self._classical(curve.encode(image), *how, encoded, lens.rays_share)
+        bright = layers and layers.in_light(curve.encode)
+        result = render(curve.encode(image), defocus, lens.aperture, known=encoded, layers=bright)
         mixed = result.mixed_pixels
         return replace(
             result,

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.deep_chunks import DeepSamples
+from bokehnet.optics.pixel_layers import merge_surfaces
 
-__all__ = ["DeepLayers", "FlatPixels", "flatten", "two_surfaces"]
+__all__ = ["DeepLayers", "FlatPixels", "deep_layers", "flatten", "two_surfaces"]
 
 Array = NDArray[np.float64]
 
@@ -91,6 +92,35 @@ def two_surfaces(samples: DeepSamples, channels: Sequence[str]) -> DeepLayers:
         _put(front, pixels, pieces, before)
         _put(back, pixels, pieces, ~before)
     return DeepLayers(front=front, back=back)
+
+
+def deep_layers(
+    samples: DeepSamples, channels: Sequence[str], most: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Merge the samples of each pixel to at most ``most`` layers, parted at the widest gaps in disparity.
+
+    Args:
+        samples: As for :func:`flatten`; depth in any unit.
+        channels: As for :func:`flatten`.
+        most: Layers of a pixel.
+
+    Returns:
+        Light of each layer by itself (H, W, most, C) for one channel or three, depth (H, W, most), infinite
+        where nothing is, and coverage (H, W, most), front to back.
+    """
+    shape = (*samples.counts.shape, most)
+    colors = np.zeros((*shape, len(channels)), np.float32)
+    disparity, coverage = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    for pixels, (depth, alpha, colour) in _batches(samples, channels):
+        light = np.divide(colour, alpha[..., None], out=np.zeros_like(colour), where=alpha[..., None] > 0)
+        three = np.broadcast_to(light, (*depth.shape, 3))[:, None]
+        with np.errstate(divide="ignore"):
+            inverse = (1 / depth)[:, None]
+        merged = merge_surfaces(three, inverse, alpha[:, None], most)
+        colors.reshape(-1, most, len(channels))[pixels] = merged[0][..., : len(channels)]
+        disparity.reshape(-1, most)[pixels], coverage.reshape(-1, most)[pixels] = merged[1:]
+    with np.errstate(divide="ignore"):
+        return colors, np.divide(1, disparity, dtype=np.float32), coverage
 
 
 def _empty(samples: DeepSamples, channels: int) -> FlatPixels:

@@ -1,12 +1,15 @@
-"""Depth peeling: the first, second, ... surface along each pinhole ray."""
+"""Depth peeling: the first, second, ... surface that each pixel sees through the middle of the pupil."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from bokehnet.checks import check_at_least
+from bokehnet.optics.pixel_layers import merge_surfaces
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution
 from bokehnet.raytrace.paths import trace_paths
@@ -18,15 +21,22 @@ from bokehnet.raytrace.world import SurfaceHit, World
 __all__ = ["Peeled", "peel"]
 
 
+# Rays that are followed at once.
+_RAYS_ON_CPU, _RAYS_ON_GPU = 1 << 15, 1 << 21
+
+# Surfaces of a pixel that are no farther apart than this part of the scene's range of disparity are one.
+_LEAST_GAP = 2e-3
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Peeled:
-    """Surfaces along the rays through the pixels' centres and the middle of the pupil, front to back.
+    """Surfaces of the pixels as the middle of the pupil sees them, front to back.
 
     Attributes:
         colors: Radiance of each surface by itself, (H, W, L, 3).
         depth: mm, (H, W, L); infinite for the sky. It never decreases from layer to layer.
-        coverage: Alpha, (H, W, L). The sky, or the backdrop, is a last surface of alpha 1; where nothing
-            is behind it, coverage and colours are 0.
+        coverage: Share of the pixel that it fills, times its alpha, (H, W, L). The sky, or the backdrop, is a
+            last surface of coverage 1; where nothing is behind it, coverage and colours are 0.
     """
 
     colors: Tensor
@@ -48,17 +58,20 @@ def peel(
 ) -> Peeled:
     """Take a scene apart, surface by surface.
 
-    Sides of closed bodies that are seen from within do not count: no ray of the lens comes there.
+    Each sample is a ray through a place of its own in the pixel, so that outlines have coverage; surfaces of
+    all samples are merged (:func:`bokehnet.optics.pixel_layers.merge_surfaces`). A single sample is a ray
+    through the pixel's centre. Sides of closed bodies that are seen from within do not count: no ray of the
+    lens comes there.
 
     Args:
         world: The scene, in the middle of the shutter's opening.
         camera: Lens and sensor.
-        layers: How many surfaces of each ray to keep.
-        samples: Paths per surface, for lights and gloss.
+        layers: How many surfaces of each pixel to keep, and of each ray to look for.
+        samples: Rays of a pixel.
         seed: Of their noise.
         bounces: See :class:`bokehnet.raytrace.tracer.Tracer`.
         device: Where rays are followed.
-        progress: Called with the number of layers done and of all.
+        progress: Called with the number of pixels done and of all.
 
     Source:
         Everitt, "Interactive order-independent transparency", 2001; here with k-th intersections of rays.
@@ -67,31 +80,76 @@ def peel(
     check_at_least("samples", samples, 1)
     device = torch.device(device)
     sensor = camera.sensor_xy(device, torch.float32).reshape(-1, 2)
-    rays, _ = lens_rays(camera, sensor, torch.zeros_like(sensor), torch.zeros_like(sensor[:, 0]))
     distribution = Distribution(len(sensor), bounces, seed, device)
     points = distribution.points(0, samples)
     backdrop = world.backdrop
     behind = torch.inf if backdrop is None or backdrop.disparity == 0 else 1 / backdrop.disparity
-    beyond, last = torch.zeros_like(sensor[:, 0]), torch.full((len(sensor),), -1, device=device)
+    block = max(1, (_RAYS_ON_CPU if device.type == "cpu" else _RAYS_ON_GPU) // samples)
+    found: list[_Surfaces] = []
+    for first in range(0, len(sensor), block):
+        pixels = slice(first, min(first + block, len(sensor)))
+        jitter = distribution.lens_samples(points, pixels).jitter
+        place = sensor[pixels].repeat(samples, 1)
+        if samples > 1:
+            place += camera.pixel_pitch * jitter
+        rays, _ = lens_rays(camera, place, torch.zeros_like(place), torch.zeros_like(place[:, 0]))
+        found.append(
+            _peel_rays(
+                world, rays, layers, behind, bounces, partial(distribution.path_number, points, pixels)
+            )
+        )
+        if progress is not None:
+            progress(pixels.stop, len(sensor))
+    size = (camera.height, camera.width, layers)
+    if samples == 1:
+        colors, depth, coverage = (torch.cat(column) for column in zip(*found, strict=True))
+        return Peeled(
+            colors=colors.reshape(*size, 3), depth=depth.reshape(size), coverage=coverage.reshape(size)
+        )
+    nearest = max(float((1 / depth).max()) for _, depth, _ in found)
+    farthest = min(float((1 / depth).min()) for _, depth, _ in found)
+    merged = [_merged(part, samples, layers, _LEAST_GAP * (nearest - farthest)) for part in found]
+    colors, disparity, coverage = (
+        torch.from_numpy(np.concatenate(column)).to(device) for column in zip(*merged, strict=True)
+    )
+    return Peeled(
+        colors=colors.reshape(*size, 3), depth=1 / disparity.reshape(size), coverage=coverage.reshape(size)
+    )
+
+
+# Colours (M, L, 3), depth (M, L) and alpha (M, L) of the surfaces along M rays.
+_Surfaces = tuple[Tensor, Tensor, Tensor]
+
+
+def _merged(
+    surfaces: _Surfaces, samples: int, layers: int, least_gap: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Surfaces of ``samples`` rays a pixel, pixels running fastest, as layers of the pixels."""
+    colors, depth, alpha = (
+        part.reshape(samples, -1, *part.shape[1:]).transpose(0, 1).cpu().numpy() for part in surfaces
+    )
+    return merge_surfaces(colors, 1 / depth, alpha, layers, least_gap)
+
+
+def _peel_rays(
+    world: World,
+    rays: SpaceRays,
+    layers: int,
+    behind: float,
+    bounces: int,
+    numbers: Callable[[Tensor, Tensor], Tensor],
+) -> _Surfaces:
+    """Surfaces along rays; what meets nothing ends at the depth ``behind``."""
+    beyond = torch.zeros_like(rays.origin[:, 0])
+    last = torch.full_like(beyond, -1, dtype=torch.int64)
     ended = torch.zeros_like(last, dtype=torch.bool)
-    found: list[tuple[Tensor, Tensor, Tensor]] = []
-    for layer in range(layers):
+    found: list[_Surfaces] = []
+    for _ in range(layers):
         hit, beyond, last = _intersect_front(world, rays, beyond, last)
-        color = torch.zeros(len(sensor), 3, device=device)
-        alpha = torch.zeros_like(beyond)
-        for sample in range(samples):
-
-            def numbers(
-                dimension: Tensor, row: Tensor, point: Tensor = points[sample : sample + 1]
-            ) -> Tensor:
-                return distribution.path_number(point, slice(0, len(sensor)), dimension, row)
-
-            seen = trace_paths(world, rays, numbers, bounces, start=(beyond, last), first_only=True)
-            color += seen.color / samples
-            alpha = seen.coverage
+        seen = trace_paths(world, rays, numbers, bounces, start=(beyond, last), first_only=True)
         sky = hit.body < 0
-        alpha = torch.where(sky, 1, alpha)
-        color = torch.where(alpha[:, None] > 0, color / alpha.clamp_min(1e-6)[:, None], 0)
+        alpha = torch.where(sky, 1, seen.coverage)
+        color = torch.where(alpha[:, None] > 0, seen.color / alpha.clamp_min(1e-6)[:, None], 0)
         color, alpha = torch.where(ended[:, None], 0, color), torch.where(ended, 0, alpha)
         depth = torch.where(sky, behind, hit.hits.distance)
         if found:
@@ -99,15 +157,8 @@ def peel(
         found.append((color, depth, alpha))
         ended |= sky
         beyond, last = torch.where(sky, beyond, hit.hits.distance), hit.body
-        if progress is not None:
-            progress(layer + 1, layers)
-    size = (camera.height, camera.width)
-    colors, depth, coverage = (torch.stack(column, 1) for column in zip(*found, strict=True))
-    return Peeled(
-        colors=colors.reshape(*size, layers, 3),
-        depth=depth.reshape(*size, layers),
-        coverage=coverage.reshape(*size, layers),
-    )
+    colors, depths, alphas = (torch.stack(column, 1) for column in zip(*found, strict=True))
+    return colors, depths, alphas
 
 
 def _intersect_front(

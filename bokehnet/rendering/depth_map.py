@@ -11,7 +11,7 @@ from bokehnet.io.camera import Camera
 from bokehnet.io.row_blocks import Progress
 from bokehnet.io.window import Window
 
-__all__ = ["DepthMap", "DepthSource", "Kind", "Photo"]
+__all__ = ["DepthMap", "DepthSource", "Kind", "Photo", "SceneLayers"]
 
 Kind = Literal["relative", "metric", "defocus"]
 
@@ -42,6 +42,30 @@ class Photo:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SceneLayers:
+    """Surfaces behind one another, front to back.
+
+    Attributes:
+        colors: Scene-linear light of each surface by itself, (H, W, L, 3).
+        values: In the unit of the map, near is large, (H, W, L); never larger than those before.
+        coverage: Share of the pixel that each covers, (H, W, L), 0 to 1.
+
+    Examples:
+        >>> shape = (4, 6, 2)
+        >>> SceneLayers(
+        ...     colors=np.ones((*shape, 3), np.float32),
+        ...     values=np.zeros(shape, np.float32),
+        ...     coverage=np.ones(shape, np.float32),
+        ... ).values.shape
+        (4, 6, 2)
+    """
+
+    colors: npt.NDArray[np.float32]
+    values: npt.NDArray[np.float32]
+    coverage: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DepthMap:
     """What is known of the depth of a picture.
 
@@ -56,6 +80,7 @@ class DepthMap:
         focus: Value of the map that stays sharp when nothing else is said; None where that must be said.
         all_in_focus: Picture to render in place of the given one, (H, W, 3): a phone's before it was blurred.
         notes: What is odd about the map, or was chosen, a line each.
+        layers: What stands behind one another, where that is known.
 
     Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
@@ -73,6 +98,7 @@ class DepthMap:
     focus: float | None = None
     all_in_focus: npt.NDArray[np.float32] | None = None
     notes: tuple[str, ...] = ()
+    layers: SceneLayers | None = None
 
 
 class DepthSource(Protocol):

@@ -14,6 +14,7 @@ from bokehnet.rendering.embedded_depth import EmbeddedDepth
 from bokehnet.rendering.given_depth import ConstantDisparity, DefocusMap, MetricDepth, RelativeDisparity
 from bokehnet.rendering.network_depth import NetworkDepth
 from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.true_layers import LayeredDepth
 
 __all__ = [
     "ConstantDisparity",
@@ -21,6 +22,7 @@ __all__ = [
     "DepthMap",
     "DepthSource",
     "EmbeddedDepth",
+    "LayeredDepth",
     "MetricDepth",
     "NetworkDepth",
     "Photo",
@@ -50,6 +52,8 @@ def depth_source(settings: RenderSettings) -> DepthSource:
             value_range=reading.value_range,
             as_stored=reading.as_stored,
         )
+    if given.layers is not None:
+        return LayeredDepth(layers=given.layers, unit=reading.unit or "m")
     if given.depth is not None:
         return MetricDepth(map=given.depth, channel=given.channel, unit=reading.unit or "m")
     if given.defocus is not None:

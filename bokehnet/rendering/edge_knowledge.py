@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_finite, check_map, check_same_size
+from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.disparity_edges import extremes
@@ -17,9 +18,17 @@ from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.window import Window
 from bokehnet.optics.coc import disparity_from_depth
+from bokehnet.rendering.depth_map import SceneLayers
 from bokehnet.rendering.focus import FocusedLens
 
-__all__ = ["check_matte", "deep_surfaces", "focused_surfaces", "matte_surfaces", "read_matte"]
+__all__ = [
+    "check_matte",
+    "deep_surfaces",
+    "focused_layers",
+    "focused_surfaces",
+    "matte_surfaces",
+    "read_matte",
+]
 
 # Coverage that is as good as none.
 _LEAST = 1e-4
@@ -214,3 +223,12 @@ def focused_surfaces(
         return replace(known, near=known.near * factor, far=known.far * factor)
     near, far = (lens.defocus(side)[known.rows, known.columns] for side in known.laid_over(values))
     return replace(known, near=near, far=np.minimum(near, far))
+
+
+def focused_layers(layers: SceneLayers | None, lens: FocusedLens | None) -> Layers | None:
+    """The same layers with their blur radii, for the rays."""
+    if layers is None or lens is None:
+        return None
+    radii = [lens.defocus(layers.values[:, :, layer]) for layer in range(layers.values.shape[2])]
+    defocus = np.minimum.accumulate(np.stack(radii, 2), axis=2)
+    return Layers(colors=layers.colors, defocus=defocus, coverage=layers.coverage)

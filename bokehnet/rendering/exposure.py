@@ -107,6 +107,7 @@ def expose(
             memory_taken=taken,
             overwrite=overwrite,
             known=known,
+            layers=scene.layers,
         )
     factor = scene.supersampled
     if factor > 1:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Progress
-from bokehnet.rendering.edge_knowledge import focused_surfaces, matte_surfaces
+from bokehnet.rendering.edge_knowledge import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.odd_blur import odd_blur
@@ -81,4 +81,5 @@ def prepare(
         notes=notes,
         known=known,
         supersampled=scene.supersampled,
+        layers=focused_layers(scene.depth.layers, lens),
     )

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_floats, check_image, check_map, check_same_size
+from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.camera import Camera
@@ -107,6 +108,7 @@ class FocusedScene:
         known: Both surfaces of pixels at edges, with their blur radii, where they need not be estimated.
         supersampled: How many times the size of the result the arrays and the window are: 1 or 2. Blur radii
             are in pixels of these arrays.
+        layers: What stands behind one another, with its blur radii, where that is known.
 
     Examples:
         >>> from bokehnet.rendering.depth_source import ConstantDisparity
@@ -131,6 +133,7 @@ class FocusedScene:
     notes: tuple[str, ...] = ()
     known: KnownSurfaces | None = None
     supersampled: int = 1
+    layers: Layers | None = None
 
 
 def make_scene(
@@ -266,6 +269,8 @@ def _checked(scene: Scene) -> Scene:
     if scene.known is not None and (scene.matte is not None or scene.supersampled > RENDERED):
         name = "input.matte" if scene.matte is not None else "input.supersampled"
         raise ParameterError(name, "nothing for a picture whose edges are known", shown="both")
+    if scene.depth.layers is not None and (scene.known is not None or scene.supersampled > 1):
+        raise ParameterError("layers", "none for a picture whose edges are known", shown="both")
     if scene.matte is not None and scene.supersampled > 1:
         raise ParameterError("input.matte", "none beside `input.supersampled`", shown="both")
     window, factor = scene.window, scene.supersampled
@@ -335,7 +340,7 @@ def is_exact(scene: Scene) -> bool:
         >>> is_exact(fine)
         True
     """
-    return scene.known is not None or scene.supersampled > 1
+    return scene.known is not None or scene.supersampled > 1 or scene.depth.layers is not None
 
 
 def check_nothing_to_mend(scene: Scene, settings: DepthSettings) -> None:

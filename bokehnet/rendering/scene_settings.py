@@ -96,6 +96,7 @@ class InputSettings(Group):
     ONE_OF: ClassVar[tuple[str, ...]] = (
         "disparity",
         "depth",
+        "layers",
         "defocus",
         "depth_model",
         "constant_disparity",
@@ -104,6 +105,9 @@ class InputSettings(Group):
     disparity: Path | None = setting(None, "Disparity map, near is bright; normalised to 0..1.")
     depth: Path | None = setting(
         None, "EXR with metric depth. Without any of these: the map that a phone's photo holds."
+    )
+    layers: Path | None = setting(
+        None, "EXR with what stands behind things: that of `trace --layers`, or a deep one."
     )
     defocus: Path | None = setting(
         None,
@@ -144,6 +148,13 @@ class InputSettings(Group):
                 expected="`input.disparity`, `input.depth` or `input.defocus` for it to act on",
                 got=self.channel,
                 remedy="give one of them, or leave this out",
+            )
+        if self.layers is not None and (self.matte is not None or self.supersampled > 1):
+            raise ParameterError(
+                "input.layers",
+                expected="none beside `input.matte` and `input.supersampled`, as they tell all edges",
+                shown="both",
+                remedy="leave one out",
             )
         if self.matte is not None and self.supersampled > 1:
             raise ParameterError(

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import torch
+
 from bokehnet.io.channels import write_channels
 from bokehnet.raytrace.peeling import Peeled
 
@@ -13,10 +15,15 @@ _MM_PER_M = 1000.0
 def save_layers(path: Path, peeled: Peeled) -> None:
     """Write ``layer1.R``, ``.G``, ``.B``, ``.Z`` (m) and ``.coverage``, ``layer2.R`` ... as EXR, atomically.
 
+    ``R``, ``G`` and ``B`` are the layers over one another: the picture that they are layers of.
+
     Raises:
         ImageFileError: The file cannot be written.
     """
-    channels = {}
+    clear = torch.cumprod(1 - peeled.coverage, -1)
+    share = torch.cat([torch.ones_like(clear[..., :1]), clear[..., :-1]], -1) * peeled.coverage
+    flat = (share[..., None] * peeled.colors).sum(2).cpu().numpy()
+    channels = {name: flat[:, :, place] for place, name in enumerate("RGB")}
     for index in range(peeled.depth.shape[2]):
         prefix = f"layer{index + 1}."
         for place, name in enumerate("RGB"):

@@ -123,7 +123,8 @@ def test_layers_are_written_front_to_back(cli, scene, tmp_path):
     outcome = cli("trace", scene, "-o", tmp_path / "layers.exr", "--layers", 3)
     assert (outcome.code, outcome.err) == (0, "")
     channels = read_channels(tmp_path / "layers.exr").channels
-    assert len(channels) == 15
+    assert len(channels) == 18
+    assert np.abs(channels["R"] - channels["layer1.R"]).mean() < 0.1  # the picture of all layers
     assert channels["layer1.Z"][9, 12] == pytest.approx(1.1, rel=0.02)
     assert channels["layer2.Z"][9, 12] > 1.3
     assert channels["layer3.coverage"].max() == 1

@@ -1,0 +1,90 @@
+"""Layers of a picture, front to back: what rays are marched through, guessed or known."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+import numpy.typing as npt
+from numba import prange
+
+from bokehnet.checks import check_finite, check_rank
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.kernels import njit
+
+__all__ = ["Layers"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Layers:
+    """Surfaces along each pixel's pinhole ray, front to back.
+
+    Attributes:
+        colors: Scene-linear, (H, W, L, 3), float32.
+        defocus: Signed blur radius in pixels, + in front of focus, (H, W, L), float32; a layer is never
+            in front of the one before.
+        coverage: Share of the pixel that a layer covers, (H, W, L), float32 in [0, 1]. 0 where there is
+            no surface.
+
+    Raises:
+        ShapeError: The sizes do not fit.
+        ParameterError: NaN, infinity, coverage outside [0, 1], or layers that are not front to back.
+    """
+
+    colors: npt.NDArray[np.float32]
+    defocus: npt.NDArray[np.float32]
+    coverage: npt.NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        check_rank("layer colours", self.colors, 4, "(H, W, L, 3)")
+        for name, array in (("layer defocus", self.defocus), ("layer coverage", self.coverage)):
+            check_rank(name, array, 3, "(H, W, L)")
+            if array.shape != self.colors.shape[:3]:
+                raise ShapeError(
+                    f"{name}: expected {self.colors.shape[:3]} as the colours, got {array.shape}"
+                )
+        if self.colors.shape[3] != 3:
+            raise ShapeError(f"layer colours: expected 3 channels, got {self.colors.shape[3]}")
+        for name in ("colors", "defocus", "coverage"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
+        with parallel_region:
+            sound = _are_sound(self.colors, self.defocus, self.coverage)
+        if not sound:
+            self._raise_fault()
+
+    def in_rows(self, first: int, last: int) -> "Layers":
+        """Those in the rows from ``first`` up to ``last``."""
+        rows = slice(first, last)
+        return Layers(colors=self.colors[rows], defocus=self.defocus[rows], coverage=self.coverage[rows])
+
+    def in_light(self, formula: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]]) -> "Layers":
+        """The same with ``formula`` applied to the colours of each layer, (H, W, 3)."""
+        colors = np.stack([formula(layer) for layer in np.moveaxis(self.colors, 2, 0)], 2)
+        return Layers(colors=colors, defocus=self.defocus, coverage=self.coverage)
+
+    def _raise_fault(self) -> NoReturn:
+        for name in ("colors", "defocus", "coverage"):
+            check_finite(name, getattr(self, name))
+        if self.coverage.min() < 0 or self.coverage.max() > 1:
+            found = f"{self.coverage.min():g} to {self.coverage.max():g}"
+            raise ParameterError("coverage", "0 to 1", self.coverage, shown=found)
+        expected = "layers from front to back"
+        raise ParameterError("defocus", expected, self.defocus, shown="one in front of the one before it")
+
+
+@njit(cache=True, parallel=True)
+def _are_sound(colors, defocus, coverage):  # type: ignore[no-untyped-def]
+    """Whether all is finite, coverage within 0 to 1 and no layer in front of the one before."""
+    height, width, layers = defocus.shape
+    faults = 0
+    for y in prange(height):
+        for x in range(width):
+            for layer in range(layers):
+                for c in range(3):
+                    faults += not math.isfinite(colors[y, x, layer, c])
+                faults += not math.isfinite(defocus[y, x, layer])
+                faults += not 0.0 <= coverage[y, x, layer] <= 1.0
+                faults += layer > 0 and defocus[y, x, layer] > defocus[y, x, layer - 1]
+    return faults == 0
