@@ -17,6 +17,7 @@ OPTIONS = {
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
         --jobs --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
         --lens-vignetting --no-lens-vignetting
+        --rings --starburst --pixel-pitch --ghosts --lamps --glare --glare-core --glare-slope
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
         --bits --color-space --dither --quality --subsampling
