@@ -41,7 +41,7 @@ OPTIONS = {
     """,
     "lens": """
         --f-number --focal --focus --plot --psf-sheet --paraxial
-        --output -o --glasses --json
+        --output -o --glasses --json --lights --in-front --residual
     """,
     "synth": """
         --config --out --ray --workers
