@@ -59,6 +59,7 @@ if TYPE_CHECKING:  # what type checkers see of the lazy names
     from bokehnet.rendering.settings import HighlightSettings as HighlightSettings
     from bokehnet.rendering.settings import InputSettings as InputSettings
     from bokehnet.rendering.settings import LensSettings as LensSettings
+    from bokehnet.rendering.settings import LightSettings as LightSettings
     from bokehnet.rendering.settings import OutputSettings as OutputSettings
     from bokehnet.rendering.settings import RenderSettings as RenderSettings
     from bokehnet.rendering.settings_file import load_settings as load_settings
@@ -104,6 +105,7 @@ _HOMES = {
         "HighlightSettings",
         "InputSettings",
         "LensSettings",
+        "LightSettings",
         "OutputSettings",
         "RenderSettings",
     ),

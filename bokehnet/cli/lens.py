@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bokehnet.cli.lens_fit import fit
 from bokehnet.cli.options import QuickGroup
 from bokehnet.errors import ParameterError
 
@@ -179,6 +180,9 @@ def report(
             tell(1, 1)
     if as_json:
         typer.echo(json.dumps(lens_curves(chosen), indent=2))
+
+
+lens.command()(fit)
 
 
 def _flat(facts: dict[str, Any]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["Beam", "Surface", "beam_between", "trace"]
+__all__ = ["Beam", "Surface", "beam_between", "meet", "trace"]
 
 # Height over semi-diameter of rays that a surface cannot pass on: more than any that is clipped.
 _LOST = 1e6
@@ -137,14 +137,38 @@ def trace(surfaces: Iterable[Surface], beam: Beam, backwards: bool = False) -> B
 
 
 def _pass_surface(surface: Surface, beam: Beam, sign: float) -> Beam:
+    xp = array_namespace(beam.direction[2])
+    if surface.stop:
+        x, y = beam.at(surface.vertex)
+        stop_fill = xp.maximum(beam.stop_fill, _height(x, y) / surface.semi_diameter)
+        position = (x, y, surface.vertex + 0 * x)
+        return Beam(position=position, direction=beam.direction, fill=beam.fill, stop_fill=stop_fill)
+    (x, y, t), normal, hits = meet(surface, beam, sign)
+    ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
+    direction, refracted = _refract(beam.direction, normal, ratio, sign)
+    fill = xp.maximum(beam.fill, _height(x, y) / surface.semi_diameter)
+    fill = xp.where(hits & refracted, fill, _LOST * xp.ones_like(x))
+    return Beam(position=(x, y, t), direction=direction, fill=fill, stop_fill=beam.stop_fill)
+
+
+def meet(
+    surface: Surface, beam: Beam, sign: float
+) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]:
+    """Where rays meet a surface that is no stop.
+
+    Args:
+        surface: The surface.
+        beam: Rays.
+        sign: 1 where they go towards the sensor, -1 where they come from it.
+
+    Returns:
+        The points x, y, t, mm; the normals there, of any length, towards the sensor; and which rays meet it.
+        The others are left in the plane of its vertex.
+    """
     c, conic = surface.curvature, surface.conic
     dx, dy, dt = beam.direction
     xp = array_namespace(dt)
     x, y = beam.at(surface.vertex)
-    if surface.stop:
-        stop_fill = xp.maximum(beam.stop_fill, _height(x, y) / surface.semi_diameter)
-        position = (x, y, surface.vertex + 0 * x)
-        return Beam(position=position, direction=beam.direction, fill=beam.fill, stop_fill=stop_fill)
     one = xp.ones_like(x)
     # With the point (x, y, 0) of the vertex plane the conic becomes A s^2 - 2 B s + C = 0.
     lateral = c * (x * x + y * y)
@@ -164,12 +188,7 @@ def _pass_surface(surface: Surface, beam: Beam, sign: float) -> Beam:
         normal = (-2 * slope * x, -2 * slope * y, one)
     else:
         normal = (-c * x, -c * y, 1 - c * (1 + conic) * t)
-    ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
-    direction, refracted = _refract(beam.direction, normal, ratio, sign)
-    fill = xp.maximum(beam.fill, _height(x, y) / surface.semi_diameter)
-    fill = xp.where(hits & refracted, fill, _LOST * one)
-    position = (x, y, surface.vertex + t)
-    return Beam(position=position, direction=direction, fill=fill, stop_fill=beam.stop_fill)
+    return (x, y, surface.vertex + t), normal, hits
 
 
 def _meet_asphere(

@@ -29,7 +29,7 @@ __all__ = ["TransferLens"]
 _RAYS = 6000
 _SHORTEST, _LONGEST, _WAVELENGTHS = 400.0, 700.0, 7
 # Sensor points are learned up to this share of the picture's radius, rays up to this height at the rims.
-_FIELD_RESERVE, _FILL_RESERVE = 1.2, 1.1
+_FIELD_RESERVE, _FILL_RESERVE = 1.2, 1.05
 # A rim is told of when it is the one that clips, in this range of heights over semi-diameter.
 _NEAR_RIM = (0.9, 1.1)
 

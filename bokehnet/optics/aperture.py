@@ -25,7 +25,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.optics.disc_texture import disc_grain, onion_rings
 from bokehnet.optics.sampling import disc_from_square
 
-__all__ = ["Aperture", "cats_eye_shift", "pupil_points", "transmission"]
+__all__ = ["Aperture", "blade_margin", "cats_eye_shift", "pupil_points", "transmission"]
 
 # Name -> (lowest, highest); a cat's-eye of 1.5 leaves a seventh of the light in the picture's corner.
 _RANGES = {
@@ -137,10 +137,10 @@ class Aperture:
         return not polygon and self.squeeze == 1 and self.obstruction == 0 and self.picture is None
 
 
-def _inside_blades(
+def blade_margin(
     blades: int, curvature: float, u: np.ndarray, v: np.ndarray, rho2: np.ndarray
-) -> np.ndarray:
-    """Where (u, v) lies inside the blades.
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far inside the blades (u, v) lies: a number from 0 up inside, and the size of its gradient.
 
     With half the angle of an edge A = pi / blades, each edge is an arc of curvature c through two corners
     on the unit circle, (cos A, +-sin A) in the edge's own axes with the normal n along the first. The
@@ -157,7 +157,8 @@ def _inside_blades(
     for edge in range(blades):
         angle = 2 * edge * half_angle  # from the left
         along = np.maximum(along, v * math.sin(angle) - u * math.cos(angle))
-    return curvature * rho2 + 2 * k * along <= m
+    gradient = 2 * np.sqrt(np.maximum(curvature**2 * rho2 + 2 * curvature * k * along + k * k, 0))
+    return m - (curvature * rho2 + 2 * k * along), gradient
 
 
 def _picture_at(picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -204,7 +205,7 @@ def transmission(aperture: Aperture, u: Any, v: Any, side: int = 0) -> np.ndarra
     turn = math.radians(aperture.rotation)
     u, v = u * math.cos(turn) - v * math.sin(turn), u * math.sin(turn) + v * math.cos(turn)
     if aperture.blades:
-        light = light * _inside_blades(aperture.blades, aperture.curvature, u, v, rho2)
+        light = light * (blade_margin(aperture.blades, aperture.curvature, u, v, rho2)[0] >= 0)
     if aperture.picture is not None:
         light = light * _picture_at(aperture.picture, -u, -v)
     return np.asarray(light)

@@ -14,6 +14,7 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER
 from bokehnet.optics.supersampling import reduce_fine
 from bokehnet.rendering import memory
+from bokehnet.rendering.lamp_light import lamps_of, lit
 from bokehnet.rendering.look import make_highlights, picture_aberrations, picture_shading
 from bokehnet.rendering.naming import about
 from bokehnet.rendering.result import RenderReport, RenderResult
@@ -86,6 +87,8 @@ def expose(
     lens["pixel_filter"] = None if chosen is None else chosen.pixel_filter
     lens["rays_share"] = RAYS_SHARE if scene.supersampled > 1 else 1.0
     alpha, known = scene.alpha, scene.known
+    lamps = lamps_of(image, defocus, settings)
+    hiding = defocus.copy() if lamps is not None and overwrite and not keep else defocus
     names = {"gamma": "highlights.gamma", "engine": "name"} | leaning(settings)
     with about("engine", names):
         if alpha is not None:
@@ -116,7 +119,10 @@ def expose(
         alpha = None if alpha is None else reduce_fine(alpha, factor, told)
         defocus = reduced_defocus(defocus, factor) if keep else defocus
         scene = reduced_scene(scene, rendered.bokeh, alpha)
-    bokeh, alpha = _taken(rendered.bokeh, alpha, effects, scene)
+        if lamps is not None:
+            lamps, hiding = lamps.reduced(factor), reduced_defocus(hiding, factor)
+    bokeh = lit(rendered.bokeh, lamps, hiding, aperture, settings, scene.lens, scene.window)
+    bokeh, alpha = _taken(bokeh, alpha, effects, scene)
     found = scene.lens
     return RenderResult(
         bokeh=bokeh,

@@ -38,6 +38,7 @@ from bokehnet.rendering.settings import (
 )
 
 __all__ = [
+    "lens_of_picture",
     "make_aperture",
     "make_effects",
     "make_highlights",
@@ -265,7 +266,7 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         (False, None)
     """
     leaning = focused.aberration_map()
-    glass = _lens_of_picture(settings, focused, window)
+    glass = lens_of_picture(settings, focused, window)
     if glass is None:
         return leaning
     lens, half_diagonal = glass
@@ -289,7 +290,7 @@ def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window
         >>> light[0], light[-1] < 0.7
         (1.0, True)
     """
-    glass = _lens_of_picture(settings, focused, window) if settings.vignetting else None
+    glass = lens_of_picture(settings, focused, window) if settings.vignetting else None
     if glass is None:
         return ()
     lens, half_diagonal = glass
@@ -297,10 +298,20 @@ def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window
     return tuple(float(light) for light in np.maximum(relative_illumination(lens, reach), _DARKEST))
 
 
-def _lens_of_picture(
+def lens_of_picture(
     settings: LensSettings, focused: FocusedLens, window: Window
 ) -> tuple[PrescriptionLens, float | None] | None:
-    """The lens at work, and half the diagonal of its sensor, mm; None is that of the design."""
+    """Return the lens at work, and half the diagonal of its sensor, mm; None is that of the design.
+
+    Arguments and errors are those of :func:`picture_aberrations`.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> lens, half_diagonal = lens_of_picture(LensSettings(name="petzval"), focused, window)
+        >>> lens.prescription.name, half_diagonal
+        ('Petzval', None)
+    """
     camera = focused.camera
     if camera is None:
         lens, half_diagonal = prescription_lens(settings), None

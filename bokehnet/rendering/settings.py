@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any
 
 from bokehnet.errors import ParameterError
+from bokehnet.rendering.light_settings import LightSettings
 from bokehnet.rendering.look_settings import (
     ApertureSettings,
     ColorSettings,
@@ -44,6 +45,7 @@ __all__ = [
     "HighlightSettings",
     "InputSettings",
     "LensSettings",
+    "LightSettings",
     "OutputSettings",
     "RenderSettings",
     "all_settings",
@@ -72,6 +74,7 @@ class RenderSettings:
         lens: The look of a lens.
         color: Colours that part.
         highlights: How light is weighed before it is blurred.
+        light: What waves and glass make of lamps.
         effects: What the camera does to the blurred picture.
         engine: What renders.
         output: What is written besides the picture.
@@ -94,6 +97,7 @@ class RenderSettings:
     lens: LensSettings = field(default_factory=LensSettings)
     color: ColorSettings = field(default_factory=ColorSettings)
     highlights: HighlightSettings = field(default_factory=HighlightSettings)
+    light: LightSettings = field(default_factory=LightSettings)
     effects: EffectSettings = field(default_factory=EffectSettings)
     engine: EngineSettings = field(default_factory=EngineSettings)
     output: OutputSettings = field(default_factory=OutputSettings)
@@ -150,6 +154,7 @@ _GROUPS: dict[str, type[Group]] = {
         LensSettings,
         ColorSettings,
         HighlightSettings,
+        LightSettings,
         EffectSettings,
         EngineSettings,
         OutputSettings,
@@ -171,6 +176,13 @@ def _check_across(settings: RenderSettings) -> None:
                 remedy="give that, or leave this out",
                 shown="it alone" if value is True else None,
             )
+    if settings.light.ghosts is not None and settings.lens.name is None:
+        raise ParameterError(
+            "light.ghosts",
+            expected="`lens.name`, whose surfaces reflect",
+            got=settings.light.ghosts,
+            remedy="give that, or leave this out",
+        )
     check_engine(settings, settings.engine.name)
 
 

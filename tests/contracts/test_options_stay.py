@@ -17,6 +17,7 @@ OPTIONS = {
         --grain-mono --grain-seed --grain-size --highlight-gain --highlights --invert
         --jobs --ray --lateral-fringe --lateral-map --lens --lens-distortion --lens-f-number
         --lens-vignetting --no-lens-vignetting
+        --rings --starburst --pixel-pitch --ghosts --lamps --glare --glare-core --glare-slope
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
         --bits --color-space --dither --quality --subsampling
@@ -40,7 +41,7 @@ OPTIONS = {
     """,
     "lens": """
         --f-number --focal --focus --plot --psf-sheet --paraxial
-        --output -o --glasses --json
+        --output -o --glasses --json --lights --in-front --residual
     """,
     "models": """
         --get

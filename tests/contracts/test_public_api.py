@@ -32,6 +32,7 @@ PUBLIC = [
     "InputSettings",
     "Layers",
     "LensSettings",
+    "LightSettings",
     "MetricDepth",
     "NetworkDepth",
     "OutputSettings",

@@ -41,7 +41,7 @@ def errors(traced, table, wavelength=None, offset=None):
         ("biconvex", 1e-6),
         ("cooke_triplet", 5e-4),
         ("double_gauss", 3e-3),
-        ("petzval", 1.5e-4),
+        ("petzval", 1e-4),
         ("retrofocus", 1e-2),
         ("telephoto", 1e-3),
     ],

@@ -167,25 +167,33 @@ def test_lateral_color_of_every_catalog_lens_is_held_by_the_pencil_map(lateral_c
 
 
 def test_lateral_color_of_every_catalog_lens_is_near_one_curve_and_one_map(lateral_color):
-    """Authority: traced chief rays. Lenses of several glasses leave up to 0.21 pixels of 1000 (rms), the most
-    the retrofocus.
+    """Authority: traced chief rays. Lenses of several glasses leave up to 0.17 pixels of 1000 (rms).
 
-    Those that have their glasses balanced for two wavelengths leave most of what little they have.
+    Those that have their glasses balanced for two wavelengths leave most of what little they have. No curve
+    times a map leaves less than all singular values but the first (Eckart and Young, Psychometrika 1936):
+    where that is more than 0.17 pixels, a curve that may be chosen comes within 1 % of it.
     """
     name, traced = lateral_color
-    curve = glass_curve("N-BK7")
+    least = np.sqrt((np.linalg.svd(traced, compute_uv=False)[1:] ** 2).sum() / traced.size)
+    left = min(
+        np.sqrt(np.mean((along_one_curve(curve, traced) - traced) ** 2)) for curve in ("N-BK7", "linear")
+    )
+    assert least <= left < max(1.7e-4, 1.01 * least)
+    share = {"biconvex": 1e-3, "petzval": 0.2, "double_gauss": 0.25, "cooke_triplet": 0.6}
+    assert left < share.get(name, 0.9) * np.sqrt(np.mean(traced**2))
+
+
+def along_one_curve(name, traced):
+    """Shifts, (wavelengths, fields), with the best map for that curve."""
+    curve = make_curve(name)
     along = curve(WAVELENGTHS)
-    fitted = along @ traced / (along @ along)  # the best map for this curve
+    fitted = along @ traced / (along @ along)
     chromatic_aberration = ChromaticAberration(
         lateral=100, curve=curve, lateral_map=lambda t, theta: np.interp(t, FIELDS, fitted)
     )
     field = np.stack([FIELDS, 0 * FIELDS], -1)
     shift = field[:, 0] * chromatic_aberration.maps(field)[:, 1]
-    found = chromatic_aberration.strengths(WAVELENGTHS)[:, 1:] * shift
-    left = np.sqrt(np.mean((found - traced) ** 2))
-    assert left < 2.1e-4
-    share = {"biconvex": 1e-3, "petzval": 0.2, "double_gauss": 0.3, "cooke_triplet": 0.6}
-    assert left < share.get(name, 0.9) * np.sqrt(np.mean(traced**2))
+    return chromatic_aberration.strengths(WAVELENGTHS)[:, 1:] * shift
 
 
 def test_the_lateral_slider_alone_is_the_traced_singlet():

@@ -19,6 +19,7 @@ from bokehnet.io.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.coating import COATINGS
 from bokehnet.optics.focus_plane import check_tilt
 from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights, gamma_curve
@@ -173,6 +174,10 @@ VALID = [
             "dispersion": "rgb", "equaliser": (1, 0.5, 3),
         },
         "highlights": {"threshold": 0.9, "gain": 12, "gamma": 2.2},
+        "light": {
+            "rings": 2.8, "starburst": 16, "pixel_pitch": 4, "ghosts": "ideal", "lamps": 3, "glare": 0.03,
+            "glare_core": 1, "glare_slope": 3,
+        },
         "effects": {
             "distortion": -0.1, "cos4": 40, "optical_vignetting": 1, "vignette": -2, "vignette_radius": 0,
             "vignette_softness": 0.5, "vignette_roundness": 0.5, "grain": 3200, "grain_size": 2,
@@ -494,6 +499,7 @@ def test_choices_are_those_of_the_rooms_below():
     choices = {path: set(known.choices) for path, known in all_settings().items() if known.choices}
     assert choices == {
         "depth.unit": set(DEPTH_UNITS),
+        "light.ghosts": set(COATINGS),
         "depth.mixed": set(REPAIR_MODES),
         "depth.repair": set(REPAIR_MODES),
         "lens.aberrations": {"traced", "seidel"},

@@ -1,0 +1,139 @@
+"""Ghosts of lamps drawn into a picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bokehnet.effects.lamps import Lamps
+from bokehnet.lenses.ghosts import Ghost, trace_ghosts
+from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.optics.coating import Coating
+from bokehnet.pyramid import upsample2
+
+__all__ = ["Ghosts", "draw_ghost"]
+
+# Nanometres that stand for red, green and blue.
+_COLORS = (610.0, 550.0, 465.0)
+# Rays along each side of the bundle, and points along each side of a cell between them.
+_SIDE, _POINTS = 32, 6
+# Lamps as near to each other as this share of the picture's half-diagonal are one; so many count, and those
+# that have this share of the brightest one's light.
+_APART, _MOST, _FAINTEST = 0.02, 8, 0.02
+_LEVELS = 6
+_LOST = 1e5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Ghosts:
+    """The reflections of a lens at work.
+
+    Attributes:
+        lens: The lens, as it is focused and stopped down.
+        half_diagonal: Of the picture, mm on the sensor.
+        coating: Of its surfaces.
+    """
+
+    lens: PrescriptionLens
+    half_diagonal: float
+    coating: Coating = "single"
+
+    def light(self, lamps: Lamps, height: int, width: int) -> np.ndarray:
+        """Return the light of all ghosts, (height, width, 3), of lamps that are taken to be far away."""
+        scale = 0.5 * float(np.hypot(height, width)) / self.half_diagonal  # pixels per mm
+        middle = np.array([width - 1, height - 1]) / 2
+        levels = [
+            np.zeros((3, -(-height // 2**level), -(-width // 2**level)), np.float32)
+            for level in range(_LEVELS)
+        ]
+        for at, light in _sources(lamps, _APART * 0.5 * float(np.hypot(height, width))):
+            x, y = (at - middle) / scale
+            for channel, wavelength in enumerate(_COLORS):
+                for ghost in trace_ghosts(
+                    self.lens, (x, y), wavelength=wavelength, coating=self.coating, side=_SIDE
+                ):
+                    draw_ghost([plane[channel] for plane in levels], ghost, middle, scale, light[channel])
+        drawn = levels[-1]
+        for plane in levels[-2::-1]:
+            drawn = plane + upsample2(drawn)[:, : plane.shape[1], : plane.shape[2]]
+        return np.moveaxis(drawn, 0, -1)
+
+
+def _sources(lamps: Lamps, apart: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Places x, y and light of neighbouring lamps together, the brightest first."""
+    cell = np.stack([lamps.row // apart, lamps.column // apart], -1)
+    _, group = np.unique(cell, axis=0, return_inverse=True)
+    group = group.ravel()
+    count = int(group.max(initial=-1)) + 1
+    light = np.stack([np.bincount(group, lamps.light[:, c], count) for c in range(3)], -1)
+    weight = lamps.light.sum(-1)
+    total = np.bincount(group, weight, count)
+    place = (
+        np.stack([np.bincount(group, weight * at, count) for at in (lamps.column, lamps.row)], -1)
+        / total[:, None]
+    )
+    order = [i for i in np.argsort(-total)[:_MOST] if total[i] >= _FAINTEST * total.max()]
+    return [(place[i], light[i]) for i in order]
+
+
+def draw_ghost(
+    levels: Sequence[np.ndarray], ghost: Ghost, middle: np.ndarray, scale: float, light: float
+) -> None:
+    """Add a ghost to a picture in levels, each half as large as the one before: the finest without gaps.
+
+    Args:
+        levels: Light per pixel of the finest level; written.
+        ghost: What is drawn.
+        middle: Of the picture, x and y in pixels of the finest level.
+        scale: Pixels of the finest level per mm.
+        light: Of the lamp.
+    """
+    place = middle + ghost.place * scale
+    corners = np.stack([ghost.fill[:-1, :-1], ghost.fill[:-1, 1:], ghost.fill[1:, :-1], ghost.fill[1:, 1:]])
+    cells = (corners.max(0) < _LOST) & (corners.min(0) <= 1)
+    if not cells.any():
+        return
+    share = (np.arange(_POINTS) + 0.5) / _POINTS
+    b, a = (part.ravel() for part in np.meshgrid(share, share))
+    weights = np.stack([(1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b])
+
+    def between(values: np.ndarray) -> np.ndarray:
+        """Values at the points of each cell, (cells, points^2, ...)."""
+        four = (values[:-1, :-1], values[:-1, 1:], values[1:, :-1], values[1:, 1:])
+        return np.einsum("kc...,kp->cp...", np.stack([one[cells] for one in four]), weights)
+
+    passes = between(ghost.fill) <= 1
+    if not passes.any():
+        return
+    points = between(place)
+    step = np.hypot(*np.moveaxis(points[:, 1] - points[:, 0], -1, 0))
+    down = np.hypot(*np.moveaxis(points[:, _POINTS] - points[:, 0], -1, 0))
+    widest = np.maximum(step, down)[passes.any(1)].max()
+    level = int(np.clip(np.ceil(np.log2(max(widest, 1e-9))), 0, len(levels) - 1))
+    plane, size = levels[level], 2.0**level
+    flux = between(ghost.flux)[passes] * (light / _POINTS**2 / size**2)
+    x, y = ((points[passes] + 0.5) / size - 0.5).T
+    left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    near = (left >= -1) & (left < plane.shape[1]) & (top >= -1) & (top < plane.shape[0])
+    if not near.any():
+        return
+    left, top, flux = left[near], top[near], flux[near]
+    x, y = x[near] - left, y[near] - top
+    # Drawn in a window around it, whose frame may lie beyond that of the picture.
+    first = int(top.min()), int(left.min())
+    shape = int(top.max()) - first[0] + 2, int(left.max()) - first[1] + 2
+    index = (top - first[0]) * shape[1] + left - first[1]
+    drawn = np.zeros(shape[0] * shape[1])
+    for step, weight in (
+        (0, (1 - y) * (1 - x)),
+        (1, (1 - y) * x),
+        (shape[1], y * (1 - x)),
+        (shape[1] + 1, y * x),
+    ):
+        drawn += np.bincount(index + step, flux * weight, drawn.size)
+    inside = [
+        slice(max(0, -at), min(size, limit - at))
+        for at, size, limit in zip(first, shape, plane.shape, strict=True)
+    ]
+    rows, columns = (slice(at + cut.start, at + cut.stop) for at, cut in zip(first, inside, strict=True))
+    plane[rows, columns] += drawn.reshape(shape)[inside[0], inside[1]]
