@@ -113,7 +113,7 @@ def _load_hub() -> None:
     """Import ``huggingface_hub``: no telemetry, no lines of its own, bars only where somebody watches."""
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     require_extra("huggingface_hub", "models")
-    from huggingface_hub.utils import disable_progress_bars
+    from huggingface_hub.utils.tqdm import disable_progress_bars
 
     logging.getLogger("huggingface_hub").setLevel(logging.CRITICAL)
     if not sys.stderr.isatty():

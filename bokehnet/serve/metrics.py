@@ -1,12 +1,15 @@
 """What a service counts, as Prometheus reads it."""
 
 from collections.abc import Callable
+from typing import Any, TypeVar
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 
 __all__ = ["Metrics"]
 
 _SECONDS = (0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60, 120, 300)
+
+_Kind = TypeVar("_Kind", Counter, Gauge, Histogram)
 
 
 class Metrics:
@@ -16,7 +19,7 @@ class Metrics:
         self._registry = CollectorRegistry()
         self._unfinished = unfinished
 
-        def made(kind: type, name: str, text: str, labels: tuple[str, ...] = (), **more: object) -> object:
+        def made(kind: type[_Kind], name: str, text: str, labels: tuple[str, ...] = (), **more: Any) -> _Kind:
             return kind(f"bokehnet_{name}", text, labels, registry=self._registry, **more)
 
         self.accepted: Counter = made(Counter, "jobs_accepted", "Jobs that were new.")

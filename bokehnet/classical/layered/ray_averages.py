@@ -145,10 +145,12 @@ def _fill_windows(sums, level, windows, fitting):  # type: ignore[no-untyped-def
                 _add_ring(sums, y, x, 1, 1.0, window)
                 group = FRONT_GROUP if i == 0 else BACK_GROUP
                 fitting[y, x, i] = _average(sums, y, x, group, level, window)
-                if i == 0:
-                    windows[y, x, :GROUPS] = window
-                else:
-                    windows[y, x, GROUPS] = window[BACK_GROUP]
+                for c in range(window.shape[1]):
+                    if i == 1:
+                        windows[y, x, GROUPS, c] = window[BACK_GROUP, c]
+                        continue
+                    for g in range(GROUPS):
+                        windows[y, x, g, c] = window[g, c]
 
 
 @njit(cache=True)
@@ -203,7 +205,9 @@ def _widest_window(sums, windows, fitting, y, x, group, start, window):  # type:
     for level in range(min(_level_of(reach), len(windows)), 0, -1):
         if _from_blocks(windows[level - 1], fitting[level - 1], y, x, level, group, window):
             return
-    window[:] = start
+    for g in range(GROUPS):
+        for c in range(window.shape[1]):
+            window[g, c] = start[g, c]
     _average(sums, y, x, group, 0, window)
 
 
