@@ -1,10 +1,10 @@
 """``bokehnet lens fit``: the look of a lens from a photograph of lamps out of focus."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from bokehnet.errors import ConfigError, ParameterError
@@ -28,6 +28,8 @@ def fit(
     ] = None,
 ) -> None:
     """Fit the opening and the colours of a lens to the discs of lamps in a photograph."""
+    import numpy as np
+
     from bokehnet.cli.progress import progress
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.io.image import check_writable, read_image, write_image
@@ -83,6 +85,6 @@ def _discs(text: str) -> list[Any]:
     except (TypeError, ValueError) as error:
         raise ParameterError("--lights", expected="auto, or X,Y,RADIUS;X,Y,RADIUS", got=text) from error
     for disc in found:
-        if not all(np.isfinite(dataclasses.astuple(disc))) or disc.radius <= 0:
+        if not all(map(math.isfinite, dataclasses.astuple(disc))) or disc.radius <= 0:
             raise ParameterError("--lights", expected="finite places and radii above 0", got=text)
     return found

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bokehnet.classical.base import ALIGNED, Strip
+from bokehnet.classical.layered.ray_averages import window_halo
 from bokehnet.errors import ParameterError
 
 __all__ = ["StripAccumulator", "cut_strips", "least_rows", "worth_cutting"]
@@ -14,7 +15,8 @@ __all__ = ["StripAccumulator", "cut_strips", "least_rows", "worth_cutting"]
 BYTES_PER_PIXEL = {"rays": 140, "scatter": 45}
 
 # Rows around a strip that its result depends on, in units of the blur radius: those that a ray crosses, and
-# those from which what they hide is filled. Windows of a few pixels come on top.
+# those from which what they hide is filled. Windows of pixels come on top, for which this many rows do where
+# no disc is very large.
 _HALO = {"rays": 2, "scatter": 1}
 _FEW = 32
 
@@ -30,7 +32,7 @@ def _aligned(row: int) -> int:
 
 
 def _halo(height: int, reach: int, classical: str) -> int:
-    return _HALO[classical] * min(reach, height) + _FEW
+    return _HALO[classical] * min(reach, height) + max(_FEW, window_halo(reach))
 
 
 def least_rows(height: int, reach: int, classical: str) -> int:

@@ -226,7 +226,16 @@ def focused_surfaces(
 
 
 def focused_layers(layers: SceneLayers | None, lens: FocusedLens | None) -> Layers | None:
-    """The same layers with their blur radii, for the rays."""
+    """The same layers with their blur radii, for the rays.
+
+    Args:
+        layers: In the unit of the map.
+        lens: Lens and focus.
+
+    Examples:
+        >>> focused_layers(None, None) is None
+        True
+    """
     if layers is None or lens is None:
         return None
     radii = [lens.defocus(layers.values[:, :, layer]) for layer in range(layers.values.shape[2])]

@@ -114,6 +114,16 @@ def read_layers(path: Path | str, unit: str = "m") -> SceneLayers:
     Raises:
         ImageFileError: The file cannot be read or holds neither.
         ParameterError: Its layers are not from front to back.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from bokehnet.io.channels import write_channels
+        >>> bands = {f"layer1.{name}": np.ones((2, 3)) for name in ("R", "G", "B", "Z", "coverage")}
+        >>> with TemporaryDirectory() as folder:
+        ...     write_channels(Path(folder, "wall.exr"), bands)
+        ...     layers = read_layers(Path(folder, "wall.exr"))
+        >>> layers.coverage.shape
+        (2, 3, 1)
     """
     if not is_exr(Path(path)):
         raise ImageFileError(f"{path}: expected an EXR file with layers")

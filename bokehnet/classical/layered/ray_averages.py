@@ -2,8 +2,8 @@
 
 A disc of radius r has next to nothing at the frequency of pixels, so a window much smaller than r takes noise
 away and leaves the picture. Sharp surfaces, and what their edges cover, are each pixel's own. Windows of more
-than ``_RINGS`` rings are taken of blocks of 2x2 or 4x4 pixels, and each pixel has its part, in straight
-lines, of those around the four blocks next to it.
+than ``_RINGS`` rings are taken of blocks of 2, 4 or 8 pixels a side, and each pixel has its part, in
+straight lines, of those around the four blocks next to it.
 
 Source: Burt and Adelson, "The Laplacian pyramid as a compact image code", 1983, for means of means.
 """
@@ -26,10 +26,10 @@ __all__ = ["resolve", "window_halo", "window_reach"]
 
 # Half-width of a window, less its middle, over the radius of the discs; at least 1 pixel, at most _WIDEST.
 _REACH_BY_RADIUS = 1 / 12
-_WIDEST = 16
+_WIDEST = 32
 
 # The most rings of a window, and levels of blocks.
-_RINGS, _LEVELS = 4, 2
+_RINGS, _LEVELS = 4, 3
 
 
 def window_halo(radius: float) -> int:
