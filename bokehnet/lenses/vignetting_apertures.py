@@ -5,7 +5,7 @@ import numpy as np
 __all__ = ["fit_vignetting_apertures"]
 
 # Rays near a rim, heights over semi-diameter, and the fewest of them that tell its place.
-_NEAR = (0.9, 1.1)
+_NEAR = (0.95, 1.05)
 _FEWEST = 12
 _STEPS = 30
 # Rims that keep away less than this share of the light that arrives are left out.
