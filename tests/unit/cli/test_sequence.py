@@ -248,6 +248,20 @@ def wait_for_frames(folder, count, process):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_no_process_starts_with_interrupts_let_through(python_process):
+    """The first one starts multiprocessing's resource tracker, too, which unblocks them."""
+    source = (
+        "import signal\n"
+        "from multiprocessing import resource_tracker\n"
+        "from bokehnet.cli.workers import _interrupts_held\n"
+        "with _interrupts_held():\n"
+        "    resource_tracker.ensure_running()\n"
+        "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))\n"
+    )
+    assert python_process(source).out == "True\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_is_clean(folder, jobs):
     process = start("--jobs", jobs)
