@@ -282,9 +282,8 @@ def resolve(
         smaller = np.empty((*shape, *sums.shape[2:]), np.float32)
         windows.append(np.empty((*shape, GROUPS + 1, sums.shape[3]), np.float32))
         fitting.append(np.empty((*shape, 2), np.bool_))
-        if level <= levels:
-            _halve(blocks, smaller)
-            _fill_windows(smaller, level, windows[-1], fitting[-1])
+        _halve(blocks, smaller)
+        _fill_windows(smaller, level, windows[-1], fitting[-1])
         blocks = smaller
     outputs = (result, disocclusion_weight)
     _resolve(sums, tuple(windows), tuple(fitting), rays_mask, first, top, bottom, *outputs)
