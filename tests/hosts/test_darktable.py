@@ -23,15 +23,25 @@ local dt = require "darktable"
 local bokehnet = require "bokehnet"
 dt.preferences.write("bokehnet", "command", "string", "{program}")
 dt.preferences.write("bokehnet", "options", "string", "{options}")
-local image = dt.database.import("{photo}")
-print("MADE", bokehnet.edit(image))
-print("LEADER", #image:get_group_members())
+local begun = false
+dt.register_event("test", "intermediate-export-image", function()
+  if begun then return end
+  begun = true
+  local image = dt.database.import("{photo}")
+  print("MADE", bokehnet.edit(image))
+  print("LEADER", #image:get_group_members())
+end)
 """
 
 
 @pytest.fixture
 def darktable(tmp_path):
-    """Edit a photograph with its disparity beside it; return what darktable printed."""
+    """Edit a photograph with its disparity beside it; return what darktable printed.
+
+    darktable-cli runs Lua in a thread of its own beside the export that it was called for, and dies now and then
+    where both export at once. The edit therefore waits for that export, of a picture large enough to end after
+    the script has asked for it.
+    """
     program = tmp_path / "bokehnet"
     program.write_text(
         f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m bokehnet "$@"\n', encoding="utf-8"
@@ -44,12 +54,13 @@ def darktable(tmp_path):
     picture[::8] = 1
     write_image(tmp_path / "photo.png", picture.astype(np.float32))
     write_map(tmp_path / "photo.disparity.png", disparity)
+    write_image(tmp_path / "large.png", np.full((2000, 2000, 3), 0.5, np.float32))
 
     def run(options="--blur 6 --focus 1 --repair-disparity off", command=program):
         script = SCRIPT.format(root=ROOT, program=command, options=options, photo=tmp_path / "photo.png")
         (tmp_path / "edit.lua").write_text(script, encoding="utf-8")
         folders = ["--configdir", tmp_path / "dt", "--cachedir", tmp_path / "dt", "--library", ":memory:"]
-        words = [tmp_path / "photo.png", tmp_path / "plain.png", "--core", *folders]
+        words = [tmp_path / "large.png", tmp_path / "plain.png", "--core", *folders]
         words = [DARKTABLE, *words, "--luacmd", f'dofile("{tmp_path}/edit.lua")']
         return subprocess.run(
             [str(word) for word in words], capture_output=True, text=True, timeout=120
