@@ -6,7 +6,7 @@ from numba import prange
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["brightest", "light_limit"]
+__all__ = ["are_lights", "light_limit"]
 
 # A light is this many times as bright as its surroundings.
 _CONTRAST = 4.0
@@ -15,32 +15,51 @@ _CONTRAST = 4.0
 _SMALLEST_REACH = 8
 
 
+@njit(cache=True)
+def _brightness(image, y, x):  # type: ignore[no-untyped-def]
+    """Largest of the three channels."""
+    return max(image[y, x, 0], image[y, x, 1], image[y, x, 2])
+
+
 @njit(cache=True, parallel=True)
-def _brightest(image, result):  # type: ignore[no-untyped-def]
+def _sum_cells(image, cell, most, sums):  # type: ignore[no-untyped-def]
+    """Sum the brightness of each cell, no pixel above what is ``most`` there."""
+    height, width, _ = image.shape
+    for row in prange(sums.shape[0]):
+        for y in range(row * cell, min(height, (row + 1) * cell)):
+            for column in range(sums.shape[1]):
+                limit, total = most[row, column], 0.0
+                for x in range(column * cell, min(width, (column + 1) * cell)):
+                    total += min(limit, _brightness(image, y, x))
+                sums[row, column] += total
+
+
+@njit(cache=True, parallel=True)
+def _spread(means, cell, result):  # type: ignore[no-untyped-def]
     for y in prange(result.shape[0]):
         for x in range(result.shape[1]):
-            result[y, x] = max(image[y, x, 0], image[y, x, 1], image[y, x, 2])
+            result[y, x] = means[y // cell, x // cell]
 
 
-def brightest(image: np.ndarray) -> np.ndarray:
-    """Largest of the three channels of (H, W, 3), on all cores."""
-    result = np.empty(image.shape[:2], image.dtype)
+@njit(cache=True, parallel=True)
+def _above(image, limit, result):  # type: ignore[no-untyped-def]
+    for y in prange(result.shape[0]):
+        for x in range(result.shape[1]):
+            result[y, x] = _brightness(image, y, x) > limit[y, x]
+
+
+def _means_around(image: np.ndarray, cell: int, most: np.ndarray) -> np.ndarray:
+    """Mean brightness over nine cells by nine around each; no pixel counts above its cell's ``most``."""
+    sums = np.zeros(most.shape)
     with parallel_region:
-        _brightest(image, result)
-    return result
-
-
-def _around(values: np.ndarray, reach: int) -> np.ndarray:
-    """Mean over a window of about (2 reach + 1)^2 pixels, (H, W); taken from cells a quarter as wide."""
-    cell = max(1, reach // 4)
-    edges = [np.arange(0, size, cell) for size in values.shape]
-    sums = np.add.reduceat(np.add.reduceat(values, edges[0], axis=0), edges[1], axis=1)
-    counts = np.outer(
-        *(np.diff(np.append(edge, size)) for edge, size in zip(edges, values.shape, strict=True))
+        _sum_cells(image, cell, most, sums)
+    sides = (
+        np.minimum(np.arange(1, count + 1) * cell, size) - np.arange(count) * cell
+        for count, size in zip(most.shape, image.shape[:2], strict=True)
     )
-    means = _box_sum(_box_sum(sums, 4, 0), 4, 1) / _box_sum(_box_sum(counts, 4, 0), 4, 1)
-    spread = np.repeat(np.repeat(means.astype(np.float32), cell, 0), cell, 1)
-    return spread[: values.shape[0], : values.shape[1]]
+    counts = np.outer(*sides)
+    means: np.ndarray = _box_sum(_box_sum(sums, 4, 0), 4, 1) / _box_sum(_box_sum(counts, 4, 0), 4, 1)
+    return means
 
 
 def _box_sum(values: np.ndarray, reach: int, axis: int) -> np.ndarray:
@@ -60,8 +79,21 @@ def light_limit(image: np.ndarray, reach: int) -> np.ndarray:
             time with every pixel held at four times the first, so that lights hardly raise it.
 
     Returns:
-        (H, W) float32, to be compared with :func:`brightest`.
+        (H, W) float32, for :func:`are_lights`.
     """
-    light, reach = brightest(image), max(_SMALLEST_REACH, reach)
-    mean = _around(light, reach)
-    return _CONTRAST * _around(np.minimum(light, _CONTRAST * mean), reach)
+    cell = max(_SMALLEST_REACH, reach) // 4
+    cells = tuple(-(-size // cell) for size in image.shape[:2])
+    means = _means_around(image, cell, np.full(cells, np.inf))
+    means = _means_around(image, cell, _CONTRAST * means)
+    limit = np.empty(image.shape[:2], np.float32)
+    with parallel_region:
+        _spread((_CONTRAST * means).astype(np.float32), cell, limit)
+    return limit
+
+
+def are_lights(image: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Which pixels of (H, W, 3) are brighter than ``limit``, (H, W); (H, W) bool."""
+    found = np.empty(limit.shape, np.bool_)
+    with parallel_region:
+        _above(image, limit, found)
+    return found

@@ -13,6 +13,7 @@ from bokehnet.cli.summary import FrameSummary
 from bokehnet.cli.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.engine import Progress
+from bokehnet.inference.memory import keep_freed
 from bokehnet.io.image import check_writable
 from bokehnet.io.in_place import check_not_over
 from bokehnet.rendering.depth_source import tells_distances
@@ -109,7 +110,12 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
 
 
 def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
-    """Return a renderer whose engine, networks and look are there: what is wrong with them is told now."""
+    """Return a renderer whose engine, networks and look are there: what is wrong with them is told now.
+
+    Without a bound on memory the process keeps what it frees from now on.
+    """
+    if settings.engine.max_memory is None:
+        keep_freed()
     renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
     renderer.check(settings)
     return renderer

@@ -68,7 +68,7 @@ def _step_sizes(disparity: np.ndarray) -> np.ndarray:
     """Span of the map in the 3x3 blocks of ``BLOCK`` pixels around each block, (H / 8, W / 8)."""
     height, width = disparity.shape
     blocks = disparity.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK)
-    low, high = np.pad(blocks.min((1, 3)), 1, "edge"), np.pad(blocks.max((1, 3)), 1, "edge")
+    low, high = np.pad(blocks.min(1).min(2), 1, "edge"), np.pad(blocks.max(1).max(2), 1, "edge")
     rows, columns = blocks.shape[0], blocks.shape[2]
     windows = [(slice(y, y + rows), slice(x, x + columns)) for y in range(3) for x in range(3)]
     span: np.ndarray = np.max([high[w] for w in windows], 0) - np.min([low[w] for w in windows], 0)
@@ -97,7 +97,7 @@ def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> t
         rows = slice(top, top + _BLOCK_ROWS)
         was, now = disparity[rows], repaired[rows]
         blocks = spans[top // BLOCK : (top + _BLOCK_ROWS) // BLOCK]
-        steps = np.kron(blocks, np.ones((BLOCK, BLOCK), np.float32))[: len(was), : was.shape[1]]
+        steps = blocks.repeat(BLOCK, 0).repeat(BLOCK, 1)[: len(was), : was.shape[1]]
         at_steps = steps > least
         near += int(at_steps.sum())
         moved += int((at_steps & (np.abs(now - was) > 0.25 * steps)).sum())

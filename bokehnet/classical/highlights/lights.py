@@ -14,9 +14,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numba import prange
 
 from bokehnet.classical.base import Place
-from bokehnet.classical.highlight_detection import brightest, light_limit
+from bokehnet.classical.highlight_detection import light_limit
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
 from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
 from bokehnet.classical.highlights.psf_splatting import splat_psf_images
@@ -24,6 +25,7 @@ from bokehnet.classical.layered.defocus_bins import DefocusBins
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.parallel import parallel_region
+from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 
@@ -40,6 +42,21 @@ _CELL = 1 / 16
 
 # Numbers of PSF images in memory together.
 _FLOATS = 16_000_000
+
+
+@njit(cache=True, parallel=True)
+def _find_lights(colors, depths, coverage, limit, found):  # type: ignore[no-untyped-def]
+    """Mark what is blurred, brighter than ``limit`` and not covered by nearer layers, (layers, H, W)."""
+    for y in prange(limit.shape[0]):
+        for x in range(limit.shape[1]):
+            left = np.float32(1.0)
+            for layer in range(len(found)):
+                share = left * coverage[y, x, layer]
+                red, green, blue = colors[y, x, layer]
+                bright = max(red, green, blue) > limit[y, x]
+                blurred = abs(depths[y, x, layer]) > _SMALLEST_RADIUS
+                found[layer, y, x] = share > 0.0 and bright and blurred
+                left *= np.float32(1.0) - coverage[y, x, layer]
 
 
 def separate_lights(
@@ -69,18 +86,18 @@ def separate_lights(
     if max_coc_radius is None:
         max_coc_radius = math.ceil(float(np.abs(layers.defocus).max()))
     limit = light_limit(layers.colors[:, :, 0], max_coc_radius)
+    found = np.empty((layers.defocus.shape[2], *limit.shape), np.bool_)
+    with parallel_region:
+        _find_lights(layers.colors, layers.defocus, layers.coverage, limit, found)
     places, lights = [], []
-    transmittance: np.ndarray = np.ones(limit.shape, np.float32)
-    for layer in range(layers.defocus.shape[2]):
-        brightness, coverage = brightest(layers.colors[:, :, layer]), layers.coverage[:, :, layer]
-        share = transmittance * coverage
-        blurred = np.abs(layers.defocus[:, :, layer]) > _SMALLEST_RADIUS
-        y, x = np.nonzero((share > 0) & (brightness > limit) & blurred)
-        amount = share[y, x]
-        excess = 1.0 - limit[y, x] / brightness[y, x]
+    for layer in range(len(found)):
+        y, x = np.nonzero(found[layer])
+        amount = (1.0 - layers.coverage[y, x, :layer]).prod(-1) * layers.coverage[y, x, layer]
+        brightness = layers.colors[y, x, layer].max(-1)
+        excess = 1.0 - limit[y, x] / brightness
         bound = int(_MOST * limit.size)
         if len(y) > bound:
-            value = amount * excess * brightness[y, x]
+            value = amount * excess * brightness
             ranked = np.argsort(-value, kind="stable")
             kept = ranked[:bound]
             excess *= 1.0 - value[ranked[bound]] / value
@@ -89,7 +106,6 @@ def separate_lights(
         color = layers.colors[y, x, layer] * excess[:, None]
         places.append(np.column_stack([y, x, np.full_like(y, layer)]))
         lights.append(np.column_stack([x, y, layers.defocus[y, x, layer], amount[:, None] * color, excess]))
-        transmittance = transmittance * (1.0 - coverage)
     place, light = np.concatenate(places), np.concatenate(lights).astype(np.float64)
     if faintest > 0:
         light[:, 3:] *= _beyond(light, faintest)[:, None]

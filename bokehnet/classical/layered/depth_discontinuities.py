@@ -10,13 +10,18 @@ __all__ = [
     "BACK",
     "DISCONTINUITY_THRESHOLD",
     "FRONT",
+    "STEP_TILE",
     "are_one_surface",
     "discontinuity_sides",
     "sharpen_discontinuities",
+    "tiles_with_steps",
 ]
 
 # Neighbouring pixels whose defocus differs by more than this many pixels belong to two surfaces.
 DISCONTINUITY_THRESHOLD = 1.0
+
+# Sides of the tiles that are passed over together where there is no step.
+STEP_TILE = 16
 
 # Defocus by which a surface may change from pixel to pixel and still be one on both sides of what hides it.
 _SLOPE = 0.1
@@ -50,11 +55,40 @@ def _span(values, y, x, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _discontinuity_sides(defocus, reach):  # type: ignore[no-untyped-def]
+def _find_steps(defocus, reach, stepped):  # type: ignore[no-untyped-def]
+    height, width = defocus.shape
+    for row in prange(stepped.shape[0]):
+        for column in range(stepped.shape[1]):
+            low = high = defocus[row * STEP_TILE, column * STEP_TILE]
+            for y in range(max(0, row * STEP_TILE - reach), min(height, (row + 1) * STEP_TILE + reach)):
+                for x in range(
+                    max(0, column * STEP_TILE - reach), min(width, (column + 1) * STEP_TILE + reach)
+                ):
+                    low, high = min(low, defocus[y, x]), max(high, defocus[y, x])
+            stepped[row, column] = high - low > DISCONTINUITY_THRESHOLD
+
+
+def tiles_with_steps(defocus: np.ndarray, reach: int) -> np.ndarray:
+    """Which tiles, ``STEP_TILE`` pixels wide and high, may hold a step: (rows, columns) of them, bool.
+
+    Args:
+        defocus: (H, W).
+        reach: Pixels beyond a tile's border that are looked at too.
+    """
+    stepped = np.empty([-(-size // STEP_TILE) for size in defocus.shape], np.bool_)
+    with parallel_region:
+        _find_steps(defocus, reach, stepped)
+    return stepped
+
+
+@njit(cache=True, parallel=True)
+def _discontinuity_sides(defocus, reach, stepped):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     sides = np.zeros((height, width), np.int8)
     for y in prange(height):
         for x in range(width):
+            if not stepped[y // STEP_TILE, x // STEP_TILE]:
+                continue
             low, high = _span(defocus, y, x, reach)
             if low < defocus[y, x] - DISCONTINUITY_THRESHOLD:
                 sides[y, x] |= FRONT
@@ -70,8 +104,9 @@ def discontinuity_sides(defocus: np.ndarray, reach: int = 1) -> np.ndarray:
         defocus: (H, W), float32.
         reach: Pixels from a depth discontinuity, along rows and columns, beyond which all are 0.
     """
+    stepped = tiles_with_steps(defocus, reach)
     with parallel_region:
-        sides: np.ndarray = _discontinuity_sides(defocus, reach)
+        sides: np.ndarray = _discontinuity_sides(defocus, reach, stepped)
     return sides
 
 

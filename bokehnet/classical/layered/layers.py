@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import prange
 
-from bokehnet.classical.highlight_detection import brightest, light_limit
+from bokehnet.classical.highlight_detection import are_lights, light_limit
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
@@ -91,7 +91,7 @@ def split_picture(
     reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     if known is not None:
         known.check_within(*defocus.shape)
-    lights = brightest(image) > light_limit(image, reach)
+    lights = are_lights(image, light_limit(image, reach))
     sharp, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter, known)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)

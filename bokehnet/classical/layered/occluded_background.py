@@ -8,8 +8,13 @@ import numpy.typing as npt
 from numba import prange
 
 from bokehnet.classical.base import check_inputs
-from bokehnet.classical.highlight_detection import brightest, light_limit
-from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD, are_one_surface
+from bokehnet.classical.highlight_detection import are_lights, light_limit
+from bokehnet.classical.layered.depth_discontinuities import (
+    DISCONTINUITY_THRESHOLD,
+    STEP_TILE,
+    are_one_surface,
+    tiles_with_steps,
+)
 from bokehnet.classical.layered.structure_transport import carry_lines_on
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -44,18 +49,44 @@ def _step(defocus, steps, y, x, v, u, length):  # type: ignore[no-untyped-def]
     return count if gap > DISCONTINUITY_THRESHOLD and count * length <= gap + 2.0 else 0
 
 
-@njit(cache=True, parallel=True)
-def _carry_inwards(defocus, steps):  # type: ignore[no-untyped-def]
-    """Count, per way, the steps from each pixel to the surface that goes on behind it, (ways, H, W)."""
+@njit(cache=True)
+def _carry_into_tile(defocus, steps, row, column, down, right):  # type: ignore[no-untyped-def]
+    """Count the steps of one way in a tile; whether any lead anywhere."""
     height, width = defocus.shape
+    length = math.sqrt(down * down + right * right)
+    top, left = row * STEP_TILE, column * STEP_TILE
+    bottom, last = min(height, top + STEP_TILE), min(width, left + STEP_TILE)
+    found = False
+    for line in range(bottom - top):
+        y = bottom - 1 - line if down > 0 else top + line
+        for place in range(last - left):
+            x = last - 1 - place if right > 0 else left + place
+            count = _step(defocus, steps, y, x, y + down, x + right, length)
+            if count > 0:
+                steps[y, x] = count
+                found = True
+    return found
+
+
+@njit(cache=True, parallel=True)
+def _carry_inwards(defocus, stepped, steps, reached):  # type: ignore[no-untyped-def]
+    """Count, per way, the steps from each pixel to the surface that goes on behind it, (ways, H, W).
+
+    Marks the tiles that a way reaches, (ways, rows, columns); only these and those beside them are looked at.
+    """
+    rows, columns = stepped.shape
     for way in prange(len(_WAYS)):
         down, right = _WAYS[way]
-        length = math.sqrt(down * down + right * right)
-        for line in range(height):
-            y = height - 1 - line if down > 0 else line
-            for place in range(width):
-                x = width - 1 - place if right > 0 else place
-                steps[way, y, x] = _step(defocus, steps[way], y, x, y + down, x + right, length)
+        for line in range(rows):
+            row = rows - 1 - line if down > 0 else line
+            for place in range(columns):
+                column = columns - 1 - place if right > 0 else place
+                v, u = min(max(row + down, 0), rows - 1), min(max(column + right, 0), columns - 1)
+                before = reached[way, v, u] or reached[way, v, column] or reached[way, row, u]
+                if before or stepped[row, column]:
+                    reached[way, row, column] = _carry_into_tile(
+                        defocus, steps[way], row, column, down, right
+                    )
 
 
 @njit(cache=True)
@@ -76,13 +107,15 @@ def _choose(depths, distances):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, lights, steps, colors, depths, nearest):  # type: ignore[no-untyped-def]
+def _fill(image, defocus, lights, steps, reached, colors, depths, nearest):  # type: ignore[no-untyped-def]
     """Mean of what all ways to one surface lead to, the nearer the more; and the shortest of all ways."""
     height, width = defocus.shape
     ways = len(_WAYS)
     for y in prange(height):
         found, distances = np.zeros(ways), np.zeros(ways)
         for x in range(width):
+            if not reached[y // STEP_TILE, x // STEP_TILE]:
+                continue
             for way in range(ways):
                 count = np.int64(steps[way, y, x])
                 down, right = _WAYS[way]
@@ -132,25 +165,46 @@ def _fill(image, defocus, lights, steps, colors, depths, nearest):  # type: igno
 
 
 @njit(cache=True, parallel=True)
-def _smooth(hidden, told, colors, depths, smooth_colors, smooth_depths):  # type: ignore[no-untyped-def]
-    """Average what is ``hidden`` over what of its surface is ``told``, as single ways leave streaks."""
+def _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths):  # type: ignore[no-untyped-def]
+    """Average what is hidden, (N), over what of its surface is told around it: single ways leave streaks."""
     height, width = depths.shape
-    for y in prange(height):
-        for x in range(width):
-            if not hidden[y, x]:
-                continue
-            weight = depth = red = green = blue = 0.0
-            for v in range(max(0, y - _SMOOTH), min(height, y + _SMOOTH + 1)):
-                for u in range(max(0, x - _SMOOTH), min(width, x + _SMOOTH + 1)):
-                    if told[v, u] and abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD:
-                        weight += 1.0
-                        depth += depths[v, u]
-                        red += colors[v, u, 0]
-                        green += colors[v, u, 1]
-                        blue += colors[v, u, 2]
-            smooth_colors[y, x, 0], smooth_colors[y, x, 1] = red / weight, green / weight
-            smooth_colors[y, x, 2] = blue / weight
-            smooth_depths[y, x] = depth / weight
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        weight = depth = red = green = blue = 0.0
+        for v in range(max(0, y - _SMOOTH), min(height, y + _SMOOTH + 1)):
+            for u in range(max(0, x - _SMOOTH), min(width, x + _SMOOTH + 1)):
+                told = distances[v, u] > 0 or not lights[v, u]
+                if told and abs(depths[v, u] - depths[y, x]) <= DISCONTINUITY_THRESHOLD:
+                    weight += 1.0
+                    depth += depths[v, u]
+                    red += colors[v, u, 0]
+                    green += colors[v, u, 1]
+                    blue += colors[v, u, 2]
+        smooth_colors[i, 0], smooth_colors[i, 1] = red / weight, green / weight
+        smooth_colors[i, 2] = blue / weight
+        smooth_depths[i] = depth / weight
+
+
+@njit(cache=True, parallel=True)
+def _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths):  # type: ignore[no-untyped-def]
+    """Set what is hidden, (N), nowhere in front of what hides it."""
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        depths[y, x] = min(smooth_depths[i], defocus[y, x])
+        for c in range(3):
+            colors[y, x, c] = smooth_colors[i, c]
+
+
+@njit(cache=True, parallel=True)
+def _dim(ys, xs, limit, colors):  # type: ignore[no-untyped-def]
+    """Scale what is hidden, (N), down to ``limit``, (H, W), where it is brighter."""
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        brightest = max(colors[y, x, 0], colors[y, x, 1], colors[y, x, 2])
+        if brightest > limit[y, x]:
+            share = limit[y, x] / brightest
+            for c in range(3):
+                colors[y, x, c] *= share
 
 
 def occluded_background(
@@ -190,27 +244,22 @@ def occluded_background(
     limit = light_limit(
         image, math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     )
-    lights = brightest(image) > limit
+    lights = are_lights(image, limit)
     steps = np.zeros((len(_WAYS), *defocus.shape), np.uint16)
-    distances = np.zeros_like(defocus)
+    distances = np.zeros(defocus.shape, defocus.dtype)
+    stepped = tiles_with_steps(defocus, 1)
+    reached = np.zeros((len(_WAYS), *stepped.shape), np.bool_)
     with parallel_region:
-        _carry_inwards(defocus, steps)
-        _fill(image, defocus, lights, steps, colors, depths, distances)
+        _carry_inwards(defocus, stepped, steps, reached)
+        _fill(image, defocus, lights, steps, reached.any(0), colors, depths, distances)
     del steps
-    hidden = distances > 0
-    _dim(colors, hidden, limit)
-    rough_colors, rough_depths = colors, depths
-    colors, depths = rough_colors.copy(), rough_depths.copy()
+    ys, xs = np.nonzero(distances)
+    smooth_colors, smooth_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
     with parallel_region:
-        _smooth(hidden, hidden | ~lights, rough_colors, rough_depths, colors, depths)
-        depths = np.minimum(depths, defocus)
+        _dim(ys, xs, limit, colors)
+        _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths)
+        _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
+        del smooth_colors, smooth_depths
         carry_lines_on(image, defocus, lights, depths, distances, colors)
-    _dim(colors, hidden, limit)
+        _dim(ys, xs, limit, colors)
     return colors, depths
-
-
-def _dim(colors: np.ndarray, hidden: np.ndarray, limit: np.ndarray) -> None:
-    """Scale what is hidden down to ``limit``, (H, W), where it is brighter."""
-    filled = brightest(colors)
-    y, x = np.nonzero(hidden & (filled > limit))
-    colors[y, x] *= (limit[y, x] / filled[y, x])[:, None]

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.layered.depth_discontinuities import are_one_surface
+from bokehnet.classical.layered.depth_discontinuities import STEP_TILE, are_one_surface
 from bokehnet.kernels import njit
 
 __all__ = ["carry_lines_on"]
@@ -49,11 +49,25 @@ _CHUNK = 256
 
 
 @njit(cache=True, parallel=True)
-def _structure(brightness, defocus, lights, tensors):  # type: ignore[no-untyped-def]
-    """Outer products of the gradient, (H, W, 3): xx, xy, yy; xx is -1 beside lights and other surfaces."""
+def _brightness(image, result):  # type: ignore[no-untyped-def]
+    """Mean of the square roots of light."""
+    for y in prange(result.shape[0]):
+        for x in range(result.shape[1]):
+            red, green = math.sqrt(max(image[y, x, 0], 0.0)), math.sqrt(max(image[y, x, 1], 0.0))
+            result[y, x] = (red + green + math.sqrt(max(image[y, x, 2], 0.0))) / 3.0
+
+
+@njit(cache=True, parallel=True)
+def _structure(brightness, defocus, lights, wanted, tensors):  # type: ignore[no-untyped-def]
+    """Outer products of the gradient, (H, W, 3): xx, xy, yy; xx is -1 beside lights and other surfaces.
+
+    Only in ``wanted`` tiles; elsewhere nothing is set.
+    """
     height, width = brightness.shape
     for y in prange(height):
         for x in range(width):
+            if not wanted[y // STEP_TILE, x // STEP_TILE]:
+                continue
             tensors[y, x, 0] = -1.0
             if not (0 < y < height - 1 and 0 < x < width - 1):
                 continue
@@ -68,6 +82,16 @@ def _structure(brightness, defocus, lights, tensors):  # type: ignore[no-untyped
                 tensors[y, x, 0] = right * right
                 tensors[y, x, 1] = right * down
                 tensors[y, x, 2] = down * down
+
+
+@njit(cache=True)
+def _tiles_around(ys, xs, tiles):  # type: ignore[no-untyped-def]
+    """Mark the tiles of pixels, and those beside them."""
+    for i in range(len(ys)):
+        row, column = ys[i] // STEP_TILE, xs[i] // STEP_TILE
+        for v in range(max(0, row - 1), min(tiles.shape[0], row + 2)):
+            for u in range(max(0, column - 1), min(tiles.shape[1], column + 2)):
+                tiles[v, u] = True
 
 
 @njit(cache=True)
@@ -140,7 +164,8 @@ def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # typ
 
 
 @njit(cache=True, parallel=True)
-def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, colors, carried):  # type: ignore[no-untyped-def]
+def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, colors, carried):  # type: ignore[no-untyped-def]
+    """Set hidden pixels, ring by ring, to the mean along their line, or to ``means`` without a source."""
     for ring in range(1, len(ends)):
         first, last = ends[ring - 1], ends[ring]
         for chunk in prange((last - first + _CHUNK - 1) // _CHUNK):
@@ -151,7 +176,19 @@ def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, colors, 
                 _find_sources(defocus, depths, rings, y, x, kinds)
                 xx, xy, yy = _direction(kinds, tensors, carried, y, x)
                 carried[y, x, 0], carried[y, x, 1], carried[y, x, 2] = xx, xy, yy
+                for c in range(3):
+                    colors[y, x, c] = means[y, x, c]
                 _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x)
+
+
+@njit(cache=True, parallel=True)
+def _fade_in(ys, xs, distances, lines, colors):  # type: ignore[no-untyped-def]
+    """Let what is hidden go over from ``lines`` at its edge to ``colors`` inside, in place."""
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        share = math.exp(-distances[y, x] / _FADING)
+        for c in range(3):
+            colors[y, x, c] += share * (lines[y, x, c] - colors[y, x, c])
 
 
 def carry_lines_on(
@@ -172,16 +209,20 @@ def carry_lines_on(
         distances: From the nearest edge of what hides it, pixels, (H, W) float32; 0 where nothing is hidden.
         colors: Means of what is around, (H, W, 3) float32; overwritten where something is hidden.
     """
-    rings = np.ceil(distances).astype(np.int32)
-    ys, xs = np.nonzero(rings)
+    ys, xs = np.nonzero(distances)
     if not len(ys):
         return
-    order = np.argsort(rings[ys, xs], kind="stable")
-    ys, xs = ys[order], xs[order]
-    ends = np.searchsorted(rings[ys, xs], np.arange(1, int(rings[ys[-1], xs[-1]]) + 2))
-    tensors, carried = np.empty_like(image), np.zeros_like(image)
-    _structure(np.sqrt(np.maximum(image, 0)).mean(-1), defocus, lights, tensors)
-    lines = colors.copy()
-    _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, lines, carried)
-    share = np.exp(-distances[ys, xs] / _FADING)[:, None]
-    colors[ys, xs] += share * (lines[ys, xs] - colors[ys, xs])
+    rings, hidden = np.zeros(distances.shape, np.uint16), np.ceil(distances[ys, xs])
+    hidden = np.minimum(hidden, np.iinfo(rings.dtype).max).astype(rings.dtype)  # sorted by their digits
+    rings[ys, xs] = hidden
+    order = np.argsort(hidden, kind="stable")
+    ys, xs, hidden = ys[order], xs[order], hidden[order]
+    ends = np.searchsorted(hidden, np.arange(1, int(hidden[-1]) + 2))
+    brightness, tensors = np.empty(rings.shape, image.dtype), np.empty_like(image)
+    _brightness(image, brightness)
+    wanted = np.zeros([-(-size // STEP_TILE) for size in rings.shape], np.bool_)
+    _tiles_around(ys, xs, wanted)
+    _structure(brightness, defocus, lights, wanted, tensors)
+    lines, carried = np.empty_like(image), np.empty_like(image)  # set and read where something is hidden
+    _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, colors, lines, carried)
+    _fade_in(ys, xs, distances, lines, colors)
