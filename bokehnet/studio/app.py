@@ -49,6 +49,8 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     """
     api = _Api(session)
     posts = (
+        "open",
+        "reopen",
         "change",
         "wear",
         "stroke",
@@ -77,10 +79,6 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     routes = [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["POST"]) for name in posts]
     routes += [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["GET"]) for name in gets]
     files = Mount("/", StaticFiles(directory=PAGE, html=True))
-    routes += [
-        Route("/api/open", _answered(api.open), methods=["POST"]),
-        Route("/api/reopen", _answered(api.reopen), methods=["POST"]),
-    ]
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
