@@ -260,7 +260,7 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
         bokehnet.errors.ParameterError: lens.f_number: expected `lens.name` for it to act on, ...
     """
     value = getattr(group, name)
-    if value is None or value is False or getattr(group, needed) or (also and getattr(group, also)):
+    if value is None or value is False or _acts(group, needed) or (also and _acts(group, also)):
         return
     wanted = f"`{group.GROUP}.{needed}`" + (f" or `{group.GROUP}.{also}`" if also else "")
     raise ParameterError(
@@ -270,6 +270,12 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
         remedy="give that, or leave this out",
         shown="it alone" if value is True else None,
     )
+
+
+def _acts(group: "Group", name: str) -> bool:
+    """Whether another field can act on this one; 0 is something where the default is None."""
+    value = getattr(group, name)
+    return bool(value) or (value == 0 and field_settings(group)[name].default is None)
 
 
 def from_plain(known: Setting, value: Any) -> Any:
