@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.serve.metrics import Metrics
 from bokehnet.serve.pool import Pool
-from bokehnet.serve.problems import MEDIA_TYPE, Problem, problem_of
+from bokehnet.serve.problems import CANCELLED, MEDIA_TYPE, Problem, problem_of
 from bokehnet.serve.requests import FORMATS, check_request, file_name
 from bokehnet.serve.service_settings import ServiceSettings
 from bokehnet.serve.store import JobStore, QueueFull
@@ -185,7 +185,7 @@ def _add_jobs(
             name = view["result"]
             return FileResponse(store.file(job, name), media_type=FORMATS[name.rpartition(".")[2]])
         if view["state"] in _ENDED:
-            document = view.get("problem") or Problem("cancelled", "cancelled by its client").document()
+            document = view.get("problem") or CANCELLED.document()
             return JSONResponse(document, document["status"], media_type=MEDIA_TYPE)
         raise Problem("not-done", f"expected a job that is done, found it {view['state']}", headers=_RETRY)
 
@@ -205,8 +205,7 @@ def _add_jobs(
         if known(job, owner)["state"] in _ENDED:
             store.remove(job)
         else:
-            document = Problem("cancelled", "cancelled by its client").document()
-            if store.finish(job, {"state": "cancelled", "problem": document}):
+            if store.finish(job, {"state": "cancelled", "problem": CANCELLED.document()}):
                 metrics.finished.labels("cancelled").inc()
         return Response(status_code=204)
 
