@@ -83,8 +83,7 @@ def _add_health(app: FastAPI, tokens: Tokens, metrics: Metrics, pool: Pool) -> N
     @app.get("/readyz", tags=["health"])
     def readyz() -> dict[str, str]:
         """Whether new jobs are taken."""
-        if pool.draining:
-            raise Problem("draining", "the service is stopping; ask another one", headers=_RETRY)
+        _check_open(pool)
         return {"status": "ready"}
 
     @app.get("/metrics", tags=["health"])
@@ -133,8 +132,7 @@ def _add_jobs(
 
         The same idempotency key brings the same job, however often it is sent.
         """
-        if pool.draining:
-            raise Problem("draining", "the service is stopping; ask another one", headers=_RETRY)
+        _check_open(pool)
         sent = {"image": image, "disparity": disparity, "depth": depth, "defocus": defocus}
         sent |= {"matte": matte, "aperture_image": aperture_image}
         came = {field: file for field, file in sent.items() if file is not None}
@@ -208,6 +206,11 @@ def _add_jobs(
             if store.finish(job, {"state": "cancelled", "problem": CANCELLED.document()}):
                 metrics.finished.labels("cancelled").inc()
         return Response(status_code=204)
+
+
+def _check_open(pool: Pool) -> None:
+    if pool.draining:
+        raise Problem("draining", "the service is stopping; ask another one", headers=_RETRY)
 
 
 async def _events(look: Callable[[], dict[str, Any] | None]) -> AsyncIterator[str]:
