@@ -38,9 +38,9 @@ end)
 def darktable(tmp_path):
     """Edit a photograph with its disparity beside it; return what darktable printed.
 
-    darktable-cli runs Lua in a thread of its own beside the export that it was called for, and dies now and then
-    where both export at once. The edit therefore waits for that export, of a picture large enough to end after
-    the script has asked for it.
+    darktable-cli runs Lua in a thread of its own beside the export that it was called for, and dies now and
+    then where both export at once. The edit therefore waits for that export, of a picture large enough to end
+    after the script has asked for it.
     """
     program = tmp_path / "bokehnet"
     program.write_text(
