@@ -17,6 +17,7 @@ import tempfile
 import time
 import zipfile
 from pathlib import Path
+from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -24,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 NOT_RELEASED = (".ci/", ".gitignore")
 
 
-def fail(message: str) -> None:
+def fail(message: str) -> NoReturn:
     """End with one line."""
     raise SystemExit(f"release: error: {message}")
 
@@ -55,8 +56,7 @@ def told_versions() -> dict[str, str]:
         match = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"))
         if match is None:
             fail(f"{name}: expected a version, found none")
-        else:
-            found[name] = match[1]
+        found[name] = match[1]
     return found
 
 

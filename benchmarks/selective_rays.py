@@ -14,7 +14,6 @@ import numpy as np
 from bokehnet.baselines.ray_mask import normals_of_depth
 from bokehnet.baselines.selective_rays import SelectiveResult, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.lenses import ThinLens
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.baked_scene import BakedScene, View
 from bokehnet.synth.clutter import random_clutter
@@ -79,7 +78,7 @@ def compared(places: tuple[float, float, float], seed: int) -> list[tuple[str, f
         return View(width=_WIDTH, height=_HEIGHT, pixel_pitch=pitch, samples=samples, seed=samples)
 
     near = 0.8 / float(scene.disparity(lens_for_view(_BLUR, _FOCUS, config), view(1)).max())
-    lens: ThinLens = lens_for_view(_BLUR, _FOCUS, replace(config, nearest_distance=near))
+    lens = lens_for_view(_BLUR, _FOCUS, replace(config, nearest_distance=near))
     image = scene.render(lens, view(_IMAGE), False)
     gain = 0.2 / float(np.median(image))
     depth = 1 / np.maximum(scene.disparity(lens, view(1)), 1 / _FAR)

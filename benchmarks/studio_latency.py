@@ -158,8 +158,10 @@ def main() -> None:
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as folder:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
         small = given.folder / "21.jpg", given.folder / "21.png"
-        large = [enlarged(path, Path(folder) / path.with_suffix(".png").name) for path in small[1:]]
-        large = [enlarged(small[0], Path(folder) / "21_12mp.jpg"), *large]
+        large = [
+            enlarged(path, Path(folder) / name)
+            for path, name in zip(small, ("21_12mp.jpg", "21.png"), strict=True)
+        ]
         for name, (picture, disparity) in {"small": small, "large": large}.items():
             if given.only in (None, name):
                 measure(picture, disparity, given.clicks, browser)

@@ -43,7 +43,7 @@ class DataConfig(CropsConfig):
     """Where the examples come from and what is done to them.
 
     Attributes:
-        augmented: Share of examples with a augmented disparity, where the set holds such.
+        augmented: Share of examples with an augmented disparity, where the set holds such.
         coarse_crop: Side of ARNet's crops, pixels at the size that it works at.
         fine_crop: Side of IUNet's crops, pixels at the full size.
         most_halvings: ARNet's crops are halved at most this often, so that they stay large enough; it then

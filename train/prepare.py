@@ -3,7 +3,7 @@
 ``python -m train.prepare --config configs/prepare_rays.toml --out data/rays``
 
 Each view of each scene gives one example with its true disparity and, where ``augmented`` asks for them, more
-with a augmented one; most of those are repaired by a trained RepairNet first, as they are when people use it.
+with augmented ones; most of those are repaired by a trained RepairNet first, as they are when people use it.
 A killed run goes on where it stopped and gives the same bytes.
 """
 
@@ -55,7 +55,7 @@ class PrepareConfig:
     Attributes:
         folder: Shards of ``bokehnet synth``.
         classical: The classical renderer whose result the networks will correct.
-        augmented: Examples with a augmented disparity for each view, beside the one with the true one.
+        augmented: Examples with an augmented disparity for each view, beside the one with the true one.
         repair: Folder of the disparity repair's weights; empty leaves augmented disparity as it is.
         repaired: Share of the augmented disparity maps that are repaired.
         seed: Of what is augmented and how.

@@ -43,7 +43,7 @@ class PreparedSet:
     """All examples of a folder, by number. Can be pickled.
 
     Attributes:
-        per_view: Examples of one view: one with the true disparity, then those with a augmented one.
+        per_view: Examples of one view: one with the true disparity, then those with an augmented one.
         classical: Name of the renderer that made them.
 
     Args:

@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Generator, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from bokehnet.cli.frame import FrameJob, make_renderer
@@ -85,5 +84,4 @@ def _absolute(job: FrameJob) -> FrameJob:
         output=replace(job.settings.output, save_maps=None if maps is None else maps.absolute()),
         aperture=replace(job.settings.aperture, image=None if aperture is None else aperture.absolute()),
     )
-    image, output = Path(job.image).absolute(), Path(job.output).absolute()
-    return replace(job, image=image, output=output, settings=settings)
+    return replace(job, image=job.image.absolute(), output=job.output.absolute(), settings=settings)

@@ -2,11 +2,14 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bokehnet.errors import MissingExtraError, ModelFileError, ParameterError
+
+if TYPE_CHECKING:
+    from bokehnet.inference.depth_models import DepthModel
 
 __all__ = ["ensure_model", "models"]
 
@@ -16,7 +19,7 @@ def models(
     get: Annotated[bool, typer.Option("--get", help="Download it now; this agrees to its licence.")] = False,
 ) -> None:
     """List the depth networks that --depth-model knows by name, or tell about one, or download it."""
-    from bokehnet.inference.depth_models import DepthModel, depth_model_names, find_depth_model
+    from bokehnet.inference.depth_models import depth_model_names, find_depth_model
 
     known = [model for each in depth_model_names() if (model := find_depth_model(each))]
     if name is None:
@@ -35,7 +38,6 @@ def models(
 
         typer.echo(f"{chosen.name}: {model_file(chosen, allowed=True)}")
         return
-    assert isinstance(chosen, DepthModel)
     rows = {
         "about": chosen.about,
         "state": _state(chosen),
@@ -88,12 +90,10 @@ def ensure_model(wanted: Path | str | None) -> None:
     model_file(model, allowed=agreed)
 
 
-def _state(model: object) -> str:
+def _state(model: "DepthModel") -> str:
     """Whether it is here, can be had, or not."""
-    from bokehnet.inference.depth_models import DepthModel
     from bokehnet.inference.model_download import cached_file
 
-    assert isinstance(model, DepthModel)
     if model.unpublished:
         return "not published"
     if model.refusal:

@@ -13,11 +13,21 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.rendering.preset import load_preset
 from bokehnet.rendering.sequence import SequenceSettings
 from bokehnet.rendering.setting import Group, Setting, field_settings
-from bokehnet.rendering.settings import all_settings
+from bokehnet.rendering.settings import RenderSettings, all_settings, merged
+from bokehnet.rendering.settings_file import read_toml, settings_from_table
 
-__all__ = ["Given", "QuickGroup", "SectionedCommand", "in_options", "told", "with_options"]
+__all__ = [
+    "Given",
+    "QuickGroup",
+    "SectionedCommand",
+    "in_options",
+    "resolved_settings",
+    "told",
+    "with_options",
+]
 
 # What was given: by group and field.
 Given = dict[str, dict[str, Any]]
@@ -87,6 +97,13 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
         return run
 
     return decorate
+
+
+def resolved_settings(file: str | None, preset: str | None, given: Given) -> RenderSettings:
+    """Return what a settings file says, over it the preset, over that the options."""
+    base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
+    look = {} if preset is None else load_preset(preset).values
+    return RenderSettings().updated(merged(base, look, given))
 
 
 def told(error: BokehnetError) -> str:

@@ -7,13 +7,12 @@ from typing import Annotated, ClassVar
 
 import typer
 
-from bokehnet.cli.options import Given, with_options
+from bokehnet.cli.options import Given, resolved_settings, with_options
 from bokehnet.errors import ParameterError
-from bokehnet.rendering.preset import load_preset, presets
+from bokehnet.rendering.preset import presets
 from bokehnet.rendering.sequence import SequenceSettings
 from bokehnet.rendering.setting import Group, setting
-from bokehnet.rendering.settings import RenderSettings, group_types, merged
-from bokehnet.rendering.settings_file import read_toml, settings_from_table
+from bokehnet.rendering.settings import group_types
 
 __all__ = ["render"]
 
@@ -74,7 +73,7 @@ def render(
     What was done is told in one line on stderr: size, engine, focus, largest blur, repair of the map, time.
     """
     sequence, run = SequenceSettings(**given.pop("sequence", {})), RunSettings(**given.pop("run", {}))
-    resolved = _resolved(settings, preset, given)
+    resolved = resolved_settings(settings, preset, given)
     from bokehnet.cli.frame import FrameJob, frame_jobs, render_one  # after parsing, so --help stays fast
     from bokehnet.cli.models import ensure_model
     from bokehnet.cli.progress import compile_notice
@@ -115,10 +114,3 @@ def render(
         render_frames(
             wanted, processes=run.jobs or 1, elsewhere=elsewhere, overwrite=run.overwrite, talk=talk
         )
-
-
-def _resolved(file: str | None, preset: str | None, given: Given) -> RenderSettings:
-    """What the file says, over it the preset, over that the options."""
-    base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
-    look = {} if preset is None else load_preset(preset).values
-    return RenderSettings().updated(merged(base, look, given))

@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from bokehnet.cli.options import Given, with_options
+from bokehnet.cli.options import Given, resolved_settings, with_options
 from bokehnet.errors import MissingExtraError, ParameterError
-from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.settings import RenderSettings, group_types, merged
-from bokehnet.rendering.settings_file import read_toml, settings_from_table
+from bokehnet.rendering.preset import presets
+from bokehnet.rendering.settings import group_types
 
 __all__ = ["studio"]
 
@@ -39,9 +38,7 @@ def studio(
     """Play with bokeh on a page in the browser; nothing leaves this machine."""
     if port is not None and not (port.isdigit() and int(port) < 2**16):
         raise ParameterError("--port", "a whole number from 0 to 65535", port)
-    base = {} if settings is None else settings_from_table(read_toml(settings, "settings"), settings)
-    look = {} if preset is None else load_preset(preset).values
-    resolved = RenderSettings().updated(merged(base, look, given))
+    resolved = resolved_settings(settings, preset, given)
     try:
         from bokehnet.studio.server import serve  # after parsing, so --help stays fast
     except ImportError as error:

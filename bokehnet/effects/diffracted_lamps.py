@@ -19,10 +19,12 @@ _SMALLEST = 3.0
 _NEARER = 1.0
 
 
-def _cut(lamps: Lamps, reach: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """The part of the picture that discs of this radius reach from the lamps."""
+def _drawn(lamps: Lamps, reach: int, shape: tuple[int, ...]) -> tuple[tuple[slice, slice], np.ndarray]:
+    """The part of the picture that discs of this radius reach from the lamps, and their light in it."""
     rows = slice(max(0, lamps.row.min() - reach), min(shape[0], lamps.row.max() + reach + 1))
-    return rows, slice(max(0, lamps.column.min() - reach), min(shape[1], lamps.column.max() + reach + 1))
+    columns = slice(max(0, lamps.column.min() - reach), min(shape[1], lamps.column.max() + reach + 1))
+    size = rows.stop - rows.start, columns.stop - columns.start
+    return (rows, columns), lamps.drawn(rows.start, columns.start, *size)
 
 
 def add_rings(
@@ -42,9 +44,7 @@ def add_rings(
         if abs(radius) < _SMALLEST:
             continue
         rays, waves = disc_kernel(aperture, radius), ring_kernel(aperture, radius, unit)
-        cut = _cut(group, len(rays) // 2, bokeh.shape)
-        size = cut[0].stop - cut[0].start, cut[1].stop - cut[1].start
-        light = group.drawn(cut[0].start, cut[1].start, *size)
+        cut, light = _drawn(group, len(rays) // 2, bokeh.shape)
         seen = (defocus[cut] <= radius + _NEARER)[..., None]
         disc, wave = (seen * convolve(light, kernel) for kernel in (rays, waves))
         # What the frame and nearer surfaces hide of both differs a little: as much light comes as goes.
@@ -65,8 +65,7 @@ def add_stars(bokeh: np.ndarray, lamps: Lamps, aperture: Aperture, unit: float) 
             light += group.drawn(0, 0, height, width)
             continue
         rays = disc_kernel(aperture, radius)
-        cut = _cut(group, len(rays) // 2, bokeh.shape)
-        size = cut[0].stop - cut[0].start, cut[1].stop - cut[1].start
-        light[cut] += convolve(group.drawn(cut[0].start, cut[1].start, *size), rays)
+        cut, sharp = _drawn(group, len(rays) // 2, bokeh.shape)
+        light[cut] += convolve(sharp, rays)
     star = star_kernel(aperture, unit, max(height, width) - 1)
     return np.asarray(bokeh + (convolve(light, star) - light), bokeh.dtype)

@@ -40,13 +40,14 @@ class Ghosts:
 
     def light(self, lamps: Lamps, height: int, width: int) -> np.ndarray:
         """Return the light of all ghosts, (height, width, 3), of lamps that are taken to be far away."""
-        scale = 0.5 * float(np.hypot(height, width)) / self.half_diagonal  # pixels per mm
+        half_diagonal = 0.5 * float(np.hypot(height, width))
+        scale = half_diagonal / self.half_diagonal  # pixels per mm
         middle = np.array([width - 1, height - 1]) / 2
         levels = [
             np.zeros((3, -(-height // 2**level), -(-width // 2**level)), np.float32)
             for level in range(_LEVELS)
         ]
-        for at, light in _sources(lamps, _APART * 0.5 * float(np.hypot(height, width))):
+        for at, light in _sources(lamps, _APART * half_diagonal):
             x, y = (at - middle) / scale
             for channel, wavelength in enumerate(_COLORS):
                 for ghost in trace_ghosts(

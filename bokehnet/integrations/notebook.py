@@ -50,7 +50,10 @@ class FocusWidget(anywidget.AnyWidget):
 
     Attributes:
         clicked: Where was clicked, shares of width and height from the upper left; may be set by programs,
-        too. line: What is said below the picture. result: The last one.
+            too.
+        line: What is said below the picture.
+        picture: What is shown, as a ``data:`` address.
+        result: The last one; None before any.
 
     Examples:
         >>> from bokehnet.rendering.demo import small_demo_scene

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from bokehnet.rendering.scene import Scene, make_scene
 __all__ = ["SharedPixels"]
 
 Array = npt.NDArray[np.float32]
+Kind = Literal["depth", "1/z", "disparity", "defocus"]
 
 _MOST = 1 << 16  # pixels along a side
 
@@ -49,7 +50,7 @@ class PixelLayout:
     depth: int
     result: int
     matte: int | None = None
-    kind: Literal["depth", "1/z", "disparity", "defocus"] = "depth"
+    kind: Kind = "depth"
     x: int = 0
     y: int = 0
     display_width: int = 0
@@ -66,9 +67,8 @@ class PixelLayout:
             _check_whole(name, getattr(self, name), -_MOST, _MOST)
         if self.matte is not None:
             _check_whole("matte", self.matte, 0, 1 << 48)
-        kinds = ("depth", "1/z", "disparity", "defocus")
-        if self.kind not in kinds:
-            raise ParameterError("pixels.kind", f"one of {', '.join(kinds)}", self.kind)
+        if self.kind not in get_args(Kind):
+            raise ParameterError("pixels.kind", f"one of {', '.join(get_args(Kind))}", self.kind)
 
 
 class SharedPixels:

@@ -140,11 +140,7 @@ def _summary(report: RenderReport) -> dict[str, Any]:
     return {
         "engine": report.engine,
         "largest_blur": report.largest_blur,
-        "focus_distance": None
-        if distance is None
-        else str(distance)
-        if distance == float("inf")
-        else distance,
+        "focus_distance": str(distance) if distance == float("inf") else distance,
         "notes": list(report.notes),
     }
 
@@ -165,8 +161,7 @@ def main() -> None:
     sys.stdout = sys.stderr
     sys.stdin.reconfigure(encoding="utf-8")  # type: ignore[union-attr]
     warm = WarmRenderer(answers)
-    answers.write(json.dumps({"ready": __version__}) + "\n")
-    answers.flush()
+    warm._say({"ready": __version__})
     warm.work_through(sys.stdin)
 
 

@@ -1,7 +1,7 @@
 """How much light a surface of glass reflects, bare or with a layer a quarter of a wavelength thick."""
 
 import math
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from bokehnet.checks import check_choice
 __all__ = ["COATINGS", "Coating", "reflectance"]
 
 Coating = Literal["none", "single", "ideal"]
-COATINGS = ("none", "single", "ideal")
+COATINGS = get_args(Coating)
 
 # Magnesium fluoride, and the wavelength, nm, that layers are a quarter of.
 _FLUORIDE, _MIDDLE = 1.38, 550.0

@@ -38,11 +38,11 @@ def _opening(aperture: Aperture, step: float, count: int, side: int, samples: in
     if inside.size:
         cut = slice(inside[0], inside[-1] + 1)
         light[cut, cut] = transmission(aperture, axis[None, cut], axis[cut, None], side)
-    cells: np.ndarray = light.reshape(count, samples, count, samples).mean((1, 3))
-    return cells
+    return _pixels(light, samples)
 
 
 def _pixels(light: np.ndarray, subpixels: int) -> np.ndarray:
+    """Means of squares of so many sub-pixels along each side."""
     count = len(light) // subpixels
     means: np.ndarray = light.reshape(count, subpixels, count, subpixels).mean((1, 3))
     return means
@@ -50,6 +50,12 @@ def _pixels(light: np.ndarray, subpixels: int) -> np.ndarray:
 
 def _width(radius: float) -> int:
     return 2 * math.ceil(_WINDOW / 2 * abs(radius) + _MARGIN) + 1
+
+
+def _spreads(unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelength times f-number in pixels, (N,), and what each carries of red, green and blue, (N, 3)."""
+    wavelengths, weights = WavelengthSampling().sample(_WAVELENGTHS)
+    return unit * wavelengths / 1000, weights
 
 
 @lru_cache(maxsize=64)
@@ -76,8 +82,7 @@ def ring_kernel(aperture: Aperture, radius: float, unit: float) -> np.ndarray:
         unit: F-number over the width of a pixel in micrometres; up to 2, where pixels are still wider than
             half of a wavelength times the f-number.
     """
-    wavelengths, weights = WavelengthSampling().sample(_WAVELENGTHS)
-    spread = unit * wavelengths / 1000
+    spread, weights = _spreads(unit)
     # Coarser than this the transfer function turns by more than half a cycle from sample to sample.
     subpixels = _SUBPIXELS if _SUBPIXELS * spread.max() <= _WINDOW / 2 else 1
     count = _width(radius) * subpixels
@@ -104,8 +109,7 @@ def star_kernel(aperture: Aperture, unit: float, largest: int) -> np.ndarray:
         unit: F-number over the width of a pixel in micrometres.
         largest: Half-width in pixels that is enough; as far as the star is known it may be less.
     """
-    wavelengths, weights = WavelengthSampling().sample(_WAVELENGTHS)
-    spread = unit * wavelengths / 1000
+    spread, weights = _spreads(unit)
     padding = max(2.0, spread.max() / _STEP)
     across = int(_FAR / padding) // 2 * 2
     amplitude = np.sqrt(_opening(aperture, 2 / across, across, 0, 1))

@@ -100,21 +100,18 @@ def peel(
         )
         if progress is not None:
             progress(pixels.stop, len(sensor))
-    size = (camera.height, camera.width, layers)
     if samples == 1:
         colors, depth, coverage = (torch.cat(column) for column in zip(*found, strict=True))
-        return Peeled(
-            colors=colors.reshape(*size, 3), depth=depth.reshape(size), coverage=coverage.reshape(size)
+    else:
+        nearest = max(float((1 / depth).max()) for _, depth, _ in found)
+        farthest = min(float((1 / depth).min()) for _, depth, _ in found)
+        merged = [_merged(part, samples, layers, _LEAST_GAP * (nearest - farthest)) for part in found]
+        colors, disparity, coverage = (
+            torch.from_numpy(np.concatenate(column)).to(device) for column in zip(*merged, strict=True)
         )
-    nearest = max(float((1 / depth).max()) for _, depth, _ in found)
-    farthest = min(float((1 / depth).min()) for _, depth, _ in found)
-    merged = [_merged(part, samples, layers, _LEAST_GAP * (nearest - farthest)) for part in found]
-    colors, disparity, coverage = (
-        torch.from_numpy(np.concatenate(column)).to(device) for column in zip(*merged, strict=True)
-    )
-    return Peeled(
-        colors=colors.reshape(*size, 3), depth=1 / disparity.reshape(size), coverage=coverage.reshape(size)
-    )
+        depth = 1 / disparity
+    size = (camera.height, camera.width, layers)
+    return Peeled(colors=colors.reshape(*size, 3), depth=depth.reshape(size), coverage=coverage.reshape(size))
 
 
 # Colours (M, L, 3), depth (M, L) and alpha (M, L) of the surfaces along M rays.

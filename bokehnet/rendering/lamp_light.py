@@ -77,8 +77,7 @@ def lit(
             bokeh = add_rings(bokeh, lamps, defocus, aperture, light.rings / pitch)
         if light.starburst:
             bokeh = add_stars(bokeh, lamps, aperture, light.starburst / pitch)
-        glass = None if lens is None else lens_of_picture(settings.lens, lens, window)
-        if light.ghosts and glass is not None:
+        if light.ghosts and lens is not None and (glass := lens_of_picture(settings.lens, lens, window)):
             made, half_diagonal = glass
             reach = made.prescription.image_radius if half_diagonal is None else half_diagonal
             ghosts = Ghosts(lens=made, half_diagonal=reach, coating=light.ghosts)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from bokehnet.errors import ParameterError
-from bokehnet.rendering.setting import Group, check_needed, setting
+from bokehnet.rendering.setting import Group, check_needed, field_settings, setting
 
 __all__ = ["LightSettings"]
 
@@ -82,7 +82,8 @@ class LightSettings(Group):
         check_needed(self, "pixel_pitch", "rings", "starburst")
         for name in ("glare_core", "glare_slope"):
             check_needed(self, name, "glare")
-        if self.lamps != 0.9 and not (self.rings or self.starburst or self.ghosts):
+        said = self.lamps != field_settings(self)["lamps"].default
+        if said and not (self.rings or self.starburst or self.ghosts):
             raise ParameterError(
                 "light.lamps",
                 expected="`light.rings`, `light.starburst` or `light.ghosts` for it to act on",

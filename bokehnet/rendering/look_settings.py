@@ -288,13 +288,7 @@ class HighlightSettings(Group):
 
     def check(self) -> None:
         """See :class:`Group`."""
-        if self.gain is not None and self.threshold is None:
-            raise ParameterError(
-                "highlights.gain",
-                expected="`highlights.threshold` for it to act on",
-                got=self.gain,
-                remedy="give that, or leave this out",
-            )
+        check_needed(self, "gain", "threshold")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -373,9 +367,8 @@ class EffectSettings(Group):
     def check(self) -> None:
         """See :class:`Group`."""
         for name in field_settings(self):
-            needed = name.partition("_")[0]
-            if name.startswith(("vignette_", "grain_")) and getattr(self, needed) is None:
-                check_needed(self, name, needed)
+            if name.startswith(("vignette_", "grain_")):
+                check_needed(self, name, name.partition("_")[0])
         if self.brown is not None and self.distortion:
             raise ParameterError(
                 "effects.brown",

@@ -1,12 +1,11 @@
 """Settings of the scene: where its depth comes from, what stays sharp, how strong the blur is."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
 
 from bokehnet.errors import ParameterError
-from bokehnet.rendering.setting import Group, check_needed, parse_numbers, setting
+from bokehnet.rendering.setting import Group, check_needed, parse_bytes, parse_numbers, setting
 
 __all__ = [
     "CameraSettings",
@@ -52,9 +51,6 @@ SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 # As bokehnet.optics.pixel_filter has them; that one loads NumPy, which help does without.
 FILTERS = ("box", "blackman-harris", "gaussian", "mitchell", "arnold", "blender", "cycles", "renderman")
 
-_SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
-_BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
-
 
 def _names_filter(text: str) -> bool:
     """Whether it is a pixel filter, or ``auto``."""
@@ -68,14 +64,6 @@ def _names_filter(text: str) -> bool:
 
 def _pixel(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in text.split(","))
-
-
-def _size(text: str) -> int:
-    """Bytes of ``500M`` or ``1.5G``, powers of 1024."""
-    match = _SIZE.fullmatch(text.strip())
-    if match is None:
-        raise ValueError(text)
-    return int(float(match[1]) * _BYTES[match[2].upper()])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -370,7 +358,7 @@ class EngineSettings(Group):
         "Memory for all, pictures included, such as 4G; what does not fit is rendered in strips.",
         metavar="SIZE",
         unit="bytes",
-        parse=_size,
+        parse=parse_bytes,
         low=0,
         expected="a size such as 500M or 2G",
     )

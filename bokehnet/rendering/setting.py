@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
@@ -19,12 +20,16 @@ __all__ = [
     "check_needed",
     "field_settings",
     "from_plain",
+    "parse_bytes",
     "parse_numbers",
     "setting",
     "to_plain",
 ]
 
 _KEY = "setting"
+
+_SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
+_BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
 # How types are called in messages.
 _WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a path"}
@@ -260,7 +265,7 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
         bokehnet.errors.ParameterError: lens.f_number: expected `lens.name` for it to act on, ...
     """
     value = getattr(group, name)
-    if value is None or value is False or getattr(group, needed) or (also and getattr(group, also)):
+    if value is None or value is False or _acts(group, needed) or (also and _acts(group, also)):
         return
     wanted = f"`{group.GROUP}.{needed}`" + (f" or `{group.GROUP}.{also}`" if also else "")
     raise ParameterError(
@@ -270,6 +275,12 @@ def check_needed(group: "Group", name: str, needed: str, also: str | None = None
         remedy="give that, or leave this out",
         shown="it alone" if value is True else None,
     )
+
+
+def _acts(group: "Group", name: str) -> bool:
+    """Whether another field can act on this one; 0 is something where the default is None."""
+    value = getattr(group, name)
+    return bool(value) or (value == 0 and field_settings(group)[name].default is None)
 
 
 def from_plain(known: Setting, value: Any) -> Any:
@@ -307,6 +318,22 @@ def parse_numbers(text: str) -> tuple[float, ...]:
         (0.5, 2.0)
     """
     return tuple(float(part) for part in text.split(","))
+
+
+def parse_bytes(text: str) -> int:
+    """Return the bytes of a text such as ``500M`` or ``1.5G``, powers of 1024.
+
+    Raises:
+        ValueError: It is none.
+
+    Examples:
+        >>> parse_bytes("1.5k"), parse_bytes("2 GiB")
+        (1536, 2147483648)
+    """
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    return int(float(match[1]) * _BYTES[match[2].upper()])
 
 
 class _Unfit:

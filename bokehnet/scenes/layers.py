@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-import torch
-
 from bokehnet.io.channels import write_channels
+from bokehnet.optics.over import light_through
 from bokehnet.raytrace.peeling import Peeled
 
 __all__ = ["save_layers"]
@@ -20,9 +19,8 @@ def save_layers(path: Path, peeled: Peeled) -> None:
     Raises:
         ImageFileError: The file cannot be written.
     """
-    clear = torch.cumprod(1 - peeled.coverage, -1)
-    share = torch.cat([torch.ones_like(clear[..., :1]), clear[..., :-1]], -1) * peeled.coverage
-    flat = (share[..., None] * peeled.colors).sum(2).cpu().numpy()
+    seen = light_through(peeled.coverage)[1] * peeled.coverage
+    flat = (seen[..., None] * peeled.colors).sum(2).cpu().numpy()
     channels = {name: flat[:, :, place] for place, name in enumerate("RGB")}
     for index in range(peeled.depth.shape[2]):
         prefix = f"layer{index + 1}."

@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from bokehnet.errors import BokehnetError, ParameterError
 from bokehnet.serve.metrics import Metrics
 from bokehnet.serve.pool import Pool
-from bokehnet.serve.problems import MEDIA_TYPE, Problem, problem_of
+from bokehnet.serve.problems import CANCELLED, MEDIA_TYPE, Problem, problem_of
 from bokehnet.serve.requests import FORMATS, check_request, file_name
 from bokehnet.serve.service_settings import ServiceSettings
 from bokehnet.serve.store import JobStore, QueueFull
@@ -83,8 +83,7 @@ def _add_health(app: FastAPI, tokens: Tokens, metrics: Metrics, pool: Pool) -> N
     @app.get("/readyz", tags=["health"])
     def readyz() -> dict[str, str]:
         """Whether new jobs are taken."""
-        if pool.draining:
-            raise Problem("draining", "the service is stopping; ask another one", headers=_RETRY)
+        _check_open(pool)
         return {"status": "ready"}
 
     @app.get("/metrics", tags=["health"])
@@ -133,8 +132,7 @@ def _add_jobs(
 
         The same idempotency key brings the same job, however often it is sent.
         """
-        if pool.draining:
-            raise Problem("draining", "the service is stopping; ask another one", headers=_RETRY)
+        _check_open(pool)
         sent = {"image": image, "disparity": disparity, "depth": depth, "defocus": defocus}
         sent |= {"matte": matte, "aperture_image": aperture_image}
         came = {field: file for field, file in sent.items() if file is not None}
@@ -185,7 +183,7 @@ def _add_jobs(
             name = view["result"]
             return FileResponse(store.file(job, name), media_type=FORMATS[name.rpartition(".")[2]])
         if view["state"] in _ENDED:
-            document = view.get("problem") or Problem("cancelled", "cancelled by its client").document()
+            document = view.get("problem") or CANCELLED.document()
             return JSONResponse(document, document["status"], media_type=MEDIA_TYPE)
         raise Problem("not-done", f"expected a job that is done, found it {view['state']}", headers=_RETRY)
 
@@ -205,10 +203,14 @@ def _add_jobs(
         if known(job, owner)["state"] in _ENDED:
             store.remove(job)
         else:
-            document = Problem("cancelled", "cancelled by its client").document()
-            if store.finish(job, {"state": "cancelled", "problem": document}):
+            if store.finish(job, {"state": "cancelled", "problem": CANCELLED.document()}):
                 metrics.finished.labels("cancelled").inc()
         return Response(status_code=204)
+
+
+def _check_open(pool: Pool) -> None:
+    if pool.draining:
+        raise Problem("draining", "the service is stopping; ask another one", headers=_RETRY)
 
 
 async def _events(look: Callable[[], dict[str, Any] | None]) -> AsyncIterator[str]:

@@ -69,10 +69,8 @@ class Pool:
                 thread.join(2 * _GRACE)
 
     def _slot(self, number: int) -> None:
-        worker: _Worker | None = None
-        cleaned = time.monotonic()
+        worker, cleaned = _Worker(self._settings), time.monotonic()
         try:
-            worker = _Worker(self._settings)
             while not self._stop.is_set():
                 if number == 0 and time.monotonic() - cleaned > _CLEAN:
                     cleaned = time.monotonic()
@@ -95,8 +93,7 @@ class Pool:
                         self._busy -= 1
                         self._work.notify_all()
         finally:
-            if worker is not None:
-                worker.end()
+            worker.end()
 
     def _next(self) -> Claim | None:
         """Take a job, or wait a little for one; ``_busy`` counts it."""

@@ -4,7 +4,7 @@ from typing import Any
 
 from bokehnet.errors import BokehnetError, ParameterError
 
-__all__ = ["MEDIA_TYPE", "Problem", "problem_of"]
+__all__ = ["CANCELLED", "MEDIA_TYPE", "Problem", "problem_of"]
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -60,6 +60,9 @@ class Problem(Exception):  # noqa: N818  # it is called so where it comes from
             "detail": self.detail,
         }
         return told | ({"instance": instance} if instance else {}) | self.parts
+
+
+CANCELLED = Problem("cancelled", "cancelled by its client")
 
 
 def problem_of(error: BaseException) -> Problem:

@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,7 @@ from bokehnet.inference.depth_models import find_depth_model
 from bokehnet.lenses.catalog import catalog_names
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.setting import field_settings
-from bokehnet.rendering.settings import RenderSettings, group_types, merged
+from bokehnet.rendering.settings import RenderSettings, all_settings, merged
 from bokehnet.rendering.settings_file import settings_from_table
 
 __all__ = ["FILES", "FORMATS", "check_request", "file_name", "job_settings"]
@@ -103,16 +102,14 @@ def job_settings(request: Mapping[str, Any], folder: Path) -> RenderSettings:
 
 def _check_own_files(settings: RenderSettings) -> None:
     """Raise where settings name a file: it would be one of the service's machine."""
-    for kind in group_types():
-        group = getattr(settings, kind.GROUP)
-        known = field_settings(kind)
-        for item in fields(group):
-            value = getattr(group, item.name)
-            if not isinstance(value, Path) or (kind.GROUP, item.name) == ("input", "depth_model"):
-                continue
-            name = next((name for name, place in FILES.items() if place == (kind.GROUP, item.name)), None)
-            remedy = f"send it as the file `{name}`" if name else "leave it out"
-            raise ParameterError(known[item.name].path, "nothing, in a service", str(value), remedy)
+    fields = {place: field for field, place in FILES.items()}
+    for path, known in all_settings().items():
+        value = getattr(getattr(settings, known.group), known.name)
+        if not isinstance(value, Path) or path == "input.depth_model":
+            continue
+        field = fields.get((known.group, known.name))
+        remedy = f"send it as the file `{field}`" if field else "leave it out"
+        raise ParameterError(path, "nothing, in a service", str(value), remedy)
     named = {
         "input.depth_model": (settings.input.depth_model, find_depth_model(settings.input.depth_model or "")),
         "input.depth_convention": (

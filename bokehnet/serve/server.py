@@ -4,7 +4,6 @@ import ipaddress
 import signal
 import threading
 from types import FrameType
-from typing import Any
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import ParameterError
@@ -48,8 +47,8 @@ def run_service(settings: ServiceSettings) -> None:
 
             threading.Thread(target=end, daemon=True).start()
 
-    config: dict[str, Any] = {"host": settings.host, "port": settings.port, "log_level": "info"}
-    Server(uvicorn.Config(app, timeout_graceful_shutdown=10, **config)).run()
+    config = uvicorn.Config(app, settings.host, settings.port, log_level="info", timeout_graceful_shutdown=10)
+    Server(config).run()
 
 
 def _own(host: str) -> bool:

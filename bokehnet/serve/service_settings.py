@@ -1,23 +1,12 @@
 """What a service can be told: address, folder, limits."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from bokehnet.rendering.setting import Group, setting
+from bokehnet.rendering.setting import Group, parse_bytes, setting
 
 __all__ = ["ServiceSettings"]
-
-_SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
-_BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
-
-
-def _size(text: str) -> int:
-    match = _SIZE.fullmatch(text.strip())
-    if match is None:
-        raise ValueError(text)
-    return int(float(match[1]) * _BYTES[match[2].upper()])
 
 
 def _hosts(text: str) -> tuple[str, ...]:
@@ -48,13 +37,13 @@ class ServiceSettings(Group):
     queue: int = setting(32, "Unfinished jobs at most; more are answered with 429.", low=1, high=100_000)
     max_pixels: int = setting(50_000_000, "Pixels of a picture at most.", unit="pixels", low=1)
     max_upload: int = setting(
-        256 * 2**20, "Bytes of a request at most, such as 256M.", unit="bytes", parse=_size, low=1
+        256 * 2**20, "Bytes of a request at most, such as 256M.", unit="bytes", parse=parse_bytes, low=1
     )
     time_limit: float = setting(300.0, "What a job may take once it is begun.", unit="s", above=0)
     memory_limit: int = setting(
         4 * 2**30, "What a worker may take, such as 4G; larger pictures are rendered in strips.",
         unit="bytes",
-        parse=_size,
+        parse=parse_bytes,
         low=640 * 2**20,
     )  # fmt: skip
     keep: float = setting(3600.0, "How long finished jobs are kept.", unit="s", above=0)

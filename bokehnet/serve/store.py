@@ -4,7 +4,7 @@
 
     queue/ID            marks a job that is not finished
     keys/HASH           the job of an idempotency key
-    jobs/ID/request.json, input files, preset
+    jobs/ID/request.json, input files
     jobs/ID/claim-N     the N-th worker that took it; its time is a heartbeat
     jobs/ID/free-N      that worker is dead: another may take it
     jobs/ID/progress.json
@@ -41,7 +41,7 @@ class QueueFull(Exception):  # noqa: N818
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Claim:
-    """A job in the hands of a worker: its folder, and how many had it before, counted from 1."""
+    """A job in the hands of a worker: its folder, and the number of this claim on it, from 1 up."""
 
     job: str
     folder: Path

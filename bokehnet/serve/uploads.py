@@ -2,7 +2,6 @@
 
 import asyncio
 import hashlib
-import urllib.error
 import urllib.parse
 import urllib.request
 from pathlib import Path
@@ -109,7 +108,7 @@ def fetch(address: str, hosts: tuple[str, ...], target: Path, most: int, patienc
                     )
                 digest.update(block)
                 file.write(block)
-    except (OSError, ValueError, urllib.error.URLError) as error:
+    except (OSError, ValueError) as error:
         raise Problem("input", f"image_url: cannot be read: {' '.join(str(error).split())}") from error
     return digest.hexdigest()
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import BokehnetError, RenderCancelled
-from bokehnet.serve.problems import Problem, problem_of
+from bokehnet.serve.problems import CANCELLED, Problem, problem_of
 
 __all__ = ["work"]
 
@@ -52,7 +52,7 @@ def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixel
     try:
         return _rendered(pipe, renderer, folder, name, max_pixels)
     except RenderCancelled:
-        return {"state": "cancelled", "problem": Problem("cancelled", "cancelled by its client").document()}
+        return {"state": "cancelled", "problem": CANCELLED.document()}
     except Problem as problem:
         return {"state": "failed", "problem": problem.document()}
     except (EOFError, BrokenPipeError, ConnectionResetError):

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,8 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     """
     api = _Api(session)
     posts = (
+        "open",
+        "reopen",
         "change",
         "wear",
         "stroke",
@@ -77,10 +79,6 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     routes = [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["POST"]) for name in posts]
     routes += [Route(f"/api/{name}", _answered(getattr(api, name)), methods=["GET"]) for name in gets]
     files = Mount("/", StaticFiles(directory=PAGE, html=True))
-    routes += [
-        Route("/api/open", _answered(api.open), methods=["POST"]),
-        Route("/api/reopen", _answered(api.reopen), methods=["POST"]),
-    ]
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -255,7 +253,7 @@ class _Api:
         if "preset" in asked:
             session.wear(str(asked["preset"]))
         opened = _open_one(session)
-        size = opened.fitted(*(_side(asked[side], _LARGEST_SIDE) for side in ("width", "height")))
+        size = _fitted(opened, asked)
         return await self._streamed(asked, opened, size, None)
 
     async def loupe(self, request: Request) -> Response:
@@ -285,7 +283,7 @@ class _Api:
     async def plain(self, request: Request) -> Response:
         """Send the picture as it was before."""
         opened, query = _open_one(self._session), request.query_params
-        size = opened.fitted(*(_side(query[side], _LARGEST_SIDE) for side in ("width", "height")))
+        size = _fitted(opened, query)
         shown = _space(query.get("space"))
         made = await asyncio.to_thread(plain, opened, size, shown)
         return Response(_framed(made), media_type="application/octet-stream")
@@ -293,7 +291,7 @@ class _Api:
     async def overlay(self, request: Request) -> Response:
         """Send what is laid over the picture: ``depth``, ``focus`` or ``confidence``."""
         opened, query = _open_one(self._session), request.query_params
-        size = opened.fitted(*(_side(query[side], _LARGEST_SIDE) for side in ("width", "height")))
+        size = _fitted(opened, query)
         made = await asyncio.to_thread(overlay, opened, self._session.settings, size, query["kind"])
         return Response(_framed(made), media_type="application/octet-stream")
 
@@ -358,6 +356,11 @@ def _open_one(session: Session) -> Opened:
 
 def _sides(opened: Opened) -> tuple[tuple[str, int], tuple[str, int]]:
     return ("width", opened.size[0]), ("height", opened.size[1])
+
+
+def _fitted(opened: Opened, asked: Mapping[str, Any]) -> tuple[int, int]:
+    """Size of a preview that the page has so many pixels for."""
+    return opened.fitted(*(_side(asked[side], _LARGEST_SIDE) for side in ("width", "height")))
 
 
 def _side(value: Any, most: int) -> int:

@@ -4,6 +4,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from time import perf_counter, sleep
 from typing import Any
 
@@ -45,7 +46,7 @@ class Picture:
     """A picture for the page.
 
     Attributes:
-        stage: ``draft``, ``scatter`` or ``final``.
+        stage: ``draft``, ``scatter`` or ``final``; what is drawn beside them has the name of its kind.
         rgba: (H, W, 4).
         facts: What was decided, for people.
     """
@@ -76,14 +77,10 @@ def refine(
     return _render(_renderer(), scene, settings, space, shown, stage, report)
 
 
-_kept: list[BokehRenderer] = []
-
-
+@cache
 def _renderer() -> BokehRenderer:
     """One for the process, which keeps its engines."""
-    if not _kept:
-        _kept.append(BokehRenderer())
-    return _kept[0]
+    return BokehRenderer()
 
 
 class Previews:

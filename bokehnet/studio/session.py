@@ -38,7 +38,9 @@ class Session:
         opened: The picture; None before there is one.
         settings: All that is asked for.
         previews: Renders them.
-        slow: Does what takes long: opening, repair, export, thumbnails.
+        slow: Does what takes long: opening, repair, export.
+        fine: Renders by the engine that is asked for: previews, thumbnails.
+        jobs: How far repair and export are.
     """
 
     def __init__(self) -> None:

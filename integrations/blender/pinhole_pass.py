@@ -48,8 +48,6 @@ def render_pinhole_pass(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, path
     Raises:
         HostError: Nothing was rendered.
     """
-    if scene.camera is None:
-        raise HostError("scene: expected an active camera, found none; add one")
     render, image = scene.render, scene.render.image_settings
     changes: list[tuple[Any, str, object]] = [
         (scene.camera.data.dof, "use_dof", False),

@@ -20,16 +20,17 @@ _ENGINES = ["rays", "scatter", "hybrid", "fast"]
 _OUTPUTS = ("IMAGE", "MASK", "BOKEH_LIGHT", "STRING")
 _NAMES = ("bokeh", "error_map", "light", "report")
 
+# Ranges of widgets.
+_BLUR = {"default": 40.0, "min": 0.0, "max": 1000.0}
+_FOCUS = {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}
+
 
 def _common() -> dict[str, Any]:
     """Widgets of both nodes."""
     return {
         "image": ("IMAGE",),
         "disparity": ("IMAGE", {"tooltip": "Near is bright; stretched to 0..1."}),
-        "blur": (
-            "FLOAT",
-            {"default": 40.0, "min": 0.0, "max": 1000.0, "tooltip": "Blur radius in pixels per disparity."},
-        ),
+        "blur": ("FLOAT", {**_BLUR, "tooltip": "Blur radius in pixels per disparity."}),
         "engine": (_ENGINES,),
         "repair": (["auto", "on", "off"],),
         "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps whose near is dark."}),
@@ -122,10 +123,7 @@ class BokehRender(_Rendering):
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
         """See ComfyUI."""
-        value = (
-            "FLOAT",
-            {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001, "tooltip": "Without focus."},
-        )
+        value = ("FLOAT", {**_FOCUS, "tooltip": "Without focus."})
         return {
             "required": {**_common(), "focus_value": value},
             "optional": {"focus": ("BOKEH_FOCUS",), **_optional()},
@@ -158,14 +156,12 @@ class BokehVideo(_Rendering):
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
         """See ComfyUI."""
-        focus = {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}
-        blur = {"default": 40.0, "min": 0.0, "max": 1000.0}
         return {
             "required": {
                 **_common(),
-                "focus_from": ("FLOAT", focus),
-                "focus_to": ("FLOAT", focus),
-                "blur_to": ("FLOAT", {**blur, "tooltip": "Of the last frame; blur is that of the first."}),
+                "focus_from": ("FLOAT", _FOCUS),
+                "focus_to": ("FLOAT", _FOCUS),
+                "blur_to": ("FLOAT", {**_BLUR, "tooltip": "Of the last frame; blur is that of the first."}),
             },
             "optional": _optional(),
         }
