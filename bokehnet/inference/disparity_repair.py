@@ -19,6 +19,7 @@ from bokehnet.inference.disparity_edges import (
 from bokehnet.inference.disparity_tiles import BLOCK, FRUGAL_TILE, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
+from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.memory import give_back
 from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.inference.soft_maps import explain_soft_map, find_softness
@@ -342,9 +343,10 @@ class DisparityRepair:
                 return aligned
         if repaired is None:
             repaired, _ = self._look(image, disparity, span, work, number)
-        if soft is None:
-            return repaired
-        return soft.settle(image.transpose(1, 2, 0), repaired, span)
+        colors = image.transpose(1, 2, 0)
+        if soft is not None:
+            repaired = soft.settle(colors, repaired, span)
+        return restore_lost_lines(colors, repaired, STEP * span)
 
     def _look(
         self, image: np.ndarray, disparity: np.ndarray, span: float, work: "_Work", number: int

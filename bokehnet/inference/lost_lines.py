@@ -1,0 +1,414 @@
+"""Thin things that a map has lost between two pieces that it still has: wires, twigs, blades of grass.
+
+Networks, low resolution and erosion wear thin things away; of a fence they leave the crossings. Beside
+every piece that stands nearer than what is around it, lines of the picture are followed away from it. One
+that keeps its colours all along, stands out from both sides all along, and ends at a piece of the same
+disparity is one thing with both: it takes their disparity, as wide as the picture shows it.
+
+Lines of a background may also lead from one near thing to another. They seldom look like these things, and
+seldom keep their colours and their width.
+
+Source: the idea of following lines by a profile across them is common in the tracing of vessels and roads, as
+in Aylward and Bullitt, "Initialization, noise, singularities, and scale in height ridge traversal for tubular
+object centerline extraction", IEEE Transactions on Medical Imaging 2002. What counts as a line is ours.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.inference.disparity_edges import extremes
+from bokehnet.kernels import njit
+from bokehnet.optics.encoding import encode
+
+__all__ = ["restore_lost_lines"]
+
+# Pixels from a near piece at which lines are looked for: at least, and at most.
+_NEAREST, _FARTHEST = 2, 4
+
+# Pixels of a step along a line; steps at most, and at least.
+_STRIDE, _MOST, _LEAST = 1.5, 80, 5
+
+# Turns between steps that are tried to either side, radians each; those at the beginning.
+_TURNS, _TURN, _FIRST_TURNS, _FIRST_TURN = 3, 0.12, 6, 0.17
+
+# Steps ahead by which a turn is judged; those at the beginning.
+_AHEAD, _FIRST_AHEAD = 3, 5
+
+# Steps without the line that are put up with, one after the other: something may cross it.
+_GAPS = 4
+
+# Pixels ahead at which a piece of the same disparity ends the line.
+_END = 7
+
+# Pixels across the line within which it stands out from both sides, and within which it ends.
+_SIDE, _HALF_WIDTH = 6, 4
+
+# Squared differences of encoded colours, all channels together: of a step that is not the line's, of a line
+# and a piece that are not one thing, of a line and its surroundings at least.
+_GAP, _OTHER, _CONTRAST = 0.02, 0.04, 0.03
+
+# Pixels inside a piece over which the line goes on, and squared difference from which on it does not.
+_INSIDE = 6
+_OTHER_LINE = 0.04
+
+# Least contrast over what changes along the line.
+_RATIO = 20.0
+
+# Radius in pixels of a circle around the end of a piece, and the places on it.
+_RADIUS = 8.0
+_CIRCLE = 48
+
+# Half the width of surroundings, pixels; how sparsely they are looked at; and the share of them that is
+# restored from which on lines are likely.
+_AROUND, _SPARSE, _MANY = 48, 4, 0.03
+
+# Share of the line beside which there is nothing near; least of its length, over its width.
+_FREE, _LONG = 0.75, 2.0
+
+# Largest deviation of the width, pixels; least of the distance of the ends, over the length.
+_ROUGHNESS, _STRAIGHTNESS = 1.4, 0.9
+
+
+@njit(cache=True)
+def _sample(picture, y, x, c):  # type: ignore[no-untyped-def]
+    """Channel of the picture (H, W, 3) between its pixels."""
+    y = min(max(y, 0.0), picture.shape[0] - 1.001)
+    x = min(max(x, 0.0), picture.shape[1] - 1.001)
+    i, j = int(y), int(x)
+    b, a = y - i, x - j
+    upper = picture[i, j, c] * (1.0 - a) + picture[i, j + 1, c] * a
+    lower = picture[i + 1, j, c] * (1.0 - a) + picture[i + 1, j + 1, c] * a
+    return upper * (1.0 - b) + lower * b
+
+
+@njit(cache=True)
+def _look_across(picture, y, x, down, right, profile):  # type: ignore[no-untyped-def]
+    """Set the profile, (3, 3), of a line that runs down and right: the pixel on it and one to either side."""
+    for k in range(3):
+        for c in range(3):
+            profile[k, c] = _sample(picture, y + (k - 1) * right, x - (k - 1) * down, c)
+
+
+@njit(cache=True)
+def _unlike(a, b):  # type: ignore[no-untyped-def]
+    """Squared difference of two profiles, the middle counting twice."""
+    total = 0.0
+    for k in range(3):
+        for c in range(3):
+            total += (0.5 if k == 1 else 0.25) * (a[k, c] - b[k, c]) ** 2
+    return total
+
+
+@njit(cache=True)
+def _difference(picture, y, x, v, u):  # type: ignore[no-untyped-def]
+    """Squared difference of the colours at two places."""
+    total = 0.0
+    for c in range(3):
+        total += (_sample(picture, y, x, c) - _sample(picture, v, u, c)) ** 2
+    return total
+
+
+@njit(cache=True)
+def _contrast(picture, y, x, down, right):  # type: ignore[no-untyped-def]
+    """Largest squared difference within reach on one side, of the side where it is less."""
+    least = np.inf
+    for side in range(-1, 2, 2):
+        largest = 0.0
+        for apart in range(2, _SIDE + 1):
+            v, u = y + side * apart * right, x - side * apart * down
+            largest = max(largest, _difference(picture, y, x, v, u))
+        least = min(least, largest)
+    return least
+
+
+@njit(cache=True)
+def _turned(picture, y, x, angle, turns, turn, ahead, kept, profile):  # type: ignore[no-untyped-def]
+    """Angle near the given one along which the picture changes least from ``kept``, and by how much.
+
+    ``kept`` is the profile where the line begins if its first row is NaN.
+    """
+    own = math.isnan(kept[0, 0])
+    start = np.empty((3, 3))
+    best, chosen = np.inf, angle
+    for way in range(-turns, turns + 1):
+        tried = angle + way * turn
+        down, right = math.sin(tried), math.cos(tried)
+        if own:
+            _look_across(picture, y, x, down, right, start)
+        change = 0.0
+        for step in range(1, ahead + 1):
+            reach = step * _STRIDE
+            _look_across(picture, y + reach * down, x + reach * right, down, right, profile)
+            change += _unlike(profile, start if own else kept) / ahead
+        change += 1e-4 * way * way
+        if change < best:
+            best, chosen = change, tried
+    return chosen, best
+
+
+@njit(cache=True)
+def _end(disparity, depth, least, y, x, down, right):  # type: ignore[no-untyped-def]
+    """Pixels ahead at which the map has that disparity again, -1 for none."""
+    for ahead in range(_END):
+        v, u = int(y + ahead * down + 0.5), int(x + ahead * right + 0.5)
+        inside = 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1]
+        if inside and abs(disparity[v, u] - depth) < least:
+            return ahead
+    return -1
+
+
+@njit(cache=True)
+def _follow(picture, disparity, least, y, x, depth, angle, points):  # type: ignore[no-untyped-def]
+    """Follow a line to a piece of that disparity; points (N, 2) on it, how many, and how much it changes."""
+    height, width = disparity.shape
+    kept, profile = np.empty((3, 3)), np.empty((3, 3))
+    _look_across(picture, y, x, math.sin(angle), math.cos(angle), kept)
+    change, gaps = 0.0, 0
+    for count in range(1, _MOST + 1):
+        angle, _ = _turned(picture, y, x, angle, _TURNS, _TURN, _AHEAD, kept, profile)
+        down, right = math.sin(angle), math.cos(angle)
+        y, x = y + _STRIDE * down, x + _STRIDE * right
+        row, column = int(y + 0.5), int(x + 0.5)
+        if not (0 <= row < height and 0 <= column < width) or disparity[row, column] > depth + least:
+            return 0, 0.0
+        _look_across(picture, y, x, down, right, profile)
+        apart = _unlike(profile, kept)
+        change += apart
+        gaps = gaps + 1 if apart > _GAP else 0
+        if gaps > _GAPS:
+            return 0, 0.0
+        if gaps == 0:
+            for k in range(3):
+                for c in range(3):
+                    kept[k, c] += 0.07 * (profile[k, c] - kept[k, c])
+        points[count - 1, 0], points[count - 1, 1] = y, x
+        ahead = _end(disparity, depth, least, y, x, down, right) if count >= _LEAST else -1
+        if ahead >= 0:
+            for step in range(ahead):
+                points[count + step, 0], points[count + step, 1] = y + step * down, x + step * right
+            return count + ahead, change / count
+    return 0, 0.0
+
+
+@njit(cache=True)
+def _heading(points, count, i):  # type: ignore[no-untyped-def]
+    """Unit vector along a line at one of its points."""
+    first, last = max(0, i - 3), min(count - 1, i + 3)
+    down, right = points[last, 0] - points[first, 0], points[last, 1] - points[first, 1]
+    length = math.sqrt(down * down + right * right)
+    if length == 0.0:
+        return 1.0, 0.0
+    return down / length, right / length
+
+
+@njit(cache=True)
+def _half_width(picture, y, x, down, right, side):  # type: ignore[no-untyped-def]
+    """Pixels across the line at which its colours change most, on one side; near changes count more."""
+    best, chosen = 0.0, 1.0
+    for k in range(1, 2 * _HALF_WIDTH):
+        apart = 0.5 * k
+        inner, outer = side * (apart - 0.75), side * (apart + 0.75)
+        change = _difference(
+            picture, y + inner * right, x - inner * down, y + outer * right, x - outer * down
+        )
+        change *= 1.0 - 0.08 * apart
+        if change > best:
+            best, chosen = change, apart
+    return chosen
+
+
+@njit(cache=True)
+def _change_inside(picture, y, x, down, right, kept, profile):  # type: ignore[no-untyped-def]
+    """By how much the line changes on its way into a piece."""
+    change = 0.0
+    for step in range(_INSIDE):
+        reach = step + 1.0
+        _look_across(picture, y + reach * down, x + reach * right, down, right, profile)
+        change += _unlike(profile, kept) / _INSIDE
+    return change
+
+
+@njit(cache=True)
+def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-untyped-def]
+    """Whether what is beside a line on both sides is farther away than that."""
+    for side in range(-_SIDE, _SIDE + 1, 2 * _SIDE):
+        v, u = int(y + side * right + 0.5), int(x - side * down + 0.5)
+        inside = 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1]
+        if inside and disparity[v, u] > farthest:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _is_line(picture, disparity, farthest, points, count, change):  # type: ignore[no-untyped-def]
+    """Whether what was followed keeps its colours and its width, and stands out from both sides."""
+    contrasts, widths, free = np.empty(count), np.empty(count), 0
+    mean, square = np.zeros(3), np.zeros(3)
+    length = 0.0
+    for i in range(count):
+        y, x = points[i]
+        down, right = _heading(points, count, i)
+        free += _stands_free(disparity, farthest, y, x, down, right)
+        contrasts[i] = _contrast(picture, y, x, down, right)
+        widths[i] = _half_width(picture, y, x, down, right, 1)
+        widths[i] += _half_width(picture, y, x, down, right, -1)
+        for c in range(3):
+            value = _sample(picture, y, x, c)
+            mean[c] += value / count
+            square[c] += value * value / count
+        if i > 0:
+            length += math.sqrt((y - points[i - 1, 0]) ** 2 + (x - points[i - 1, 1]) ** 2)
+    for c in range(3):
+        change += max(0.0, square[c] - mean[c] * mean[c])
+    rank = count // 10
+    contrast = np.partition(contrasts, rank)[rank]
+    apart = math.sqrt((points[count - 1, 0] - points[0, 0]) ** 2 + (points[count - 1, 1] - points[0, 1]) ** 2)
+    stands_out = contrast > _CONTRAST and contrast > _RATIO * change and free > _FREE * count
+    is_long = length > _LONG * widths.mean() and apart > _STRAIGHTNESS * length
+    return stands_out and is_long and widths.std() < _ROUGHNESS
+
+
+@njit(cache=True)
+def _is_end(disparity, farthest, y, x):  # type: ignore[no-untyped-def]
+    """Whether a near piece ends there, or is large: a circle around it crosses it once at most."""
+    crossed, inside = 0, False
+    for i in range(_CIRCLE + 1):
+        angle = 2.0 * math.pi * i / _CIRCLE
+        v, u = int(y + _RADIUS * math.sin(angle) + 0.5), int(x + _RADIUS * math.cos(angle) + 0.5)
+        v, u = min(max(v, 0), disparity.shape[0] - 1), min(max(u, 0), disparity.shape[1] - 1)
+        near = disparity[v, u] > farthest
+        crossed += near and not inside and i > 0
+        inside = near
+    return crossed <= 1
+
+
+@njit(cache=True)
+def _line_from(picture, disparity, least, place, likely, points):  # type: ignore[no-untyped-def]
+    """Find the line that leads away from a near piece; points (N, 2) on it, and how many: 0 for none.
+
+    Unless it is ``likely``, the piece has to end there, and the line to go on in the pieces at both its ends.
+    """
+    y, x, v, u = place
+    if _difference(picture, y, x, v, u) > _OTHER:
+        return 0
+    if not likely and not _is_end(disparity, disparity[v, u] - least, v, u):
+        return 0
+    profile, none = np.empty((3, 3)), np.full((3, 3), np.nan)
+    angle = math.atan2(y - v, x - u)
+    angle, change = _turned(picture, y, x, angle, _FIRST_TURNS, _FIRST_TURN, _FIRST_AHEAD, none, profile)
+    if change > _GAP or _contrast(picture, y, x, math.sin(angle), math.cos(angle)) < _CONTRAST:
+        return 0
+    depth = disparity[v, u]
+    count, change = _follow(picture, disparity, least, float(y), float(x), depth, angle, points)
+    if count == 0 or not _is_line(picture, disparity, depth - least, points, count, change):
+        return 0
+    if likely:
+        return count
+    kept = np.empty((3, 3))
+    down, right = math.sin(angle), math.cos(angle)
+    _look_across(picture, y, x, down, right, kept)
+    apart = math.sqrt((y - v) * (y - v) + (x - u) * (x - u))
+    y, x = y - apart * down, x - apart * right
+    if _change_inside(picture, y, x, -down, -right, kept[::-1], profile) > _OTHER_LINE:
+        return 0
+    y, x = points[count - 1]
+    down, right = _heading(points, count, count - 1)
+    return count if _change_inside(picture, y, x, down, right, kept, profile) <= _OTHER_LINE else 0
+
+
+@njit(cache=True, parallel=True)
+def _find_places(disparity, least, ys, xs, places, found):  # type: ignore[no-untyped-def]
+    """Set places beside near pieces, and the nearest pixel there: two rows and columns each, (N, 4)."""
+    height, width = disparity.shape
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        nearest = 2 * _FARTHEST * _FARTHEST
+        for v in range(max(0, y - _FARTHEST), min(height, y + _FARTHEST + 1)):
+            for u in range(max(0, x - _FARTHEST), min(width, x + _FARTHEST + 1)):
+                apart = (v - y) * (v - y) + (u - x) * (u - x)
+                if apart < nearest and disparity[v, u] > disparity[y, x] + least:
+                    nearest = apart
+                    places[i, 0], places[i, 1], places[i, 2], places[i, 3] = y, x, v, u
+        found[i] = _NEAREST * _NEAREST < nearest <= _FARTHEST * _FARTHEST
+
+
+@njit(cache=True, parallel=True)
+def _are_likely(restored, places, found):  # type: ignore[no-untyped-def]
+    """Mark the places around which much is restored."""
+    height, width = restored.shape
+    for i in prange(len(places)):
+        y, x = places[i, 0], places[i, 1]
+        seen = many = 0
+        for v in range(max(0, y - _AROUND), min(height, y + _AROUND + 1), _SPARSE):
+            for u in range(max(0, x - _AROUND), min(width, x + _AROUND + 1), _SPARSE):
+                seen += 1
+                many += restored[v, u]
+        found[i] = many >= _MANY * seen
+
+
+@njit(cache=True, parallel=True)
+def _find_lines(picture, disparity, least, places, likely, found):  # type: ignore[no-untyped-def]
+    """Mark the places from which lines lead."""
+    for i in prange(len(places)):
+        points = np.empty((_MOST + _END, 2))
+        found[i] = _line_from(picture, disparity, least, places[i], likely, points) > 0
+
+
+@njit(cache=True)
+def _lay_lines(picture, disparity, least, places, likely, result):  # type: ignore[no-untyped-def]
+    """Write the lines that lead from there, as wide as they are."""
+    height, width = disparity.shape
+    points, reach = np.empty((_MOST + _END, 2)), np.empty(_MOST + _END)
+    for place in places:
+        count = _line_from(picture, disparity, least, place, likely, points)
+        depth = disparity[place[2], place[3]]
+        for side in range(-1, 2, 2):
+            for i in range(count):
+                down, right = _heading(points, count, i)
+                reach[i] = _half_width(picture, points[i, 0], points[i, 1], down, right, side)
+            for i in range(count):
+                down, right = _heading(points, count, i)
+                wide = np.median(reach[max(0, i - 5) : min(count, i + 6)])
+                for k in range(math.ceil(2.0 * wide)):
+                    y = int(points[i, 0] + 0.5 * side * k * right + 0.5)
+                    x = int(points[i, 1] - 0.5 * side * k * down + 0.5)
+                    if 0 <= y < height and 0 <= x < width:
+                        result[y, x] = max(result[y, x], depth)
+
+
+def restore_lost_lines(image: np.ndarray, disparity: np.ndarray, least: float) -> np.ndarray:
+    """Give lines of the picture that lead from one near piece to another of its disparity that disparity.
+
+    Where many are found, as in what is left of a net, others around are believed sooner.
+
+    Args:
+        image: All-in-focus picture, scene-linear, not negative, (H, W, 3), float32.
+        disparity: (H, W), float32, rising towards the camera.
+        least: Difference of disparity from which on two pixels belong to two surfaces.
+
+    Returns:
+        A new map (H, W), nowhere farther away than the given one.
+    """
+    result = disparity.copy()
+    if min(disparity.shape) < 2:
+        return result
+    ys, xs = np.nonzero(extremes(disparity, _FARTHEST)[1] > disparity + least)
+    picture = encode(np.minimum(image, 1.0)).astype(np.float32, copy=False)
+    places, found = np.empty((len(ys), 4), np.int64), np.empty(len(ys), np.bool_)
+    with parallel_region:
+        _find_places(disparity, least, ys, xs, places, found)
+    places = places[found]
+    for likely in (False, True):
+        if likely:
+            found = np.empty(len(places), np.bool_)
+            with parallel_region:
+                _are_likely(result != disparity, places, found)
+            places = places[found]
+        found = np.empty(len(places), np.bool_)
+        with parallel_region:
+            _find_lines(picture, disparity, least, places, likely, found)
+            _lay_lines(picture, disparity, least, places[found], likely, result)
+    return result

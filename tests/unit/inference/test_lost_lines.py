@@ -1,0 +1,107 @@
+"""Thin things put back where a map has lost them. Authority: the scene that the map was made from."""
+
+import numpy as np
+import pytest
+
+from bokehnet.inference.lost_lines import restore_lost_lines
+
+NEAR, LEAST = 0.8, 0.05
+SIZE = 96
+
+
+def checkered_cloth():
+    y, x = np.mgrid[:SIZE, :SIZE]
+    checks = ((y // 12 + x // 12) % 2)[..., None]
+    return np.where(checks, (0.6, 0.5, 0.1), (0.1, 0.2, 0.5)).astype(np.float32)
+
+
+def wire_fence(width=4.0, bend=0.0):
+    """Picture (H, W, 3) and disparity (H, W) of a wire between two posts before checkered cloth."""
+    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float32)
+    picture = checkered_cloth()
+    middle = 48 + bend * np.sin(np.pi * x / SIZE)
+    wires = (np.abs(y - middle) < width / 2) | (x < 22) | (x >= 74)
+    picture[wires] = (0.85, 0.85, 0.9)
+    return picture, np.where(wires, np.float32(NEAR), np.float32(0.1))
+
+
+def without(disparity, rows, columns):
+    """The map with a part of what is near gone."""
+    lost = disparity.copy()
+    lost[rows, columns] = 0.1
+    return lost
+
+
+@pytest.mark.parametrize("bend", [0.0, 4.0])
+def test_a_wire_between_two_posts_comes_back_as_wide_as_it_is(bend):
+    picture, truth = wire_fence(bend=bend)
+    lost = without(truth, np.s_[:], np.s_[24:72])
+    restored = restore_lost_lines(picture, lost, LEAST)
+    missing = truth != lost
+    assert (restored[missing] == np.float32(NEAR)).mean() > 0.9
+    assert (restored != lost)[~missing].mean() < 0.01
+
+
+def test_what_is_nearer_in_the_map_stays_as_it_is():
+    picture, truth = wire_fence()
+    lost = without(truth, np.s_[:], np.s_[24:72])
+    kept = lost == np.float32(NEAR)
+    restored = restore_lost_lines(picture, lost, LEAST)
+    assert (restored[kept] == np.float32(NEAR)).all()
+    assert (restored >= lost).all()
+
+
+def test_a_whole_map_stays_as_it_is():
+    picture, truth = wire_fence()
+    assert np.array_equal(restore_lost_lines(picture, truth, LEAST), truth)
+
+
+def test_a_wire_that_leads_nowhere_is_not_told_from_the_background():
+    picture, truth = wire_fence()
+    lost = without(truth, np.s_[:], np.s_[24:])
+    assert np.array_equal(restore_lost_lines(picture, lost, LEAST), lost)
+
+
+def test_a_line_of_other_colours_is_another_thing():
+    picture, truth = wire_fence()
+    lost = without(truth, np.s_[:], np.s_[24:72])
+    picture[46:50, 22:74] = (0.5, 0.0, 0.0)
+    assert np.array_equal(restore_lost_lines(picture, lost, LEAST), lost)
+
+
+def test_a_line_between_things_at_other_depths_stays():
+    picture, truth = wire_fence()
+    lost = without(truth, np.s_[:], np.s_[24:72])
+    lost[:, 72:] += np.float32(0.1) * (lost[:, 72:] > 0.5)
+    restored = restore_lost_lines(picture, lost, LEAST)
+    assert np.array_equal(restored, lost)
+
+
+def test_of_a_net_its_crossings_are_enough():
+    picture = checkered_cloth()
+    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float32)
+    apart = [np.abs((x + way * y) % 40 - 20) / np.sqrt(2) for way in (-1, 1)]  # from the middle of a wire
+    covered = np.clip(2.5 - np.minimum(*apart), 0, 1)[..., None]
+    picture = (picture + covered * (np.float32([0.85, 0.85, 0.9]) - picture)).astype(np.float32)
+    truth = np.where(np.minimum(*apart) < 2, np.float32(NEAR), np.float32(0.1))
+    worn = np.where(np.maximum(*apart) < 3, truth, np.float32(0.1))
+    inner = np.s_[20:-20, 20:-20]
+    lost = (worn != truth)[inner].mean()
+    assert (restore_lost_lines(picture, worn, LEAST) != truth)[inner].mean() < 0.5 * lost
+
+
+def test_texture_alone_brings_nothing():
+    rng = np.random.default_rng(0)
+    picture = rng.random((SIZE, SIZE, 3)).astype(np.float32)
+    disparity = np.full((SIZE, SIZE), 0.1, np.float32)
+    disparity[20:40, 20:40] = disparity[60:80, 60:80] = NEAR
+    assert np.array_equal(restore_lost_lines(picture, disparity, LEAST), disparity)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (5, 3)])
+def test_the_smallest_pictures(shape):
+    rng = np.random.default_rng(1)
+    disparity = rng.random(shape, np.float32)
+    restored = restore_lost_lines(rng.random((*shape, 3), np.float32), disparity, LEAST)
+    assert restored.shape == shape
+    assert np.isfinite(restored).all()
