@@ -8,6 +8,7 @@ import hashlib
 import logging
 import os
 import sys
+from functools import cache
 from pathlib import Path
 
 from bokehnet.checks import require_extra
@@ -122,18 +123,26 @@ def _load_hub() -> None:
 
 def _checked(model: DepthModel, path: Path) -> Path:
     """Return ``path`` if its hash is right, else remove it and raise."""
+    state = path.stat()
+    digest = _digest(path, state.st_size, state.st_mtime_ns)
+    if digest != model.sha256:
+        path.resolve().unlink(missing_ok=True)  # a link of the cache leads to the bytes
+        path.unlink(missing_ok=True)
+        raise ModelFileError(
+            f"{model.name}: expected SHA-256 {model.sha256}, found {digest}; "
+            "the file was removed, the same command downloads it again"
+        )
+    return path
+
+
+@cache
+def _digest(path: Path, _size: int, _modified: int) -> str:
+    """SHA-256 of a file, computed again when it has changed."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(_BLOCK):
             digest.update(block)
-    if digest.hexdigest() != model.sha256:
-        path.resolve().unlink(missing_ok=True)  # a link of the cache leads to the bytes
-        path.unlink(missing_ok=True)
-        raise ModelFileError(
-            f"{model.name}: expected SHA-256 {model.sha256}, found {digest.hexdigest()}; "
-            "the file was removed, the same command downloads it again"
-        )
-    return path
+    return digest.hexdigest()
 
 
 def _endpoint() -> str:
