@@ -72,13 +72,18 @@ class Pool:
         worker, cleaned = _Worker(self._settings), time.monotonic()
         try:
             while not self._stop.is_set():
-                if number == 0 and time.monotonic() - cleaned > _CLEAN:
-                    cleaned = time.monotonic()
-                    self._store.clean()
                 if not worker.alive():
                     worker.end()
                     worker = _Worker(self._settings)
-                claim = self._next() if worker.ready(_LOOK) else None
+                try:
+                    if number == 0 and time.monotonic() - cleaned > _CLEAN:
+                        cleaned = time.monotonic()
+                        self._store.clean()
+                    claim = self._next() if worker.ready(_LOOK) else None
+                except OSError:  # a full disk, or one that is away: looked at again
+                    _log.exception("the store")
+                    time.sleep(_LOOK)
+                    continue
                 if claim is None:
                     continue
                 try:

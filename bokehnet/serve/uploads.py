@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+import http.client
 import urllib.parse
 import urllib.request
 from pathlib import Path
@@ -108,7 +109,7 @@ def fetch(address: str, hosts: tuple[str, ...], target: Path, most: int, patienc
                     )
                 digest.update(block)
                 file.write(block)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, http.client.HTTPException) as error:
         raise Problem("input", f"image_url: cannot be read: {' '.join(str(error).split())}") from error
     return digest.hexdigest()
 

@@ -104,5 +104,5 @@ def test_engines_on_an_independent_renderer(shared):
     scores = {name: mean_scores([row[name] for row in rows]) for name in names}
     assert scores["fast"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 1
     assert scores["rays"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 4
-    assert scores["hybrid"]["edge_psnr"] > scores["rays"]["edge_psnr"] - 0.3  # it learned on noisier rays
+    assert scores["hybrid"]["edge_psnr"] > scores["rays"]["edge_psnr"] - 0.2
     assert min(row["rays"]["psnr"] - row["scatter"]["psnr"] for row in rows) > -0.2
