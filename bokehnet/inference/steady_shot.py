@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.inference.disparity_edges import repair_soft_edges, soft_edge_fraction
+from bokehnet.inference.alike_median import settle_soft_steps
+from bokehnet.inference.disparity_edges import STEP, extremes, repair_soft_edges, soft_edge_fraction
 from bokehnet.inference.steady_maps import Gathered, gather, joined
 from bokehnet.io.atomic import write_text
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 from bokehnet.io.row_blocks import Progress
 
 __all__ = ["SteadyShot"]
@@ -21,8 +22,8 @@ Array = npt.NDArray[np.float32]
 # which they are.
 _LOOK, _SHARP = 8, 0.3
 
-# By what sums are divided before they are kept as half floats, whose largest is 65504.
-_SCALE = np.float32([1, 1, 64, 1, 1])
+# Pixels from a step within which a map follows the picture's colours.
+_NEAR = 2
 
 _DONE = "steady.json"
 
@@ -65,7 +66,7 @@ class SteadyShot:
             picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
             past = gather(values / np.float32(scale), _light(picture), past)
             np.save(self._file("picture", index), picture)
-            np.save(self._file("past", index), (past.sums / _SCALE).astype(np.float16))
+            np.save(self._file("past", index), _packed(past.sums, values / np.float32(scale)))
             np.save(self._file("map", index), values.astype(np.float32))
             found = index + 1
             if progress is not None:
@@ -76,11 +77,9 @@ class SteadyShot:
             values, picture = np.load(self._file("map", index)), _light(np.load(self._file("picture", index)))
             values = values / np.float32(scale)
             future = gather(values, picture, future)
-            before = Gathered(
-                sums=np.load(self._file("past", index)).astype(np.float32) * _SCALE, picture=picture
-            )
-            steady = joined(before, future, values)
-            np.save(self._file("map", index), scale * (repair_soft_edges(steady) if sharp else steady))
+            past = Gathered(sums=_unpacked(np.load(self._file("past", index)), values), picture=picture)
+            steady = joined(past, future, values)
+            np.save(self._file("map", index), scale * (_sharpened(steady, picture) if sharp else steady))
             for name in ("picture", "past"):
                 self._file(name, index).unlink()
             if progress is not None:
@@ -96,5 +95,23 @@ class SteadyShot:
         return self.folder / f"{name}_{index:06d}.npy"
 
 
+def _sharpened(steady: Array, picture: Array) -> Array:
+    """A map whose edges, the mean of many that were sharp, are sharp again, where the picture's colours part."""
+    sharp, least = repair_soft_edges(steady), STEP * float(np.ptp(steady))
+    low, high = extremes(sharp, _NEAR)
+    return settle_soft_steps(srgb_to_linear(picture), sharp, high - low > least, float(np.ptp(steady)))
+
+
 def _light(picture: npt.NDArray[np.uint8]) -> Array:
     return picture / np.float32(255)
+
+
+def _packed(sums: Array, values: Array) -> npt.NDArray[np.float16]:
+    """Sums as half floats: means, those of values as differences from a frame's own, of which little is lost."""
+    w, wt, wtt, wv, wtv = np.moveaxis(sums, 2, 0)
+    return np.stack([w, wt / w, wtt / w, wv / w - values, (wtv - values * wt) / w], 2).astype(np.float16)
+
+
+def _unpacked(packed: npt.NDArray[np.float16], values: Array) -> Array:
+    w, t, tt, v, tv = np.moveaxis(packed.astype(np.float32), 2, 0)
+    return np.stack([w, w * t, w * tt, w * (v + values), w * (tv + values * t)], 2)
