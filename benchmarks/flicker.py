@@ -119,10 +119,12 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=48, help="of the shot; default 48")
     parser.add_argument("--rendered", type=int, default=6, help="in its middle; default 6")
     parser.add_argument("--engine", default="rays")
+    parser.add_argument("--step", type=int, help="pixels a frame, alone; default 0, then 3")
     asked = parser.parse_args()
     renderer, first = BokehRenderer(asked.engine), (asked.frames - asked.rendered) // 2
     wanted = list(range(first, first + asked.rendered))
-    for name, step in (("static", 0), ("pan of 3 pixels", 3)):
+    for step in (0, 3) if asked.step is None else (asked.step,):
+        name = f"pan of {step} pixels" if step else "static"
         shot = Shot(asked.frames, step)
         with tempfile.TemporaryDirectory() as folder:
             steady = SteadyShot(Path(folder))

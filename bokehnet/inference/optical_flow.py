@@ -25,7 +25,7 @@ _FLAT = 1e-5
 # No round moves further, pixels.
 _FARTHEST_STEP = 1.5
 
-# By how much motion must explain a window better than rest does, squared encoded light.
+# By how much motion must explain a window better than a simpler one does, squared encoded light.
 _REST = 1e-5
 
 
@@ -67,7 +67,7 @@ def optical_flow(first: Array, second: Array) -> Array:
         flow = _fitted(flow, here.shape)
         for _ in range(_ROUNDS):
             flow = _improved(here, there, flow)
-        flow = _at_rest(here, there, flow)
+        flow = _simplest(here, there, flow)
     while flow.shape[:2] != first.shape[:2]:
         above = tuple(-(-side // _factor(first.shape, flow.shape)) for side in first.shape[:2])
         flow = _fitted(flow, above)
@@ -147,7 +147,12 @@ def _median(flow: Array) -> Array:
     return np.asarray(np.median(around, 0), np.float32)
 
 
-def _at_rest(here: Array, there: Array, flow: Array) -> Array:
-    """No motion where a window is explained as well without."""
-    moving, resting = (box_mean((here - seen) ** 2, _WINDOW) for seen in (follow(there, flow), there))
-    return np.where((resting <= moving + _REST)[..., None], np.float32(0), flow)
+def _simplest(here: Array, there: Array, flow: Array) -> Array:
+    """Where a window is explained as well, none, or better that of most of the picture."""
+    seen = box_mean((here - follow(there, flow)) ** 2, _WINDOW)
+    most = np.median(flow, (0, 1)).astype(np.float32)
+    for simpler in (np.zeros(2, np.float32), most):
+        uniform = np.broadcast_to(simpler, flow.shape)
+        plain = box_mean((here - follow(there, uniform)) ** 2, _WINDOW) <= seen + _REST
+        flow = np.where(plain[..., None], uniform, flow)
+    return flow
