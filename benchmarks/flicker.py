@@ -1,11 +1,12 @@
 """What flickers in a shot whose maps are noisy: ``python -m benchmarks.flicker``.
 
 A part of the demonstration's picture stands still, or is panned over by three pixels a frame. Its map carries
-another draw in each frame: noise of 1 % of the range, and edges that stand up to one pixel aside, by blocks of
-8x8 pixels. Frames in the middle of the shot are rendered: from the maps as they are, each for itself; repaired,
-each for itself; and from the steady maps of the shot. What is printed is, in 1/255 of encoded light, the rms
-over time of each pixel about its mean, the pan laid over itself by its known motion; the rms from frame to
-frame; and the rms away from the pictures of the true maps. Last a focus pull through the true map: its largest change from frame to frame over its median one.
+another draw in each frame: noise of 1 % of the range, and edges that stand up to one pixel aside, by blocks
+of 8x8 pixels. Frames in the middle of the shot are rendered: from the maps as they are, each for itself;
+repaired, each for itself; and from the steady maps of the shot. Printed are, in 1/255 of encoded light, the
+rms over time of each pixel about its mean, the pan laid over itself by its known motion; the rms from frame
+to frame; and the rms away from the pictures of the true maps. Last a focus pull through the true map: its
+largest change from frame to frame over its median one.
 """
 
 import argparse
@@ -65,9 +66,7 @@ class Shot:
     def aligned(self, frames: dict[int, Array]) -> list[Array]:
         """What all of these frames show, at the same place in each, without the border."""
         left, right = max(self.lefts[t] for t in frames), min(self.lefts[t] for t in frames) + _WIDTH
-        columns = {
-            t: slice(left - self.lefts[t] + _BORDER, right - self.lefts[t] - _BORDER) for t in frames
-        }
+        columns = {t: slice(left - self.lefts[t] + _BORDER, right - self.lefts[t] - _BORDER) for t in frames}
         return [frame[_BORDER:-_BORDER, columns[t]] for t, frame in frames.items()]
 
 

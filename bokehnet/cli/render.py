@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import typer
 
@@ -32,6 +32,14 @@ class RunSettings(Group):
         metavar="ADDRESS",
     )
     overwrite: bool = setting(False, "With --frames: render again what is there; default: skip it.")
+    video_codec: Literal["h264", "h265", "prores", "ffv1"] | None = setting(
+        None,
+        "Of a video; default: prores in .mov, ffv1 in .mkv, h264 or, of more than 8 bits, h265 in .mp4.",
+        metavar="NAME",
+    )
+    steady: Literal["on", "off"] = setting(
+        "on", "Of a video: on (default) or off: its disparity maps are made steady along its motion."
+    )
 
 
 @with_options([*group_types(), SequenceSettings, RunSettings])
@@ -79,10 +87,18 @@ def render(
     from bokehnet.cli.models import ensure_model
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.summary import make_talk
+    from bokehnet.io.video import is_video
     from bokehnet.rendering.frame_names import is_pattern
 
     talk = make_talk(quiet=quiet, verbose=verbose, as_json=as_json)
 
+    if is_video(image):
+        from bokehnet.cli.video import render_video
+
+        render_video(Path(image), Path(output), resolved, sequence, run, quiet=quiet, as_json=as_json)
+        return
+    if run.video_codec is not None or run.steady != "on":
+        raise ParameterError("IMAGE", expected="a video for --video-codec and --steady", shown=image)
     job = FrameJob(image=Path(image), output=Path(output), settings=resolved)
     if sequence.frames is None:
         if (sequence, run) != (SequenceSettings(), RunSettings()):

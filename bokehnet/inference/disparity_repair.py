@@ -274,9 +274,7 @@ class DisparityRepair:
         share = f"{100 * misplaced:.2g} % of its edges stood out of place"
         found = RepairPlan(repaired=misplaced >= _IMPERFECT, softness=softness, shift=shift)
         if misplaced < _IMPERFECT:
-            return RepairedMap(
-                disparity=disparity.copy(), repaired=False, reason=f"only {share}", plan=found
-            )
+            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=f"only {share}", plan=found)
         return RepairedMap(disparity=repaired, repaired=True, reason=share, plan=found)
 
     def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:

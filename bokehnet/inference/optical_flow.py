@@ -80,7 +80,10 @@ def follow(values: Array, flow: Array) -> Array:
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     x = np.clip(columns + flow[..., 0], 0, width - 1)
     y = np.clip(rows + flow[..., 1], 0, height - 1)
-    left, top = np.minimum(x.astype(np.intp), max(width - 2, 0)), np.minimum(y.astype(np.intp), max(height - 2, 0))
+    left, top = (
+        np.minimum(x.astype(np.intp), max(width - 2, 0)),
+        np.minimum(y.astype(np.intp), max(height - 2, 0)),
+    )
     right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
     a, b = x - left, y - top
     if values.ndim == 3:
