@@ -1,45 +1,20 @@
 """``bokehnet render``: bokeh from a picture and its depth or disparity."""
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated
 
 import typer
 
 from bokehnet.cli.options import Given, with_options
+from bokehnet.cli.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.rendering.preset import load_preset, presets
 from bokehnet.rendering.sequence import SequenceSettings
-from bokehnet.rendering.setting import Group, setting
 from bokehnet.rendering.settings import RenderSettings, group_types, merged
 from bokehnet.rendering.settings_file import read_toml, settings_from_table
 
 __all__ = ["render"]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RunSettings(Group):
-    """How the frames of a sequence are worked through."""
-
-    GROUP: ClassVar[str] = "run"
-    TITLE: ClassVar[str] = SequenceSettings.TITLE
-
-    jobs: int | None = setting(None, "With --frames: how many are rendered at a time; default 1.", low=1)
-    ray: str | None = setting(
-        None,
-        "With --frames: address of a Ray cluster that renders them; its machines see the same folders.",
-        metavar="ADDRESS",
-    )
-    overwrite: bool = setting(False, "With --frames: render again what is there; default: skip it.")
-    video_codec: Literal["h264", "h265", "prores", "ffv1"] | None = setting(
-        None,
-        "Of a video; default: prores in .mov, ffv1 in .mkv, h264 or, of more than 8 bits, h265 in .mp4.",
-        metavar="NAME",
-    )
-    steady: Literal["on", "off"] = setting(
-        "on", "Of a video: on (default) or off: its disparity maps are made steady along its motion."
-    )
 
 
 @with_options([*group_types(), SequenceSettings, RunSettings])

@@ -5,20 +5,17 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from bokehnet.cli.frame import make_renderer
 from bokehnet.cli.models import ensure_model
 from bokehnet.cli.progress import compile_notice, stages
+from bokehnet.cli.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.io.video import choose_codec, video_info
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.sequence import SequenceSettings, make_pull
 from bokehnet.rendering.settings import RenderSettings
 from bokehnet.rendering.video import VideoJob
-
-if TYPE_CHECKING:
-    from bokehnet.cli.render import RunSettings
 
 __all__ = ["render_video"]
 
@@ -28,7 +25,7 @@ def render_video(
     output: Path,
     settings: RenderSettings,
     sequence: SequenceSettings,
-    run: "RunSettings",
+    run: RunSettings,
     *,
     quiet: bool = False,
     as_json: bool = False,

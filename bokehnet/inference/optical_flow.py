@@ -75,7 +75,7 @@ def optical_flow(first: Array, second: Array) -> Array:
 
 
 def follow(values: Array, flow: Array) -> Array:
-    """Return what of ``values`` (H, W) or (H, W, C) is where the pixels have moved; bilinear, border repeated."""
+    """Return what of ``values``, (H, W) or (H, W, C), is where the pixels have moved; bilinear."""
     height, width = flow.shape[:2]
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     x = np.clip(columns + flow[..., 0], 0, width - 1)

@@ -1,8 +1,8 @@
 """Maps of a shot made steady: a line is fitted to each value over time, along the motion of its pixel.
 
-Noise of a map is another one in each frame, and edges jump from pixel to pixel; what is real stays, or changes
-evenly, where the picture's motion leads. The weight of a frame falls by a constant factor with its distance in
-time, so that a fit over all frames takes two passes, one forward and one backward, whatever the shot's length.
+Noise of a map is another one in each frame, and edges jump from pixel to pixel; what is real stays, or
+changes evenly, where the picture's motion leads. The weight of a frame falls by a constant factor with its
+distance in time, so that a fit over all frames takes two passes, one forward and one backward.
 
 Source:
     Brailean et al., "Noise reduction filters for dynamic image sequences: a review", Proceedings of the IEEE
@@ -84,7 +84,7 @@ def joined(past: Gathered, future: Gathered, values: Array) -> Array:
         >>> float(joined(past, future, level)[0, 0])
         1.0
     """
-    w, wt, wtt, wv, wtv = np.moveaxis(future.sums + past.sums * np.float32([1, -1, 1, 1, -1]), 2, 0)
+    w, wt, wtt, wv, wtv = np.moveaxis(future.sums + past.sums * np.array([1, -1, 1, 1, -1], np.float32), 2, 0)
     w, wv = w - 1, wv - values
     wtt = wtt + _LEVEL
     return np.asarray((wtt * wv - wt * wtv) / (w * wtt - wt * wt), np.float32)

@@ -1,4 +1,4 @@
-"""The steady maps of a whole shot, kept in a folder from the first pass over its frames to its last picture."""
+"""The steady maps of a whole shot, kept in a folder from the first pass to the last picture."""
 
 import json
 from collections.abc import Iterable
@@ -96,18 +96,19 @@ class SteadyShot:
 
 
 def _sharpened(steady: Array, picture: Array) -> Array:
-    """A map whose edges, the mean of many that were sharp, are sharp again, where the picture's colours part."""
+    """A map whose edges, the mean of many, are sharp again, where the picture's colours part."""
     sharp, least = repair_soft_edges(steady), STEP * float(np.ptp(steady))
     low, high = extremes(sharp, _NEAR)
-    return settle_soft_steps(srgb_to_linear(picture), sharp, high - low > least, float(np.ptp(steady)))
+    light = np.asarray(srgb_to_linear(picture), np.float32)
+    return np.asarray(settle_soft_steps(light, sharp, high - low > least, float(np.ptp(steady))), np.float32)
 
 
 def _light(picture: npt.NDArray[np.uint8]) -> Array:
-    return picture / np.float32(255)
+    return np.asarray(picture / np.float32(255), np.float32)
 
 
 def _packed(sums: Array, values: Array) -> npt.NDArray[np.float16]:
-    """Sums as half floats: means, those of values as differences from a frame's own, of which little is lost."""
+    """Sums as half floats: means, those of values as differences from a frame's own."""
     w, wt, wtt, wv, wtv = np.moveaxis(sums, 2, 0)
     return np.stack([w, wt / w, wtt / w, wv / w - values, (wtv - values * wt) / w], 2).astype(np.float16)
 

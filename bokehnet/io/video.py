@@ -1,4 +1,4 @@
-"""Videos: their frames as light, and the same again with other frames. It needs the extra ``video`` (PyAV)."""
+"""Videos: their frames as light, and the same again with other frames, by PyAV (extra ``video``)."""
 
 import contextlib
 import heapq
@@ -36,8 +36,8 @@ Array = npt.NDArray[np.float32]
 
 VIDEO_EXTENSIONS = (".mp4", ".m4v", ".mov", ".mkv")
 
-# Name to FFmpeg's encoder and its options. Without frames that look ahead, time stamps rise as they are written
-# and segments can be put one behind the other.
+# Name to FFmpeg's encoder and its options. Without frames that look ahead, time stamps rise as they are
+# written, and segments can be put one behind the other.
 CODECS: dict[str, tuple[str, dict[str, str]]] = {
     "h264": ("libx264", {"crf": "16", "preset": "medium", "bf": "0"}),
     "h265": ("libx265", {"crf": "16", "preset": "medium", "x265-params": "bframes=0:log-level=error"}),
@@ -99,12 +99,10 @@ def video_info(path: Path | str) -> VideoInfo:
     with _opened(path) as container:
         stream = _pictures(path, container)
         context = stream.codec_context
-        codes = tuple(
-            int(getattr(context, name) or 0) or 2 for name in ("color_primaries", "color_trc", "colorspace")
-        )
-        times = sorted(
-            packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size
-        )
+        tags = (context.color_primaries, context.color_trc, context.colorspace)
+        primaries, transfer, matrix = (int(tag or 0) or 2 for tag in tags)
+        packets = (packet for packet in container.demux(stream) if packet.size)
+        times = sorted(packet.pts for packet in packets if packet.pts is not None)
         if not times:
             raise ImageFileError(f"{path}: expected a video, found no pictures in it")
         timecodes = [stream.metadata.get("timecode"), container.metadata.get("timecode")]
@@ -118,9 +116,9 @@ def video_info(path: Path | str) -> VideoInfo:
             time_base=stream.time_base,
             rate=stream.average_rate or Fraction(25),
             pixels=context.pix_fmt,
-            codes=codes,  # type: ignore[arg-type]
+            codes=(primaries, transfer, matrix),
             full=int(context.color_range or 0) == 2,
-            space=coded_space(path, codes[0], codes[1]) or SRGB,
+            space=coded_space(path, primaries, transfer) or SRGB,
             timecode=next(filter(None, timecodes), "") or "",
             aspect=context.sample_aspect_ratio or Fraction(1),
         )
@@ -139,7 +137,7 @@ def read_video(info: VideoInfo, first: int = 0) -> Iterator[Array]:
 
 
 def read_luma(info: VideoInfo) -> Iterator[Array]:
-    """Give the mean of red, green and blue of each frame as it is stored, (H, W): a map of disparity, 0 to 1."""
+    """Give the mean of the colours of each frame as stored, (H, W): a map of disparity, 0 to 1."""
     for colors in _encoded(info, 0):
         yield np.clip(colors.mean(2), 0, 1)
 
@@ -175,7 +173,7 @@ def write_segment(path: Path, info: VideoInfo, frames: Iterable[tuple[int, Array
 
     def fill(temporary: Path) -> None:
         with temporary.open("wb") as file:
-            np.savez(file, **kept)
+            np.savez(file, allow_pickle=False, **kept)
 
     write_atomic(path, fill)
 

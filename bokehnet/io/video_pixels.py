@@ -96,7 +96,7 @@ class PixelFormat:
             above = np.concatenate([plane[:1], plane[:-1]])
             below = np.concatenate([plane[1:], plane[-1:]])
             rows = np.stack([0.75 * plane + 0.25 * above, 0.75 * plane + 0.25 * below], 1)
-            plane = rows.reshape(-1, plane.shape[1])[:height]
+            plane = np.asarray(rows.reshape(-1, plane.shape[1])[:height], np.float32)
         if self.halved[0]:
             after = np.concatenate([plane[:, 1:], plane[:, -1:]], 1)
             plane = np.stack([plane, 0.5 * (plane + after)], 2).reshape(len(plane), -1)[:, :width]

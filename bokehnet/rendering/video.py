@@ -72,8 +72,8 @@ class VideoJob:
     Attributes:
         info: Of the video.
         output: Where the result goes.
-        settings: All else; ``input.disparity`` may be a folder of maps, one for each frame in the order of their
-            names, or a video.
+        settings: All else; ``input.disparity`` may be a folder of maps, one for each frame in the order of
+            their names, or a video.
         codec: Of the result, one of :data:`bokehnet.io.video.CODECS`.
         pull: What changes over the frames, of which the first is 1.
         steady: Whether relative maps are made steady along the motion of the shot.
