@@ -13,6 +13,9 @@ const STEP = 64;
 // Pixels that the network looks around itself, beyond the blur.
 const AROUND = 43;
 
+// Rows that the page draws at once, lest it keep the hand waiting.
+const BAND = 128;
+
 let session;
 let photo;
 let disparity;
@@ -83,7 +86,10 @@ async function render(id, numbers) {
     const kept = part(picture, x - left, y - top, Math.min(x + wide, width) - left, Math.min(y + tall, height) - top);
     context.putImageData(kept, x, y);
     const share = (at + 1) / (rows * columns);
-    postMessage({ tile: await createImageBitmap(kept), x, y, id, share });
+    for (let row = 0; row < kept.height; row += BAND) {
+      const height = Math.min(BAND, kept.height - row);
+      postMessage({ tile: await createImageBitmap(kept, 0, row, kept.width, height), x, y: y + row, id, share });
+    }
   }
   const seconds = (performance.now() - start) / 1000;
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
