@@ -1,36 +1,19 @@
 """``bokehnet render``: bokeh from a picture and its depth or disparity."""
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import typer
 
 from bokehnet.cli.options import Given, resolved_settings, with_options
+from bokehnet.cli.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.rendering.preset import presets
 from bokehnet.rendering.sequence import SequenceSettings
-from bokehnet.rendering.setting import Group, setting
 from bokehnet.rendering.settings import group_types
 
 __all__ = ["render"]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RunSettings(Group):
-    """How the frames of a sequence are worked through."""
-
-    GROUP: ClassVar[str] = "run"
-    TITLE: ClassVar[str] = SequenceSettings.TITLE
-
-    jobs: int | None = setting(None, "With --frames: how many are rendered at a time; default 1.", low=1)
-    ray: str | None = setting(
-        None,
-        "With --frames: address of a Ray cluster that renders them; its machines see the same folders.",
-        metavar="ADDRESS",
-    )
-    overwrite: bool = setting(False, "With --frames: render again what is there; default: skip it.")
 
 
 @with_options([*group_types(), SequenceSettings, RunSettings])
@@ -78,10 +61,18 @@ def render(
     from bokehnet.cli.models import ensure_model
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.summary import make_talk
+    from bokehnet.io.video import is_video
     from bokehnet.rendering.frame_names import is_pattern
 
     talk = make_talk(quiet=quiet, verbose=verbose, as_json=as_json)
 
+    if is_video(image):
+        from bokehnet.cli.video import render_video
+
+        render_video(Path(image), Path(output), resolved, sequence, run, quiet=quiet, as_json=as_json)
+        return
+    if run.video_codec is not None or run.steady != "on":
+        raise ParameterError("IMAGE", expected="a video for --video-codec and --steady", shown=image)
     job = FrameJob(image=Path(image), output=Path(output), settings=resolved)
     if sequence.frames is None:
         if (sequence, run) != (SequenceSettings(), RunSettings()):

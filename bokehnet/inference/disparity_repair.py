@@ -21,6 +21,7 @@ from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.memory import give_back
+from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.inference.soft_maps import explain_soft_map, find_softness
 from bokehnet.io.row_blocks import Progress, make_in_row_blocks
@@ -113,11 +114,13 @@ class RepairedMap:
         disparity: (H, W), in the unit of the input; never the same array.
         repaired: Whether edges were moved.
         reason: Why, or why not, in a few words.
+        plan: What was decided; None where nothing was looked at.
     """
 
     disparity: npt.NDArray[np.float32]
     repaired: bool
     reason: str
+    plan: RepairPlan | None = None
 
 
 def network_memory(height: int, width: int) -> int:
@@ -205,6 +208,7 @@ class DisparityRepair:
         mode: RepairMode = "on",
         progress: Progress | None = None,
         frugal: bool = False,
+        plan: RepairPlan | None = None,
     ) -> RepairedMap:
         """Move the edges of a map to where the picture has them, and say whether it was done.
 
@@ -220,6 +224,7 @@ class DisparityRepair:
                 "off" always does.
             progress: Called with (steps done, steps in all); what it raises ends the repair.
             frugal: Whether it takes less memory and up to a sixth more time.
+            plan: What the shot has decided; "auto" follows it. Default: all is decided by this map.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
@@ -234,18 +239,28 @@ class DisparityRepair:
         if span == 0 or mode == "off":
             reason = "switched off" if mode == "off" else "the map is constant"
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
-        softness = soft_edge_fraction(disparity)
+        if plan is not None and mode == "auto":
+            if not plan.repaired:
+                reason = "as most of the shot"
+                return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=plan)
+            mode = "on"
+        softness = soft_edge_fraction(disparity) if plan is None else plan.softness
         start = sharpen_if_soft(disparity, softness)
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
         if mode == "auto" and start is disparity and self._stands_right(sizes[0], disparity, span):
-            return RepairedMap(disparity=disparity.copy(), repaired=False, reason="its edges stand right")
+            right = RepairPlan(repaired=False, softness=softness, shift=0)
+            reason = "its edges stand right"
+            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=right)
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress, FRUGAL_TILE if frugal else TILE)
         large = len(sizes) > 1
-        shift, smallest = self._edge_bias(sizes, start, span, work)
+        if plan is None:
+            shift, smallest = self._edge_bias(sizes, start, span, work)
+        else:
+            shift, smallest = plan.shift, None
         maps = [shift_edges(start, shift)]
         del start
         soft = _SoftMap(soft_steps(disparity), disparity) if softness > _RAMPS else None
@@ -253,12 +268,15 @@ class DisparityRepair:
         if large:
             self._give_back()
         if mode == "on":
-            return RepairedMap(disparity=repaired, repaired=True, reason="asked for")
+            reason = "asked for" if plan is None else "as most of the shot"
+            found = RepairPlan(repaired=True, softness=softness, shift=shift)
+            return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
         misplaced = misplaced_edge_fraction(disparity, repaired)
         share = f"{100 * misplaced:.2g} % of its edges stood out of place"
+        found = RepairPlan(repaired=misplaced >= _IMPERFECT, softness=softness, shift=shift)
         if misplaced < _IMPERFECT:
-            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=f"only {share}")
-        return RepairedMap(disparity=repaired, repaired=True, reason=share)
+            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=f"only {share}", plan=found)
+        return RepairedMap(disparity=repaired, repaired=True, reason=share, plan=found)
 
     def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:
         """Whether the repair moves next to nothing in those parts of the picture that hold the most steps."""

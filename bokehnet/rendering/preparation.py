@@ -5,6 +5,7 @@ from dataclasses import replace
 
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Progress
+from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.rendering.edge_knowledge import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
@@ -22,6 +23,7 @@ def prepare(
     engine: str,
     report: Progress,
     repairer: Callable[[], DisparityRepair],
+    plan: RepairPlan | None = None,
 ) -> FocusedScene:
     """Repair the map of a scene and find its focus; see :meth:`BokehRenderer.prepare`.
 
@@ -31,6 +33,7 @@ def prepare(
         engine: Name of the one that will render.
         report: Is told of the progress of the repair; what it raises ends it.
         repairer: Gives what repairs, which is opened where it is needed.
+        plan: Of the repair, where the shot has decided it.
 
     Examples:
         >>> import numpy as np
@@ -48,12 +51,12 @@ def prepare(
     check_nothing_to_mend(scene, settings.depth)
     values = fitted_map(scene, settings.depth)
     ends = float(values.min()), float(values.max())
-    lens, repaired, reason, notes = None, None, "", scene.notes
+    lens, repaired, reason, notes, found = None, None, "", scene.notes, None
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
     elif settings.depth.repair != "off" and not is_exact(scene):
         frugal = settings.engine.max_memory is not None
-        found = repairer().repair(scene.image, values, settings.depth.repair, report, frugal)
+        found = repairer().repair(scene.image, values, settings.depth.repair, report, frugal, plan)
         values, repaired, reason = found.disparity, found.repaired, found.reason
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
     if known is None and matte is not None and not is_exact(scene):
@@ -77,6 +80,7 @@ def prepare(
         lens=lens,
         repaired=repaired,
         repair_reason=reason,
+        repair_plan=None if found is None else found.plan,
         pixel_filter=choose_filter(scene, settings.depth.pixel_filter) if engine in RAY_ENGINES else None,
         notes=notes,
         known=known,

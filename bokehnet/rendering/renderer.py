@@ -13,6 +13,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.forking import ForkSafeLock
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine, Progress
+from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.lens_response import LensResponse
@@ -230,6 +231,7 @@ class BokehRenderer:
         progress: Progress | None = None,
         *,
         cancel: CancelSignal | None = None,
+        plan: RepairPlan | None = None,
     ) -> FocusedScene:
         """Repair the map of a scene and find its focus: all but the blur itself.
 
@@ -238,6 +240,7 @@ class BokehRenderer:
             settings: All that is asked for.
             progress: Called with (steps done, steps in all) of the repair.
             cancel: Is asked between steps; once it is set, the work ends.
+            plan: What the shot has decided about the repair; default: each frame for itself.
 
         Raises:
             BokehnetError: As :meth:`render`.
@@ -257,7 +260,7 @@ class BokehRenderer:
         check_kind("settings", settings, RenderSettings)
         engine, _ = self._engine_of(settings)
         check_engine(settings, engine)
-        return prepare(scene, settings, engine, watched(progress, cancel), self._repairer)
+        return prepare(scene, settings, engine, watched(progress, cancel), self._repairer, plan)
 
     def _render_arrays(
         self,

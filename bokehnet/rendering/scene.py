@@ -11,6 +11,7 @@ from bokehnet.checks import check_floats, check_image, check_map, check_same_siz
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError, ShapeError
+from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.io.camera import Camera
 from bokehnet.io.frame import Frame, detached, read_frame
 from bokehnet.io.maps import resize_map
@@ -103,6 +104,7 @@ class FocusedScene:
         lens: The lens and its focus; None where defocus was given.
         repaired: Whether edges of the map were moved; None where nobody looked.
         repair_reason: Why.
+        repair_plan: What the repair has decided, which the other frames of a shot may follow.
         pixel_filter: By which pixels at edges mix both sides; None where the engine parts none.
         notes: As in the scene, and what is odd about the blur.
         known: Both surfaces of pixels at edges, with their blur radii, where they need not be estimated.
@@ -129,6 +131,7 @@ class FocusedScene:
     lens: FocusedLens | None
     repaired: bool | None = None
     repair_reason: str = ""
+    repair_plan: RepairPlan | None = None
     pixel_filter: FilterChoice | None = None
     notes: tuple[str, ...] = ()
     known: KnownSurfaces | None = None

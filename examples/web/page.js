@@ -1,52 +1,84 @@
-// The page around the renderer: files or, with ?photo=URL&disparity=URL&K=38&focus=0.46, addresses.
-
-import { renderBokeh } from "./bokeh.js";
+// The page around the renderer: files or, with ?photo=URL&disparity=URL&K=38&focus=0.46, addresses. All work is
+// done by worker.js; here pictures are put on the canvas as they come.
 
 const form = document.querySelector("form");
 const status = document.querySelector("#status");
+const bar = document.querySelector("progress");
 const save = document.querySelector("#save");
 const canvas = document.querySelector("canvas");
+const context = canvas.getContext("2d");
 const given = new URLSearchParams(location.search);
-const session = ort.InferenceSession.create(given.get("model") ?? "fast.onnx");
+const worker = new Worker("worker.js", { type: "module" });
+let asked = 0;
+let opened = false;
 
-/** Pixels of an image file, scaled to `size` where that is given. */
-async function pixels(blob, size) {
-  const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
-  const { width, height } = size ?? bitmap;
-  const context = new OffscreenCanvas(width, height).getContext("2d");
-  context.drawImage(bitmap, 0, 0, width, height);
-  return context.getImageData(0, 0, width, height);
+worker.postMessage({ model: given.get("model") ?? "fast.onnx" });
+
+/** Ask for the picture by the numbers in the form; what was asked for before is given up. */
+function render() {
+  if (!opened) return;
+  const entries = ["K", "focus", "gamma"].map((name) => [name, Number(form.elements[name].value)]);
+  worker.postMessage({ id: ++asked, numbers: Object.fromEntries(entries) });
+  bar.hidden = false;
+  bar.value = 0;
+  save.hidden = true;
+  status.textContent = "Rendering ...";
 }
 
-async function render(photoBlob, disparityBlob) {
-  try {
-    status.textContent = "Rendering ...";
-    const photo = await pixels(photoBlob);
-    const disparity = await pixels(disparityBlob, photo);
-    const [K, focus, gamma] = ["K", "focus", "gamma"].map((name) => Number(form.elements[name].value));
-    const ready = await session;
-    const start = performance.now();
-    const picture = await renderBokeh(ready, photo, disparity, { K, focus, gamma });
-    const seconds = ((performance.now() - start) / 1000).toFixed(1);
-    [canvas.width, canvas.height] = [picture.width, picture.height];
-    canvas.getContext("2d").putImageData(picture, 0, 0);
-    save.href = canvas.toDataURL("image/png");
+function open(photo, disparity) {
+  opened = true;
+  worker.postMessage({ open: { photo, disparity } });
+  render();
+}
+
+worker.onmessage = ({ data }) => {
+  if (data.opened) {
+    [canvas.width, canvas.height] = [data.opened.width, data.opened.height];
+  } else if (data.focus !== undefined) {
+    form.elements.focus.value = data.focus.toFixed(3);
+    render();
+  } else if (data.tile) {
+    context.drawImage(data.tile, data.x, data.y);
+    data.tile.close();
+    if (data.id === asked) bar.value = data.share;
+  } else if (data.id === asked && data.done) {
+    URL.revokeObjectURL(save.href);
+    save.href = URL.createObjectURL(data.done);
     save.hidden = false;
-    status.textContent = `${picture.width}x${picture.height} in ${seconds} s`;
-  } catch (error) {
-    status.textContent = `Failed: ${error.message ?? error}`;
+    bar.hidden = true;
+    status.textContent = `${canvas.width}x${canvas.height} in ${data.seconds.toFixed(1)} s`;
+  } else if (data.error) {
+    bar.hidden = true;
+    status.textContent = `Failed: ${data.error}`;
   }
-}
+};
+
+worker.onerror = (event) => {
+  bar.hidden = true;
+  status.textContent = `Failed: ${event.message || "the browser cannot run module workers"}`;
+};
+
+canvas.addEventListener("click", (event) => {
+  const box = canvas.getBoundingClientRect();
+  const [x, y] = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+  if (opened) worker.postMessage({ focusAt: { x, y } });
+});
 
 form.addEventListener("submit", (event) => {
   event.preventDefault();
   const [photo, disparity] = ["photo", "disparity"].map((name) => form.elements[name].files[0]);
-  if (photo && disparity) render(photo, disparity);
+  if (photo && disparity) open(photo, disparity);
+  else if (opened) render();
   else status.textContent = "Choose a photo and its disparity first.";
 });
+
+if (!crossOriginIsolated) {
+  document.querySelector("#told").textContent =
+    "This server does not send the headers for threads: one core does all the work.";
+}
 
 if (given.has("photo") && given.has("disparity")) {
   for (const name of ["K", "focus", "gamma"]) if (given.has(name)) form.elements[name].value = given.get(name);
   const fetched = ["photo", "disparity"].map(async (name) => (await fetch(given.get(name))).blob());
-  render(...(await Promise.all(fetched)));
+  open(...(await Promise.all(fetched)));
 }

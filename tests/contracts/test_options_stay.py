@@ -24,6 +24,7 @@ OPTIONS = {
         --layers --matte --supersampled
         --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
         --quiet --verbose --json -q -v
+        --steady --video-codec
         --tilt-y --vignette --vignette-radius --vignette-roundness --vignette-softness --weights
     """,
     "compare": """

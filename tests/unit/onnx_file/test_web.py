@@ -58,28 +58,85 @@ def address(folder):
     server.shutdown()
 
 
-@pytest.mark.slow
-def test_the_page_renders_what_the_package_renders(folder, address, tmp_path_factory):
+@pytest.fixture
+def page(address):
+    """A page of headless Chromium that counts the tasks which keep it from answering."""
+    playwright = pytest.importorskip("playwright.sync_api")
     chromium = program("chromium", "chromium-browser", "google-chrome")
-    words = [
-        chromium,
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        f"--user-data-dir={tmp_path_factory.mktemp('profile')}",
-        "--virtual-time-budget=300000",
-        "--dump-dom",
-        f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}",
-    ]
-    page = subprocess.run(words, capture_output=True, text=True, timeout=300, check=True).stdout
-    status = re.search(r'id="status">([^<]*)<', page)
-    assert status, page[:2000]
-    assert re.fullmatch(r"110x83 in \d+\.\d s", status[1])
-    saved = re.search(r'href="data:image/png;base64,([^"]+)"', page)
-    (folder / "saved.png").write_bytes(base64.b64decode(saved[1]))
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page(accept_downloads=True)
+        yield page
+        browser.close()
+
+
+def rendered(page):
+    """Wait for the picture; the status of the page, and its pixels as sRGB values, (H, W, 3)."""
+    page.wait_for_function(
+        "/ in |Failed/.test(document.querySelector('#status').textContent)", timeout=200_000
+    )
+    saved = page.evaluate(
+        """async () => {
+            const blob = await (await fetch(document.querySelector("#save").href)).blob();
+            const bytes = new Uint8Array(await blob.arrayBuffer());
+            return btoa(Array.from(bytes, (code) => String.fromCharCode(code)).join(""));
+        }"""
+    )
+    return page.inner_text("#status"), base64.b64decode(saved)
+
+
+def wanted(folder, focus):
+    """What the package makes of it, as sRGB values."""
     image, disparity = read_image(folder / "photo.png"), read_disparity(folder / "disparity.png")
-    defocus = defocus_from_disparity(disparity, BLUR, FOCUS).astype(np.float32)
-    wanted = BokehRenderer("fast").render(image, defocus).bokeh
-    found = linear_to_srgb(read_image(folder / "saved.png"))
-    assert decibels(found, linear_to_srgb(np.clip(wanted, 0, 1))) > 50
+    defocus = defocus_from_disparity(disparity, BLUR, focus).astype(np.float32)
+    return linear_to_srgb(np.clip(BokehRenderer("fast").render(image, defocus).bokeh, 0, 1))
+
+
+@pytest.mark.slow
+def test_the_page_renders_what_the_package_renders(folder, address, page):
+    page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
+    status, saved = rendered(page)
+    assert re.fullmatch(r"110x83 in \d+\.\d s", status)
+    (folder / "saved.png").write_bytes(saved)
+    image, found = read_image(folder / "photo.png"), linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(found, wanted(folder, FOCUS)) > 50
     assert decibels(found, linear_to_srgb(image)) < 40
+
+
+@pytest.mark.slow
+def test_a_picture_in_tiles_is_the_whole_one(folder, address, page):
+    """The package renders all at once; the page in four tiles of at most 64 pixels and their surroundings."""
+    worker = folder / "worker.js"
+    worker.write_text(worker.read_text().replace("const TILE = 1024", "const TILE = 64"))
+    page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    found = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(found, wanted(folder, FOCUS)) > 50
+
+
+@pytest.mark.slow
+def test_a_click_focuses_there(folder, address, page):
+    page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
+    rendered(page)
+    page.locator("canvas").click(position={"x": 5, "y": 5})
+    page.wait_for_function(f"document.querySelector('[name=focus]').value != '{FOCUS}'")
+    focus = float(page.input_value("[name=focus]"))
+    there = read_disparity(folder / "disparity.png")[5, 5]
+    assert abs(focus - there) < 0.003
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    found = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(found, wanted(folder, focus)) > 50
+
+
+@pytest.mark.slow
+def test_a_broken_photo_is_told_and_the_next_one_works(folder, address, page):
+    (folder / "broken.png").write_bytes(b"nothing")
+    page.goto(f"{address}/?photo=broken.png&disparity=disparity.png")
+    page.wait_for_function(
+        "document.querySelector('#status').textContent.startsWith('Failed')", timeout=60_000
+    )
+    for name in ("photo", "disparity"):
+        page.set_input_files(f"[name={name}]", folder / f"{name}.png")
+    page.fill("[name=K]", str(BLUR))
+    page.click("button")
+    page.wait_for_function("/ in /.test(document.querySelector('#status').textContent)", timeout=200_000)

@@ -1,0 +1,119 @@
+// All that takes long, away from the page: files to pixels, tiles through the network, the picture to be saved.
+
+import * as ort from "./node_modules/onnxruntime-web/dist/ort.wasm.min.mjs";
+import { renderBokeh } from "./bokeh.js";
+
+globalThis.ort = ort;
+
+// Largest side of a tile without what it sees around itself, and steps in which both grow: the network halves
+// the picture a few times, and each tile must be halved where the whole would be.
+const TILE = 1024;
+const STEP = 64;
+
+// Pixels that the network looks around itself, beyond the blur.
+const AROUND = 43;
+
+// Rows that the page draws at once, lest it keep the hand waiting.
+const BAND = 128;
+
+let session;
+let photo;
+let disparity;
+let latest = 0;
+let turn = Promise.resolve();
+
+/** Pixels of an image file, scaled to `size` where that is given. */
+async function pixels(blob, size) {
+  const bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none" });
+  const { width, height } = size ?? bitmap;
+  const context = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+  context.drawImage(bitmap, 0, 0, width, height);
+  bitmap.close();
+  return context.getImageData(0, 0, width, height);
+}
+
+/** A part of an ImageData. */
+function part({ data, width }, left, top, right, bottom) {
+  const cut = new ImageData(right - left, bottom - top);
+  for (let y = top; y < bottom; y++) {
+    cut.data.set(data.subarray(4 * (y * width + left), 4 * (y * width + right)), 4 * (y - top) * cut.width);
+  }
+  return cut;
+}
+
+/** The code of disparity that is blurred most, and its radius in pixels. */
+function mostBlurred({ K, focus }) {
+  let code = 0;
+  let away = -1;
+  const seen = new Set();
+  for (let i = 0; i < disparity.data.length && seen.size < 256; i += 4) seen.add(disparity.data[i]);
+  for (const one of seen) {
+    if (Math.abs(one / 255 - focus) > away) [code, away] = [one, Math.abs(one / 255 - focus)];
+  }
+  return { code, radius: K * away };
+}
+
+/** Side of the tiles of a picture of that length: all about alike. */
+const side = (length) => STEP * Math.ceil(length / Math.ceil(length / TILE) / STEP);
+
+const pause = () => new Promise((resolve) => setTimeout(resolve));
+
+/** Render tile by tile, until another request comes. */
+async function render(id, numbers) {
+  const start = performance.now();
+  const { width, height } = photo;
+  const most = mostBlurred(numbers);
+  const around = STEP * Math.ceil((most.radius + AROUND) / STEP);
+  const whole = new OffscreenCanvas(width, height);
+  const context = whole.getContext("2d");
+  const [tall, wide] = [side(height), side(width)];
+  const [rows, columns] = [Math.ceil(height / tall), Math.ceil(width / wide)];
+  for (let at = 0; at < rows * columns; at++) {
+    const [y, x] = [tall * Math.floor(at / columns), wide * (at % columns)];
+    const [left, top] = [Math.max(0, x - around), Math.max(0, y - around)];
+    const right = Math.min(width, x + wide + around);
+    const bottom = Math.min(height, y + tall + around);
+    const seen = part(disparity, left, top, right, bottom);
+    if (rows * columns > 1) {
+      // How often the network halves a picture follows from its largest blur: all tiles shall have the same.
+      const row = top < y ? 0 : seen.height - 1;
+      const column = left < x ? 0 : seen.width - 1;
+      seen.data.fill(most.code, 4 * (row * seen.width + column), 4 * (row * seen.width + column) + 3);
+    }
+    const picture = await renderBokeh(await session, part(photo, left, top, right, bottom), seen, numbers);
+    await pause();
+    if (id !== latest) return;
+    const kept = part(picture, x - left, y - top, Math.min(x + wide, width) - left, Math.min(y + tall, height) - top);
+    context.putImageData(kept, x, y);
+    const share = (at + 1) / (rows * columns);
+    for (let row = 0; row < kept.height; row += BAND) {
+      const height = Math.min(BAND, kept.height - row);
+      postMessage({ tile: await createImageBitmap(kept, 0, row, kept.width, height), x, y: y + row, id, share });
+    }
+  }
+  const seconds = (performance.now() - start) / 1000;
+  postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
+}
+
+async function answer({ id, model, open, focusAt, numbers }) {
+  try {
+    if (model) session = ort.InferenceSession.create(model);
+    if (open) {
+      photo = await pixels(open.photo);
+      disparity = await pixels(open.disparity, photo);
+      postMessage({ opened: { width: photo.width, height: photo.height, threads: ort.env.wasm.numThreads } });
+    }
+    if (focusAt) {
+      const at = Math.round(focusAt.y * (photo.height - 1)) * photo.width + Math.round(focusAt.x * (photo.width - 1));
+      postMessage({ focus: disparity.data[4 * at] / 255 });
+    }
+    if (numbers && photo && id === latest) await render(id, numbers);
+  } catch (error) {
+    postMessage({ error: error.message ?? String(error), id });
+  }
+}
+
+onmessage = ({ data }) => {
+  if (data.numbers) latest = data.id;
+  turn = turn.then(() => answer(data));
+};

@@ -1,0 +1,226 @@
+"""Videos rendered: no frame lost or doubled, all else of the file kept, whenever it is stopped."""
+
+from fractions import Fraction
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bokehnet.cli.app import run
+from bokehnet.errors import BokehnetError
+from bokehnet.io.image import write_map
+from bokehnet.io.video import join_segments, read_video, video_info, write_segment
+from bokehnet.rendering import video as video_module
+from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.rendering.sequence import Pull
+from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.video import VideoJob
+
+av = pytest.importorskip("av")
+
+BASE = Fraction(1, 24000)
+SIZE = 96, 64
+
+
+def picture(number):
+    """A frame that tells its number by eight squares of black and white."""
+    width, height = SIZE
+    colors = np.full((height, width, 3), 90, np.uint8)
+    colors[20:44, 30:60] = (40 + number, 120, 160)
+    for bit in range(8):
+        colors[:12, 12 * bit : 12 * bit + 12] = 235 * (number >> bit & 1)
+    return colors
+
+
+def numbers(path):
+    """The numbers that the frames of a video tell."""
+    found = []
+    with av.open(str(path)) as container:
+        for frame in container.decode(video=0):
+            grey = frame.to_ndarray(format="gray")
+            found.append(
+                sum(int(grey[3:9, 12 * bit + 3 : 12 * bit + 9].mean() > 128) << bit for bit in range(8))
+            )
+    return found
+
+
+def sound(path):
+    with av.open(str(path)) as container:
+        return [
+            (packet.pts * packet.time_base, bytes(packet))
+            for packet in container.demux(audio=0)
+            if packet.size
+        ]
+
+
+def make_clip(path, frames=10, codec="libx264", pixels="yuv420p", codes=(1, 1, 1), timecode="01:02:03:04"):
+    """A video of uneven times with a tone; returns its times."""
+    times, now = [], 0
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=24, options={"crf": "8", "x265-params": "log-level=error"})
+        stream.width, stream.height, stream.pix_fmt = *SIZE, pixels
+        context = stream.codec_context
+        context.time_base, context.color_range = BASE, 1
+        context.color_primaries, context.color_trc, context.colorspace = codes
+        stream.time_base = BASE
+        stream.metadata["timecode"] = timecode
+        tone = container.add_stream("aac", rate=48000)
+        for number in range(frames):
+            frame = av.VideoFrame.from_ndarray(picture(number), "rgb24").reformat(format=pixels)
+            frame.pts, frame.time_base = now, BASE
+            times.append(now)
+            now += 1000 if number % 3 else 1700
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+        wave = (9000 * np.sin(np.arange(int(48000 * now * BASE)) / 17)).astype(np.int16)
+        for start in range(0, len(wave) - 1024, 1024):
+            frame = av.AudioFrame.from_ndarray(wave[None, start : start + 1024], format="s16", layout="mono")
+            frame.sample_rate, frame.pts, frame.time_base = 48000, start, Fraction(1, 48000)
+            container.mux(tone.encode(frame))
+        container.mux(tone.encode(None))
+    return tuple(times)
+
+
+def job(clip, output, codec="h264", **options):
+    told = {"input": {"constant_disparity": 0.5}, "camera": {"blur": 4}, "focus": {"value": 0.25}}
+    settings = RenderSettings().updated(told | {"engine": {"name": "scatter"}})
+    return VideoJob(info=video_info(clip), output=output, settings=settings, codec=codec, **options)
+
+
+def test_times_sound_and_timecode_are_kept(tmp_path):
+    times = make_clip(tmp_path / "clip.mp4")
+    job(tmp_path / "clip.mp4", tmp_path / "out.mp4").run(BokehRenderer("scatter"))
+    found = video_info(tmp_path / "out.mp4")
+    assert found.times == times
+    assert found.timecode == "01:02:03:04"
+    assert numbers(tmp_path / "out.mp4") == list(range(10))
+    assert sound(tmp_path / "out.mp4") == sound(tmp_path / "clip.mp4")
+    assert not (tmp_path / ".bokehnet-video-out.mp4").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixels"),
+    [
+        ("out.mp4", "h265", "yuv420p10le"),
+        ("out.mov", "prores", "yuv422p10le"),
+        ("out.mkv", "ffv1", "yuv420p10le"),
+    ],
+)
+@pytest.mark.parametrize("transfer", [16, 18])
+def test_ten_bits_and_the_tags_of_hdr_are_kept(tmp_path, name, codec, pixels, transfer):
+    make_clip(tmp_path / "clip.mov", 3, "libx265", "yuv420p10le", (9, transfer, 9))
+    job(tmp_path / "clip.mov", tmp_path / name, codec).run(BokehRenderer("scatter"))
+    found = video_info(tmp_path / name)
+    assert (found.pixels, found.codes, found.full) == (pixels, (9, transfer, 9), False)
+
+
+@pytest.mark.parametrize(("codes", "least"), [((1, 1, 1), 60), ((9, 16, 9), 60), ((9, 18, 9), 60)])
+def test_light_survives_a_file_without_loss(tmp_path, codes, least):
+    """FFV1 stores numbers as they are: what is left is rounding to 10 bits and chroma's halves."""
+    make_clip(tmp_path / "clip.mov", 3, "libx265", "yuv420p10le", codes)
+    info = video_info(tmp_path / "clip.mov")
+    frames = list(read_video(info))
+    write_segment(tmp_path / "0.npz", info, zip(info.times, frames, strict=True), "ffv1")
+    join_segments(tmp_path / "out.mkv", info, [tmp_path / "0.npz"], "ffv1")
+    again = list(read_video(video_info(tmp_path / "out.mkv")))
+    for before, after in zip(frames, again, strict=True):
+        difference = info.space.encode(before) - info.space.encode(after)
+        inner = difference[24:40, 34:56]  # where chroma has no edges
+        assert -10 * np.log10(np.mean(inner**2)) > least
+
+
+def test_a_run_that_is_stopped_goes_on_without_rendering_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(video_module, "SEGMENT", 4)
+    make_clip(tmp_path / "clip.mp4", 14)
+    whole, parts = tmp_path / "whole.mp4", tmp_path / "parts.mp4"
+    job(tmp_path / "clip.mp4", whole).run(BokehRenderer("scatter"))
+
+    class Stopping(BokehRenderer):
+        left = 6
+
+        def render(self, *given, **options):
+            self.left -= 1
+            if self.left < 0:
+                raise KeyboardInterrupt
+            return super().render(*given, **options)
+
+    renderer = Stopping("scatter")
+    for _ in range(2):
+        renderer.left = 6
+        with pytest.raises(KeyboardInterrupt):
+            job(tmp_path / "clip.mp4", parts).run(renderer)
+        assert not parts.exists()
+    renderer.left = 99
+    report = job(tmp_path / "clip.mp4", parts).run(renderer)
+    assert (report.frames, report.rendered) == (14, 6)
+    assert numbers(parts) == list(range(14))
+    assert parts.read_bytes() == whole.read_bytes()
+
+
+def test_segments_of_other_settings_are_not_taken(tmp_path, monkeypatch):
+    monkeypatch.setattr(video_module, "join_segments", lambda *given: None)
+    monkeypatch.setattr(video_module.shutil, "rmtree", lambda *given, **options: None)
+    make_clip(tmp_path / "clip.mp4", 3)
+    first = job(tmp_path / "clip.mp4", tmp_path / "out.mp4")
+    first.run(BokehRenderer("scatter"))
+    assert first.run(BokehRenderer("scatter")).rendered == 0
+    monkeypatch.undo()
+    other = job(tmp_path / "clip.mp4", tmp_path / "out.mp4", pull=Pull(keys={}), steady=False)
+    assert other.run(BokehRenderer("scatter")).rendered == 3
+
+
+def test_a_pull_moves_the_focus_from_the_first_frame_to_the_last(tmp_path):
+    make_clip(tmp_path / "clip.mp4", 5)
+    words = ["render", str(tmp_path / "clip.mp4"), "-o", str(tmp_path / "out.mkv"), "-q"]
+    words += ["--constant-disparity", "0.5", "--blur", "20", "--focus-from", "0.5", "--focus-to", "0.9"]
+    assert run([*words, "--engine", "scatter"]) == 0
+    sharp = [
+        np.abs(np.diff(frame[20:44], axis=1)).max() for frame in read_video(video_info(tmp_path / "out.mkv"))
+    ]
+    assert all(before > after for before, after in pairwise(sharp))
+
+
+def test_maps_of_a_folder_are_taken_by_name_and_made_steady(tmp_path, capsys):
+    make_clip(tmp_path / "clip.mp4", 4)
+    maps, rng = tmp_path / "maps", np.random.default_rng(0)
+    maps.mkdir()
+    for number in range(4):
+        values = 0.3 + 0.4 * np.tile(np.linspace(0, 1, 96, dtype=np.float32), (64, 1))
+        write_map(maps / f"{number}.png", values + 0.01 * rng.standard_normal((64, 96)).astype(np.float32))
+    words = ["render", str(tmp_path / "clip.mp4"), "-o", str(tmp_path / "out.mp4"), "--disparity", str(maps)]
+    words += ["--blur", "8", "--focus", "0.5", "--engine", "scatter"]
+    assert run(words) == 0
+    assert "4 frames of 96x64, h264, maps made steady" in capsys.readouterr().err
+    (maps / "3.png").unlink()
+    assert run([*words[:3], str(tmp_path / "less.mp4"), *words[4:]]) == 1
+    assert "a map for each of 4 frames, got 3 in" in capsys.readouterr().err
+    assert not (tmp_path / "less.mp4").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["-o", "out.png"], "--output"),
+        (["-o", "clip.mp4"], "another file than the video"),
+        (["-o", "out.mp4", "--video-codec", "prores"], "h264 or h265 in MP4"),
+        (["-o", "out.mp4", "--frames", "1-2"], "--frames: expected none for a video"),
+        (["-o", "out.mp4", "--save-maps", "maps"], "--save-maps: expected none for a video"),
+    ],
+)
+def test_what_does_not_fit_a_video_is_told_in_a_line(tmp_path, capsys, monkeypatch, words, told):
+    monkeypatch.chdir(tmp_path)
+    make_clip(tmp_path / "clip.mp4", 2)
+    before = (tmp_path / "clip.mp4").read_bytes()
+    flat = ["--constant-disparity", "0.5", "--blur", "2", "--focus", "0.5"]
+    assert run(["render", "clip.mp4", *flat, *words]) == 1
+    error = capsys.readouterr().err.strip()
+    assert told in error
+    assert "\n" not in error
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
+    assert (tmp_path / "clip.mp4").read_bytes() == before
+
+
+def test_a_file_that_is_no_video_is_told_by_name(tmp_path):
+    (tmp_path / "no.mp4").write_bytes(b"nothing of the kind")
+    with pytest.raises(BokehnetError, match=r"no\.mp4: expected a video"):
+        video_info(tmp_path / "no.mp4")
