@@ -74,8 +74,8 @@ class Distribution:
         points = np.stack([halton_points(count, base, start) for base in self._bases], -1)
         return torch.from_numpy(points.astype(np.float32)).to(self._shifts.device)
 
-    def lens_samples(self, points: Tensor, pixels: slice) -> LensSamples:
-        """What the camera rays of ``pixels`` need for ``points`` (S, D)."""
+    def lens_samples(self, points: Tensor, pixels: Tensor) -> LensSamples:
+        """What the camera rays of ``pixels`` (P,) need for ``points`` (S, D)."""
 
         def shifted(dimension: int) -> Tensor:
             return rotate_points(points[:, dimension, None], self._shifts[dimension, pixels]).flatten()
@@ -87,11 +87,11 @@ class Distribution:
             wavelength=shifted(_WAVELENGTH),
         )
 
-    def path_number(self, points: Tensor, pixels: slice, dimension: Tensor, row: Tensor) -> Tensor:
+    def path_number(self, points: Tensor, pixels: Tensor, dimension: Tensor, row: Tensor) -> Tensor:
         """Number (M,) of a path's ``dimension`` (M,) for rays ``row`` (M,) of :meth:`lens_samples`."""
-        width = len(range(*pixels.indices(self._shifts.shape[1])))
+        width = len(pixels)
         place = _BOUNCES + dimension
-        sample, pixel = torch.div(row, width, rounding_mode="floor"), pixels.start + row % width
+        sample, pixel = torch.div(row, width, rounding_mode="floor"), pixels[row % width]
         return rotate_points(points[sample, place], self._shifts[place, pixel])
 
 

@@ -1,6 +1,6 @@
 """Pictures of a world, sample by sample: what is there after some samples can be kept and carried on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -30,13 +30,36 @@ class Accumulation:
         bokeh: Scene-linear picture through the whole pupil, (H, W, 3).
         all_in_focus: The same through the middle of the pupil, (H, W, 3).
         coverage: Share of the pixel's light cone that meets a body, (H, W).
-        samples: How many there are of each pixel.
+        samples: How many there are of each pixel, in the mean.
+        counts: How many of each, (H, W) int64; None for as many of all.
+        variance: Of one sample of each pixel, see :mod:`bokehnet.raytrace.adaptive`, (H, W); None if that is
+            not known.
     """
 
     bokeh: Tensor
     all_in_focus: Tensor
     coverage: Tensor
     samples: int
+    counts: Tensor | None = None
+    variance: Tensor | None = None
+
+    def stacked(self) -> Tensor:
+        """All means, (H, W, 7)."""
+        return torch.cat([self.bokeh, self.all_in_focus, self.coverage[..., None]], -1)
+
+    @classmethod
+    def from_stacked(
+        cls, means: Tensor, samples: int, counts: Tensor | None = None, variance: Tensor | None = None
+    ) -> "Accumulation":
+        """The inverse of :meth:`stacked`."""
+        return cls(
+            bokeh=means[..., :3],
+            all_in_focus=means[..., 3:6],
+            coverage=means[..., 6],
+            samples=samples,
+            counts=counts,
+            variance=variance,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -145,18 +168,23 @@ class Tracer:
         """
         block = max(1, self._most // self._pixels)
         stop = min(samples, (so_far.samples // block + 1) * block)
-        points = self._distribution.points(so_far.samples, stop - so_far.samples)
-        means = torch.cat([so_far.bokeh, so_far.all_in_focus, so_far.coverage[..., None]], -1)
-        means = means.reshape(self._pixels, 7).clone()
-        for first in range(0, self._pixels, self._most):
-            pixels = slice(first, min(first + self._most, self._pixels))
-            seen = self._trace(points, pixels)
+        means = so_far.stacked().reshape(self._pixels, 7).clone()
+        everywhere = torch.arange(self._pixels, device=self._device)
+        for pixels, seen in self.trace(everywhere, so_far.samples, stop - so_far.samples):
             for offset, values in enumerate(seen):
                 means[pixels] += (values - means[pixels]) / (so_far.samples + offset + 1)
-        means = means.reshape(*so_far.coverage.shape, 7)
-        return Accumulation(
-            bokeh=means[..., :3], all_in_focus=means[..., 3:6], coverage=means[..., 6], samples=stop
-        )
+        return Accumulation.from_stacked(means.reshape(*self._size, 7), stop)
+
+    @torch.no_grad()
+    def trace(self, pixels: Tensor, start: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Trace ``count`` samples of ``pixels`` (P,) from their sample ``start`` on.
+
+        Yields:
+            Some of the pixels, (Q,), and bokeh, all-in-focus and coverage of their samples, (count, Q, 7).
+        """
+        points = self._distribution.points(start, count)
+        for part in pixels.split(self._most):
+            yield part, self._trace(points, part)
 
     def render(self, samples: int, progress: Callable[[int, int], None] | None = None) -> Accumulation:
         """Return the means of ``samples`` samples; ``progress`` is told how many are done."""
@@ -168,7 +196,7 @@ class Tracer:
                 progress(state.samples, samples)
         return state
 
-    def _trace(self, points: Tensor, pixels: slice) -> Tensor:
+    def _trace(self, points: Tensor, pixels: Tensor) -> Tensor:
         """Bokeh, all-in-focus and coverage, (S, P, 7), of ``points`` (S, D) for P pixels."""
         samples = self._distribution.lens_samples(points, pixels)
         sharp = LensSamples(
@@ -182,7 +210,7 @@ class Tracer:
         return torch.cat([color, pinhole, coverage[:, None]], -1).reshape(len(points), -1, 7)
 
     def _see(
-        self, points: Tensor, pixels: slice, samples: LensSamples, dispersion: bool
+        self, points: Tensor, pixels: Tensor, samples: LensSamples, dispersion: bool
     ) -> tuple[Tensor, Tensor]:
         """Colour (M, 3) and coverage (M,) of samples, weighted by what the lens lets through."""
         sensor = self._sensor[pixels].repeat(len(points), 1)
