@@ -24,7 +24,8 @@ OPTIONS = {
         --layers --matte --supersampled
         --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
         --quiet --verbose --json -q -v
-        --tilt-y --vignette --vignette-radius --vignette-roundness --vignette-softness --weights
+        --tilt-y --vignette --vignette-color-loss --vignette-radius --vignette-roundness
+        --vignette-softness --weights
     """,
     "compare": """
         --crop --engines --html --output --truth
@@ -57,8 +58,8 @@ OPTIONS = {
         --config --out --ray --workers
     """,
     "trace": """
-        --device --fresh --height --layers --output --samples
-        --seed --width
+        --adaptive --device --fresh --height --layers --method --output --ray --samples
+        --seed --tiles --views --width
     """,
     "warm-up": """
         --all
