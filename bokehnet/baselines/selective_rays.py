@@ -23,6 +23,7 @@ from bokehnet.baselines.scatter_as_you_gather import tan
 from bokehnet.checks import check_above, check_choice, check_same_size, check_whole
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses.base import LensModel
+from bokehnet.optics.sample_allocation import Allocation
 from bokehnet.optics.sampling import disc_from_square
 
 __all__ = ["RULES", "SelectiveResult", "TraceRays", "lens_rays", "selective_rays", "traced"]
@@ -45,6 +46,9 @@ _FARTHEST, _SHARP = 6, 0.5 * np.sqrt(2)
 # Variance of the mean, in luminance, below which a pixel has rays enough; window over which errors are
 # expected alike, pixels; and what part of its rays a pixel keeps whose post-process seems right.
 _ENOUGH, _WINDOW, _LEAST_DOUBT = 2e-5, 2.0, 0.1
+
+# How often what a pixel may not send is given to others.
+_ROUNDS = 4
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -169,6 +173,7 @@ def selective_rays(
     budget: float | None = None,
     post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] = tan,
     specular: np.ndarray | None = None,
+    allocation: Allocation | None = None,
     seed: int = 0,
 ) -> SelectiveResult:
     """Render by post-process, and by rays where it is not to be trusted.
@@ -189,6 +194,9 @@ def selective_rays(
         budget: Rays of a pixel over all frames, in the mean of the picture, that are not to be passed.
         post_process: Blurs a picture by its defocus in pixels.
         specular: Pixels whose lights take the post-process, as published, (H, W) bool.
+        allocation: With ``ours``, from the second frame on: which pixels send the rays of a frame, by how
+            much their noise shows in the mixture (:mod:`bokehnet.optics.sample_allocation`). None: each as
+            many as would make its own noise invisible.
         seed: Of the rays.
 
     Raises:
@@ -211,7 +219,13 @@ def selective_rays(
     for frame in range(frames):
         share = _share(moments, wanted, post.reshape(-1, 3), size, rule, frame)
         counts = np.round(share * most)
-        if budget is not None and counts.mean() > budget / frames:
+        if allocation is not None and rule == "ours" and frame:
+            limit = counts.sum()
+            if budget is not None:  # what earlier frames left goes on
+                limit = (budget * (frame + 1) / frames) * defocus.size - moments.rays.sum()
+            shown = _shown_variance(moments, post.reshape(-1, 3), size) * (wanted > 0)
+            counts = _capped(allocation, shown, moments.rays, int(limit), most)
+        elif budget is not None and counts.mean() > budget / frames:
             counts = np.floor(share * most * (budget / frames / counts.mean()) + rng.random(defocus.size))
         pixels = np.repeat(np.arange(defocus.size), counts.astype(np.int64))
         if len(pixels):
@@ -259,6 +273,24 @@ def _share(
         return np.clip(wanted + _FOR_RAYS * variance, 0, 1) * (wanted > 0)
     noise, taken = _expected_error(moments, post, size)
     return np.clip(noise * (taken + _LEAST_DOUBT) / _ENOUGH, 0, 1) * (wanted > 0)
+
+
+def _capped(
+    allocation: Allocation, variance: np.ndarray, sent: np.ndarray, budget: int, most: int
+) -> np.ndarray:
+    """Rays of each pixel, none with more than ``most``; what that cuts off goes to the others."""
+    counts = np.zeros(len(sent), np.int64)
+    for _ in range(_ROUNDS):
+        left = budget - int(counts.sum())
+        counts = np.minimum(counts + allocation(variance * (counts < most), sent + counts, left), most)
+    return counts
+
+
+def _shown_variance(moments: _Moments, post: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Variance of one ray's luminance, mean around each pixel, as far as the mixture shows it, (H * W,)."""
+    taken = _expected_error(moments, post, size)[1]
+    shown: np.ndarray = (taken + _LEAST_DOUBT) ** 2 * _around(moments.variance, size)
+    return shown
 
 
 def _smoothed(
