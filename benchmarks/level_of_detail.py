@@ -25,7 +25,7 @@ _ROWS, _LEVELS, _TRUTH = 256, 11, 256
 
 
 def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshObject:
-    """A bumpy ball lit from above; each level leaves out every other line of its grid, in turns."""
+    """A bumpy ball lit from above; each level has every other line of the last one's grid, smoothed."""
     rng = np.random.default_rng(seed)
     down, around = np.linspace(0, math.pi, _ROWS + 1), np.linspace(0, 2 * math.pi, _ROWS + 1)
     theta, phi = np.meshgrid(down, around, indexing="ij")
@@ -43,16 +43,25 @@ def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshOb
     lit = 0.15 + 0.85 * np.clip(-normal @ np.array([0.3, 0.8, 0.5]), 0, 1)
     paint = rng.uniform(0.2, 0.9, (2, 3))
     colors = np.where((stripes > 0)[..., None], paint[0], paint[1]) * lit[..., None]
-    levels, step = [], [1, 1]
+    levels, values = [], np.concatenate([points + np.array(centre), colors], -1)
     for level in range(_LEVELS):
-        grid = points[:: step[0], :: step[1]] + np.array(centre)
+        if level:
+            values = halved(values, (level - 1) % 2)
+        grid = values[..., :3]
         rows, columns = grid.shape[:2]
         index = np.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
         faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([d, c, b], -1).reshape(-1, 3)])
-        levels.append((grid.reshape(-1, 3), colors[:: step[0], :: step[1]].reshape(-1, 3), faces))
-        step[level % 2] *= 2
+        levels.append((grid.reshape(-1, 3).copy(), values[..., 3:].reshape(-1, 3).copy(), faces))
     return MeshObject(levels=tuple(levels))
+
+
+def halved(values: np.ndarray, axis: int) -> np.ndarray:
+    """Every other line of a grid along an axis, each with a quarter of both that it loses; ends stay."""
+    lines = np.moveaxis(values, axis, 0)
+    kept = lines[::2].copy()
+    kept[1:-1] = 0.5 * lines[2:-1:2] + 0.25 * (lines[1:-2:2] + lines[3::2])
+    return np.moveaxis(kept, 0, axis)
 
 
 def scene() -> list[MeshObject]:
@@ -121,20 +130,28 @@ def main() -> None:
     shown, pictures = encode(truth), [truth]
     print(f"{whole} triangles, {_PICTURE.width}x{_PICTURE.height} pixels")
     print(f"{'N':>4s}{'S':>3s}  {'saves by':22s}{'seconds':>9s}{'triangles':>11s}{'PSNR':>8s}{'SSIM':>8s}")
-    ways = [(count, 0, False, False) for count in (16, 32, 64, 128)]
-    ways += [(32, 0, True, False), (32, 0, False, True), (32, 0, True, True)]
-    ways += [(16, 8, True, True), (32, 4, True, True), (64, 0, True, True), (32, 4, False, False)]
-    for views, subsamples, levels, reuse in ways:
+    ways = [(count, 0, None, False) for count in (16, 32, 64, 128)]
+    ways += [(32, 0, 0, False), (32, 0, 2, False), (32, 0, 4, False), (32, 0, None, True)]
+    ways += [(32, 0, 2, True), (16, 8, 2, True), (32, 4, 2, True), (64, 0, 2, True), (32, 4, None, False)]
+    for views, subsamples, finer, reuse in ways:
         begun = process_time()
         found = render_views(
-            objects, _LENS, _PICTURE, views, levels=levels, reuse=reuse, blur=blurred(views, subsamples)
+            objects,
+            _LENS,
+            _PICTURE,
+            views,
+            levels=finer is not None,
+            finer=finer or 0,
+            reuse=reuse,
+            blur=blurred(views, subsamples),
         )
         seconds, got = process_time() - begun, encode(found.bokeh)
-        label = " ".join(["levels"] * levels + ["reuse"] * reuse) or "nothing"
+        words = [] if finer is None else [f"levels, {finer} finer" if finer else "levels"]
+        label = ", ".join(words + ["reuse"] * reuse) or "nothing"
         share = found.triangles / (views * whole)
         quality = f"{psnr((got - shown) ** 2):8.2f}{similarity(shown, got)[0]:8.4f}"
         print(f"{views:4d}{subsamples:3d}  {label:22s}{seconds:9.2f}{share:11.1%}{quality}", flush=True)
-        if (views, subsamples) == (32, 4) and levels:
+        if (views, subsamples) == (32, 4) and reuse:
             pictures.append(found.bokeh)
     for level in (0, _LEVELS - 1):
         count = sum(len(thing.levels[level][2]) for thing in objects)

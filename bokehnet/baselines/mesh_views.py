@@ -146,6 +146,7 @@ def render_views(
     views: int,
     *,
     levels: bool = False,
+    finer: float = 0.0,
     reuse: bool = False,
     blur: Blur | None = None,
 ) -> Views:
@@ -158,6 +159,7 @@ def render_views(
         views: How many points of the pupil, from 1 up.
         levels: Draw objects by as many triangles as their blur asks for; of a level between two, so large a
             share of the views is drawn by the coarser one.
+        finer: By how many levels finer than the formula says, as colours of a size below the blur still show.
         reuse: Draw an object once for all views in which it falls on the same whole pixels.
         blur: Blurs each view.
 
@@ -171,7 +173,7 @@ def render_views(
     light, inverse = np.zeros((views, *size, 3), np.float32), np.zeros((views, *size), np.float32)
     drawn = 0
     for thing in objects:
-        level = _level(thing, lens, picture, scale) if levels else 0.0
+        level = max(_level(thing, lens, picture, scale) - finer, 0.0) if levels else 0.0
         for chosen, group in _groups(thing, lens, picture, points, level, reuse):
             corners, colors, faces = thing.levels[chosen]
             parent = group[0]
@@ -197,7 +199,7 @@ def render_views(
 
 
 def _level(thing: MeshObject, lens: ThinLens, picture: Picture, scale: float) -> float:
-    """Level of an object, at most its coarsest."""
+    """Level of an object by the formula, at most its coarsest."""
     corners = thing.levels[0][0]
     low, high = corners.min(0), corners.max(0)
     radius = float(np.linalg.norm(high - low)) / 2 / float((low[2] + high[2]) / 2) * scale
