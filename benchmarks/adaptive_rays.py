@@ -1,8 +1,8 @@
 """Samples where they differ, and multi-view accumulation: ``python -m benchmarks.adaptive_rays``.
 
 Prints PSNR on the clipped sRGB picture against the tracer's own truth, of as many samples a pixel spread
-evenly, by their variance (:mod:`bokehnet.raytrace.adaptive`) and in views that all pixels share; and how close
-accumulation comes to the distribution tracer, through a thin lens and through a prescription.
+evenly, by their variance (:mod:`bokehnet.raytrace.adaptive`) and in views that all pixels share: how close
+accumulation comes to the distribution tracer, through the scene's lens or one of the catalog.
 """
 
 import argparse
@@ -21,8 +21,8 @@ from train.metrics import encode, psnr
 _CONFIGS = Path(__file__).parents[1] / "configs"
 
 
-def _score(film: Accumulation, truth: np.ndarray) -> float:
-    return psnr((encode(film.bokeh.numpy()) - truth) ** 2)
+def _score(film: Accumulation, shown: np.ndarray) -> float:
+    return psnr((encode(film.bokeh.numpy()) - shown) ** 2)
 
 
 def _pictures(job: SceneJob, samples: int) -> dict[str, Accumulation]:
@@ -50,7 +50,11 @@ def main() -> None:
         overrides = {**size, "render.seed": 1}
         if arguments.lens is not None:
             focal_length = load_lens(arguments.lens).focal_length
-            overrides |= {"lens.name": arguments.lens, "lens.focal_length": focal_length, "lens.f_number": None}
+            overrides |= {
+                "lens.name": arguments.lens,
+                "lens.focal_length": focal_length,
+                "lens.f_number": None,
+            }
         job = read_scene(_CONFIGS / f"scene_{name}.toml", overrides)
         truth = replace(job, render=replace(job.render, seed=2)).tracer().render(arguments.truth)
         shown = encode(truth.bokeh.numpy())

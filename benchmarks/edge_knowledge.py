@@ -3,8 +3,8 @@
 FOLDER holds path-traced scenes as :func:`train.evaluation_sets.path_traced_pictures` reads them; those with
 ``image_4x.exr`` and ``depth_4x.exr``, at four times the size, are rendered from one sample a pixel, with
 ``input.supersampled``, and at four times the size whole, filtered down as the truth's pixels are: what exact
-edges are worth. The last line of a scene is the share of that gain that is reached. Edge PSNR is that of :mod:`train.metrics`; seconds are those of the processor, for
-everything from the read scene to the picture.
+edges are worth. The last line of a scene is the share of that gain that is reached. Edge PSNR is that of
+:mod:`train.metrics`; seconds are those of the processor, for everything from the read scene to the picture.
 """
 
 import argparse

@@ -51,9 +51,7 @@ def pan(frames: int = _FRAMES) -> list[Frame]:
     scene = random_clutter(np.random.default_rng(_SEED), config).scene
 
     def view(samples: int, seed: int) -> View:
-        return View(
-            width=_WIDTH, height=_HEIGHT, pixel_pitch=config.pixel_pitch, samples=samples, seed=seed
-        )
+        return View(width=_WIDTH, height=_HEIGHT, pixel_pitch=config.pixel_pitch, samples=samples, seed=seed)
 
     pinhole = ThinLens(focal_length=config.sensor_distance, f_number=1.0)
     nearest = 0.9 / float(scene.disparity(pinhole, view(1, 0)).max())

@@ -36,7 +36,9 @@ def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshOb
         bumps += 0.15 * wave / max(a, b)
         stripes += wave
     r = radius * (1 + bumps)
-    points = np.stack([r * np.sin(theta) * np.cos(phi), r * np.cos(theta), r * np.sin(theta) * np.sin(phi)], -1)
+    points = np.stack(
+        [r * np.sin(theta) * np.cos(phi), r * np.cos(theta), r * np.sin(theta) * np.sin(phi)], -1
+    )
     normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
     normal *= np.sign((normal * points).sum(-1, keepdims=True))
@@ -51,7 +53,9 @@ def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshOb
         rows, columns = grid.shape[:2]
         index = np.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-        faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([d, c, b], -1).reshape(-1, 3)])
+        faces = np.concatenate(
+            [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([d, c, b], -1).reshape(-1, 3)]
+        )
         levels.append((grid.reshape(-1, 3).copy(), values[..., 3:].reshape(-1, 3).copy(), faces))
     return MeshObject(levels=tuple(levels))
 
@@ -68,7 +72,8 @@ def scene() -> list[MeshObject]:
     """Balls on a diagonal from the near left to the far right."""
     depths = (500, 700, 900, 1200, 1500, 1900, 2500, 3500, 5000)
     return [
-        ball((z * (-0.16 + 0.04 * k), z * 0.05 * (-1) ** k, float(z)), 0.055 * z, k) for k, z in enumerate(depths)
+        ball((z * (-0.16 + 0.04 * k), z * 0.05 * (-1) ** k, float(z)), 0.055 * z, k)
+        for k, z in enumerate(depths)
     ]
 
 
@@ -94,10 +99,10 @@ def blurred(views: int, count: int):  # type: ignore[no-untyped-def]
 
 def embree(objects: list[MeshObject], level: int, rays: int) -> float:
     """Seconds for rays through the pupil, on objects of one level, once the tree stands."""
+    import torch
+
     from bokehnet.raytrace.meshes import Mesh
     from bokehnet.raytrace.space import SpaceRays
-
-    import torch
 
     parts, count = [], 0
     corners = np.concatenate([thing.levels[level][0] for thing in objects])

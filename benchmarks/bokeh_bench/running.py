@@ -81,7 +81,9 @@ def by_command(command: str) -> Render:
     """
     named = set(re.findall(r"\{(\w*)\}", command))
     if unknown := named - set(_NAMES):
-        raise ParameterError("--method", f"placeholders {', '.join(_NAMES)}", shown=", ".join(sorted(unknown)))
+        raise ParameterError(
+            "--method", f"placeholders {', '.join(_NAMES)}", shown=", ".join(sorted(unknown))
+        )
     if not named & {"out", "out_png"}:
         raise ParameterError("--method", "{out} or {out_png}, where the picture goes", shown="neither")
 
@@ -126,7 +128,9 @@ def score_scene(folder: Path, render: Render) -> Iterator[dict[str, Any]]:
         seconds = time.perf_counter() - start
         if picture.shape != shot.truth.shape or not np.isfinite(picture).all():
             found = "NaN or infinity" if picture.shape == shot.truth.shape else f"{picture.shape}"
-            raise DataFileError(f"{folder.name}/{told['file']}: expected finite {shot.truth.shape}, got {found}")
+            raise DataFileError(
+                f"{folder.name}/{told['file']}: expected finite {shot.truth.shape}, got {found}"
+            )
         wanted, got = encode(shot.truth), encode(picture)
         squared = (got - wanted) ** 2
         yield {

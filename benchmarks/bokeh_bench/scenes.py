@@ -1,4 +1,4 @@
-"""The scenes of the benchmark: drawn from seeds, traced through a thin lens, and checked against what is pinned.
+"""The scenes of the benchmark: drawn from seeds, traced through a thin lens, checked against what is pinned.
 
 A scene is traced by a camera whose sensor stands ``_SENSOR_DISTANCE`` behind the lens whatever it focuses on,
 so that focusing does not zoom. What is told of it is scaled by one factor, depth and pupil alike, so that the
@@ -126,9 +126,7 @@ def make_scene(name: str, folder: Path) -> dict[str, Any]:
     clutter = random_clutter(np.random.default_rng(recipe.seed), config)
 
     def view(samples: int, seed: int) -> View:
-        return View(
-            width=_WIDTH, height=_HEIGHT, pixel_pitch=config.pixel_pitch, samples=samples, seed=seed
-        )
+        return View(width=_WIDTH, height=_HEIGHT, pixel_pitch=config.pixel_pitch, samples=samples, seed=seed)
 
     pinhole, disc = ThinLens(focal_length=_SENSOR_DISTANCE, f_number=1.0), Aperture()
     inverse = clutter.scene.disparity(pinhole, view(1, 0)).astype(np.float64)  # 1/mm

@@ -8,8 +8,8 @@ same pixels share its picture; and each view is blurred by what lies between it 
 Faults: an object is at one level of detail, whatever of it is blurred; pictures that views share are moved by
 whole pixels, so that what is sharp is not antialiased.
 
-Source: Jeong et al., "Real-time defocus rendering with level of detail and sub-sample blur", Computer Graphics
-Forum 2013, as thesis 002 tells it, eqs. 3.3 and 3.4; Haeberli and Akeley, SIGGRAPH 1990.
+Source: Jeong et al., "Real-time defocus rendering with level of detail and sub-sample blur", Computer
+Graphics Forum 2013, as thesis 002 tells it, eqs. 3.3 and 3.4; Haeberli and Akeley, SIGGRAPH 1990.
 """
 
 import math

@@ -34,7 +34,10 @@ def n_buffers(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = [values], [values]
     step = 1
     while step < max(height, width):
-        down, right = np.minimum(np.arange(height) + step, height - 1), np.minimum(np.arange(width) + step, width - 1)
+        down, right = (
+            np.minimum(np.arange(height) + step, height - 1),
+            np.minimum(np.arange(width) + step, width - 1),
+        )
         for kept, of in ((low, np.minimum), (high, np.maximum)):
             last = kept[-1]
             kept.append(of(of(last, last[down]), of(last[:, right], last[down][:, right])))

@@ -1,4 +1,4 @@
-"""Tiles of one picture on a Ray cluster: each is a task, and a task whose worker dies is done again elsewhere."""
+"""Tiles of a picture on a Ray cluster: each is a task; one whose worker dies is done again elsewhere."""
 
 import contextlib
 from collections.abc import Iterable, Iterator

@@ -28,8 +28,8 @@ def trace(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="distribution: each pixel's rays fill the pupil (default); accumulation: whole pictures, each "
-            "from one point of it; peeled: surfaces one behind the other.",
+            help="distribution: each pixel's rays fill the pupil (default); accumulation: whole pictures, "
+            "each from one point of it; peeled: surfaces one behind the other.",
         ),
     ] = None,
     samples: Annotated[int | None, typer.Option(min=1, help="Of each pixel; default: the scene's.")] = None,
@@ -177,7 +177,8 @@ def _trace_film(job: Any, output: Path, device: str, fresh: bool, advance: Any) 
     try:
         with progress("tracing samples") as report:
             report(begun, wanted)
-            for film in advance(film, wanted):
+            for after in advance(film, wanted):
+                film = after
                 report(min(film.samples, wanted), wanted)
     finally:
         if film.samples > begun:

@@ -28,9 +28,9 @@ class Material:
     Attributes:
         color: Share of light that is scattered evenly, scene-linear RGB.
         specular: Share of light that is reflected by the glossy lobe, as metals do: at all angles alike.
-        translucency: Share of light that goes through, spread by the same lobe: frosted glass, or with a small
-            roughness clear glass. The sheet is thin, so that nothing is bent. Shadow rays do not pass it; the
-            light behind it is found by scattered rays.
+        translucency: Share of light that goes through, spread by the same lobe: frosted glass, or clear glass
+            with a small roughness. The sheet is thin, so that nothing is bent. Shadow rays do not pass it;
+            the light behind it is found by scattered rays.
         roughness: Width of the lobe, 0.001 to 1; small is like a mirror (:mod:`bokehnet.raytrace.ggx`).
         emission: Radiance that the surface gives off.
         texture: Scene-linear RGB times alpha, and alpha, (4, Ht, Wt); multiplies ``color`` and

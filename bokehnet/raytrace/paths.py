@@ -195,9 +195,7 @@ def _scatter(world: World, paths: _Paths, shading: _Shading, numbers: Numbers) -
 
     view = -unit(paths.rays.direction)
     lift = shading.normal * (_LIFT * shading.point.abs().amax(-1, keepdim=True))
-    even, gloss, clear = (
-        lobe.mean(-1) for lobe in (shading.diffuse, shading.specular, shading.translucency)
-    )
+    even, gloss, clear = (lobe.mean(-1) for lobe in (shading.diffuse, shading.specular, shading.translucency))
     share = even / (even + (gloss + clear)).clamp_min(1e-12)
     passing = clear / (gloss + clear).clamp_min(1e-12)  # of the glossy rays
     number = draw(_LOBE)

@@ -71,9 +71,7 @@ class SceneJob:
         """Depths (H, W, ...) of pixels along the axis of the lens, mm, along the normal of the sensor."""
         return depth_along_sensor(self.camera, depth)
 
-    def tracer(
-        self, device: torch.device | str = "cpu", rows: tuple[int, int] | None = None
-    ) -> Tracer:
+    def tracer(self, device: torch.device | str = "cpu", rows: tuple[int, int] | None = None) -> Tracer:
         """The tracer that the scene file asks for, of all rows or some."""
         return Tracer(
             self.world,
@@ -244,7 +242,9 @@ class _Reader:
                 texture=self._picture(f"{key}.material.texture", table.texture),
             )
         if not (material.reflects or any(material.emission)):
-            raise ConfigError(f"{self._path}: {key}.material: expected a color, specular, translucency or emission above 0")
+            raise ConfigError(
+                f"{self._path}: {key}.material: expected a color, specular, translucency or emission above 0"
+            )
         return Body(shape=shape, material=material, velocity=_mm(velocity), name=name or key)
 
     def _mesh(self, key: str, table: MeshTable) -> Mesh:

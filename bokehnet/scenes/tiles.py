@@ -1,5 +1,6 @@
-"""One large picture in tiles, strips of rows, that can be traced anywhere: each pixel is as in the whole picture."""
+"""A large picture in tiles, strips of rows, that can be traced anywhere: pixels are those of the whole."""
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,7 +55,7 @@ RunTiles = Callable[[list[TileTask]], Iterable[tuple[int, np.ndarray]]]
 def tile_rows(height: int, tiles: int) -> list[tuple[int, int]]:
     """Rows of each of ``tiles`` strips of nearly one height, 1 to ``height`` of them."""
     edges = [height * tile // tiles for tile in range(tiles + 1)]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(itertools.pairwise(edges))
 
 
 def run_tile(task: TileTask) -> np.ndarray:

@@ -18,7 +18,13 @@ def card(depth, half, color, centre=(0.0, 0.0), coarse=True):
     """A card of four triangles, then of two."""
     x, y = centre
     corners = np.array(
-        [(x - half, y - half, depth), (x + half, y - half, depth), (x + half, y + half, depth), (x - half, y + half, depth), (x, y, depth)]
+        [
+            (x - half, y - half, depth),
+            (x + half, y - half, depth),
+            (x + half, y + half, depth),
+            (x - half, y + half, depth),
+            (x, y, depth),
+        ]
     )
     colors = np.tile(np.array(color, float), (5, 1))
     fine = np.array([(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)])
@@ -99,7 +105,9 @@ def test_bounds_hold_all_values_around():
         window = values[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1]
         assert least <= window.min()
         assert most >= window.max()
-        wide = values[max(0, y - 2 * reach - 1) : y + 2 * reach + 2, max(0, x - 2 * reach - 1) : x + 2 * reach + 2]
+        wide = values[
+            max(0, y - 2 * reach - 1) : y + 2 * reach + 2, max(0, x - 2 * reach - 1) : x + 2 * reach + 2
+        ]
         assert least >= wide.min()
 
 

@@ -58,6 +58,7 @@ def fails(folder, cli):
 
     return check
 
+
 SCENE = """
 [camera]
 width = 24

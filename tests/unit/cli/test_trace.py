@@ -4,6 +4,7 @@ import pytest
 from bokehnet.io.channels import read_channels
 from bokehnet.io.maps import read_depth
 
+
 def test_one_file_holds_all_outputs(cli, scene, tmp_path):
     outcome = cli("trace", scene, "-o", tmp_path / "out.exr")
     assert (outcome.code, outcome.err) == (0, "")

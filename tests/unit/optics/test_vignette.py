@@ -89,7 +89,14 @@ def test_gradients_of_the_strengths():
 
 @pytest.mark.parametrize(
     "numbers",
-    [{"stops": 11}, {"stops": math.nan}, {"radius": -0.1}, {"softness": 0.0}, {"roundness": 1.5}, {"color_loss": 2}],
+    [
+        {"stops": 11},
+        {"stops": math.nan},
+        {"radius": -0.1},
+        {"softness": 0.0},
+        {"roundness": 1.5},
+        {"color_loss": 2},
+    ],
 )
 def test_a_number_out_of_range_is_told(numbers):
     name = next(iter(numbers))
@@ -98,7 +105,7 @@ def test_a_number_out_of_range_is_told(numbers):
 
 
 def test_colour_goes_towards_the_corners_and_luminance_stays():
-    """Authority: the luminance of ITU-R BT.709; half way between two colours of one luminance is their mean."""
+    """Authority: the luminance of ITU-R BT.709, which half way to grey is the same."""
     vignette = Vignette(stops=0.0, color_loss=0.5)
     share = vignette.color(np.array([[0.0, 0.0], [0.6, 0.8]]), 1.5)
     assert_allclose(share, [1, 0.5])

@@ -84,7 +84,7 @@ def test_variance_is_that_of_the_samples_and_noise_is_less_where_samples_go():
     tracer = Tracer(wall_and_ball(), view, bounces=0)
     film = advance_adaptive(tracer, tracer.begin())
     everywhere = torch.arange(view.width * view.height)
-    (_, found), = tracer.trace(everywhere, 0, 16)
+    ((_, found),) = tracer.trace(everywhere, 0, 16)
     light = found[..., :3] @ found.new_tensor([0.2126, 0.7152, 0.0722])
     assert torch.allclose(film.variance.flatten(), light.var(0, unbiased=False), atol=1e-5)
     assert torch.allclose(film.bokeh.reshape(-1, 3), found[..., :3].mean(0), atol=1e-5)
