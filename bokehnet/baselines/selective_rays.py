@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.baselines.ray_mask import gaussian, ray_mask
+from bokehnet.baselines.reprojection import History
 from bokehnet.baselines.scatter_as_you_gather import tan
 from bokehnet.checks import check_above, check_choice, check_same_size, check_whole
 from bokehnet.errors import ParameterError, ShapeError
@@ -63,6 +64,7 @@ class SelectiveResult:
         rays: How many each pixel sent, (H, W).
         hit_ratio: Share of those that met something before the plane of focus, (H, W); 0 where none was sent.
         variance: Of one ray's luminance, (H, W).
+        history: What the rays brought, for the next frame of a scene that moves.
     """
 
     bokeh: np.ndarray
@@ -70,6 +72,7 @@ class SelectiveResult:
     rays: np.ndarray
     hit_ratio: np.ndarray
     variance: np.ndarray
+    history: History
 
 
 def lens_rays(
@@ -130,6 +133,11 @@ class _Moments:
         self.count = np.zeros((2, pixels))
         self.first, self.second = np.zeros(pixels), np.zeros(pixels)
 
+    def take(self, history: History) -> None:
+        """Set out from the sums of another frame."""
+        self.light, self.count = history.light.copy(), history.count.copy()
+        self.first, self.second = history.first.copy(), history.second.copy()
+
     def add(self, pixels: np.ndarray, color: np.ndarray, near: np.ndarray) -> None:
         luminance = color @ _LUMINANCE
         for field, here in ((0, near), (1, ~near)):
@@ -174,6 +182,7 @@ def selective_rays(
     post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] = tan,
     specular: np.ndarray | None = None,
     allocation: Allocation | None = None,
+    history: History | None = None,
     seed: int = 0,
 ) -> SelectiveResult:
     """Render by post-process, and by rays where it is not to be trusted.
@@ -197,6 +206,7 @@ def selective_rays(
         allocation: With ``ours``, from the second frame on: which pixels send the rays of a frame, by how
             much their noise shows in the mixture (:mod:`bokehnet.optics.sample_allocation`). None: each as
             many as would make its own noise invisible.
+        history: Of the last frame, moved to this one (:mod:`bokehnet.baselines.reprojection`).
         seed: Of the rays.
 
     Raises:
@@ -216,13 +226,17 @@ def selective_rays(
     wanted = ray_mask(mask, normals, depth, defocus).ravel()
     focus = float(1 / _disparity_in_focus(lens))
     moments, rng = _Moments(defocus.size), np.random.default_rng(seed)
+    if history is not None:
+        check_same_size("image", image, "history", history.depth)
+        moments.take(history)
+    sent_before = moments.rays
     for frame in range(frames):
         share = _share(moments, wanted, post.reshape(-1, 3), size, rule, frame)
         counts = np.round(share * most)
         if allocation is not None and rule == "ours" and frame:
             limit = counts.sum()
             if budget is not None:  # what earlier frames left goes on
-                limit = (budget * (frame + 1) / frames) * defocus.size - moments.rays.sum()
+                limit = (budget * (frame + 1) / frames) * defocus.size - (moments.rays - sent_before).sum()
             shown = _shown_variance(moments, post.reshape(-1, 3), size) * (wanted > 0)
             counts = _capped(allocation, shown, moments.rays, int(limit), most)
         elif budget is not None and counts.mean() > budget / frames:
@@ -250,9 +264,16 @@ def selective_rays(
     return SelectiveResult(
         bokeh=result.reshape(*size, 3).astype(np.float32),
         post_process=post,
-        rays=sent.reshape(size),
+        rays=(sent - sent_before).reshape(size),
         hit_ratio=ratio.reshape(size),
         variance=variance.reshape(size),
+        history=History(
+            light=moments.light,
+            count=moments.count,
+            first=moments.first,
+            second=moments.second,
+            depth=np.asarray(depth, np.float64),
+        ),
     )
 
 
