@@ -8,6 +8,7 @@ edges are worth. The last line of a scene is the share of that gain that is reac
 """
 
 import argparse
+from itertools import islice
 from json import loads
 from pathlib import Path
 from time import process_time
@@ -29,7 +30,7 @@ _INPUTS = {
 }
 
 # Of the renderer that made the scenes.
-_FILTER = PixelFilter("blackman-harris", 3)
+_FILTER = PixelFilter("blackman-harris", 1.5)
 
 
 def render(folder: Path, number: int, label: str, aperture: Aperture) -> tuple[np.ndarray, float]:
@@ -58,13 +59,15 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    folders = [path for path in scene_folders(parser.parse_args().folder) if (path / "image_4x.exr").exists()]
+    parser.add_argument("--shots", type=int, default=5, help="of each scene, at most")
+    arguments = parser.parse_args()
+    folders = [path for path in scene_folders(arguments.folder) if (path / "image_4x.exr").exists()]
     print(f"{'scene':20s}{'input':18s}{'edge PSNR':>10s}{'seconds':>9s}")
     for folder in folders:
         reached = {}
         for label in _INPUTS:
             scores, seconds = [], []
-            for number, shot in enumerate(path_traced_shots(folder)):
+            for number, shot in enumerate(islice(path_traced_shots(folder), arguments.shots)):
                 picture, taken = render(folder, number, label, shot.aperture)
                 scores.append(compare(picture, shot.truth, shot.defocus)["edge_psnr"])
                 seconds.append(taken)

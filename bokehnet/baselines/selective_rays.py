@@ -10,7 +10,7 @@ what is sharp by its depth stays sharp under a near blur; smoothing knows no edg
 
 Source: Tan et al., "A hybrid system for real-time rendering of depth of field effect in games", 2022, as
 thesis 000 gives it, 5.0.2, 5.0.3 and 5.1.2. Half resolution and temporal anti-aliasing are left out: all is
-of full size.
+of full size. What the last frame brought is taken over by :mod:`bokehnet.baselines.reprojection`.
 """
 
 from collections.abc import Callable
