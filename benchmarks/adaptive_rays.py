@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from bokehnet.lenses import load_lens
 from bokehnet.raytrace.adaptive import advance_adaptive
 from bokehnet.raytrace.tracer import Accumulation
 from bokehnet.scenes import SceneJob, read_scene
@@ -49,12 +48,7 @@ def main() -> None:
     for name in arguments.scenes:
         overrides = {**size, "render.seed": 1}
         if arguments.lens is not None:
-            focal_length = load_lens(arguments.lens).focal_length
-            overrides |= {
-                "lens.name": arguments.lens,
-                "lens.focal_length": focal_length,
-                "lens.f_number": None,
-            }
+            overrides |= {"lens.name": arguments.lens, "lens.focal_length": None, "lens.f_number": None}
         job = read_scene(_CONFIGS / f"scene_{name}.toml", overrides)
         truth = replace(job, render=replace(job.render, seed=2)).tracer().render(arguments.truth)
         shown = encode(truth.bokeh.numpy())
@@ -65,5 +59,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(2)
+    torch.set_num_threads(1)  # small pictures: more wait for each other
     main()
