@@ -107,3 +107,13 @@ def test_samples_of_one_pixel_do_not_depend_on_where_a_picture_was_broken_off():
     first, second = (advance_adaptive(tracer, part) for part in (film, copy))
     assert torch.equal(first.bokeh, second.bokeh)
     assert torch.equal(first.counts, second.counts)
+
+
+def test_many_views_are_the_distributed_picture():
+    """Authority: the distribution tracer, whose pixels share nothing; 45 dB at 1024 views."""
+    view = camera(f_number=2.0)
+    pictures = [
+        Tracer(wall_and_ball(), view, bounces=0, method=method, seed=seed).render(samples).bokeh
+        for method, seed, samples in (("accumulation", 1, 1024), ("distribution", 2, 2048))
+    ]
+    assert float((pictures[0] - pictures[1]).square().mean()) < 10**-4.5
