@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from bokehnet.checks import check_choice
 from bokehnet.errors import ParameterError
 
 __all__ = ["trace"]
@@ -102,6 +101,8 @@ def _check_together(
     ray: str | None,
 ) -> None:
     """Raise ``ParameterError`` where options do not go together."""
+    from bokehnet.checks import check_choice
+
     if method is not None:
         check_choice("--method", method, _METHODS)
     if layers is not None and method not in (None, "peeled"):
