@@ -14,6 +14,8 @@ import numpy as np
 from bokehnet.baselines.ray_mask import normals_of_depth
 from bokehnet.baselines.selective_rays import SelectiveResult, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.lenses import ThinLens
+from bokehnet.optics.sample_allocation import neyman
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.baked_scene import BakedScene, View
 from bokehnet.synth.clutter import random_clutter
@@ -39,6 +41,7 @@ _HYBRIDS = {
     "hybrid, as published": {"mask": "sobel", "rule": "tan"},
     "hybrid, our mask": {"mask": "reach", "rule": "tan"},
     "hybrid, ours": {"mask": "reach", "rule": "ours", "post_process": scatter},
+    "hybrid, ours, neyman": {"mask": "reach", "rule": "ours", "post_process": scatter, "allocation": neyman},
 }
 
 

@@ -1,6 +1,7 @@
 """Every method of four theses on one ruler: ``python -m benchmarks.theses [FOLDER] [--engine NAME]``.
 
-Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), and its
+Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), its memory
+and its flicker on a pan of our own (:mod:`benchmarks.pan`), and its
 scores on the path-traced scenes in FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default
 ``../shared/cycles``): PSNR within the blur's reach of a step in depth, over all pixels, FLIP, and seconds.
 Methods that know only discs render discs where a shot has blades.
@@ -15,6 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fault_probes import FAULTS, faults
+from benchmarks.pan import flicker, pan
+from benchmarks.measurement import extra_memory, scene
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.errors import ParameterError
@@ -85,19 +88,23 @@ def main() -> None:
     parser.add_argument("--engine", action="append", choices=METHODS, help="default: all")
     parser.add_argument("--shots", type=int, default=None, help="of each scene, at most")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--costs", action="store_true", help="memory and flicker alone")
     parser.add_argument("--timings", action="store_true", help="repeat the theses' tables of times")
     arguments = parser.parse_args()
     if arguments.timings:
         print_timings()
         return
     methods = {name: render_with(name) for name in arguments.engine or METHODS}
-    found = {"faults": print_faults(methods), "scenes": {}}
-    for scene in SCENES:
-        folder = arguments.folder / scene
+    if arguments.costs:
+        print_costs(methods)
+        return
+    found = {"faults": print_faults(methods), "costs": print_costs(methods), "scenes": {}}
+    for name in SCENES:
+        folder = arguments.folder / name
         if not (folder / "scene.json").exists():
-            print(f"\n{scene}: skipped, as {folder} holds no scene.json")
+            print(f"\n{name}: skipped, as {folder} holds no scene.json")
             continue
-        found["scenes"][scene] = print_scene(folder, methods, arguments.shots)
+        found["scenes"][name] = print_scene(folder, methods, arguments.shots)
     print_means(found["scenes"])
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
@@ -113,6 +120,30 @@ def print_faults(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
         print(f"{name:18s}" + "".join(f"{found[name][key]:9.1f}" for key in FAULTS), flush=True)
     for name, text in FAULTS.items():
         print(f"  {name}: {text}")
+    return found
+
+
+def print_costs(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
+    """Memory beyond picture and result, bytes a pixel, and flicker, and their numbers."""
+    image, defocus = scene(512, 384, 16.0)
+    frames = pan()
+    print("\nMemory at 512x384, bytes a pixel beyond picture and result; flicker, per cent of white")
+    print(f"{'method':18s}{'memory':>9s}{'flicker':>9s}")
+    truths = [[frame.truths[half] for frame in frames] for half in (0, 1)]
+    found = {}
+    for name, method in methods.items():
+        method(image[:64, :64], defocus[:64, :64], Aperture())  # compiles
+        taken = extra_memory(lambda method=method: method(image, defocus, Aperture()))
+        pictures = [method(frame.image, frame.defocus, Aperture()) for frame in frames]
+        found[name] = {
+            "memory": max(taken, 0) / defocus.size,
+            "flicker": flicker(pictures, [(one + other) / 2 for one, other in zip(*truths, strict=True)]),
+        }
+        print(f"{name:18s}{found[name]['memory']:9.0f}{found[name]['flicker']:9.2f}", flush=True)
+    # Half the difference of two truths has the noise of their mean.
+    middle = [(one + other) / 2 for one, other in zip(*truths, strict=True)]
+    noise = flicker(truths[0], middle)
+    print(f"{'the truth itself':18s}{'':9s}{noise:9.2f}")
     return found
 
 

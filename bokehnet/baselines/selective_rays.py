@@ -10,7 +10,7 @@ what is sharp by its depth stays sharp under a near blur; smoothing knows no edg
 
 Source: Tan et al., "A hybrid system for real-time rendering of depth of field effect in games", 2022, as
 thesis 000 gives it, 5.0.2, 5.0.3 and 5.1.2. Half resolution and temporal anti-aliasing are left out: all is
-of full size.
+of full size. What the last frame brought is taken over by :mod:`bokehnet.baselines.reprojection`.
 """
 
 from collections.abc import Callable
@@ -19,10 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.baselines.ray_mask import gaussian, ray_mask
+from bokehnet.baselines.reprojection import History
 from bokehnet.baselines.scatter_as_you_gather import tan
 from bokehnet.checks import check_above, check_choice, check_same_size, check_whole
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses.base import LensModel
+from bokehnet.optics.sample_allocation import Allocation
 from bokehnet.optics.sampling import disc_from_square
 
 __all__ = ["RULES", "SelectiveResult", "TraceRays", "lens_rays", "selective_rays", "traced"]
@@ -46,6 +48,9 @@ _FARTHEST, _SHARP = 6, 0.5 * np.sqrt(2)
 # expected alike, pixels; and what part of its rays a pixel keeps whose post-process seems right.
 _ENOUGH, _WINDOW, _LEAST_DOUBT = 2e-5, 2.0, 0.1
 
+# How often what a pixel may not send is given to others.
+_ROUNDS = 4
+
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
@@ -59,6 +64,7 @@ class SelectiveResult:
         rays: How many each pixel sent, (H, W).
         hit_ratio: Share of those that met something before the plane of focus, (H, W); 0 where none was sent.
         variance: Of one ray's luminance, (H, W).
+        history: What the rays brought, for the next frame of a scene that moves.
     """
 
     bokeh: np.ndarray
@@ -66,6 +72,7 @@ class SelectiveResult:
     rays: np.ndarray
     hit_ratio: np.ndarray
     variance: np.ndarray
+    history: History
 
 
 def lens_rays(
@@ -126,6 +133,11 @@ class _Moments:
         self.count = np.zeros((2, pixels))
         self.first, self.second = np.zeros(pixels), np.zeros(pixels)
 
+    def take(self, history: History) -> None:
+        """Set out from the sums of another frame."""
+        self.light, self.count = history.light.copy(), history.count.copy()
+        self.first, self.second = history.first.copy(), history.second.copy()
+
     def add(self, pixels: np.ndarray, color: np.ndarray, near: np.ndarray) -> None:
         luminance = color @ _LUMINANCE
         for field, here in ((0, near), (1, ~near)):
@@ -169,6 +181,8 @@ def selective_rays(
     budget: float | None = None,
     post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] = tan,
     specular: np.ndarray | None = None,
+    allocation: Allocation | None = None,
+    history: History | None = None,
     seed: int = 0,
 ) -> SelectiveResult:
     """Render by post-process, and by rays where it is not to be trusted.
@@ -189,6 +203,10 @@ def selective_rays(
         budget: Rays of a pixel over all frames, in the mean of the picture, that are not to be passed.
         post_process: Blurs a picture by its defocus in pixels.
         specular: Pixels whose lights take the post-process, as published, (H, W) bool.
+        allocation: With ``ours``, from the second frame on: which pixels send the rays of a frame, by how
+            much their noise shows in the mixture (:mod:`bokehnet.optics.sample_allocation`). None: each as
+            many as would make its own noise invisible.
+        history: Of the last frame, moved to this one (:mod:`bokehnet.baselines.reprojection`).
         seed: Of the rays.
 
     Raises:
@@ -208,10 +226,20 @@ def selective_rays(
     wanted = ray_mask(mask, normals, depth, defocus).ravel()
     focus = float(1 / _disparity_in_focus(lens))
     moments, rng = _Moments(defocus.size), np.random.default_rng(seed)
+    if history is not None:
+        check_same_size("image", image, "history", history.depth)
+        moments.take(history)
+    sent_before = moments.rays
     for frame in range(frames):
         share = _share(moments, wanted, post.reshape(-1, 3), size, rule, frame)
         counts = np.round(share * most)
-        if budget is not None and counts.mean() > budget / frames:
+        if allocation is not None and rule == "ours" and frame:
+            limit = counts.sum()
+            if budget is not None:  # what earlier frames left goes on
+                limit = (budget * (frame + 1) / frames) * defocus.size - (moments.rays - sent_before).sum()
+            shown = _shown_variance(moments, post.reshape(-1, 3), size) * (wanted > 0)
+            counts = _capped(allocation, shown, moments.rays, int(limit), most)
+        elif budget is not None and counts.mean() > budget / frames:
             counts = np.floor(share * most * (budget / frames / counts.mean()) + rng.random(defocus.size))
         pixels = np.repeat(np.arange(defocus.size), counts.astype(np.int64))
         if len(pixels):
@@ -236,9 +264,16 @@ def selective_rays(
     return SelectiveResult(
         bokeh=result.reshape(*size, 3).astype(np.float32),
         post_process=post,
-        rays=sent.reshape(size),
+        rays=(sent - sent_before).reshape(size),
         hit_ratio=ratio.reshape(size),
         variance=variance.reshape(size),
+        history=History(
+            light=moments.light,
+            count=moments.count,
+            first=moments.first,
+            second=moments.second,
+            depth=np.asarray(depth, np.float64),
+        ),
     )
 
 
@@ -259,6 +294,24 @@ def _share(
         return np.clip(wanted + _FOR_RAYS * variance, 0, 1) * (wanted > 0)
     noise, taken = _expected_error(moments, post, size)
     return np.clip(noise * (taken + _LEAST_DOUBT) / _ENOUGH, 0, 1) * (wanted > 0)
+
+
+def _capped(
+    allocation: Allocation, variance: np.ndarray, sent: np.ndarray, budget: int, most: int
+) -> np.ndarray:
+    """Rays of each pixel, none with more than ``most``; what that cuts off goes to the others."""
+    counts = np.zeros(len(sent), np.int64)
+    for _ in range(_ROUNDS):
+        left = budget - int(counts.sum())
+        counts = np.minimum(counts + allocation(variance * (counts < most), sent + counts, left), most)
+    return counts
+
+
+def _shown_variance(moments: _Moments, post: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Variance of one ray's luminance, mean around each pixel, as far as the mixture shows it, (H * W,)."""
+    taken = _expected_error(moments, post, size)[1]
+    shown: np.ndarray = (taken + _LEAST_DOUBT) ** 2 * _around(moments.variance, size)
+    return shown
 
 
 def _smoothed(

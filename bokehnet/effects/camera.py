@@ -20,11 +20,14 @@ from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.distortion import Distortion
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.scalars import is_absent
-from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, table_factor
+from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, table_factor, with_color
 
 __all__ = ["CameraEffects"]
 
 _ROWS = 256  # at a time
+
+# Share of the colour below which nothing gives it back.
+_LEAST_COLOR = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -133,11 +136,23 @@ class CameraEffects:
         xp, width = array_namespace(image), image.shape[-2]
 
         def shade(rows: slice) -> Array:
-            factor = cast_like(self._factor(view.field(rows, width, image), view), image)[..., None]
+            field = view.field(rows, width, image)
+            factor = cast_like(self._factor(field, view), image)[..., None]
             light, alpha = image[..., rows, :, :3], image[..., rows, :, 3:]
-            return xp.concatenate([light / factor if undo else light * factor, alpha], -1)
+            light = light / factor if undo else light * factor
+            return xp.concatenate([self._color(light, field, view, undo), alpha], -1)
 
         return in_row_blocks(shade, image, _ROWS)
+
+    def _color(self, light: Array, field: Array, view: View, undo: bool) -> Array:
+        """Take colour, or give it back; what is grey altogether stays grey."""
+        if self.vignette is None or is_absent(self.vignette.color_loss):
+            return light
+        share = cast_like(self.vignette.color(field, view.aspect), light)
+        if undo:
+            xp = array_namespace(share)
+            share = xp.where(share > _LEAST_COLOR, 1 / xp.clip(share, _LEAST_COLOR, 1), 0)
+        return with_color(light, share)
 
     def _take(self, image: Array, grain: Grain, view: View, frame: int) -> Array:
         """Add grain to light."""

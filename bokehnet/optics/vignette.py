@@ -14,7 +14,9 @@ import numpy as np
 from bokehnet.checks import Array, array_namespace, check_range, constant_like
 from bokehnet.optics.irradiance import irradiance_cos4
 
-__all__ = ["Vignette", "cos4_factor", "rim_factor", "table_factor"]
+__all__ = ["Vignette", "cos4_factor", "rim_factor", "table_factor", "with_color"]
+
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def cos4_factor(field: Array, angle: Array) -> Array:
@@ -74,6 +76,7 @@ class Vignette:
         softness: How much farther out it is full, 0.01 to 2.
         roundness: 1 a circle, 0 the ellipse with the proportions of the picture; both the same in its
             corners.
+        color_loss: Share of the colour that it takes where it is full, 0 to 1 (grey); luminance stays.
 
     Raises:
         ParameterError: A number is out of range.
@@ -83,6 +86,7 @@ class Vignette:
     radius: Array = 0.3
     softness: Array = 0.7
     roundness: Array = 1.0
+    color_loss: Array = 0.0
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -90,6 +94,7 @@ class Vignette:
             ("radius", 0, 2),
             ("softness", 0.01, 2),
             ("roundness", 0, 1),
+            ("color_loss", 0, 1),
         ):
             check_range(name, getattr(self, name), low, high)
 
@@ -100,6 +105,18 @@ class Vignette:
             field: Field positions, (..., 2).
             aspect: Width of the picture over its height.
         """
+        return 2 ** (-self.stops * self._strength(field, aspect))
+
+    def color(self, field: Array, aspect: float) -> Array:
+        """Share of the colour that is left, (...,), see :func:`with_color`; arguments as of :meth:`factor`.
+
+        Source:
+            Thesis 004, 3.3, which mixes with the length of the colour instead of its luminance.
+        """
+        return 1 - self.color_loss * self._strength(field, aspect)
+
+    def _strength(self, field: Array, aspect: float) -> Array:
+        """m, (...,), from 0 to 1."""
         xp = array_namespace(field)
         x, y = field[..., 0] ** 2, field[..., 1] ** 2
         circle = x + y
@@ -107,4 +124,13 @@ class Vignette:
         square = ellipse + self.roundness * (circle - ellipse)
         full = self.radius + self.softness
         m = xp.clip((square - self.radius**2) / (full**2 - self.radius**2), 0, 1)
-        return 2 ** (-self.stops * (m * m * (3 - 2 * m)))
+        return m * m * (3 - 2 * m)
+
+
+def with_color(light: Array, share: Array) -> Array:
+    """Light (..., 3), scene-linear Rec.709, with ``share`` (...,) times its distance from grey.
+
+    Grey has the luminance of ITU-R BT.709, which stays as it is.
+    """
+    grey = (light * constant_like(np.array(_LUMINANCE), light)).sum(-1)[..., None]
+    return grey + share[..., None] * (light - grey)

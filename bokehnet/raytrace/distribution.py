@@ -1,7 +1,8 @@
 """The numbers behind a distributed picture: one even sequence, in its own dimension for each purpose.
 
 All samples of a pixel are points of one Halton sequence; every pixel shifts it by its own amount, so that
-neighbours do not share their noise.
+neighbours do not share their noise. Where pixels share their views, lens, place in the pixel, time and
+wavelength of a sample are the same for all of them.
 """
 
 from dataclasses import dataclass
@@ -45,23 +46,36 @@ class Distribution:
         bounces: How often light is scattered at most.
         seed: Same seed, same numbers.
         device: Where they are used.
-
-    Raises:
-        ParameterError: Too many bounces.
+        window: Which pixels are asked for, counted from there on; a pixel's numbers do not depend on it.
+        shared_views: Whether all pixels see through the same point of the pupil in each sample.
     """
 
-    def __init__(self, pixels: int, bounces: int, seed: int, device: torch.device) -> None:
+    def __init__(
+        self,
+        pixels: int,
+        bounces: int,
+        seed: int,
+        device: torch.device,
+        *,
+        window: slice | None = None,
+        shared_views: bool = False,
+    ) -> None:
         self._bases = _primes(_BOUNCES + (bounces + 1) * DIMENSIONS_PER_BOUNCE)
         generator = torch.Generator().manual_seed(seed)
-        self._shifts = torch.rand(len(self._bases), pixels, generator=generator).to(device)
+        shifts = []
+        for dimension in range(len(self._bases)):
+            whole = torch.rand(pixels, generator=generator)
+            part = whole if window is None else whole[window].clone()
+            shifts.append(whole[:1].expand(len(part)) if shared_views and dimension < _BOUNCES else part)
+        self._shifts = torch.stack(shifts).to(device)
 
     def points(self, start: int, count: int) -> Tensor:
         """Samples ``start`` to ``start + count`` before they are shifted, (count, D)."""
         points = np.stack([halton_points(count, base, start) for base in self._bases], -1)
         return torch.from_numpy(points.astype(np.float32)).to(self._shifts.device)
 
-    def lens_samples(self, points: Tensor, pixels: slice) -> LensSamples:
-        """What the camera rays of ``pixels`` need for ``points`` (S, D)."""
+    def lens_samples(self, points: Tensor, pixels: Tensor) -> LensSamples:
+        """What the camera rays of ``pixels`` (P,) need for ``points`` (S, D)."""
 
         def shifted(dimension: int) -> Tensor:
             return rotate_points(points[:, dimension, None], self._shifts[dimension, pixels]).flatten()
@@ -73,11 +87,11 @@ class Distribution:
             wavelength=shifted(_WAVELENGTH),
         )
 
-    def path_number(self, points: Tensor, pixels: slice, dimension: Tensor, row: Tensor) -> Tensor:
+    def path_number(self, points: Tensor, pixels: Tensor, dimension: Tensor, row: Tensor) -> Tensor:
         """Number (M,) of a path's ``dimension`` (M,) for rays ``row`` (M,) of :meth:`lens_samples`."""
-        width = len(range(*pixels.indices(self._shifts.shape[1])))
+        width = len(pixels)
         place = _BOUNCES + dimension
-        sample, pixel = torch.div(row, width, rounding_mode="floor"), pixels.start + row % width
+        sample, pixel = torch.div(row, width, rounding_mode="floor"), pixels[row % width]
         return rotate_points(points[sample, place], self._shifts[place, pixel])
 
 

@@ -1,4 +1,4 @@
-"""What surfaces do with light: they give it off, scatter it evenly, and gloss."""
+"""What surfaces do with light: they give it off, scatter it evenly, gloss, and let it through."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,6 +28,9 @@ class Material:
     Attributes:
         color: Share of light that is scattered evenly, scene-linear RGB.
         specular: Share of light that is reflected by the glossy lobe, as metals do: at all angles alike.
+        translucency: Share of light that goes through, spread by the same lobe: frosted glass, or clear glass
+            with a small roughness. The sheet is thin, so that nothing is bent. Shadow rays do not pass it;
+            the light behind it is found by scattered rays.
         roughness: Width of the lobe, 0.001 to 1; small is like a mirror (:mod:`bokehnet.raytrace.ggx`).
         emission: Radiance that the surface gives off.
         texture: Scene-linear RGB times alpha, and alpha, (4, Ht, Wt); multiplies ``color`` and
@@ -41,25 +44,27 @@ class Material:
 
     color: Color = _BLACK
     specular: Color = _BLACK
+    translucency: Color = _BLACK
     roughness: float = 0.1
     emission: Color = _BLACK
     texture: Tensor = field(default_factory=_white)
 
     def __post_init__(self) -> None:
-        for name in ("color", "specular", "emission"):
+        for name in ("color", "specular", "translucency", "emission"):
             for value in getattr(self, name):
                 check_at_least(name, value, 0)
         check_range("roughness", self.roughness, 0.001, 1)
-        most = max(even + gloss for even, gloss in zip(self.color, self.specular, strict=True))
+        most = max(map(sum, zip(self.color, self.specular, self.translucency, strict=True)))
         if most > 1 + 1e-6:
-            raise ParameterError("color", "with `specular` a sum of at most 1", self.color, shown=f"{most:g}")
+            others = "`specular` and `translucency`" if any(self.translucency) else "`specular`"
+            raise ParameterError("color", f"with {others} a sum of at most 1", self.color, shown=f"{most:g}")
         if self.texture.ndim != 3 or self.texture.shape[0] != 4 or 0 in self.texture.shape:
             raise ShapeError(f"texture: expected shape (4, Ht, Wt), got {tuple(self.texture.shape)}")
 
     @property
     def reflects(self) -> bool:
         """Whether light that comes in is scattered at all."""
-        return any(self.color) or any(self.specular)
+        return any(self.color) or any(self.specular) or any(self.translucency)
 
     @cached_property
     def opaque(self) -> bool:

@@ -72,6 +72,7 @@ class _Shading:
     normal: Tensor
     diffuse: Tensor
     specular: Tensor
+    translucency: Tensor
     emission: Tensor
     alpha: Tensor
     roughness: Tensor
@@ -91,8 +92,9 @@ def trace_paths(
     """Follow rays from the lens.
 
     Surfaces that only shine are composited in the order in which each ray meets them. Of surfaces that
-    scatter light, alpha decides by chance whether a ray passes. A scattered ray takes one of the two lobes,
-    by their brightness. The even lobe gets the light of ``World.lights`` by a shadow ray to one of them; all
+    scatter light, alpha decides by chance whether a ray passes. A scattered ray takes one of the lobes,
+    by their brightness; through a translucent surface it goes as the glossy lobe would send it, mirrored at
+    the surface. The even lobe gets the light of ``World.lights`` by a shadow ray to one of them; all
     other light is found by the scattered ray.
 
     Args:
@@ -163,6 +165,7 @@ def _shade(world: World, rays: SpaceRays, hit: SurfaceHit) -> _Shading:
         normal=torch.where(towards[:, None], normal, -normal),
         diffuse=pure * constants("color"),
         specular=constants("specular"),
+        translucency=constants("translucency"),
         emission=texture[:, :3] * constants("emission"),
         alpha=texture[:, 3],
         roughness=constants("roughness"),
@@ -191,18 +194,29 @@ def _scatter(world: World, paths: _Paths, shading: _Shading, numbers: Numbers) -
         return numbers(bounce * DIMENSIONS_PER_BOUNCE + dimension, paths.row)
 
     view = -unit(paths.rays.direction)
-    lifted = shading.point + shading.normal * (_LIFT * shading.point.abs().amax(-1, keepdim=True))
-    even, gloss = shading.diffuse.mean(-1), shading.specular.mean(-1)
-    share = even / (even + gloss).clamp_min(1e-12)
-    glossy = draw(_LOBE) >= share
+    lift = shading.normal * (_LIFT * shading.point.abs().amax(-1, keepdim=True))
+    even, gloss, clear = (lobe.mean(-1) for lobe in (shading.diffuse, shading.specular, shading.translucency))
+    share = even / (even + (gloss + clear)).clamp_min(1e-12)
+    passing = clear / (gloss + clear).clamp_min(1e-12)  # of the glossy rays
+    number = draw(_LOBE)
+    glossy = number >= share
+    through = glossy & (number >= share + (1 - share) * (1 - passing)) & (clear > 0)
     square = torch.stack([draw(dimension) for dimension in _LOBE_UV], -1)
     mirrored, reflectance = sample_ggx(view, shading.normal, shading.roughness, square)
     direction = torch.where(glossy[:, None], mirrored, cosine_directions(shading.normal, square))
-    lobe = shading.specular * (reflectance / (1 - share))[:, None]
+    direction = torch.where(through[:, None], _other_side(mirrored, shading.normal), direction)
+    lobe = torch.where(
+        through[:, None], shading.translucency / passing[:, None], shading.specular / (1 - passing)[:, None]
+    )
+    lobe = lobe * (reflectance / (1 - share))[:, None]
     factor = torch.where(glossy[:, None], lobe, shading.diffuse / share.clamp_min(1e-12)[:, None])
     leaving = replace(
         paths,
-        rays=SpaceRays(origin=lifted, direction=direction, time=paths.rays.time),
+        rays=SpaceRays(
+            origin=shading.point + torch.where(through[:, None], -lift, lift),
+            direction=direction,
+            time=paths.rays.time,
+        ),
         weight=paths.weight * factor,
         beyond=torch.zeros_like(paths.beyond),
         last=torch.full_like(paths.last, -1),
@@ -213,12 +227,17 @@ def _scatter(world: World, paths: _Paths, shading: _Shading, numbers: Numbers) -
     light = torch.zeros_like(paths.weight)
     if world.lights:
         square = torch.stack([draw(dimension) for dimension in _LIGHT_UV], -1)
-        light = _gather(world, leaving.rays, shading, view, draw(_LIGHT), square)
+        light = _gather(world, paths.rays.time, shading, lift, view, draw(_LIGHT), square)
     return leaving, paths.weight * light
 
 
+def _other_side(directions: Tensor, normal: Tensor) -> Tensor:
+    """Directions (M, 3) mirrored at a surface."""
+    return directions - 2 * dot(directions, normal)[:, None] * normal
+
+
 def _gather(
-    world: World, leaving: SpaceRays, shading: _Shading, view: Tensor, choice: Tensor, square: Tensor
+    world: World, time: Tensor, shading: _Shading, lift: Tensor, view: Tensor, choice: Tensor, square: Tensor
 ) -> Tensor:
     """Light (M, 3) over a surface from one of the lights, which stands for all of them."""
     count = len(world.lights)
@@ -226,14 +245,18 @@ def _gather(
     light = torch.zeros_like(view)
     for number, lamp in enumerate(world.lights):
         rows = (chosen == number).nonzero()[:, 0]
-        here, origin, time = pick(shading, rows), leaving.origin[rows], leaving.time[rows]
-        way, power = lamp.sample(origin, time, square[rows])
+        here, origin = pick(shading, rows), shading.point[rows] + lift[rows]
+        way, power = lamp.sample(origin, time[rows], square[rows])
         towards = unit(way)
+        cosine = dot(towards, here.normal)
         reflectance = here.diffuse / math.pi
         if lamp.body < 0:  # no scattered ray ever hits a lamp without size, so its gloss is found here
-            gloss = ggx_reflectance(view[rows], towards, here.normal, here.roughness)
-            reflectance = reflectance + here.specular * gloss[:, None]
-        cosine = dot(towards, here.normal).clamp_min(0)
-        clear = world.transmittance(SpaceRays(origin=origin, direction=way, time=time), lamp.body)
-        light[rows] = count * reflectance * power * (cosine * clear)[:, None]
+            behind = (cosine < 0)[:, None]
+            mirrored = torch.where(behind, _other_side(towards, here.normal), towards)
+            gloss = ggx_reflectance(view[rows], mirrored, here.normal, here.roughness)[:, None]
+            before = reflectance + here.specular * gloss
+            reflectance = torch.where(behind, here.translucency * gloss, before)
+            origin, cosine = torch.where(behind, here.point - lift[rows], origin), cosine.abs()
+        clear = world.transmittance(SpaceRays(origin=origin, direction=way, time=time[rows]), lamp.body)
+        light[rows] = count * reflectance * power * (cosine.clamp_min(0) * clear)[:, None]
     return light

@@ -87,7 +87,7 @@ def peel(
     block = max(1, (_RAYS_ON_CPU if device.type == "cpu" else _RAYS_ON_GPU) // samples)
     found: list[_Surfaces] = []
     for first in range(0, len(sensor), block):
-        pixels = slice(first, min(first + block, len(sensor)))
+        pixels = torch.arange(first, min(first + block, len(sensor)), device=device)
         jitter = distribution.lens_samples(points, pixels).jitter
         place = sensor[pixels].repeat(samples, 1)
         if samples > 1:
@@ -99,7 +99,7 @@ def peel(
             )
         )
         if progress is not None:
-            progress(pixels.stop, len(sensor))
+            progress(first + len(pixels), len(sensor))
     if samples == 1:
         colors, depth, coverage = (torch.cat(column) for column in zip(*found, strict=True))
     else:

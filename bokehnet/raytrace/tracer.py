@@ -1,12 +1,13 @@
 """Pictures of a world, sample by sample: what is there after some samples can be kept and carried on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from bokehnet.checks import check_at_least
+from bokehnet.checks import check_at_least, check_choice
+from bokehnet.errors import ParameterError
 from bokehnet.optics.spectrum import LONGEST, SHORTEST, wavelength_color
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution, LensSamples
@@ -15,7 +16,7 @@ from bokehnet.raytrace.space import SpaceRays
 from bokehnet.raytrace.tables import pick
 from bokehnet.raytrace.world import World
 
-__all__ = ["Accumulation", "Maps", "Tracer", "lens_rays"]
+__all__ = ["METHODS", "Accumulation", "Maps", "Tracer", "lens_rays"]
 
 # Rays that are followed at once: few enough for a processor's cache, enough to keep a GPU busy.
 _RAYS_ON_CPU, _RAYS_ON_GPU = 1 << 15, 1 << 21
@@ -29,13 +30,36 @@ class Accumulation:
         bokeh: Scene-linear picture through the whole pupil, (H, W, 3).
         all_in_focus: The same through the middle of the pupil, (H, W, 3).
         coverage: Share of the pixel's light cone that meets a body, (H, W).
-        samples: How many there are of each pixel.
+        samples: How many there are of each pixel, in the mean.
+        counts: How many of each, (H, W) int64; None for as many of all.
+        variance: Of one sample of each pixel, see :mod:`bokehnet.raytrace.adaptive`, (H, W); None if that is
+            not known.
     """
 
     bokeh: Tensor
     all_in_focus: Tensor
     coverage: Tensor
     samples: int
+    counts: Tensor | None = None
+    variance: Tensor | None = None
+
+    def stacked(self) -> Tensor:
+        """All means, (H, W, 7)."""
+        return torch.cat([self.bokeh, self.all_in_focus, self.coverage[..., None]], -1)
+
+    @classmethod
+    def from_stacked(
+        cls, means: Tensor, samples: int, counts: Tensor | None = None, variance: Tensor | None = None
+    ) -> "Accumulation":
+        """The inverse of :meth:`stacked`."""
+        return cls(
+            bokeh=means[..., :3],
+            all_in_focus=means[..., 3:6],
+            coverage=means[..., 6],
+            samples=samples,
+            counts=counts,
+            variance=variance,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -58,11 +82,16 @@ class Maps:
         return 1 / self.depth
 
 
+METHODS = ("distribution", "accumulation")
+
+
 class Tracer:
-    """Cook's distribution ray tracer.
+    """Cook's distribution ray tracer, or multi-view accumulation.
 
     Each sample of a pixel has its own place in the pixel, in the pupil, in time, in the spectrum, on the
-    lights and in the lobes of the surfaces that it meets.
+    lights and in the lobes of the surfaces that it meets. With ``accumulation`` all pixels of a sample share
+    the first four: each sample is a whole picture, taken from one point of the pupil at one moment, so that
+    few of them show as so many ghosts instead of noise.
 
     Args:
         world: The scene.
@@ -72,13 +101,19 @@ class Tracer:
         shutter: How long the shutter is open, s.
         dispersion: Let each ray have one wavelength, for lenses that part them.
         device: Where the rays are followed.
+        method: One of ``METHODS``.
+        antialiased: Send samples through all of a pixel; else through its centre.
+        rows: Rows of the picture that are traced; what comes out has these alone, and is as it would be in
+            the whole picture.
 
     Raises:
-        ParameterError: A number is negative.
+        ParameterError: A number is negative, another method, or rows that the picture does not have.
 
     Source:
-        Cook, Porter and Carpenter, "Distributed ray tracing", SIGGRAPH 1984; for the spectrum Jeong et al.,
-        "Expressive chromatic accumulation buffering for defocus blur", The Visual Computer 2016.
+        Cook, Porter and Carpenter, "Distributed ray tracing", SIGGRAPH 1984; Haeberli and Akeley, "The
+        accumulation buffer: hardware support for high-quality rendering", SIGGRAPH 1990; for the spectrum
+        Jeong et al., "Expressive chromatic accumulation buffering for defocus blur", The Visual Computer
+        2016.
     """
 
     def __init__(
@@ -91,20 +126,35 @@ class Tracer:
         shutter: float = 0.0,
         dispersion: bool = False,
         device: torch.device | str = "cpu",
+        method: str = "distribution",
+        antialiased: bool = True,
+        rows: tuple[int, int] | None = None,
     ) -> None:
         check_at_least("bounces", bounces, 0)
         check_at_least("shutter", shutter, 0)
+        check_choice("method", method, METHODS)
+        first, stop = rows or (0, camera.height)
+        if not 0 <= first < stop <= camera.height:
+            raise ParameterError("rows", f"two rising numbers from 0 to {camera.height}", rows)
         self.world, self.camera = world, camera
         self._bounces, self._shutter, self._dispersion = bounces, shutter, dispersion
-        self._device = torch.device(device)
-        self._pixels = camera.width * camera.height
-        self._sensor = camera.sensor_xy(self._device, torch.float32).reshape(-1, 2)
-        self._distribution = Distribution(self._pixels, bounces, seed, self._device)
+        self._device, self._antialiased = torch.device(device), antialiased
+        self._size = (stop - first, camera.width)
+        self._pixels = self._size[0] * camera.width
+        self._sensor = camera.sensor_xy(self._device, torch.float32)[first:stop].reshape(-1, 2)
+        self._distribution = Distribution(
+            camera.width * camera.height,
+            bounces,
+            seed,
+            self._device,
+            window=slice(first * camera.width, stop * camera.width),
+            shared_views=method == "accumulation",
+        )
         self._most = _RAYS_ON_CPU if self._device.type == "cpu" else _RAYS_ON_GPU
 
     def begin(self) -> Accumulation:
         """No samples yet."""
-        size = (self.camera.height, self.camera.width)
+        size = self._size
         black = torch.zeros(*size, 3, device=self._device)
         return Accumulation(
             bokeh=black, all_in_focus=black, coverage=torch.zeros(size, device=self._device), samples=0
@@ -118,18 +168,23 @@ class Tracer:
         """
         block = max(1, self._most // self._pixels)
         stop = min(samples, (so_far.samples // block + 1) * block)
-        points = self._distribution.points(so_far.samples, stop - so_far.samples)
-        means = torch.cat([so_far.bokeh, so_far.all_in_focus, so_far.coverage[..., None]], -1)
-        means = means.reshape(self._pixels, 7).clone()
-        for first in range(0, self._pixels, self._most):
-            pixels = slice(first, min(first + self._most, self._pixels))
-            seen = self._trace(points, pixels)
+        means = so_far.stacked().reshape(self._pixels, 7).clone()
+        everywhere = torch.arange(self._pixels, device=self._device)
+        for pixels, seen in self.trace(everywhere, so_far.samples, stop - so_far.samples):
             for offset, values in enumerate(seen):
                 means[pixels] += (values - means[pixels]) / (so_far.samples + offset + 1)
-        means = means.reshape(*so_far.coverage.shape, 7)
-        return Accumulation(
-            bokeh=means[..., :3], all_in_focus=means[..., 3:6], coverage=means[..., 6], samples=stop
-        )
+        return Accumulation.from_stacked(means.reshape(*self._size, 7), stop)
+
+    @torch.no_grad()
+    def trace(self, pixels: Tensor, start: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
+        """Trace ``count`` samples of ``pixels`` (P,) from their sample ``start`` on.
+
+        Yields:
+            Some of the pixels, (Q,), and bokeh, all-in-focus and coverage of their samples, (count, Q, 7).
+        """
+        points = self._distribution.points(start, count)
+        for part in pixels.split(self._most):
+            yield part, self._trace(points, part)
 
     def render(self, samples: int, progress: Callable[[int, int], None] | None = None) -> Accumulation:
         """Return the means of ``samples`` samples; ``progress`` is told how many are done."""
@@ -141,7 +196,7 @@ class Tracer:
                 progress(state.samples, samples)
         return state
 
-    def _trace(self, points: Tensor, pixels: slice) -> Tensor:
+    def _trace(self, points: Tensor, pixels: Tensor) -> Tensor:
         """Bokeh, all-in-focus and coverage, (S, P, 7), of ``points`` (S, D) for P pixels."""
         samples = self._distribution.lens_samples(points, pixels)
         sharp = LensSamples(
@@ -155,10 +210,12 @@ class Tracer:
         return torch.cat([color, pinhole, coverage[:, None]], -1).reshape(len(points), -1, 7)
 
     def _see(
-        self, points: Tensor, pixels: slice, samples: LensSamples, dispersion: bool
+        self, points: Tensor, pixels: Tensor, samples: LensSamples, dispersion: bool
     ) -> tuple[Tensor, Tensor]:
         """Colour (M, 3) and coverage (M,) of samples, weighted by what the lens lets through."""
-        sensor = self._sensor[pixels].repeat(len(points), 1) + self.camera.pixel_pitch * samples.jitter
+        sensor = self._sensor[pixels].repeat(len(points), 1)
+        if self._antialiased:
+            sensor = sensor + self.camera.pixel_pitch * samples.jitter
         wavelength = SHORTEST + (LONGEST - SHORTEST) * samples.wavelength if dispersion else None
         rays, weight = lens_rays(
             self.camera, sensor, samples.pupil_uv, samples.time * self._shutter, wavelength
@@ -181,7 +238,7 @@ class Tracer:
         """Geometry at the middle of the shutter's opening."""
         still = torch.zeros_like(self._sensor[:, 0])
         rays, _ = lens_rays(self.camera, self._sensor, torch.zeros_like(self._sensor), still)
-        size = (self.camera.height, self.camera.width)
+        size = self._size
         backdrop = self.world.backdrop
         nothing = torch.inf if backdrop is None or backdrop.disparity == 0 else 1 / backdrop.disparity
         depth = torch.full_like(still, nothing)

@@ -110,7 +110,7 @@ def make_effects(settings: EffectSettings) -> CameraEffects | None:
         distortion=division or _brown_conrady(settings.brown),
         cos4=settings.cos4,
         optical_vignetting=settings.optical_vignetting,
-        vignette=_vignette(settings) if settings.vignette else None,
+        vignette=_vignette(settings) if settings.vignette or settings.vignette_color_loss else None,
         grain=_grain(settings) if settings.grain else None,
     )
     return None if effects == CameraEffects() else effects

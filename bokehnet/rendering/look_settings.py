@@ -351,6 +351,12 @@ class EffectSettings(Group):
     vignette_roundness: float | None = setting(
         None, "With --vignette: 1 (the default) a circle, 0 the picture's ellipse.", low=0, high=1
     )
+    vignette_color_loss: float | None = setting(
+        None,
+        "With --vignette, which may be 0: colour that it takes from the corners, 0 to 1 (grey).",
+        low=0,
+        high=1,
+    )
     grain: float | None = setting(
         None,
         "Noise of a sensor of this sensitivity, such as 3200; 0 is none.",

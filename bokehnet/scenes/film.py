@@ -22,7 +22,8 @@ def save_film(path: Path, film: Accumulation, maps: Maps, digest: str, names: li
 
     ``R``, ``G``, ``B`` are the bokeh, ``all_in_focus.*`` the sharp picture, ``Z`` depth in m, ``disparity``
     in 1/m, ``normal.X``, ``.Y``, ``.Z`` normals in the axes of the scene, ``id`` the number of the body from
-    1 on, 0 for none, and ``coverage``. Attributes tell the number of samples and the names of the bodies.
+    1 on, 0 for none, and ``coverage``. Attributes tell the number of samples and the names of the bodies;
+    where pixels have samples of their own number, ``samples`` and ``variance`` hold those of the film.
 
     Args:
         path: An EXR file; replaced atomically.
@@ -44,6 +45,8 @@ def save_film(path: Path, film: Accumulation, maps: Maps, digest: str, names: li
         "id": maps.body.cpu().numpy() + 1,
         "coverage": film.coverage.cpu().numpy(),
     }
+    if film.counts is not None and film.variance is not None:
+        channels |= {"samples": film.counts.cpu().numpy(), "variance": film.variance.cpu().numpy()}
     attributes = {_SAMPLES: str(film.samples), _SCENE: digest, _BODIES: json.dumps(names)}
     write_channels(path, channels, attributes)
 
@@ -69,11 +72,18 @@ def load_film(path: Path, digest: str, device: torch.device | str = "cpu") -> Ac
         stack = np.stack([found.channels[prefix + name] for name in names], -1)
         return torch.from_numpy(stack).to(device)
 
+    own = {
+        name: torch.from_numpy(found.channels[name]).to(device)
+        for name in ("samples", "variance")
+        if name in found.channels
+    }
     return Accumulation(
         bokeh=load("", "RGB"),
         all_in_focus=load("all_in_focus.", "RGB"),
         coverage=torch.from_numpy(found.channels["coverage"]).to(device),
         samples=int(found.attributes[_SAMPLES]),
+        counts=own["samples"].long() if own else None,
+        variance=own.get("variance"),
     )
 
 

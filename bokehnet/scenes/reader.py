@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bokehnet.checks import check_above, check_at_least
+from bokehnet.checks import check_above, check_at_least, check_choice
 from bokehnet.config import dump_json, load_config
 from bokehnet.errors import (
     ConfigError,
@@ -31,7 +31,7 @@ from bokehnet.raytrace.meshes import Mesh, read_mesh
 from bokehnet.raytrace.quads import Quad
 from bokehnet.raytrace.scene import Background, Vector, plane_texture
 from bokehnet.raytrace.spheres import Sphere
-from bokehnet.raytrace.tracer import Tracer, lens_rays
+from bokehnet.raytrace.tracer import METHODS, Tracer, lens_rays
 from bokehnet.raytrace.world import Body, World
 from bokehnet.scenes.sensor_depth import depth_along_sensor
 from bokehnet.scenes.tables import (
@@ -71,8 +71,8 @@ class SceneJob:
         """Depths (H, W, ...) of pixels along the axis of the lens, mm, along the normal of the sensor."""
         return depth_along_sensor(self.camera, depth)
 
-    def tracer(self, device: torch.device | str = "cpu") -> Tracer:
-        """The tracer that the scene file asks for."""
+    def tracer(self, device: torch.device | str = "cpu", rows: tuple[int, int] | None = None) -> Tracer:
+        """The tracer that the scene file asks for, of all rows or some."""
         return Tracer(
             self.world,
             self.camera,
@@ -81,6 +81,8 @@ class SceneJob:
             shutter=self.shutter,
             dispersion=self.render.dispersion,
             device=device,
+            method=self.render.method,
+            rows=rows,
         )
 
 
@@ -145,6 +147,9 @@ class _Reader:
         with self._named("render"):
             check_at_least("samples", table.render.samples, 1)
             check_at_least("bounces", table.render.bounces, 0)
+            check_choice("method", table.render.method, METHODS)
+            if table.render.adaptive and table.render.method != "distribution":
+                raise ParameterError("adaptive", "method 'distribution'", shown=f"'{table.render.method}'")
         return SceneJob(
             world=world,
             camera=camera,
@@ -231,12 +236,15 @@ class _Reader:
             material = Material(
                 color=table.color,
                 specular=table.specular,
+                translucency=table.translucency,
                 roughness=table.roughness,
                 emission=table.emission,
                 texture=self._picture(f"{key}.material.texture", table.texture),
             )
         if not (material.reflects or any(material.emission)):
-            raise ConfigError(f"{self._path}: {key}.material: expected a color, specular or emission above 0")
+            raise ConfigError(
+                f"{self._path}: {key}.material: expected a color, specular, translucency or emission above 0"
+            )
         return Body(shape=shape, material=material, velocity=_mm(velocity), name=name or key)
 
     def _mesh(self, key: str, table: MeshTable) -> Mesh:

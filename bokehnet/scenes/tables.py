@@ -74,12 +74,23 @@ class LensTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RenderTable:
-    """Samples of each pixel, seed, how often light is scattered, whether each ray has one wavelength."""
+    """How rays are sent.
+
+    Attributes:
+        samples: Of each pixel; the views of an accumulation.
+        seed: Of their noise.
+        bounces: How often light is scattered.
+        dispersion: Whether each ray has one wavelength.
+        method: ``distribution`` or ``accumulation``, see :class:`bokehnet.raytrace.tracer.Tracer`.
+        adaptive: Whether pixels get the more samples the more theirs differ; ``samples`` is then the mean.
+    """
 
     samples: int = 256
     seed: int = 0
     bounces: int = 2
     dispersion: bool = False
+    method: str = "distribution"
+    adaptive: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -105,6 +116,7 @@ class MaterialTable:
 
     color: Color = _BLACK
     specular: Color = _BLACK
+    translucency: Color = _BLACK
     roughness: float = 0.1
     emission: Color = _BLACK
     texture: str | None = None

@@ -25,7 +25,8 @@ OPTIONS = {
         --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
         --quiet --verbose --json -q -v
         --steady --video-codec
-        --tilt-y --vignette --vignette-radius --vignette-roundness --vignette-softness --weights
+        --tilt-y --vignette --vignette-color-loss --vignette-radius --vignette-roundness
+        --vignette-softness --weights
     """,
     "compare": """
         --crop --engines --html --output --truth
@@ -58,8 +59,8 @@ OPTIONS = {
         --config --out --ray --workers
     """,
     "trace": """
-        --device --fresh --height --layers --output --samples
-        --seed --width
+        --adaptive --device --fresh --height --layers --method --output --ray --samples
+        --seed --tiles --views --width
     """,
     "warm-up": """
         --all

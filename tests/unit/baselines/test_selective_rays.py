@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines.ray_mask import normals_of_depth, ray_mask, sobel_magnitude
+from bokehnet.baselines.reprojection import History
 from bokehnet.baselines.selective_rays import lens_rays, selective_rays, traced
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses import ThinLens
+from bokehnet.optics.sample_allocation import neyman
 
 WIDTH, HEIGHT, PITCH = 48, 32, 0.5
 NEAR, FAR = 1000.0, 3000.0
@@ -145,3 +147,71 @@ def test_wrong_numbers_are_refused():
             selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
     with pytest.raises(ShapeError, match="depth"):
         selective_rays(image, depth[1:], normals, trace_rays, LENS, PITCH)
+
+
+def test_rays_of_the_last_frame_follow_their_surfaces():
+    """Oracle: pixel by pixel; what stood at another depth, or outside, brings nothing."""
+    rng = np.random.default_rng(3)
+    depth = np.where(rng.random((5, 7)) < 0.5, 1000.0, 3000.0)
+    old = History(
+        light=rng.random((2, 35, 3)),
+        count=rng.integers(0, 60, (2, 35)).astype(float),
+        first=rng.random(35),
+        second=rng.random(35),
+        depth=depth,
+    )
+    motion = np.zeros((5, 7, 2))
+    motion[..., 0] = 1.6  # two pixels to the right of where they are now
+    now = np.where(rng.random((5, 7)) < 0.8, np.roll(depth, -2, 1), 500.0)
+    found = old.moved(motion, now)
+    for y in range(5):
+        for x in range(7):
+            taken = x + 2 < 7 and depth[y, min(x + 2, 6)] == now[y, x]
+            before, here = 7 * y + min(x + 2, 6), 7 * y + x
+            share = taken * min(1, 64 / max(old.count[:, before].sum(), 1))
+            assert np.allclose(found.light[:, here], share * old.light[:, before])
+            assert np.allclose(found.count[:, here], share * old.count[:, before])
+            assert found.first[here] == pytest.approx(share * old.first[before])
+    assert found.count.sum(0).max() <= 64 + 1e-9
+    with pytest.raises(ShapeError, match="motion"):
+        old.moved(motion[..., 0], now)
+
+
+def test_a_frame_with_its_past_is_less_noisy_and_sends_no_more_rays():
+    image, depth, normals = pinhole()
+    exact, still = truth(), np.zeros((HEIGHT, WIDTH, 2))
+    options = {"mask": "reach", "rule": "ours", "frames": 1}
+    first = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, **options)
+    past, alone = (
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, seed=1, history=history, **options)
+        for history in (first.history.moved(still, depth), None)
+    )
+    near = first.rays > 0
+    assert past.rays.sum() == alone.rays.sum() == first.rays.sum()
+    assert rms(past.bokeh[near], exact[near]) < 0.85 * rms(alone.bokeh[near], exact[near])
+
+
+def test_rays_go_where_noise_shows_and_no_budget_is_passed():
+    image, depth, normals = pinhole()
+    exact = truth()
+    even, spread = (
+        selective_rays(
+            image,
+            depth,
+            normals,
+            trace_rays,
+            LENS,
+            PITCH,
+            mask="reach",
+            rule="ours",
+            most=8,
+            frames=6,
+            budget=6,
+            allocation=allocation,
+        )
+        for allocation in (None, neyman)
+    )
+    assert spread.rays.mean() <= 6.1
+    assert spread.rays.max() <= 8 * 6
+    near = spread.rays > 0
+    assert rms(spread.bokeh[near], exact[near]) < 1.05 * rms(even.bokeh[near], exact[near])

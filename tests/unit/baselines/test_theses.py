@@ -7,8 +7,11 @@ import pytest
 
 from benchmarks import theses
 from benchmarks.fault_probes import disc_of_lamp, edge_profile, faults
+from benchmarks.pan import flicker, pan
 from bokehnet.baselines import BASELINES
+from bokehnet.io.color import srgb_to_linear
 from bokehnet.optics.aperture import Aperture
+from train.metrics import encode
 
 
 def test_the_profile_is_the_share_of_a_disc_on_one_side():
@@ -59,3 +62,27 @@ def test_figures_of_the_first_scene(shared):
     means = theses.print_scene(folder, {name: theses.render_with(name) for name in least}, 2)
     for name, edge in least.items():
         assert means[name]["edge"] > edge
+
+
+def test_flicker_is_what_changes_of_an_error():
+    """Authority: an error that stays is none; one of +-e in turns changes by 2e."""
+    truth = np.full((4, 6, 3), 0.2)
+    shown = encode(truth)
+    steady = [truth * 1.5] * 4
+    assert flicker(steady, [truth] * 4) == 0
+    turns = [np.asarray(srgb_to_linear(shown + sign * 0.01)) for sign in (1, -1, 1, -1)]
+    assert flicker(turns, [truth] * 4) == pytest.approx(2, rel=1e-3)
+
+
+def test_a_pan_moves_the_picture_by_a_quarter_of_a_pixel_a_frame(monkeypatch):
+    """Authority: after four frames the picture lies a pixel to the side, and noise is all that differs."""
+    monkeypatch.setattr("benchmarks.pan._TRUTH", 16)
+    frames = pan(5)
+    first, last = frames[0], frames[4]
+    same = np.abs(first.defocus[:, :-1] - last.defocus[:, 1:]) < 1e-2
+    assert same.mean() > 0.995  # rounding moves an edge here and there
+    errors = [
+        np.abs(encode(first.image[:, ahead]) - encode(last.image[:, behind])).mean()
+        for ahead, behind in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1)))
+    ]
+    assert errors[0] < 0.3 * errors[1]

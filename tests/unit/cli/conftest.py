@@ -57,3 +57,50 @@ def fails(folder, cli):
             assert not (folder / "maps").exists()
 
     return check
+
+
+SCENE = """
+[camera]
+width = 24
+height = 16
+[lens]
+focal_length = 50.0
+f_number = 1.4
+focus_distance = 1.2
+[render]
+samples = 8
+bounces = 1
+[environment]
+color = [0.5, 0.5, 0.5]
+[[quads]]
+name = "floor"
+centre = [0.0, 0.1, 2.0]
+u_axis = [1.0, 0.0, 0.0]
+v_axis = [0.0, 0.0, 1.0]
+material = { color = [0.5, 0.4, 0.3] }
+[[spheres]]
+name = "ball"
+centre = [0.0, 0.0, 1.2]
+radius = 0.1
+material = { color = [0.2, 0.5, 0.5], specular = [0.2, 0.2, 0.2] }
+"""
+
+
+@pytest.fixture
+def scene(tmp_path, no_bar):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path / "scene.toml"
+
+
+@pytest.fixture
+def cluster(monkeypatch):
+    """A head without cores, so that all work is done by the workers that tests add."""
+    ray = pytest.importorskip("ray", reason="needs the extra cluster")
+    from ray.cluster_utils import Cluster
+
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    head = {"num_cpus": 0, "include_dashboard": False}
+    made = Cluster(initialize_head=True, head_node_args=head, connect=False)
+    yield made
+    ray.shutdown()
+    made.shutdown()

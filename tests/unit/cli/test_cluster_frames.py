@@ -32,20 +32,6 @@ def shot(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def cluster(monkeypatch):
-    """A head without cores, so that all work is done by the workers that tests add."""
-    ray = pytest.importorskip("ray", reason="needs the extra cluster")
-    from ray.cluster_utils import Cluster
-
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    head = {"num_cpus": 0, "include_dashboard": False}
-    made = Cluster(initialize_head=True, head_node_args=head, connect=False)
-    yield made
-    ray.shutdown()
-    made.shutdown()
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_shot_on_a_cluster_is_that_of_one_machine_though_a_worker_is_killed(cli, cluster, shot):

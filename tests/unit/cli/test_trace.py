@@ -4,38 +4,6 @@ import pytest
 from bokehnet.io.channels import read_channels
 from bokehnet.io.maps import read_depth
 
-SCENE = """
-[camera]
-width = 24
-height = 16
-[lens]
-focal_length = 50.0
-f_number = 1.4
-focus_distance = 1.2
-[render]
-samples = 8
-bounces = 1
-[environment]
-color = [0.5, 0.5, 0.5]
-[[quads]]
-name = "floor"
-centre = [0.0, 0.1, 2.0]
-u_axis = [1.0, 0.0, 0.0]
-v_axis = [0.0, 0.0, 1.0]
-material = { color = [0.5, 0.4, 0.3] }
-[[spheres]]
-name = "ball"
-centre = [0.0, 0.0, 1.2]
-radius = 0.1
-material = { color = [0.2, 0.5, 0.5], specular = [0.2, 0.2, 0.2] }
-"""
-
-
-@pytest.fixture
-def scene(tmp_path):
-    (tmp_path / "scene.toml").write_text(SCENE)
-    return tmp_path / "scene.toml"
-
 
 def test_one_file_holds_all_outputs(cli, scene, tmp_path):
     outcome = cli("trace", scene, "-o", tmp_path / "out.exr")

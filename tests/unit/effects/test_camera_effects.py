@@ -136,3 +136,27 @@ def test_what_is_no_picture_is_told():
         EVERYTHING.apply(np.full((4, 4, 3), np.nan))
     with pytest.raises(ParameterError, match="expected scene-linear floats, got uint8"):
         EVERYTHING.apply(np.zeros((4, 4, 3), np.uint8))
+
+
+@pytest.mark.parametrize("kind", ["numpy", "torch"])
+def test_colour_that_a_vignette_takes_comes_back_and_alpha_stays(kind):
+    vignette = Vignette(stops=0.5, color_loss=0.8)
+    effects = CameraEffects(vignette=vignette)
+    layer = np.concatenate([IMAGE, np.full((40, 60, 1), 0.5, np.float32)], -1)
+    given = layer if kind == "numpy" else torch.from_numpy(layer)
+    found = effects.apply(given)
+    assert_array_equal(np.asarray(found)[..., 3], 0.5)
+    corner, middle = np.asarray(found)[0, 0, :3], np.asarray(found)[20, 30, :3]
+    assert_allclose(middle, IMAGE[20, 30])
+    wanted = 0.2126 * IMAGE[0, 0, 0] + 0.7152 * IMAGE[0, 0, 1] + 0.0722 * IMAGE[0, 0, 2]
+    darker = vignette.factor(View.of(IMAGE).field(slice(0, 1), 60, IMAGE), 1.5)[0, 0]
+    left = 1 - 0.8 * np.log2(darker) / -0.5  # the factor is 2^(-stops m)
+    assert_allclose(corner, darker * (wanted + left * (IMAGE[0, 0] - wanted)), rtol=1e-4)
+    assert_allclose(np.asarray(effects.undo(found)), layer, atol=1e-5)
+
+
+def test_a_grey_corner_stays_grey_when_undone():
+    effects = CameraEffects(vignette=Vignette(stops=0.0, color_loss=1.0, radius=0.0, softness=0.05))
+    found = effects.undo(effects.apply(IMAGE))
+    assert_allclose(found[0, 0], found[0, 0, 0], rtol=1e-5)
+    assert np.isfinite(found).all()

@@ -8,7 +8,7 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor
+from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, with_color
 
 FIELD = np.random.default_rng(0).uniform(-0.7, 0.7, (40, 2))
 CORNER = np.array([0.8, 0.6])  # of a picture of 4:3
@@ -89,9 +89,30 @@ def test_gradients_of_the_strengths():
 
 @pytest.mark.parametrize(
     "numbers",
-    [{"stops": 11}, {"stops": math.nan}, {"radius": -0.1}, {"softness": 0.0}, {"roundness": 1.5}],
+    [
+        {"stops": 11},
+        {"stops": math.nan},
+        {"radius": -0.1},
+        {"softness": 0.0},
+        {"roundness": 1.5},
+        {"color_loss": 2},
+    ],
 )
 def test_a_number_out_of_range_is_told(numbers):
     name = next(iter(numbers))
     with pytest.raises(ParameterError, match=f"^{name}: expected"):
         Vignette(**{"stops": 1.0, **numbers})
+
+
+def test_colour_goes_towards_the_corners_and_luminance_stays():
+    """Authority: the luminance of ITU-R BT.709, which half way to grey is the same."""
+    vignette = Vignette(stops=0.0, color_loss=0.5)
+    share = vignette.color(np.array([[0.0, 0.0], [0.6, 0.8]]), 1.5)
+    assert_allclose(share, [1, 0.5])
+    light = np.array([[0.9, 0.2, 0.1], [0.9, 0.2, 0.1]])
+    found = with_color(light, share)
+    grey = 0.2126 * 0.9 + 0.7152 * 0.2 + 0.0722 * 0.1
+    assert_array_equal(found[0], light[0])
+    assert_allclose(found[1], (light[1] + grey) / 2)
+    assert_allclose(found @ [0.2126, 0.7152, 0.0722], grey)
+    assert_array_equal(vignette.factor(FIELD, 1.5), 1)

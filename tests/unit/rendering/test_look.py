@@ -87,6 +87,7 @@ def test_effects_of_strength_0_are_none():
             {"vignette": Vignette(stops=-1.0, radius=0.0, softness=0.5, roundness=0.0)},
         ),
         ({"vignette": 1.5}, {"vignette": Vignette(stops=1.5)}),
+        ({"vignette": 0, "vignette_color_loss": 0.4}, {"vignette": Vignette(stops=0.0, color_loss=0.4)}),
         (
             {"grain": 800, "grain_size": 0, "grain_mono": True, "grain_seed": 7},
             {"grain": Grain(iso=800.0, size=0.0, monochrome=True, seed=7)},
