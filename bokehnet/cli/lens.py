@@ -174,9 +174,9 @@ def report(
         with progress("drawing", counted=False) as tell:
             tell(0, 1)
             if output.suffix.lower() in (".html", ".htm"):
-                write_text(output, report_page(chosen), error=ImageFileError)
+                write_text(output, report_page([chosen]), error=ImageFileError)
             else:
-                report_picture(chosen, output)
+                report_picture([chosen], output)
             tell(1, 1)
     if as_json:
         typer.echo(json.dumps(lens_curves(chosen), indent=2))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.look_fit.disc_model import LOOK, Look, draw_disc
+from bokehnet.lenses.look_fit.disc_model import LOOK, Look, draw_disc, edge_depth
 from bokehnet.lenses.look_fit.discs import Disc
 from bokehnet.lenses.look_fit.least_squares import Solution, solve
 from bokehnet.optics.chromatic_aberration import glass_curve
@@ -25,6 +25,8 @@ _BLADES = (0, 5, 6, 7, 8, 9, 10, 11)
 _DARK = 0.65
 # Light from which a photograph is clipped, and blades must leave this share less than a round opening does.
 _CLIPPED, _WORTH = 0.985, 0.985
+# Blades whose edges lie less than this many pixels within the circle are a round opening.
+_SHALLOW = 0.1
 # Discs of which so many times as much is left as of the middle one are given up.
 _STRAY = 2.5
 _GREY = np.array([0.2126, 0.7152, 0.0722])
@@ -180,7 +182,8 @@ def fit_look(image: np.ndarray, discs: Sequence[Disc], *, behind: bool = True) -
             if blades not in costs or found.cost < costs[blades][0]:
                 costs[blades] = found.cost, problem.look(found.values), problem.places(found.values)
     best = min(costs, key=lambda blades: costs[blades][0])
-    if costs[best][0] > _WORTH * costs[0][0]:
+    depth = edge_depth(best, costs[best][1].curvature) if best else 0.0
+    if costs[best][0] > _WORTH * costs[0][0] or depth * np.median(costs[best][2][:, 2]) < _SHALLOW:
         best = 0
     _, look, places = costs[best]
     discs, rough = _placed(grey, look, places, discs, size, side)
