@@ -1,7 +1,7 @@
-"""The wave-front of a lens: how far light is ahead of a sphere about the point where the middle ray arrives.
+"""The wave-front of a lens: how far light is ahead of a sphere about the place of the middle ray.
 
-Lengths of rays, times the index, from the point in focus to the sphere that runs through the middle of the exit
-pupil. Of the lens as it is focused and stopped down.
+Lengths of rays, times the index, from the point in focus to the sphere that runs through the middle of the
+exit pupil. Of the lens as it is focused and stopped down.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from bokehnet.optics.zernike import zernike
 
 __all__ = ["Wavefront", "trace_wavefront", "wave_mtf", "zernike_fit"]
 
-# Half the side of the grid in radii of the entrance pupil: real pupils are wider than Gaussian optics has them.
+# Half the side of the grid, radii of the entrance pupil; real pupils are wider than Gaussian optics has them.
 _WIDEST = 1.25
 _NEWTON_STEPS = 3
 
@@ -25,8 +25,8 @@ class Wavefront:
     """The wave-front of one point of the field on a grid over the entrance pupil.
 
     Attributes:
-        pupil: Where rays cross the entrance pupil, from where the middle ray does, in its radii, (N, N, 2); x is
-            along the field, as the picture has it.
+        pupil: Where rays cross the entrance pupil, from where the middle ray does, in its radii, (N, N, 2);
+            x is along the field, as the picture has it.
         waves: How far light is ahead of the sphere, wavelengths, (N, N).
         passes: Which rays nothing stops, (N, N).
         cosines: Cosines between rays and the two axes across the lens at the sensor, (N, N, 2).
@@ -57,7 +57,7 @@ def trace_wavefront(
     Args:
         lens: The lens.
         share: Of the radius.
-        wavelength: Nanometres; None is the design wavelength, of which the middle ray and the sphere are always.
+        wavelength: Nanometres; None is the design wavelength, as middle ray and sphere are always.
         count: Rays along each side of the grid.
 
     Source:
@@ -91,8 +91,8 @@ def _paths(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Lengths times index to the sphere about ``centre``, mm; place on the sensor, cosines, which pass.
 
-    Rays of the point in focus whose middle ray is given by its origin and slope in the entrance pupil. Without
-    a centre the sphere is that of the first ray itself.
+    Rays of the point in focus whose middle ray is given by origin and slope in the entrance pupil. Without a
+    centre the sphere is that of the first ray itself.
     """
     entrance = lens.paraxial.entrance
     own_origin = origin - abs(entrance.radius) * pupil
@@ -111,9 +111,7 @@ def _paths(
         path = np.sqrt((x - point[0]) ** 2 + (y - point[1]) ** 2 + depth**2)
     for surface in lens.surfaces_at(wavelength):
         passed = trace([surface], beam)
-        travel = (
-            (b - a) * d for a, b, d in zip(beam.position, passed.position, beam.direction, strict=True)
-        )
+        travel = ((b - a) * d for a, b, d in zip(beam.position, passed.position, beam.direction, strict=True))
         path = path + surface.before * sum(travel)
         beam = passed
     place = np.stack(beam.at(lens.sensor_position), -1)
@@ -122,7 +120,11 @@ def _paths(
     exit_position = lens.paraxial.exit.position
     to_sensor = lens.sensor_position - exit_position
     square = float(centre @ centre) + to_sensor**2
-    away = (centre[0] - beam.position[0], centre[1] - beam.position[1], lens.sensor_position - beam.position[2])
+    away = (
+        centre[0] - beam.position[0],
+        centre[1] - beam.position[1],
+        lens.sensor_position - beam.position[2],
+    )
     along = sum(a * d for a, d in zip(away, beam.direction, strict=True))
     inside = along**2 - sum(a * a for a in away) + square
     path = path + along - np.sign(to_sensor) * np.sqrt(np.maximum(inside, 0))
@@ -139,8 +141,8 @@ def _direction(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def zernike_fit(front: Wavefront, count: int = 22) -> np.ndarray:
     """Return the coefficients of the wave-front by :func:`zernike`, wavelengths, (count,).
 
-    Least squares over the rays that pass, on the disc of the Gaussian entrance pupil about the middle ray; where
-    rims leave a part of the disc only, the smallest coefficients that fit that part.
+    Least squares over the rays that pass, on the disc of the Gaussian entrance pupil about the middle ray.
+    Where rims leave a part of the disc only, these are the smallest coefficients that fit that part.
     """
     inside = front.passes & ((front.pupil**2).sum(-1) <= 1)
     basis = zernike(count, front.pupil[inside]).T
@@ -188,7 +190,7 @@ def wave_mtf(front: Wavefront, frequencies: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _between(values: np.ndarray, pupil: np.ndarray, step: float) -> np.ndarray:
-    """Values (N, N, C) at places of the pupil (N, N, 2), linear in between; beyond the grid as at its edge."""
+    """Values (N, N, C) at places of the pupil (N, N, 2), linear in between; as at the edge beyond it."""
     last = len(values) - 1
     place = np.clip((pupil + _WIDEST) / step, 0, last - 1e-9)
     low = place.astype(int)

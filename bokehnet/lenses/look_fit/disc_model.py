@@ -92,7 +92,7 @@ def draw_disc(
 
 
 def edge_depth(blades: int, curvature: float) -> float:
-    """How far the middle of a blade's edge lies within the circle, radii: 1 - cos(pi / blades) if straight."""
+    """How far the middle of a blade's edge lies within the circle, radii; straight: 1 - cos(pi / blades)."""
     low, high = math.cos(math.pi / blades), 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
