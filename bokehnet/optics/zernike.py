@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-__all__ = ["NAMES", "noll_order", "zernike"]
+__all__ = ["NAMES", "noll_order", "radial_factors", "zernike"]
 
 # Of the first eleven polynomials.
 NAMES = (
@@ -33,6 +33,22 @@ def noll_order(number: int) -> tuple[int, int]:
     return degree, size if number % 2 == 0 else -size
 
 
+def radial_factors(degree: int, order: int) -> dict[int, int]:
+    """Return powers of the radius and their factors in the radial polynomial; 1 at the rim.
+
+    Args:
+        degree: n, the highest power.
+        order: The size of m.
+    """
+    half = (degree + order) // 2, (degree - order) // 2
+    return {
+        degree - 2 * k: (-1) ** k
+        * math.factorial(degree - k)
+        // (math.factorial(k) * math.factorial(half[0] - k) * math.factorial(half[1] - k))
+        for k in range(half[1] + 1)
+    }
+
+
 def zernike(count: int, pupil: np.ndarray) -> np.ndarray:
     """Return the first ``count`` polynomials at points of the unit disc, (count, ...).
 
@@ -50,15 +66,7 @@ def zernike(count: int, pupil: np.ndarray) -> np.ndarray:
     for number in range(1, count + 1):
         degree, signed = noll_order(number)
         size = abs(signed)
-        radial = np.zeros_like(rho)
-        for k in range((degree - size) // 2 + 1):
-            factor = (-1) ** k * math.factorial(degree - k)
-            factor //= (
-                math.factorial(k)
-                * math.factorial((degree + size) // 2 - k)
-                * math.factorial((degree - size) // 2 - k)
-            )
-            radial = radial + factor * rho ** (degree - 2 * k)
+        radial = sum(factor * rho**power for power, factor in radial_factors(degree, size).items())
         turn = np.cos(size * angle) if signed >= 0 else np.sin(size * angle)
         found.append(math.sqrt((degree + 1) * (2 if size else 1)) * radial * turn)
     return np.stack(found)

@@ -7,7 +7,7 @@ from bokehnet.cli.app import app
 
 OPTIONS = {
     "render": """
-        --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
+        --aberration-table --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
         --blade-curvature --blades --blur --blur-from --blur-to --cats-eye
         --channel --coma --cos4 --depth --depth-unit --disc-grain
         --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
