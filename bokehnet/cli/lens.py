@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from bokehnet.cli.lens_fit import fit
+from bokehnet.cli.lens_tables import aberrations, preset, transfer
 from bokehnet.cli.options import QuickGroup
 from bokehnet.errors import ParameterError
 
@@ -201,6 +202,9 @@ def _write_sheet(lenses: list[Any], output: Path) -> None:
 
 
 lens.command()(fit)
+lens.command()(aberrations)
+lens.command()(preset)
+lens.command()(transfer)
 
 
 def _flat(facts: dict[str, Any]) -> dict[str, str]:

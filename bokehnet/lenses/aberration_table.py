@@ -1,4 +1,4 @@
-"""Aberrations as a table that can be read, edited and written: a row for each wavelength, a column for each kind.
+"""Aberrations as a table to read, edit and write: a row for each wavelength, a column for each kind.
 
 ::
 
@@ -9,16 +9,17 @@
     587.6, -0.42, 0.12, 0.5, -0.3, 0, 0, 0
     656.3, -0.43, 0.12, 0.5, -0.3, 0, -0.02, 0.01
 
-Percent of the picture's half-diagonal, at the rim of the pupil and in the corner of the picture. Columns, in any
-order, each at most once; what is left out is 0:
+Percent of the picture's half-diagonal, at the rim of the pupil and in the corner of the picture. Columns, in
+any order, each at most once; what is left out is 0:
 
-- the coefficients B, F, C, D, E of Seidel's five aberrations (:class:`SeidelCoefficients`), ``axial``: the blur that
-  a wavelength has in the plane of focus, and ``lateral``: by how much its picture is smaller;
-- ``zernike_N``: the aberration whose wave-front in the corner is polynomial N of Noll, in units in which rays miss
-  by its gradient over the pupil. Its share of the field is the lowest that symmetry allows: none for defocus and
-  spherical aberration, linear for coma, square for astigmatism;
+- the coefficients B, F, C, D, E of Seidel's five aberrations (:class:`SeidelCoefficients`), ``axial``: the
+  blur that a wavelength has in the plane of focus, and ``lateral``: by how much its picture is smaller;
+- ``zernike_N``: the aberration whose wave-front in the corner is polynomial N of Noll, in units in which rays
+  miss by its gradient over the pupil. It grows with the field by the lowest power that symmetry allows: 0 for
+  defocus and spherical aberration, 1 for coma, 2 for astigmatism;
 - ``image_f_IJK`` and ``image_g_IJK``: any term of :class:`AberrationMap` alone, ``a`` and ``h`` times
-  ``(a.a)^I (a.h)^J (h.h)^K``; ``pupil_f_IJK`` and ``pupil_g_IJK`` the same of the pupil, percent of its radius.
+  ``(a.a)^I (a.h)^J (h.h)^K``; ``pupil_f_IJK`` and ``pupil_g_IJK`` the same of the pupil, percent of its
+  radius.
 
 Remarks tell ``rim``, the shift and radius of a vignetting aperture, once for each of them.
 """
@@ -86,7 +87,8 @@ def parse_aberration_table(text: str, path: str | Path) -> AberrationMap:
         path: For messages.
 
     Raises:
-        ConfigError: A column is not known or comes twice, a cell is no finite number, or wavelengths do not rise.
+        ConfigError: A column is not known or comes twice, a cell is no finite number, or wavelengths
+            do not rise.
     """
     rims, rows, numbers = [], [], []
     for number, line in enumerate(text.splitlines(), start=1):
@@ -107,7 +109,9 @@ def parse_aberration_table(text: str, path: str | Path) -> AberrationMap:
         problem = f"{twice[0]!r} twice" if twice else "none"
         raise ConfigError(f"{path}: line {numbers[0]}: expected one column wavelength, found {problem}")
     fills = [_column(name, f"{path}: line {numbers[0]}") for name in names]
-    values = np.array([_numbers(row, names, f"{path}: line {n}") for row, n in zip(cells, numbers[1:])])
+    values = np.array(
+        [_numbers(row, names, f"{path}: line {n}") for row, n in zip(cells, numbers[1:], strict=True)]
+    )
     wavelengths = values[:, names.index("wavelength")]
     if (np.diff(wavelengths) <= 0).any() or wavelengths[0] <= 0:
         raise ConfigError(f"{path}: wavelength: expected rising numbers above 0, got {wavelengths.tolist()}")

@@ -82,8 +82,8 @@ def preset_file(name: str | Path) -> Path:
 def load_preset(name: str | Path) -> Preset:
     """Read a preset by its name, or from a TOML file.
 
-    Files that it names are looked for beside it first. The file has a ``description``, and settings: in tables by group, as of ``[aperture]``, or by the names
-    of the command line's options, such as ``cats-eye = 0.5``.
+    It has a ``description``, and settings: in tables by group, as of ``[aperture]``, or by the names of the
+    command line's options, such as ``cats-eye = 0.5``. Files that it names are looked for beside it first.
 
     Raises:
         ConfigError: The file is missing or not TOML, a setting is unknown or is none of a look, or a value

@@ -7,7 +7,8 @@ from bokehnet.cli.app import app
 
 OPTIONS = {
     "render": """
-        --aberration-table --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
+        --aberration-table
+        --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
         --blade-curvature --blades --blur --blur-from --blur-to --cats-eye
         --channel --coma --cos4 --depth --depth-unit --disc-grain
         --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
@@ -42,6 +43,7 @@ OPTIONS = {
     "lens": """
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json --lights --in-front --residual
+        --theory --degree --one-colour
     """,
     "models": """
         --get

@@ -18,7 +18,7 @@ def read(text):
 
 
 def test_seven_numbers_for_each_of_64_wavelengths_go_out_and_in():
-    """Asberg 2020: seven parameters for 64 wavelengths; what is read is what was written, to nine digits."""
+    """Asberg 2020: seven parameters for 64 wavelengths; what is read is what was written."""
     lens = seidel_aberration_map(load_lens("double_gauss", f_number=4.0), distortion=True)
     lens = dataclasses.replace(lens, vignetting_apertures=((0.5, 1.1), (-0.7, 1.2)))
     text = aberration_table(lens, {"name": "Double Gauss"})
@@ -34,7 +34,7 @@ def test_seven_numbers_for_each_of_64_wavelengths_go_out_and_in():
 
 
 def test_seidels_columns_are_the_sliders():
-    """:class:`AberrationSliders`: coma is a third of its tail, field curvature is told at the medial focus."""
+    """:class:`AberrationSliders`: coma is a third of its tail, the field is told at the medial focus."""
     sliders = AberrationSliders(
         spherical=0.6, coma=0.9, astigmatism=0.4, field_curvature=0.3, focusing="paraxial"
     )
