@@ -43,7 +43,7 @@ OPTIONS = {
     "lens": """
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json --lights --in-front --residual
-        --theory --degree --one-colour
+        --theory --degree --one-colour --sharp --disparity
     """,
     "models": """
         --get
