@@ -174,7 +174,9 @@ def _best_look(pair: _Pair, blur: float, focus: float, blades: Sequence[int]) ->
     """Blur and focus as :func:`_first_guess` has them; the number of blades that leaves least."""
     count = 3 * int(pair.taken.sum())
     even = ("spherical_profile", "cats_eye")
-    first, blur, focus, start = pair.fit(even, blur, focus, Look(), _STEPS)
+    # Plain discs are drawn by another kernel, across which no derivative can be taken.
+    begin = Look(spherical_profile=0.02, cats_eye=0.3)
+    first, blur, focus, start = pair.fit(even, blur, focus, begin, _STEPS)
     found = {0: (first.cost, blur, focus, start)}
     for number in blades:
         for turn in (0.0, 0.5) if number else ():

@@ -1,9 +1,14 @@
 """``bokehnet lens fit`` where it has nothing to fit; the fit itself is tested in ``unit/lenses/look_fit``."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image, write_image, write_map
+from bokehnet.optics.aperture import Aperture
+from bokehnet.rendering import pair_fit
 
 
 def test_a_picture_without_lamps_is_refused_and_nothing_written(cli, tmp_path):
@@ -32,8 +37,9 @@ def test_a_sharp_picture_needs_its_disparity(cli, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_pair_tells_blur_and_focus_as_options_take_them(cli, tmp_path, no_bar):
-    """Authority: the command that blurred the picture."""
+def test_a_pair_tells_blur_and_focus_as_options_take_them(cli, tmp_path, no_bar, monkeypatch):
+    """Authority: the scatter that blurred the picture; blades are tried in ``test_pair_fit.py``."""
+    monkeypatch.setattr(pair_fit, "fit_pair", partial(pair_fit.fit_pair, blades=(0,)))
     rng = np.random.default_rng(0)
     image = rng.uniform(0.02, 0.06, (60, 80, 3))
     image[rng.integers(4, 56, 12), rng.integers(4, 76, 12)] += 20  # lamps
@@ -41,11 +47,8 @@ def test_a_pair_tells_blur_and_focus_as_options_take_them(cli, tmp_path, no_bar)
     ramp = np.broadcast_to(np.linspace(0, 1, 80), (60, 80))
     write_map(tmp_path / "d.exr", ramp.astype(np.float32), channel="disparity")
     common = ["--disparity", tmp_path / "d.exr"]
-    taken = cli(
-        *("render", tmp_path / "a.exr", *common, "--blur", 12, "--focus", 0.3, "--cats-eye", 0.4),
-        *("--engine", "scatter", "-o", tmp_path / "b.exr"),
-    )
-    assert taken.code == 0, taken.err
+    defocus = (12 * (ramp - 0.3)).astype(np.float32)
+    write_image(tmp_path / "b.exr", scatter(image.astype(np.float32), defocus, Aperture(cats_eye=0.4)))
     outcome = cli(
         *("lens", "fit", tmp_path / "b.exr", "--sharp", tmp_path / "a.exr", *common),
         *("-o", tmp_path / "look.toml", "--residual", tmp_path / "left.png"),
