@@ -106,12 +106,13 @@ def main() -> None:
     """Print the error of each parameter over random truths."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     table: dict[str, list[float]] = {}
     taken = []
     with tempfile.TemporaryDirectory() as folder:
-        for seed in range(options.count):
+        for seed in range(options.first, options.first + options.count):
             rng = np.random.default_rng(seed)
             look = random_look(rng)
             image = photograph(look, rng, Path(folder))

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from bokehnet.cli.lens_fit import fit
+from bokehnet.cli.lens_tables import aberrations, preset, transfer
 from bokehnet.cli.options import QuickGroup
 from bokehnet.errors import ParameterError
 
@@ -36,6 +37,10 @@ _FNumber = Annotated[float | None, typer.Option(help="Stop down to this f-number
 _Focus = Annotated[float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")]
 _Paraxial = Annotated[
     bool, typer.Option("--paraxial", help="Focus rays near the axis, not the whole opening's least blur.")
+]
+_Sheet = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="Write the sheet here: .html, .pdf, or a picture such as .png."),
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Numbers as JSON.")]
 
@@ -125,19 +130,28 @@ def import_file(
 def compare(
     first: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
     second: Annotated[str, typer.Argument(help="Another one.")],
+    output: _Sheet = None,
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
     paraxial: _Paraxial = False,
     as_json: _Json = False,
 ) -> None:
-    """Tell the numbers of two lenses side by side."""
+    """Tell the numbers of two lenses side by side, or draw their sheets so."""
+    from bokehnet.errors import ImageFileError
+    from bokehnet.io.atomic import check_target
     from bokehnet.lenses.facts import lens_facts
+    from bokehnet.lenses.report_sheet import lens_curves
 
-    both = [lens_facts(_load(name, focal, f_number, focus, paraxial)) for name in (first, second)]
+    if output is not None:
+        check_target(output, error=ImageFileError)
+    lenses = [_load(name, focal, f_number, focus, paraxial) for name in (first, second)]
+    if output is not None:
+        _write_sheet(lenses, output)
     if as_json:
-        typer.echo(json.dumps(both, indent=2))
+        typer.echo(json.dumps([lens_curves(one) for one in lenses], indent=2))
         return
+    both = [lens_facts(one) for one in lenses]
     rows = [("", *(str(facts["name"]) for facts in both))]
     columns = [_flat(facts) for facts in both]
     rows += [(label, columns[0][label], columns[1][label]) for label in columns[0]]
@@ -149,10 +163,7 @@ def compare(
 @lens.command()
 def report(
     name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Write the sheet here: .html, or a picture such as .png."),
-    ] = None,
+    output: _Sheet = None,
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
@@ -160,10 +171,9 @@ def report(
     as_json: _Json = False,
 ) -> None:
     """Show all that is known of a lens on one sheet, or tell it as JSON."""
-    from bokehnet.cli.progress import progress
     from bokehnet.errors import ImageFileError
-    from bokehnet.io.atomic import check_target, write_text
-    from bokehnet.lenses.report_sheet import lens_curves, report_page, report_picture
+    from bokehnet.io.atomic import check_target
+    from bokehnet.lenses.report_sheet import lens_curves
 
     if output is None and not as_json:
         raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
@@ -171,18 +181,30 @@ def report(
         check_target(output, error=ImageFileError)
     chosen = _load(name, focal, f_number, focus, paraxial)
     if output is not None:
-        with progress("drawing", counted=False) as tell:
-            tell(0, 1)
-            if output.suffix.lower() in (".html", ".htm"):
-                write_text(output, report_page(chosen), error=ImageFileError)
-            else:
-                report_picture(chosen, output)
-            tell(1, 1)
+        _write_sheet([chosen], output)
     if as_json:
         typer.echo(json.dumps(lens_curves(chosen), indent=2))
 
 
+def _write_sheet(lenses: list[Any], output: Path) -> None:
+    from bokehnet.cli.progress import progress
+    from bokehnet.errors import ImageFileError
+    from bokehnet.io.atomic import write_text
+    from bokehnet.lenses.report_sheet import report_page, report_picture
+
+    with progress("drawing", counted=False) as tell:
+        tell(0, 1)
+        if output.suffix.lower() in (".html", ".htm"):
+            write_text(output, report_page(lenses), error=ImageFileError)
+        else:
+            report_picture(lenses, output)
+        tell(1, 1)
+
+
 lens.command()(fit)
+lens.command()(aberrations)
+lens.command()(preset)
+lens.command()(transfer)
 
 
 def _flat(facts: dict[str, Any]) -> dict[str, str]:

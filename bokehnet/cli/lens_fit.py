@@ -15,7 +15,10 @@ _GREY = (0.2126, 0.7152, 0.0722)
 
 
 def fit(
-    photo: Annotated[Path, typer.Argument(help="The whole photograph, lamps out of focus, not clipped.")],
+    photo: Annotated[
+        Path,
+        typer.Argument(help="The whole photograph, lamps out of focus, not clipped; or any, with --sharp."),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Write the look here, as a .toml preset.")],
     lights: Annotated[
         str, typer.Option(help="auto, or the lamps: X,Y,RADIUS in pixels, more behind a semicolon.")
@@ -26,8 +29,14 @@ def fit(
     residual: Annotated[
         Path | None, typer.Option(help="Draw the photograph, the fit and four times what is left here.")
     ] = None,
+    sharp: Annotated[
+        Path | None, typer.Option(help="The same view, sharp everywhere; fits blur and focus as well.")
+    ] = None,
+    disparity: Annotated[
+        Path | None, typer.Option(help="With --sharp: its disparity, near is bright.")
+    ] = None,
 ) -> None:
-    """Fit the opening and the colours of a lens to the discs of lamps in a photograph."""
+    """Fit the opening of a lens to the discs of lamps in a photograph, or to a sharp picture with depth."""
     import numpy as np
 
     from bokehnet.cli.progress import progress
@@ -39,6 +48,12 @@ def fit(
     check_target(output, error=ConfigError)
     if residual is not None:
         check_writable(residual)
+    if (sharp is None) != (disparity is None):
+        found_one = "--sharp" if disparity is None else "--disparity"
+        raise ParameterError(found_one, expected="--sharp and --disparity", shown="one of them")
+    if sharp is not None and disparity is not None:
+        _fit_pair(photo, sharp, disparity, output, residual)
+        return
     chosen = None if lights == "auto" else _discs(lights)
     image = read_image(photo)
     discs = find_discs(image @ np.array(_GREY)) if chosen is None else chosen
@@ -47,6 +62,52 @@ def fit(
         found = fit_look(image, discs, behind=not in_front)
         report(1, 1)
     look = found.look
+    rows = _shape_rows(look) | {
+        "axial-fringe": round(look.axial, 4),
+        "lateral-fringe": round(look.lateral, 4),
+    }
+    told = "".join(f"{name} = {value}\n" for name, value in rows.items())
+    write_text(output, f'description = "Fitted to the lamps of a photograph"\n{told}', error=ConfigError)
+    if residual is not None:
+        left = np.clip(4 * np.abs(image - found.drawn), 0, 1)
+        write_image(residual, np.hstack([image, found.drawn, left]))
+    _tell(rows, found.deviation)
+    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(found.others.items()))
+    typer.echo(f"  {len(found.discs)} discs; left of their light {found.left:.4f}; by blades {others}")
+
+
+def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual: Path | None) -> None:
+    """Fit blur, focus and the opening; the look goes to the file, blur and focus are told."""
+    import numpy as np
+
+    from bokehnet.cli.progress import progress
+    from bokehnet.io.atomic import write_text
+    from bokehnet.io.image import read_image, write_image
+    from bokehnet.rendering.depth_source import RelativeDisparity
+    from bokehnet.rendering.pair_fit import fit_pair
+    from bokehnet.rendering.scene import read_scene
+
+    scene = read_scene(sharp, source=RelativeDisparity(map=disparity))
+    with progress("fitting", counted=False) as report:
+        report(0, 1)
+        found = fit_pair(scene.image, np.asarray(scene.depth.values), read_image(photo))
+        report(1, 1)
+    rows = _shape_rows(found.look)
+    told = "".join(f"{name} = {value}\n" for name, value in rows.items())
+    write_text(output, f'description = "Fitted to a pair of pictures"\n{told}', error=ConfigError)
+    if residual is not None:
+        high, wide = found.drawn.shape[:2]
+        step = read_image(photo).shape[0] // high
+        seen = read_image(photo)[: high * step, : wide * step].reshape(high, step, wide, step, 3).mean((1, 3))
+        left = np.clip(4 * np.abs(seen - found.drawn), 0, 1) * found.taken[..., None]
+        write_image(residual, np.hstack([seen, found.drawn, left]).astype(np.float32))
+    _tell({"blur": found.blur, "focus": found.focus} | rows, found.deviation)
+    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(found.others.items()))
+    typer.echo(f"  left of square roots of light {found.left:.4f}; by blades {others}")
+
+
+def _shape_rows(look: Any) -> dict[str, float]:
+    """Options of the opening, by name."""
     rows = {
         "blades": look.blades,
         "blade-curvature": round(look.curvature, 4),
@@ -54,24 +115,20 @@ def fit(
         "rim": round(look.spherical_profile, 4),
         "obstruction": round(look.obstruction, 4),
         "cats-eye": round(look.cats_eye, 4),
-        "axial-fringe": round(look.axial, 4),
-        "lateral-fringe": round(look.lateral, 4),
     }
     if not look.blades:
         del rows["blade-curvature"], rows["aperture-rotation"]
-    told = "".join(f"{name} = {value}\n" for name, value in rows.items())
-    write_text(output, f'description = "Fitted to the lamps of a photograph"\n{told}', error=ConfigError)
-    if residual is not None:
-        left = np.clip(4 * np.abs(image - found.drawn), 0, 1)
-        write_image(residual, np.hstack([image, found.drawn, left]))
+    return rows
+
+
+def _tell(rows: dict[str, float], deviation: dict[str, float]) -> None:
+    """Print each number with its doubt."""
     names = {"curvature": "blade-curvature", "rotation": "aperture-rotation", "spherical_profile": "rim"}
-    spread = {names.get(name, name): value for name, value in found.deviation.items()}
+    spread = {names.get(name, name): value for name, value in deviation.items()}
     for name, value in rows.items():
         key = name.replace("-fringe", "").replace("-", "_") if name not in spread else name
         doubt = spread.get(key)
         typer.echo(f"  {name:<18}{value:>9.4g}" + ("" if doubt is None else f"  +- {doubt:.2g}"))
-    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(found.others.items()))
-    typer.echo(f"  {len(found.discs)} discs; left of their light {found.left:.4f}; by blades {others}")
 
 
 def _discs(text: str) -> list[Any]:

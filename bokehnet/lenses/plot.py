@@ -18,7 +18,7 @@ from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_section", "plot_lens", "sharp_radius", "spot"]
+__all__ = ["draw_blur", "draw_section", "plot_lens", "sharp_radius", "spot"]
 
 _FIELDS = (0.0, 0.7, 1.0)
 _FIELD_COLORS = ("#2f6db3", "#c8732b", "#3c8f4f")
@@ -83,7 +83,7 @@ def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
     columns = left.subplots(1, len(_FIELDS), sharex=True, sharey=True)
     widest = max(_draw_spot(column, lens, share) for column, share in zip(columns, _FIELDS, strict=True))
     columns[0].set(xlim=(-widest, widest), ylim=(-widest, widest))
-    _draw_blur(right.subplots(), lens)
+    draw_blur(right.subplots(), lens)
     try:
         figure.savefig(path, dpi=130)
     except (OSError, ValueError) as error:
@@ -170,7 +170,8 @@ def _draw_spot(axes: "Axes", lens: PrescriptionLens, share: float) -> float:
     return 1.05 * widest
 
 
-def _draw_blur(axes: "Axes", lens: PrescriptionLens) -> None:
+def draw_blur(axes: "Axes", lens: PrescriptionLens) -> None:
+    """Draw the circle of confusion over depth, and the depth of field."""
     limit = sharp_radius(lens)
     near, far = depth_of_field(lens, limit)
     centre = lens.focus_distance if math.isfinite(lens.focus_distance) else near

@@ -4,6 +4,7 @@ import base64
 import html
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,15 +21,18 @@ from bokehnet.lenses.analysis import (
     ray_fan,
     spherical_focus,
 )
+from bokehnet.lenses.depth_of_field import depth_of_field
 from bokehnet.lenses.facts import FIELDS, distortion, lens_facts
-from bokehnet.lenses.plot import draw_section
+from bokehnet.lenses.plot import draw_blur, draw_section, sharp_radius
 from bokehnet.lenses.point_spread import traced_psf
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.relative_illumination import relative_illumination
 from bokehnet.lenses.seidel_lens import seidel_by_surface
+from bokehnet.lenses.wavefront import Wavefront, trace_wavefront, wave_mtf, zernike_fit
 from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.zernike import NAMES as ZERNIKE_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +55,8 @@ def lens_curves(lens: PrescriptionLens) -> dict[str, Any]:
     shares, zones = np.linspace(0, 1, 21), np.linspace(0.05, 1.1, 22)
     waves, frequencies = np.linspace(420, 680, 14), np.linspace(0, 100, 21)
     tangential, sagittal = field_curvature(lens, shares)
+    fronts = [trace_wavefront(lens, share) for share in FIELDS]
+    limit = sharp_radius(lens)
     curves: dict[str, Any] = {
         "field_shares": shares,
         "distortion": distortion(lens, shares),
@@ -64,33 +70,75 @@ def lens_curves(lens: PrescriptionLens) -> dict[str, Any]:
         "line_pairs_per_mm": frequencies,
         "diffraction_mtf": airy_mtf(lens, frequencies, lens.prescription.design_wavelength),
         "mtf": [_pair(geometric_mtf(lens, share, frequencies)) for share in FIELDS],
+        "wave_mtf": [_pair(wave_mtf(front, frequencies)) for front in fronts],
+        "wavefronts": [
+            {"rms": front.rms, "zernike": zernike_fit(front), "wavelength": front.wavelength}
+            for front in fronts
+        ],
+        "spots": [_through_focus(lens, share) for share in FIELDS],
+        "breathing": dict(zip(("focus_distance", "larger"), _breathing(lens), strict=True)),
+        "depth_of_field": {"blur_radius": limit, "range": depth_of_field(lens, limit)},
         "ray_fans": [dict(zip(("pupil", "along", "across"), ray_fan(lens, f), strict=True)) for f in FIELDS],
     }
     found: dict[str, Any] = _plain(lens_facts(lens) | {"curves": curves})
     return found
 
 
-def report_picture(lens: PrescriptionLens, path: str | Path) -> None:
-    """Draw the sheet to a picture file.
+def _through_focus(lens: PrescriptionLens, share: float) -> dict[str, Any]:
+    """Root mean square radii of spots in planes behind the sensor, mm, over the lines F, d and C."""
+    planes = np.arange(-4, 5) * _plane_step(lens)
+    pupil = 1.5 * disc_from_square(np.stack([halton(900, 2), halton(900, 3)], -1))
+    found = []
+    for plane in planes:
+        points = []
+        for wavelength, _ in _LINES:
+            rays = field_rays(lens, share, pupil, wavelength)
+            points.append((rays.place + plane * rays.slope)[rays.passes])
+        all_points = np.concatenate(points)
+        found.append(np.sqrt(((all_points - all_points.mean(0)) ** 2).sum(1).mean()))
+    return {"planes": planes, "rms_radius": found}
+
+
+def _plane_step(lens: PrescriptionLens) -> float:
+    """How far planes of the spots through focus are apart, over the numbers of ``_PLANES``, mm."""
+    return lens.prescription.image_radius / 1500 * 2 * lens.working_f_number
+
+
+def report_picture(lenses: Sequence[PrescriptionLens], path: str | Path) -> None:
+    """Draw the sheets of lenses, side by side, to a picture file or a PDF.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
         ImageFileError: The file cannot be written, or its ending names no picture format.
     """
     try:
-        _figure(lens).savefig(path, dpi=110)
+        _figure(lenses).savefig(path, dpi=110)
     except (OSError, ValueError) as error:
         raise ImageFileError(f"cannot write {path}: {error}") from error
 
 
-def report_page(lens: PrescriptionLens) -> str:
-    """Return the sheet and the numbers as one page of HTML, which needs no other file.
+def report_page(lenses: Sequence[PrescriptionLens]) -> str:
+    """Return the sheets and the numbers, side by side, as one page of HTML, which needs no other file.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
     """
+    title = html.escape(", ".join(lens.prescription.name for lens in lenses))
+    parts = "".join(f"<section>{_section(lens)}</section>" for lens in lenses)
+    return (
+        f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>{title}</title><style>"
+        "body{font:15px/1.5 sans-serif;margin:2rem auto;padding:0 1rem;display:flex;gap:2rem}"
+        "section{flex:1;min-width:0;max-width:90rem;margin:auto;overflow-x:auto}"
+        "table{border-collapse:collapse;margin:1rem 0}td,th{padding:.2rem .8rem;text-align:left;"
+        "border-bottom:1px solid #ddd;font-weight:normal}th{color:#555}img{max-width:100%}</style></head>"
+        f"<body>{parts}</body></html>\n"
+    )
+
+
+def _section(lens: PrescriptionLens) -> str:
+    """The sheet and the tables of one lens, as HTML."""
     picture = io.BytesIO()
-    _figure(lens).savefig(picture, dpi=110, format="png")
+    _figure([lens]).savefig(picture, dpi=110, format="png")
     facts = lens_facts(lens)
     name, coded = html.escape(str(facts["name"])), base64.b64encode(picture.getvalue()).decode()
     simple = "".join(
@@ -98,14 +146,17 @@ def report_page(lens: PrescriptionLens) -> str:
         for key, value in facts.items()
         if not isinstance(value, list)
     )
+    fitted = [zernike_fit(trace_wavefront(lens, share)) for share in FIELDS]
+    waves = [
+        {"polynomial": f"Z{number + 1}" + (f", {name}" if name else "")}
+        | {field: float(row[number]) for field, row in zip(_NAMES, fitted, strict=True)}
+        for number, name in enumerate([*ZERNIKE_NAMES, *[""] * (len(fitted[0]) - len(ZERNIKE_NAMES))])
+    ]
     return (
-        f"<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'><title>{name}</title><style>"
-        "body{font:15px/1.5 sans-serif;max-width:90rem;margin:2rem auto;padding:0 1rem}"
-        "table{border-collapse:collapse;margin:1rem 0}td,th{padding:.2rem .8rem;text-align:left;"
-        "border-bottom:1px solid #ddd;font-weight:normal}th{color:#555}img{max-width:100%}</style></head>"
-        f"<body><h1>{name}</h1><img src='data:image/png;base64,{coded}' alt='sheet'>"
+        f"<h1>{name}</h1><img src='data:image/png;base64,{coded}' alt='sheet'>"
         f"<table>{simple}</table><h2>Field</h2>{_table(facts['fields'])}"
-        f"<h2>Seidel sums by surface, mm</h2>{_table(facts['seidel'])}</body></html>\n"
+        f"<h2>Seidel sums by surface, mm</h2>{_table(facts['seidel'])}"
+        f"<h2>Wave-front by Noll's polynomials, wavelengths</h2>{_table(waves)}"
     )
 
 
@@ -141,14 +192,21 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _figure(lens: PrescriptionLens) -> "Figure":
+def _figure(lenses: Sequence[PrescriptionLens]) -> "Figure":
     require_extra("matplotlib", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(16, 19), layout="constrained")
+    figure = Figure(figsize=(16 * len(lenses), 22), layout="constrained")
     FigureCanvasAgg(figure)
-    top, curves, points = figure.subfigures(3, 1, height_ratios=(1.0, 1.35, 1.25))
+    parts = figure.subfigures(1, len(lenses), squeeze=False)[0]
+    for part, lens in zip(parts, lenses, strict=True):
+        _draw_sheet(part, lens)
+    return figure
+
+
+def _draw_sheet(part: Any, lens: PrescriptionLens) -> None:
+    top, curves, waves, points = part.subfigures(4, 1, height_ratios=(1.0, 1.35, 0.55, 1.25))
     at = "infinity" if math.isinf(lens.focus_distance) else f"{lens.focus_distance / 1000:.4g} m"
     top.suptitle(
         f"{lens.prescription.name}: f = {lens.focal_length:.4g} mm, f/{lens.thick.f_number:.3g} paraxial, "
@@ -158,10 +216,49 @@ def _figure(lens: PrescriptionLens) -> "Figure":
     draw_section(top.subplots(), lens)
     top.legend(loc="outside lower center", fontsize=8, ncols=4)
     _draw_curves(curves.subplots(3, 4), lens)
+    _draw_waves(waves.subplots(1, 6), lens)
     left, right = points.subfigures(1, 2)
     _draw_spots(left, lens)
     _draw_bokeh(right, lens)
-    return figure
+
+
+def _draw_waves(grid: Any, lens: PrescriptionLens) -> None:
+    """Wave-fronts of three fields, their polynomials, contrast by waves, depth of field."""
+    fronts = [trace_wavefront(lens, share) for share in FIELDS]
+    for axes, front, name in zip(grid, fronts, _NAMES, strict=False):
+        _draw_front(axes, front, name)
+    frequencies = np.linspace(0, 60, 31)
+    for number, (front, name, color) in enumerate(zip(fronts, _NAMES, _COLORS, strict=True)):
+        values = zernike_fit(front)[3:]
+        place = np.arange(len(values)) + 4 + 0.27 * (number - 1)
+        grid[3].bar(place, values, 0.26, color=color, label=name)
+        tangential, sagittal = wave_mtf(front, frequencies)
+        grid[4].plot(frequencies, tangential, color=color)
+        grid[4].plot(frequencies, sagittal, color=color, ls="--")
+    grid[3].legend(fontsize=6)
+    _label(grid[3], "Noll's polynomials from the 4th, waves", "")
+    grid[4].set_ylim(0, 1.02)
+    _label(grid[4], "MTF by waves, one colour", "line pairs per mm")
+    draw_blur(grid[5], lens)
+    grid[5].legend(fontsize=6)
+    _label(grid[5], "blur radius over depth, mm", "m")
+
+
+def _draw_front(axes: "Axes", front: Wavefront, name: str) -> None:
+    """The wave-front as seen from behind, mean and tilt left out, the field's direction upwards."""
+    points = front.pupil[front.passes]
+    basis = np.concatenate([np.ones((len(points), 1)), points], -1)
+    flat = np.full(front.waves.shape, np.nan)
+    waves = front.waves[front.passes]
+    flat[front.passes] = waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]
+    widest = max(float(np.abs(waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]).max()), 1e-6)
+    reach = float(front.pupil.max())
+    axes.imshow(
+        flat, origin="lower", cmap="RdBu_r", vmin=-widest, vmax=widest, extent=(-reach, reach, -reach, reach)
+    )
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.set_title(f"waves, {name}\nrms {front.rms:.3g}, largest {widest:.3g}", fontsize=9)
 
 
 def _draw_curves(grid: Any, lens: PrescriptionLens) -> None:
@@ -240,8 +337,8 @@ def _draw_seidel(axes: "Axes", lens: PrescriptionLens) -> None:
     _label(axes, "Seidel sums by surface, mm", "")
 
 
-def _draw_breathing(axes: "Axes", lens: PrescriptionLens) -> None:
-    """How much larger the picture is when the lens is focused nearer; of Gaussian optics."""
+def _breathing(lens: PrescriptionLens) -> tuple[np.ndarray, np.ndarray]:
+    """Focus distances, mm, and by how much the picture is larger than that of infinity."""
     nearest = 8.0 * lens.focal_length
     distance = np.geomspace(nearest, 200 * lens.focal_length, 40)
     cardinal, entrance = lens.paraxial.cardinal, lens.paraxial.entrance
@@ -249,7 +346,13 @@ def _draw_breathing(axes: "Axes", lens: PrescriptionLens) -> None:
     image = 1 / (1 / lens.focal_length - 1 / depth)
     principal = entrance.position - cardinal.front_principal
     seen = image + principal * (image / lens.focal_length - 1)
-    axes.plot(distance / 1000, 100 * (seen / lens.focal_length - 1), color=_COLORS[2])
+    return distance, seen / lens.focal_length - 1
+
+
+def _draw_breathing(axes: "Axes", lens: PrescriptionLens) -> None:
+    """How much larger the picture is when the lens is focused nearer; of Gaussian optics."""
+    distance, larger = _breathing(lens)
+    axes.plot(distance / 1000, 100 * larger, color=_COLORS[2])
     axes.set_xscale("log")
     _label(axes, "breathing: larger than at infinity, %", "focus, m")
 
@@ -264,7 +367,7 @@ def _draw_facts(axes: "Axes", lens: PrescriptionLens) -> None:
 
 def _draw_spots(part: Any, lens: PrescriptionLens) -> None:
     """Spots of three fields in planes through focus, rays of three colours."""
-    step = lens.prescription.image_radius / 1500 * 2 * lens.working_f_number
+    step = _plane_step(lens)
     pupil = 1.5 * disc_from_square(np.stack([halton(900, 2), halton(900, 3)], -1))
     part.suptitle(
         f"spots through focus, planes {2 * step:.3g} mm apart; F blue, d yellow, C red", fontsize=10

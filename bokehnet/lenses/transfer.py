@@ -23,7 +23,7 @@ from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription
 from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
 
-__all__ = ["TransferLens"]
+__all__ = ["TransferLens", "TransferTable"]
 
 # Traced rays per wavelength, and wavelengths of a dispersive table with its range, nm.
 _RAYS = 6000
@@ -35,8 +35,8 @@ _NEAR_RIM = (0.9, 1.1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
-class _Table:
-    """Coefficients (outputs, monomials) and the units of the invariants.
+class TransferTable:
+    """Coefficients (outputs, monomials) and the units of the invariants, mm.
 
     Outputs: a and b of the place, a and b of the slope, squared height over semi-diameter at the
     iris, and the same at each rim that clips.
@@ -56,14 +56,18 @@ class TransferLens(PrescriptionLens):
         degree: Of the polynomials in the invariants; 4 covers aberrations up to the ninth order.
         dispersive: Whether the table holds wavelengths from 400 to 700 nm; without, all rays are those of the
             design wavelength.
+        stored: A table that was made before of the same prescription, degree and wavelengths.
     """
 
     degree: int = 4
     dispersive: bool = False
+    stored: TransferTable | None = None
 
     @property
-    def table(self) -> _Table:
+    def table(self) -> TransferTable:
         """The table; made once for lenses that differ in iris and focus only."""
+        if self.stored is not None:
+            return self.stored
         return _make_table(self.prescription, self.degree, self.dispersive)
 
     def transfer(self, beam: Beam, wavelength: Array | None = None) -> Beam:
@@ -123,7 +127,7 @@ def _monomials(variables: Sequence[Array], degree: int) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _make_table(prescription: Prescription, degree: int, dispersive: bool) -> _Table:
+def _make_table(prescription: Prescription, degree: int, dispersive: bool) -> TransferTable:
     lens = PrescriptionLens(prescription=prescription)
     ellipses = lens.effective_pupil.ellipses
     pupil_radius = 1.1 * float((np.abs(ellipses[:, 0]) + ellipses[:, 1:].max(axis=1)).max())
@@ -162,7 +166,7 @@ def _make_table(prescription: Prescription, degree: int, dispersive: bool) -> _T
         rows += np.split(np.linalg.lstsq(pairs.T, values, rcond=None)[0], 2)
     for fill in (fills[iris], *rims[clipping]):
         rows.append(np.linalg.lstsq(joined[:, used].T, fill[used] ** 2, rcond=None)[0])
-    return _Table(
+    return TransferTable(
         coefficients=np.stack(rows),
         sensor=lens.sensor_position,
         sensor_radius=sensor_radius,

@@ -14,6 +14,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.text import read_text
 from bokehnet.io.window import Window
 from bokehnet.lenses.aberration_cache import cached_aberration_map
+from bokehnet.lenses.aberration_table import parse_aberration_table
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.relative_illumination import relative_illumination
@@ -49,7 +50,7 @@ __all__ = [
 ]
 
 # Characters of a file with gains; nobody has more.
-_LONGEST_FILE = 10_000
+_LONGEST_FILE, _LONGEST_TABLE = 10_000, 4_000_000
 # Light in corners that a lens does not reach, of that in the middle.
 _DARKEST = 1e-3
 
@@ -145,7 +146,7 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
 
     Raises:
         ParameterError: A name is unknown, or a file of gains is missing.
-        ConfigError: A file holds no gains.
+        ConfigError: A file holds no gains, or no table of aberrations.
 
     Examples:
         >>> response = make_lens_response(LensSettings(coma=2), ColorSettings(lateral=0.5))  # percent
@@ -153,9 +154,12 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
         (False, 0.5)
     """
     with about("lens"):
-        sliders = AberrationSliders(**_given(lens, AberrationSliders))
+        aberrations = AberrationSliders(**_given(lens, AberrationSliders)).aberration_map()
+    if lens.table is not None:
+        text = read_text(lens.table, "aberrations", "a table", longest=_LONGEST_TABLE)
+        aberrations = aberrations + parse_aberration_table(text, lens.table)
     return LensResponse(
-        aberration_map=sliders.aberration_map(),
+        aberration_map=aberrations,
         chromatic_aberration=_chromatic_aberration(color),
         wavelength_sampling=_wavelength_sampling(color),
     )

@@ -139,6 +139,12 @@ class LensSettings(Group):
         "With --lens or --spherical: focus where blur is least (sharpest, default), or where rays near the "
         "axis meet (paraxial).",
     )
+    table: Path | None = setting(
+        None,
+        "Aberrations by wavelength: a CSV file, as bokehnet lens aberrations writes it of a lens.",
+        flag="aberration-table",
+        metavar="FILE.csv",
+    )
     spherical: float = setting(
         0.0,
         "Blur by the rim of the lens: above 0 discs behind focus get a bright rim (soap bubbles), "

@@ -82,8 +82,8 @@ def preset_file(name: str | Path) -> Path:
 def load_preset(name: str | Path) -> Preset:
     """Read a preset by its name, or from a TOML file.
 
-    The file has a ``description``, and settings: in tables by group, as of ``[aperture]``, or by the names
-    of the command line's options, such as ``cats-eye = 0.5``.
+    It has a ``description``, and settings: in tables by group, as of ``[aperture]``, or by the names of the
+    command line's options, such as ``cats-eye = 0.5``. Files that it names are looked for beside it first.
 
     Raises:
         ConfigError: The file is missing or not TOML, a setting is unknown or is none of a look, or a value
@@ -99,4 +99,8 @@ def load_preset(name: str | Path) -> Preset:
     if not isinstance(description, str):
         raise ConfigError(f"{path}: description: expected a text, got {description!r}")
     values = settings_from_table(table, str(path), of_a_look=True)
+    for group, name in (("lens", "table"), ("aperture", "image")):
+        file = values.get(group, {}).get(name)
+        if isinstance(file, str) and (path.parent / file).exists():  # beside the preset
+            values[group][name] = str(path.parent / file)
     return Preset(name=str(name), description=description, values=values)

@@ -60,7 +60,7 @@ class LensTable:
     """A lens: thin, one of the catalog (:mod:`bokehnet.lenses.catalog`), or a prescription file.
 
     Attributes:
-        name: ``thin``, a name of the catalog or a path that ends in ``.toml``.
+        name: ``thin``, a name of the catalog, or the path of a lens file or of a transfer table.
         focal_length: mm; a thin lens needs it, others are scaled to it.
         f_number: A thin lens needs it; others are fully open without.
         focus_distance: m from the entrance pupil.

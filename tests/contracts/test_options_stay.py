@@ -7,6 +7,7 @@ from bokehnet.cli.app import app
 
 OPTIONS = {
     "render": """
+        --aberration-table
         --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
         --blade-curvature --blades --blur --blur-from --blur-to --cats-eye
         --channel --coma --cos4 --depth --depth-unit --disc-grain
@@ -44,6 +45,7 @@ OPTIONS = {
     "lens": """
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json --lights --in-front --residual
+        --theory --degree --one-colour --sharp --disparity
     """,
     "models": """
         --get

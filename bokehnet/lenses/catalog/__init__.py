@@ -1,5 +1,6 @@
 """Lenses that come with the package: one TOML file each, with its source."""
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Literal
@@ -8,6 +9,7 @@ from bokehnet.errors import LensError
 from bokehnet.lenses.files.reading import LENS_FILES, import_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
+from bokehnet.lenses.transfer_file import read_transfer
 
 __all__ = ["catalog_names", "find_prescription", "load_lens"]
 
@@ -29,13 +31,15 @@ def find_prescription(name: str | Path) -> Prescription:
     if str(name) in catalog_names():
         return read_prescription(_FOLDER / f"{name}.toml")
     suffix = Path(name).suffix.lower()
+    if suffix == ".npz":
+        return read_transfer(name).prescription
     if suffix in LENS_FILES:
         return import_lens(name).prescription
     if suffix != ".toml":
         endings = ", ".join(LENS_FILES)
         raise LensError(
-            f"unknown lens {str(name)!r}: expected a .toml file, one of other programs ({endings}) "
-            f"or one of {', '.join(catalog_names())}"
+            f"unknown lens {str(name)!r}: expected a .toml file, one of other programs ({endings}), "
+            f"a transfer table (.npz) or one of {', '.join(catalog_names())}"
         )
     return read_prescription(name)
 
@@ -51,7 +55,8 @@ def load_lens(
     """Make a lens from the catalog or from a file.
 
     Args:
-        name: Name in the catalog, or path of a lens file, as :func:`find_prescription` takes it.
+        name: Name in the catalog, or path of a lens file, as :func:`find_prescription` takes it; rays of a
+            transfer table (:mod:`bokehnet.lenses.transfer_file`) are looked up.
         focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
         f_number: None is fully open.
         focus_distance: mm from the entrance pupil.
@@ -61,6 +66,12 @@ def load_lens(
         LensError: There is no such lens, or it cannot do this.
         ConfigError: The file is missing or wrong.
     """
+    if Path(name).suffix.lower() == ".npz":
+        if focal_length is not None:
+            raise LensError(f"{name}: a transfer table is of one focal length: make it of the scaled lens")
+        return dataclasses.replace(
+            read_transfer(name), f_number=f_number, focus_distance=focus_distance, focusing=focusing
+        )
     prescription = find_prescription(name)
     if focal_length is not None:
         if not 0 < focal_length < math.inf:

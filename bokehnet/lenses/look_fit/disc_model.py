@@ -7,7 +7,7 @@ import numpy as np
 
 from bokehnet.optics.aperture import blade_margin, cats_eye_shift
 
-__all__ = ["LOOK", "Look", "draw_disc"]
+__all__ = ["LOOK", "Look", "draw_disc", "edge_depth"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,6 +89,17 @@ def draw_disc(
     for margin, slope in edges:
         light = light * _soft(margin, slope, radius, spread)
     return light
+
+
+def edge_depth(blades: int, curvature: float) -> float:
+    """How far the middle of a blade's edge lies within the circle, radii; straight: 1 - cos(pi / blades)."""
+    low, high = math.cos(math.pi / blades), 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        at = np.array([-middle])  # one edge is on the left
+        inside = blade_margin(blades, curvature, at, 0 * at, at * at)[0][0] >= 0
+        low, high = (middle, high) if inside else (low, middle)
+    return 1 - low
 
 
 def _soft(margin: np.ndarray, slope: np.ndarray, radius: float, spread: float) -> np.ndarray:

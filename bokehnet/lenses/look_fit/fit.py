@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.look_fit.disc_model import LOOK, Look, draw_disc
+from bokehnet.lenses.look_fit.disc_model import LOOK, Look, draw_disc, edge_depth
 from bokehnet.lenses.look_fit.discs import Disc
 from bokehnet.lenses.look_fit.least_squares import Solution, solve
 from bokehnet.optics.chromatic_aberration import glass_curve
@@ -25,6 +25,8 @@ _BLADES = (0, 5, 6, 7, 8, 9, 10, 11)
 _DARK = 0.65
 # Light from which a photograph is clipped, and blades must leave this share less than a round opening does.
 _CLIPPED, _WORTH = 0.985, 0.985
+# Blades whose edges lie less than this many pixels within the circle are a round opening.
+_SHALLOW = 0.1
 # Discs of which so many times as much is left as of the middle one are given up.
 _STRAY = 2.5
 _GREY = np.array([0.2126, 0.7152, 0.0722])
@@ -147,13 +149,16 @@ class _Problem:
         )
 
 
-def fit_look(image: np.ndarray, discs: Sequence[Disc], *, behind: bool = True) -> LookFit:
+def fit_look(
+    image: np.ndarray, discs: Sequence[Disc], *, behind: bool = True, blades: Sequence[int] = _BLADES
+) -> LookFit:
     """Fit the opening and the colours of a lens to the discs of lamps in a photograph.
 
     Args:
         image: The whole photograph, scene-linear, (H, W, 3).
         discs: Where lamps are, roughly.
         behind: Whether they are behind the plane of focus, as most are; rims and axial colours turn with it.
+        blades: Numbers of blades that are tried; 0 is a round opening.
 
     Raises:
         LensError: There is no disc, or nothing of them is left that is not clipped.
@@ -169,20 +174,21 @@ def fit_look(image: np.ndarray, discs: Sequence[Disc], *, behind: bool = True) -
         names.append("obstruction")
     rough = np.array([[disc.x, disc.y, disc.radius] for disc in discs])
     costs: dict[int, tuple[float, Look, np.ndarray]] = {}
-    for blades in _BLADES:
-        for turn in (0.0, 0.5) if blades else (0.0,):
+    for count in blades:
+        for turn in (0.0, 0.5) if count else (0.0,):
             begin = dataclasses.replace(
-                start, blades=blades, curvature=0.3 if blades else 0.0, rotation=turn * 360 / max(blades, 1)
+                start, blades=count, curvature=0.3 if count else 0.0, rotation=turn * 360 / max(count, 1)
             )
-            free = [*names, "curvature", "rotation"] if blades else names
+            free = [*names, "curvature", "rotation"] if count else names
             problem = _Problem(free, begin, few, size, side)
             found = problem.solve(rough[: len(few)], _FEW_STEPS)
-            if blades not in costs or found.cost < costs[blades][0]:
-                costs[blades] = found.cost, problem.look(found.values), problem.places(found.values)
-    best = min(costs, key=lambda blades: costs[blades][0])
-    if costs[best][0] > _WORTH * costs[0][0]:
+            if count not in costs or found.cost < costs[count][0]:
+                costs[count] = found.cost, problem.look(found.values), problem.places(found.values)
+    best = min(costs, key=lambda count: costs[count][0])
+    if 0 in costs and costs[best][0] > _WORTH * costs[0][0]:
         best = 0
     _, look, places = costs[best]
+    given, left = discs, {n: math.sqrt(cost[0] / sum(w.light.size for w in few)) for n, cost in costs.items()}
     discs, rough = _placed(grey, look, places, discs, size, side)
     windows = [_window(image, disc, discs, _PIXELS) for disc in discs]
     free = [*names, "axial", "lateral"] + (["curvature", "rotation"] if best else [])
@@ -195,20 +201,19 @@ def fit_look(image: np.ndarray, discs: Sequence[Disc], *, behind: bool = True) -
         places = problem.places(found.values)[kept]
         problem = _Problem(free, problem.look(found.values), windows, size, side)
         found = problem.solve(places, _STEPS)
-    count = sum(window.light.size for window in windows)
-    look = problem.look(found.values)
+    pixels = sum(window.light.size for window in windows)
+    look, places = problem.look(found.values), problem.places(found.values)
+    if best and edge_depth(best, look.curvature) * np.median(places[:, 2]) < _SHALLOW:
+        return dataclasses.replace(fit_look(image, given, behind=behind, blades=(0,)), others=left)
     if best:
         period = 360 / best
         look = dataclasses.replace(look, rotation=(look.rotation + period / 2) % period - period / 2)
-    places = problem.places(found.values)
     return LookFit(
         look=look,
         deviation=dict(zip(free, found.deviation.tolist(), strict=False)),
         discs=tuple(Disc(x=float(x), y=float(y), radius=side * float(r)) for x, y, r in places),
-        left=math.sqrt(found.cost / count),
-        others={
-            blades: math.sqrt(cost[0] / sum(w.light.size for w in few)) for blades, cost in costs.items()
-        },
+        left=math.sqrt(found.cost / pixels),
+        others=left,
         drawn=_drawn(image, problem, look, places, discs),
     )
 

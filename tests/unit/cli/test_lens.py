@@ -117,7 +117,14 @@ def test_a_report_as_json_holds_the_curves(cli):
     told = json.loads(outcome.out)
     assert told["f_number"] == pytest.approx(4)
     assert told["curves"]["relative_illumination"][0] == 1
-    assert len(told["curves"]["mtf"]) == len(told["curves"]["ray_fans"]) == 3
+    curves = told["curves"]
+    assert len(curves["mtf"]) == len(curves["ray_fans"]) == len(curves["wave_mtf"]) == 3
+    assert [len(front["zernike"]) for front in curves["wavefronts"]] == [22] * 3
+    near, far = curves["depth_of_field"]["range"]
+    assert near > 0
+    assert far is None  # up to infinity
+    spots = curves["spots"][0]
+    assert min(spots["rms_radius"]) == min(spots["rms_radius"][3:6])  # in focus, not beside it
 
 
 def test_a_report_wants_a_place_to_be_written(cli, tmp_path):
@@ -136,5 +143,18 @@ def test_a_report_is_one_page_with_its_picture(cli, tmp_path, no_bar):
     assert (outcome.code, outcome.err) == (0, "")
     text = (tmp_path / "a.html").read_text()
     assert "data:image/png;base64," in text
+    assert "<td>Z11, spherical</td>" in text
     assert "<th>focal length</th><td>99.996</td>" in text
     assert text.count("<tr>") > 20
+
+
+@pytest.mark.slow
+def test_two_sheets_are_one_pdf(cli, tmp_path, no_bar):
+    """A PDF begins with its version and ends with its mark, ISO 32000-1, 7.5."""
+    pytest.importorskip("matplotlib")
+    outcome = cli("lens", "compare", "biconvex", "petzval", "-o", tmp_path / "a.pdf")
+    assert (outcome.code, outcome.err) == (0, "")
+    found = (tmp_path / "a.pdf").read_bytes()
+    assert found.startswith(b"%PDF-1.")
+    assert found.rstrip().endswith(b"%%EOF")
+    assert re.search(r"Biconvex.* +Petzval", outcome.out)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.look_fit.disc_model import Look, draw_disc
+from bokehnet.lenses.look_fit.disc_model import Look, draw_disc, edge_depth
 from bokehnet.lenses.look_fit.discs import Disc, find_discs
 from bokehnet.lenses.look_fit.fit import fit_look
 from bokehnet.lenses.look_fit.least_squares import solve
@@ -44,6 +44,24 @@ def test_the_smooth_disc_is_the_opening(blades):
     found = draw_disc(look, x, y, (40.0, 40.0), -30.0, (81, 81))
     assert np.abs(found - wanted).max() < 0.35  # at a rim's pixel
     assert np.sqrt(np.mean((found - wanted) ** 2)) < 0.02
+
+
+def test_straight_edges_lie_a_cosine_from_the_middle():
+    assert edge_depth(6, 0.0) == pytest.approx(1 - np.cos(np.pi / 6))
+    assert edge_depth(6, 1.0) == pytest.approx(0, abs=1e-9)
+    assert edge_depth(6, 0.3) > edge_depth(6, 0.6) > 0
+
+
+def test_blades_that_nobody_sees_are_a_round_opening():
+    """Edges bent to within 0.03 pixels of the circle: 22 (1 - cos 30 deg) is 2.9 when they are straight."""
+    truth = Look(blades=6, curvature=0.995, rotation=12.0, softness=0.6)
+    assert 22 * edge_depth(6, 0.995) < 0.03
+    image = picture(truth, noise=0.0)
+    found = fit_look(image, find_discs(image[..., 1]), blades=(0, 6))
+    assert found.look.blades == 0
+    assert "curvature" not in found.deviation
+    forced = fit_look(image, find_discs(image[..., 1]), blades=(6,))
+    assert set(forced.others) == {6}
 
 
 def picture(look, radius=-22.0, noise=0.004):
