@@ -14,7 +14,6 @@ import numpy as np
 from bokehnet.baselines.ray_mask import normals_of_depth
 from bokehnet.baselines.selective_rays import SelectiveResult, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.lenses import ThinLens
 from bokehnet.optics.sample_allocation import neyman
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.baked_scene import BakedScene, View

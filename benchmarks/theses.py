@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fault_probes import FAULTS, faults
-from benchmarks.pan import flicker, pan
 from benchmarks.measurement import extra_memory, scene
+from benchmarks.pan import flicker, pan
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.errors import ParameterError
