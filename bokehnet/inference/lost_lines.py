@@ -243,6 +243,19 @@ def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-unt
 
 
 @njit(cache=True)
+def _ranked(values, rank):  # type: ignore[no-untyped-def]
+    """The value that is larger than ``rank`` others, of a few."""
+    for value in values:
+        below = among = 0
+        for other in values:
+            below += other < value
+            among += other <= value
+        if below <= rank < among:
+            return value
+    return values[0]
+
+
+@njit(cache=True)
 def _is_line(picture, disparity, farthest, points, count, change):  # type: ignore[no-untyped-def]
     """Whether what was followed keeps its colours and its width, and stands out from both sides."""
     contrasts, widths, free = np.empty(count), np.empty(count), 0
@@ -263,8 +276,7 @@ def _is_line(picture, disparity, farthest, points, count, change):  # type: igno
             length += math.sqrt((y - points[i - 1, 0]) ** 2 + (x - points[i - 1, 1]) ** 2)
     for c in range(3):
         change += max(0.0, square[c] - mean[c] * mean[c])
-    rank = count // 10
-    contrast = np.partition(contrasts, rank)[rank]
+    contrast = _ranked(contrasts, count // 10)
     apart = math.sqrt((points[count - 1, 0] - points[0, 0]) ** 2 + (points[count - 1, 1] - points[0, 1]) ** 2)
     stands_out = contrast > _CONTRAST and contrast > _RATIO * change and free > _FREE * count
     is_long = length > _LONG * widths.mean() and apart > _STRAIGHTNESS * length
@@ -371,7 +383,8 @@ def _lay_lines(picture, disparity, least, places, likely, result):  # type: igno
                 reach[i] = _half_width(picture, points[i, 0], points[i, 1], down, right, side)
             for i in range(count):
                 down, right = _heading(points, count, i)
-                wide = np.median(reach[max(0, i - 5) : min(count, i + 6)])
+                around = reach[max(0, i - 5) : min(count, i + 6)]
+                wide = _ranked(around, len(around) // 2)
                 for k in range(math.ceil(2.0 * wide)):
                     y = int(points[i, 0] + 0.5 * side * k * right + 0.5)
                     x = int(points[i, 1] - 0.5 * side * k * down + 0.5)

@@ -220,7 +220,8 @@ def carry_lines_on(
     ends = np.searchsorted(hidden, np.arange(1, int(hidden[-1]) + 2))
     brightness, tensors = np.empty(rings.shape, image.dtype), np.empty_like(image)
     _brightness(image, brightness)
-    wanted = np.zeros([-(-size // STEP_TILE) for size in rings.shape], np.bool_)
+    tiles = tuple(-(-size // STEP_TILE) for size in image.shape[:2])
+    wanted = np.zeros(tiles, np.bool_)
     _tiles_around(ys, xs, wanted)
     _structure(brightness, defocus, lights, wanted, tensors)
     lines, carried = np.empty_like(image), np.empty_like(image)  # set and read where something is hidden
