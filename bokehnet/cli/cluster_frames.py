@@ -2,7 +2,8 @@
 
 import contextlib
 from collections.abc import Generator, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 from bokehnet.cli.frame import FrameJob, make_renderer
@@ -47,6 +48,7 @@ def render_on_cluster(
         except ParameterError as error:
             raise error.renamed("--ray") from error
         task = ray.remote(num_cpus=1, max_retries=-1)(_render)
+        settings = _with_absolute_paths(settings)
         left = iter(jobs.items())
         running: dict[Any, int] = {}
         try:
@@ -74,14 +76,28 @@ def _render(job: FrameJob, settings: RenderSettings) -> FrameSummary | str:
 
 def _absolute(job: FrameJob) -> FrameJob:
     """The same with paths that do not depend on where a worker was started."""
-    files: dict[str, Any] = {
-        name: path.absolute() for name, path in input_files(job.settings).items() if path.exists()
-    }
-    maps, aperture = job.settings.output.save_maps, job.settings.aperture.image
-    settings = replace(
-        job.settings,
-        input=replace(job.settings.input, **files),
-        output=replace(job.settings.output, save_maps=None if maps is None else maps.absolute()),
-        aperture=replace(job.settings.aperture, image=None if aperture is None else aperture.absolute()),
+    files: dict[str, Any] = {name: path for name, path in input_files(job.settings).items() if path.exists()}
+    settings = replace(job.settings, input=replace(job.settings.input, **files))
+    return replace(
+        job, image=job.image.absolute(), output=job.output.absolute(), settings=_with_absolute_paths(settings)
     )
-    return replace(job, image=job.image.absolute(), output=job.output.absolute(), settings=settings)
+
+
+def _with_absolute_paths(settings: RenderSettings) -> RenderSettings:
+    """The same with files that are there, and the folder of maps, named from the root."""
+    groups: dict[str, Any] = {}
+    for group in fields(settings):
+        values = getattr(settings, group.name)
+        told = {field.name: getattr(values, field.name) for field in fields(values)}
+        groups[group.name] = replace(
+            values,
+            **{
+                name: value.absolute()
+                for name, value in told.items()
+                if isinstance(value, Path) and (value.exists() or name == "save_maps")
+            },
+        )
+    lens = groups["lens"]
+    if lens.name is not None and Path(lens.name).is_file():
+        groups["lens"] = replace(lens, name=str(Path(lens.name).absolute()))
+    return replace(settings, **groups)

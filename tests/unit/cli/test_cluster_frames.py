@@ -1,11 +1,15 @@
 """Frames of a shot on a cluster of this machine. Authority: the bytes that one process writes."""
 
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bokehnet.cli.cluster_frames import _absolute
+from bokehnet.cli.frame import FrameJob
 from bokehnet.io.image import write_image, write_map
+from bokehnet.rendering.settings import RenderSettings
 
 FRAMES = 10
 OPTIONS = [
@@ -73,3 +77,30 @@ def test_a_cluster_that_cannot_be_is_told_in_one_line(cli, shot, options, words)
     for word in words:
         assert word in outcome.err
     assert not list(shot.glob("ray.*"))
+
+
+def test_paths_of_every_group_are_named_from_the_root(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("weights", "d.png", "own.toml", "heart.png"):
+        (tmp_path / name).touch()
+    settings = RenderSettings().updated(
+        {
+            "input": {"disparity": "d.png"},
+            "engine": {"weights": "weights"},
+            "aperture": {"image": "heart.png"},
+            "lens": {"name": "own.toml"},
+            "output": {"save_maps": "maps"},
+        }
+    )
+    job = FrameJob(image=Path("in.png"), output=Path("out.png"), settings=settings)
+    found = _absolute(job)
+    paths = [found.image, found.output, found.settings.input.disparity, found.settings.engine.weights]
+    paths += [found.settings.aperture.image, found.settings.output.save_maps]
+    assert paths == [tmp_path / n for n in ("in.png", "out.png", "d.png", "weights", "heart.png", "maps")]
+    assert found.settings.lens.name == str(tmp_path / "own.toml")
+
+
+def test_names_that_are_no_files_stay():
+    settings = RenderSettings().updated({"lens": {"name": "petzval"}, "engine": {"name": "rays"}})
+    job = FrameJob(image=Path("in.png"), output=Path("out.png"), settings=settings)
+    assert _absolute(job).settings == settings
