@@ -51,6 +51,13 @@ class PairFit:
         others: What other numbers of blades leave, by number.
         drawn: The blurred picture as it was fitted, (h, w, 3), at the size that was worked on.
         taken: Where pixels were compared, (h, w).
+
+    Examples:
+        >>> drawn, taken = np.zeros((2, 3, 3)), np.ones((2, 3), bool)
+        >>> told = {"deviation": {"blur": 0.1}, "left": 0.01, "others": {0: 0.02}}
+        >>> fit = PairFit(look=Look(blades=6), blur=12.0, focus=0.3, drawn=drawn, taken=taken, **told)
+        >>> fit.look.blades, fit.others[0] > fit.left  # a round opening leaves more
+        (6, True)
     """
 
     look: Look
@@ -129,6 +136,12 @@ def fit_pair(
     Raises:
         ShapeError: Sizes differ.
         LensError: The map is flat, so that focus cannot be told from blur, or all is clipped.
+
+    Examples:
+        >>> image = np.full((48, 64, 3), 0.5, np.float32)
+        >>> fit_pair(image, np.ones((48, 64), np.float32), image)
+        Traceback (most recent call last):
+        bokehnet.errors.LensError: disparity: expected things at several depths, got a flat map
     """
     for name, values, rank in (("image", image, 3), ("disparity", disparity, 2), ("blurred", blurred, 3)):
         check_rank(name, values, rank, "(H, W, 3)" if rank == 3 else "(H, W)")

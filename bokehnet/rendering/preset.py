@@ -99,8 +99,8 @@ def load_preset(name: str | Path) -> Preset:
     if not isinstance(description, str):
         raise ConfigError(f"{path}: description: expected a text, got {description!r}")
     values = settings_from_table(table, str(path), of_a_look=True)
-    for group, name in (("lens", "table"), ("aperture", "image")):
-        file = values.get(group, {}).get(name)
+    for group, field in (("lens", "table"), ("aperture", "image")):
+        file = values.get(group, {}).get(field)
         if isinstance(file, str) and (path.parent / file).exists():  # beside the preset
-            values[group][name] = str(path.parent / file)
+            values[group][field] = str(path.parent / file)
     return Preset(name=str(name), description=description, values=values)

@@ -57,6 +57,11 @@ class VideoReport:
         rendered: Of these, in this run.
         plan: What was decided about the repair of the maps; None where they are left alone.
         steady: Whether the maps were made steady.
+
+    Examples:
+        >>> report = VideoReport(frames=240, rendered=48, plan=None, steady=True)
+        >>> f"{report.frames - report.rendered} frames were there already"
+        '192 frames were there already'
     """
 
     frames: int
@@ -77,6 +82,16 @@ class VideoJob:
         codec: Of the result, one of :data:`bokehnet.io.video.CODECS`.
         pull: What changes over the frames, of which the first is 1.
         steady: Whether relative maps are made steady along the motion of the shot.
+
+    Examples:
+        >>> from fractions import Fraction
+        >>> from bokehnet.io.color_space import SRGB
+        >>> shape = {"width": 640, "height": 360, "pixels": "yuv420p", "codes": (1, 1, 1), "full": False}
+        >>> rate = {"times": (0, 1, 2), "time_base": Fraction(1, 25), "rate": Fraction(25)}
+        >>> info = VideoInfo(path=Path("clip.mp4"), space=SRGB, **shape, **rate)
+        >>> job = VideoJob(info=info, output=Path("out.mp4"), settings=RenderSettings(), codec="h264")
+        >>> job.folder.name  # what is done is kept there until all is
+        '.bokehnet-video-out.mp4'
     """
 
     info: VideoInfo

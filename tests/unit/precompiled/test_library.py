@@ -206,10 +206,10 @@ def test_a_forked_child_runs_kernels_after_its_parent_did():
 def test_what_a_kernel_raises_is_raised():
     """Memory that nobody has: the kernel asks for 2^56 bytes before it reads anything."""
     flat = []
-    flatten((np.zeros((1, 1), np.float32), 1), flat)
+    flatten((np.zeros((1, 1), np.float32), 1, np.zeros((1, 1), np.bool_)), flat)
     flat[2], flat[5:9] = 2**56, (2**28, 2**28, 2**30, 4)
     name = "bokehnet.classical.layered.depth_discontinuities._discontinuity_sides"
-    run = library.find(name, "(f4[2C],i8)")
+    run = library.find(name, "(f4[2C],i8,b1[2C])")
     assert run is not None
     with pytest.raises(MemoryError):
         run(flat)

@@ -166,7 +166,7 @@ VALID = [
         },
         "lens": {
             "name": "double_gauss", "aberrations": "seidel", "f_number": 4, "distortion": True,
-            "focusing": "paraxial", "vignetting": False,
+            "focusing": "paraxial", "vignetting": False, "table": "t.csv",
             "spherical": 3, "coma": -3, "astigmatism": 1e-3, "field_curvature": 100,
         },
         "color": {
