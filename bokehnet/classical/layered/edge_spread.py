@@ -30,6 +30,9 @@ _HALF, _MOST = 4, 20000
 # Pictures that go no higher than 1 may be clipped from here on.
 _CONTRAST, _LEAST_STEP, _FIT, _SLOPE, _CLIPPED = 0.15, 0.02, 0.09, 0.7, 0.97
 
+# Rows that are looked at together.
+_ROWS = 256
+
 # Widths of the Gaussians that are tried, and places of the edge in its pixel.
 _WIDTHS = np.geomspace(0.8, 5.0, 36)
 _PLACES = np.linspace(-0.5, 0.5, 17)
@@ -65,6 +68,22 @@ def _span() -> Array:
     return span
 
 
+def _clear_places(light: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.int64]:
+    """Places in the flat picture where rows cross a clear edge, (N,), in the order of the rows."""
+    height, width = light.shape
+    found = []
+    for top in range(1, height - 1, _ROWS):
+        rows = light[top : min(top + _ROWS, height - 1)]
+        across = rows[:, _HALF + 1 : width - _HALF + 1] - rows[:, _HALF - 1 : width - _HALF - 1]
+        before, after = rows[:, : -2 * _HALF], rows[:, 2 * _HALF :]
+        step = np.abs(after - before)
+        clear = (step > _CONTRAST * (after + before)) & (step > least)
+        clear &= np.abs(across) > 0.3 * step
+        y, x = np.nonzero(clear)
+        found.append((y + top) * width + x + _HALF)
+    return np.concatenate(found)
+
+
 def _along_rows(light: npt.NDArray[np.float32], least: float, clipped: float) -> Array:
     """Widths of the clear edges that rows cross, (N,), pixels of a Gaussian filter.
 
@@ -73,15 +92,10 @@ def _along_rows(light: npt.NDArray[np.float32], least: float, clipped: float) ->
     height, width = light.shape
     if height < 3 or width < 2 * _HALF + 3:
         return np.empty(0)
-    across = light[1:-1, _HALF + 1 : width - _HALF + 1] - light[1:-1, _HALF - 1 : width - _HALF - 1]
-    before, after = light[1:-1, : -2 * _HALF], light[1:-1, 2 * _HALF :]
-    step = np.abs(after - before)
-    clear = (step > _CONTRAST * (after + before)) & (step > least)
-    clear &= np.abs(across) > 0.3 * step
-    places = np.flatnonzero(clear)
+    places = _clear_places(light, least)
     if len(places) > _MOST:
         places = places[np.linspace(0, len(places) - 1, _MOST).astype(int)]
-    rows, columns = places // clear.shape[1] + 1, places % clear.shape[1] + _HALF
+    rows, columns = places // width, places % width
     down = light[rows + 1, columns] - light[rows - 1, columns]
     right = light[rows, columns + 1] - light[rows, columns - 1]
     slope = np.abs(down / np.where(right == 0, 1, right))

@@ -57,3 +57,12 @@ def test_clipped_edges_are_left_out():
 def test_brightness_changes_nothing():
     image = bars(PixelFilter("gaussian", 2.4))
     assert estimate_filter(50 * image).pixel_filter == estimate_filter(image).pixel_filter
+
+
+def test_rows_are_looked_at_in_any_number(monkeypatch):
+    y, x = np.mgrid[:90, :120].astype(np.float32)
+    image = np.repeat((0.2 + 0.6 * ((x + 0.3 * y) % 30 < 15))[..., None], 3, -1).astype(np.float32)
+    whole = edge_widths(image)
+    monkeypatch.setattr("bokehnet.classical.layered.edge_spread._ROWS", 7)
+    assert len(whole) > 20
+    assert np.array_equal(edge_widths(image), whole)
