@@ -15,12 +15,13 @@ _PATIENCE = 10.0  # s
 
 
 @contextlib.contextmanager
-def connected(address: str) -> Iterator[tuple[Any, int]]:
+def connected(address: str, parameter: str = "cluster") -> Iterator[tuple[Any, int]]:
     """Give the module ``ray``, connected, and the number of the cluster's cores.
 
     Args:
         address: Of a cluster that runs: ``HOST:PORT`` from one of its machines, ``ray://HOST:PORT`` from
             elsewhere, ``auto`` for the one that runs here.
+        parameter: What the address was given as, for errors.
 
     Raises:
         MissingExtraError: Ray is not installed.
@@ -35,12 +36,12 @@ def connected(address: str) -> Iterator[tuple[Any, int]]:
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
         found = " ".join(str(error).split())
         expected = "the address of a running cluster"
-        raise ParameterError("cluster", expected, address, shown=f"{address!r}: {found}") from error
+        raise ParameterError(parameter, expected, address, shown=f"{address!r}: {found}") from error
     try:
         cores = int(ray.cluster_resources().get("CPU", 0))
         if not cores:
             expected = f"workers with cores at {address!r}"
-            raise ParameterError("cluster", expected, address, "start them", shown="none")
+            raise ParameterError(parameter, expected, address, "start them", shown="none")
         yield ray, cores
     finally:
         ray.shutdown()

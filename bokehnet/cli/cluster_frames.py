@@ -1,6 +1,5 @@
 """Frames of a shot on a Ray cluster: each is a task, and a task whose worker dies is done again elsewhere."""
 
-import contextlib
 from collections.abc import Generator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -10,7 +9,6 @@ from bokehnet.cli.frame import FrameJob, make_renderer
 from bokehnet.cli.summary import FrameSummary
 from bokehnet.cli.workers import try_frame
 from bokehnet.cluster import connected
-from bokehnet.errors import ParameterError
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.sequence import input_files
 from bokehnet.rendering.settings import RenderSettings
@@ -42,11 +40,7 @@ def render_on_cluster(
         MissingExtraError: Ray is not installed.
         ParameterError: There is no cluster at ``address``.
     """
-    with contextlib.ExitStack() as stack:
-        try:
-            ray, cores = stack.enter_context(connected(address))
-        except ParameterError as error:
-            raise error.renamed("--ray") from error
+    with connected(address, "--ray") as (ray, cores):
         task = ray.remote(num_cpus=1, max_retries=-1)(_render)
         settings = _with_absolute_paths(settings)
         left = iter(jobs.items())

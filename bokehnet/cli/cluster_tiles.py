@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from bokehnet.cluster import connected
-from bokehnet.errors import ParameterError
 from bokehnet.scenes.tiles import RunTiles, TileTask, run_tile
 
 __all__ = ["tiles_on_cluster"]
@@ -26,11 +25,7 @@ def tiles_on_cluster(address: str) -> Iterator[RunTiles]:
         MissingExtraError: Ray is not installed.
         ParameterError: There is no cluster at ``address``.
     """
-    with contextlib.ExitStack() as stack:
-        try:
-            ray, _ = stack.enter_context(connected(address))
-        except ParameterError as error:
-            raise error.renamed("--ray") from error
+    with connected(address, "--ray") as (ray, _):
         remote = ray.remote(num_cpus=1, max_retries=-1)(_run)
 
         def run(tasks: list[TileTask]) -> Iterable[tuple[int, np.ndarray]]:
