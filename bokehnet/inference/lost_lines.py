@@ -20,6 +20,19 @@ from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.inference.disparity_edges import extremes
+from bokehnet.inference.line_profile import (
+    SIDE,
+    STRIDE,
+    contrast_across,
+    difference,
+    half_width,
+    heading,
+    look_across,
+    ranked,
+    sample,
+    turned,
+    unlike,
+)
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
 
@@ -28,8 +41,8 @@ __all__ = ["restore_lost_lines"]
 # Pixels from a near piece at which lines are looked for: at least, and at most.
 _NEAREST, _FARTHEST = 2, 4
 
-# Pixels of a step along a line; steps at most, and at least.
-_STRIDE, _MOST, _LEAST = 1.5, 80, 5
+# Steps along a line at most, and at least.
+_MOST, _LEAST = 80, 5
 
 # Turns between steps that are tried to either side, radians each; those at the beginning.
 _TURNS, _TURN, _FIRST_TURNS, _FIRST_TURN = 3, 0.12, 6, 0.17
@@ -43,12 +56,12 @@ _GAPS = 4
 # Pixels ahead at which a piece of the same disparity ends the line.
 _END = 7
 
-# Pixels across the line within which it stands out from both sides, and within which it ends.
-_SIDE, _HALF_WIDTH = 6, 4
-
 # Squared differences of encoded colours, all channels together: of a step that is not the line's, of a line
 # and a piece that are not one thing, of a line and its surroundings at least.
 _GAP, _OTHER, _CONTRAST = 0.02, 0.04, 0.03
+
+# Pixels from the rim of a piece within which its own disparity is found: repaired rims may be soft.
+_RIM = 7
 
 # Pixels inside a piece over which the line goes on, and squared difference from which on it does not.
 _INSIDE = 6
@@ -73,83 +86,6 @@ _ROUGHNESS, _STRAIGHTNESS = 1.4, 0.9
 
 
 @njit(cache=True)
-def _sample(picture, y, x, c):  # type: ignore[no-untyped-def]
-    """Channel of the picture (H, W, 3) between its pixels."""
-    y = min(max(y, 0.0), picture.shape[0] - 1.001)
-    x = min(max(x, 0.0), picture.shape[1] - 1.001)
-    i, j = int(y), int(x)
-    b, a = y - i, x - j
-    upper = picture[i, j, c] * (1.0 - a) + picture[i, j + 1, c] * a
-    lower = picture[i + 1, j, c] * (1.0 - a) + picture[i + 1, j + 1, c] * a
-    return upper * (1.0 - b) + lower * b
-
-
-@njit(cache=True)
-def _look_across(picture, y, x, down, right, profile):  # type: ignore[no-untyped-def]
-    """Set the profile, (3, 3), of a line that runs down and right: the pixel on it and one to either side."""
-    for k in range(3):
-        for c in range(3):
-            profile[k, c] = _sample(picture, y + (k - 1) * right, x - (k - 1) * down, c)
-
-
-@njit(cache=True)
-def _unlike(a, b):  # type: ignore[no-untyped-def]
-    """Squared difference of two profiles, the middle counting twice."""
-    total = 0.0
-    for k in range(3):
-        for c in range(3):
-            total += (0.5 if k == 1 else 0.25) * (a[k, c] - b[k, c]) ** 2
-    return total
-
-
-@njit(cache=True)
-def _difference(picture, y, x, v, u):  # type: ignore[no-untyped-def]
-    """Squared difference of the colours at two places."""
-    total = 0.0
-    for c in range(3):
-        total += (_sample(picture, y, x, c) - _sample(picture, v, u, c)) ** 2
-    return total
-
-
-@njit(cache=True)
-def _contrast(picture, y, x, down, right):  # type: ignore[no-untyped-def]
-    """Largest squared difference within reach on one side, of the side where it is less."""
-    least = np.inf
-    for side in range(-1, 2, 2):
-        largest = 0.0
-        for apart in range(2, _SIDE + 1):
-            v, u = y + side * apart * right, x - side * apart * down
-            largest = max(largest, _difference(picture, y, x, v, u))
-        least = min(least, largest)
-    return least
-
-
-@njit(cache=True)
-def _turned(picture, y, x, angle, turns, turn, ahead, kept, profile):  # type: ignore[no-untyped-def]
-    """Angle near the given one along which the picture changes least from ``kept``, and by how much.
-
-    ``kept`` is the profile where the line begins if its first row is NaN.
-    """
-    own = math.isnan(kept[0, 0])
-    start = np.empty((3, 3))
-    best, chosen = np.inf, angle
-    for way in range(-turns, turns + 1):
-        tried = angle + way * turn
-        down, right = math.sin(tried), math.cos(tried)
-        if own:
-            _look_across(picture, y, x, down, right, start)
-        change = 0.0
-        for step in range(1, ahead + 1):
-            reach = step * _STRIDE
-            _look_across(picture, y + reach * down, x + reach * right, down, right, profile)
-            change += _unlike(profile, start if own else kept) / ahead
-        change += 1e-4 * way * way
-        if change < best:
-            best, chosen = change, tried
-    return chosen, best
-
-
-@njit(cache=True)
 def _end(disparity, depth, least, y, x, down, right):  # type: ignore[no-untyped-def]
     """Pixels ahead at which the map has that disparity again, -1 for none."""
     for ahead in range(_END):
@@ -165,17 +101,17 @@ def _follow(picture, disparity, least, y, x, depth, angle, points):  # type: ign
     """Follow a line to a piece of that disparity; points (N, 2) on it, how many, and how much it changes."""
     height, width = disparity.shape
     kept, profile = np.empty((3, 3)), np.empty((3, 3))
-    _look_across(picture, y, x, math.sin(angle), math.cos(angle), kept)
+    look_across(picture, y, x, math.sin(angle), math.cos(angle), kept)
     change, gaps = 0.0, 0
     for count in range(1, _MOST + 1):
-        angle, _ = _turned(picture, y, x, angle, _TURNS, _TURN, _AHEAD, kept, profile)
+        angle, _ = turned(picture, y, x, angle, _TURNS, _TURN, _AHEAD, kept, profile)
         down, right = math.sin(angle), math.cos(angle)
-        y, x = y + _STRIDE * down, x + _STRIDE * right
+        y, x = y + STRIDE * down, x + STRIDE * right
         row, column = int(y + 0.5), int(x + 0.5)
         if not (0 <= row < height and 0 <= column < width) or disparity[row, column] > depth + least:
             return 0, 0.0
-        _look_across(picture, y, x, down, right, profile)
-        apart = _unlike(profile, kept)
+        look_across(picture, y, x, down, right, profile)
+        apart = unlike(profile, kept)
         change += apart
         gaps = gaps + 1 if apart > _GAP else 0
         if gaps > _GAPS:
@@ -194,47 +130,20 @@ def _follow(picture, disparity, least, y, x, depth, angle, points):  # type: ign
 
 
 @njit(cache=True)
-def _heading(points, count, i):  # type: ignore[no-untyped-def]
-    """Unit vector along a line at one of its points."""
-    first, last = max(0, i - 3), min(count - 1, i + 3)
-    down, right = points[last, 0] - points[first, 0], points[last, 1] - points[first, 1]
-    length = math.sqrt(down * down + right * right)
-    if length == 0.0:
-        return 1.0, 0.0
-    return down / length, right / length
-
-
-@njit(cache=True)
-def _half_width(picture, y, x, down, right, side):  # type: ignore[no-untyped-def]
-    """Pixels across the line at which its colours change most, on one side; near changes count more."""
-    best, chosen = 0.0, 1.0
-    for k in range(1, 2 * _HALF_WIDTH):
-        apart = 0.5 * k
-        inner, outer = side * (apart - 0.75), side * (apart + 0.75)
-        change = _difference(
-            picture, y + inner * right, x - inner * down, y + outer * right, x - outer * down
-        )
-        change *= 1.0 - 0.08 * apart
-        if change > best:
-            best, chosen = change, apart
-    return chosen
-
-
-@njit(cache=True)
 def _change_inside(picture, y, x, down, right, kept, profile):  # type: ignore[no-untyped-def]
     """By how much the line changes on its way into a piece."""
     change = 0.0
     for step in range(_INSIDE):
         reach = step + 1.0
-        _look_across(picture, y + reach * down, x + reach * right, down, right, profile)
-        change += _unlike(profile, kept) / _INSIDE
+        look_across(picture, y + reach * down, x + reach * right, down, right, profile)
+        change += unlike(profile, kept) / _INSIDE
     return change
 
 
 @njit(cache=True)
 def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-untyped-def]
     """Whether what is beside a line on both sides is farther away than that."""
-    for side in range(-_SIDE, _SIDE + 1, 2 * _SIDE):
+    for side in range(-SIDE, SIDE + 1, 2 * SIDE):
         v, u = int(y + side * right + 0.5), int(x - side * down + 0.5)
         inside = 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1]
         if inside and disparity[v, u] > farthest:
@@ -243,40 +152,34 @@ def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _ranked(values, rank):  # type: ignore[no-untyped-def]
-    """The value that is larger than ``rank`` others, of a few."""
-    for value in values:
-        below = among = 0
-        for other in values:
-            below += other < value
-            among += other <= value
-        if below <= rank < among:
-            return value
-    return values[0]
+def _is_line(picture, disparity, farthest, points, count, change, color):  # type: ignore[no-untyped-def]
+    """Whether what was followed keeps its colours and its width, and stands out from both sides.
 
-
-@njit(cache=True)
-def _is_line(picture, disparity, farthest, points, count, change):  # type: ignore[no-untyped-def]
-    """Whether what was followed keeps its colours and its width, and stands out from both sides."""
+    Unless it is NaN, ``color`` is what it has to have, too.
+    """
     contrasts, widths, free = np.empty(count), np.empty(count), 0
     mean, square = np.zeros(3), np.zeros(3)
     length = 0.0
     for i in range(count):
         y, x = points[i]
-        down, right = _heading(points, count, i)
+        down, right = heading(points, count, i)
         free += _stands_free(disparity, farthest, y, x, down, right)
-        contrasts[i] = _contrast(picture, y, x, down, right)
-        widths[i] = _half_width(picture, y, x, down, right, 1)
-        widths[i] += _half_width(picture, y, x, down, right, -1)
+        contrasts[i] = contrast_across(picture, y, x, down, right)
+        widths[i] = half_width(picture, y, x, down, right, 1)
+        widths[i] += half_width(picture, y, x, down, right, -1)
         for c in range(3):
-            value = _sample(picture, y, x, c)
+            value = sample(picture, y, x, c)
             mean[c] += value / count
             square[c] += value * value / count
         if i > 0:
             length += math.sqrt((y - points[i - 1, 0]) ** 2 + (x - points[i - 1, 1]) ** 2)
+    other = 0.0
     for c in range(3):
         change += max(0.0, square[c] - mean[c] * mean[c])
-    contrast = _ranked(contrasts, count // 10)
+        other += (mean[c] - color[c]) ** 2
+    if other > _OTHER:
+        return False
+    contrast = ranked(contrasts, count // 10)
     apart = math.sqrt((points[count - 1, 0] - points[0, 0]) ** 2 + (points[count - 1, 1] - points[0, 1]) ** 2)
     stands_out = contrast > _CONTRAST and contrast > _RATIO * change and free > _FREE * count
     is_long = length > _LONG * widths.mean() and apart > _STRAIGHTNESS * length
@@ -298,36 +201,49 @@ def _is_end(disparity, farthest, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _line_from(picture, disparity, least, place, likely, points):  # type: ignore[no-untyped-def]
+def _depth_inside(disparity, y, x):  # type: ignore[no-untyped-def]
+    """Disparity of a piece at whose rim, which may be soft, a pixel lies."""
+    height, width = disparity.shape
+    most = disparity[y, x]
+    for v in range(max(0, y - _RIM), min(height, y + _RIM + 1)):
+        for u in range(max(0, x - _RIM), min(width, x + _RIM + 1)):
+            most = max(most, disparity[v, u])
+    return most
+
+
+@njit(cache=True)
+def _line_from(picture, disparity, least, place, color, points):  # type: ignore[no-untyped-def]
     """Find the line that leads away from a near piece; points (N, 2) on it, and how many: 0 for none.
 
-    Unless it is ``likely``, the piece has to end there, and the line to go on in the pieces at both its ends.
+    A line of the ``color`` of those that were found around, (3,), is believed sooner. If that is NaN, the
+    piece has to end there, and the line to go on in the pieces at both its ends.
     """
     y, x, v, u = place
-    if _difference(picture, y, x, v, u) > _OTHER:
+    likely = not math.isnan(color[0])
+    if difference(picture, y, x, v, u) > _OTHER:
         return 0
     if not likely and not _is_end(disparity, disparity[v, u] - least, v, u):
         return 0
     profile, none = np.empty((3, 3)), np.full((3, 3), np.nan)
     angle = math.atan2(y - v, x - u)
-    angle, change = _turned(picture, y, x, angle, _FIRST_TURNS, _FIRST_TURN, _FIRST_AHEAD, none, profile)
-    if change > _GAP or _contrast(picture, y, x, math.sin(angle), math.cos(angle)) < _CONTRAST:
+    angle, change = turned(picture, y, x, angle, _FIRST_TURNS, _FIRST_TURN, _FIRST_AHEAD, none, profile)
+    if change > _GAP or contrast_across(picture, y, x, math.sin(angle), math.cos(angle)) < _CONTRAST:
         return 0
-    depth = disparity[v, u]
+    depth = _depth_inside(disparity, v, u)
     count, change = _follow(picture, disparity, least, float(y), float(x), depth, angle, points)
-    if count == 0 or not _is_line(picture, disparity, depth - least, points, count, change):
+    if count == 0 or not _is_line(picture, disparity, depth - least, points, count, change, color):
         return 0
     if likely:
         return count
     kept = np.empty((3, 3))
     down, right = math.sin(angle), math.cos(angle)
-    _look_across(picture, y, x, down, right, kept)
+    look_across(picture, y, x, down, right, kept)
     apart = math.sqrt((y - v) * (y - v) + (x - u) * (x - u))
     y, x = y - apart * down, x - apart * right
     if _change_inside(picture, y, x, -down, -right, kept[::-1], profile) > _OTHER_LINE:
         return 0
     y, x = points[count - 1]
-    down, right = _heading(points, count, count - 1)
+    down, right = heading(points, count, count - 1)
     return count if _change_inside(picture, y, x, down, right, kept, profile) <= _OTHER_LINE else 0
 
 
@@ -348,43 +264,50 @@ def _find_places(disparity, least, ys, xs, places, found):  # type: ignore[no-un
 
 
 @njit(cache=True, parallel=True)
-def _are_likely(restored, places, found):  # type: ignore[no-untyped-def]
-    """Mark the places around which much is restored."""
+def _are_likely(picture, restored, places, found, colors):  # type: ignore[no-untyped-def]
+    """Mark the places around which much is restored, and set its mean colours, (N, 3)."""
     height, width = restored.shape
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
         seen = many = 0
+        total = np.zeros(3)
         for v in range(max(0, y - _AROUND), min(height, y + _AROUND + 1), _SPARSE):
             for u in range(max(0, x - _AROUND), min(width, x + _AROUND + 1), _SPARSE):
                 seen += 1
-                many += restored[v, u]
+                if restored[v, u]:
+                    many += 1
+                    for c in range(3):
+                        total[c] += picture[v, u, c]
         found[i] = many >= _MANY * seen
+        for c in range(3):
+            colors[i, c] = total[c] / max(many, 1)
 
 
 @njit(cache=True, parallel=True)
-def _find_lines(picture, disparity, least, places, likely, found):  # type: ignore[no-untyped-def]
+def _find_lines(picture, disparity, least, places, colors, found):  # type: ignore[no-untyped-def]
     """Mark the places from which lines lead."""
     for i in prange(len(places)):
         points = np.empty((_MOST + _END, 2))
-        found[i] = _line_from(picture, disparity, least, places[i], likely, points) > 0
+        found[i] = _line_from(picture, disparity, least, places[i], colors[i], points) > 0
 
 
 @njit(cache=True)
-def _lay_lines(picture, disparity, least, places, likely, result):  # type: ignore[no-untyped-def]
+def _lay_lines(picture, disparity, least, places, colors, result):  # type: ignore[no-untyped-def]
     """Write the lines that lead from there, as wide as they are."""
     height, width = disparity.shape
     points, reach = np.empty((_MOST + _END, 2)), np.empty(_MOST + _END)
-    for place in places:
-        count = _line_from(picture, disparity, least, place, likely, points)
-        depth = disparity[place[2], place[3]]
+    for number in range(len(places)):
+        place = places[number]
+        count = _line_from(picture, disparity, least, place, colors[number], points)
+        depth = _depth_inside(disparity, place[2], place[3])
         for side in range(-1, 2, 2):
             for i in range(count):
-                down, right = _heading(points, count, i)
-                reach[i] = _half_width(picture, points[i, 0], points[i, 1], down, right, side)
+                down, right = heading(points, count, i)
+                reach[i] = half_width(picture, points[i, 0], points[i, 1], down, right, side)
             for i in range(count):
-                down, right = _heading(points, count, i)
+                down, right = heading(points, count, i)
                 around = reach[max(0, i - 5) : min(count, i + 6)]
-                wide = _ranked(around, len(around) // 2)
+                wide = ranked(around, len(around) // 2)
                 for k in range(math.ceil(2.0 * wide)):
                     y = int(points[i, 0] + 0.5 * side * k * right + 0.5)
                     x = int(points[i, 1] - 0.5 * side * k * down + 0.5)
@@ -414,14 +337,14 @@ def restore_lost_lines(image: np.ndarray, disparity: np.ndarray, least: float) -
     with parallel_region:
         _find_places(disparity, least, ys, xs, places, found)
     places = places[found]
-    for likely in (False, True):
-        if likely:
-            found = np.empty(len(places), np.bool_)
-            with parallel_region:
-                _are_likely(result != disparity, places, found)
-            places = places[found]
+    colors = np.full((len(places), 3), np.nan)
+    for again in (False, True):
         found = np.empty(len(places), np.bool_)
         with parallel_region:
-            _find_lines(picture, disparity, least, places, likely, found)
-            _lay_lines(picture, disparity, least, places[found], likely, result)
+            if again:
+                _are_likely(picture, result != disparity, places, found, colors)
+                places, colors = places[found], colors[found]
+                found = np.empty(len(places), np.bool_)
+            _find_lines(picture, disparity, least, places, colors, found)
+            _lay_lines(picture, disparity, least, places[found], colors[found], result)
     return result
