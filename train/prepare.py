@@ -12,11 +12,10 @@ import functools
 import json
 import multiprocessing
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -35,17 +34,7 @@ from train.command import add_settings, settings_of
 from train.examples import Skips
 from train.prepared import DESCRIPTION, NUM_PLANES, PLANES, part_name
 
-__all__ = [
-    "PrepareConfig",
-    "load_repair",
-    "main",
-    "packed",
-    "prepare",
-    "prepare_command",
-    "prepare_view",
-    "scene_examples",
-    "write_parts",
-]
+__all__ = ["PrepareConfig", "load_repair", "main", "prepare", "prepare_view"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,13 +82,8 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
         "classical_error_map": result.error_map[..., None],
         "target": target[..., None],
     }
-    return packed(parts, PLANES, NUM_PLANES)
-
-
-def packed(parts: Mapping[str, np.ndarray], places: Mapping[str, slice], count: int) -> np.ndarray:
-    """Arrays (H, W, C) by name as planes (count, H, W), float16, each in its place."""
-    planes = np.empty((count, *parts["image"].shape[:2]), np.float16)
-    for name, place in places.items():
+    planes = np.empty((NUM_PLANES, *disparity.shape), np.float16)
+    for name, place in PLANES.items():
         planes[place] = parts[name].transpose(2, 0, 1)
     return planes
 
@@ -110,22 +94,8 @@ def load_repair(folder: str) -> DisparityRepair:
     return DisparityRepair(Path(folder), threads=1)
 
 
-def scene_examples(
-    config: Any,
-    samples: ShardSet,
-    number: int,
-    example: Callable[[TrainingSample, int, np.ndarray], np.ndarray],
-    repaired: float = 1.0,
-) -> list[np.ndarray] | DataFileError:
-    """All examples of a scene, with its disparity and with augmented ones, or what is wrong with it.
-
-    Args:
-        config: Has ``seed``, ``augmented`` and ``repair``, as :class:`PrepareConfig`.
-        samples: All scenes.
-        number: Of the scene.
-        example: Makes that of a sample, a view and a disparity map.
-        repaired: Share of the augmented maps that are repaired.
-    """
+def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
+    """All examples of a scene, with its disparity and with augmented ones, or what is wrong with it."""
     try:
         sample = samples[number]
     except DataFileError as error:
@@ -133,18 +103,13 @@ def scene_examples(
     rng = np.random.default_rng([config.seed, number])
     examples = []
     for view in range(len(sample.blur)):
-        examples.append(example(sample, view, sample.disparity))
+        examples.append(prepare_view(sample, view, sample.disparity, config.classical))
         for _ in range(config.augmented):
             augmented = augment_disparity(sample.disparity, rng)
-            if config.repair and (repaired == 1 or rng.random() < repaired):
+            if config.repair and rng.random() < config.repaired:
                 augmented = load_repair(config.repair)(sample.image.astype(np.float32), augmented)
-            examples.append(example(sample, view, augmented))
+            examples.append(prepare_view(sample, view, augmented, config.classical))
     return examples
-
-
-def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
-    prepared = functools.partial(prepare_view, classical=config.classical)
-    return scene_examples(config, samples, number, prepared, config.repaired)
 
 
 def _start_worker() -> None:
@@ -166,25 +131,6 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
         ConfigError: The folder holds a set made with another configuration.
         DataFileError: The pairs cannot be read or the folder cannot be written.
     """
-    write_parts(config, out, workers, _prepare_scene, NUM_PLANES)
-
-
-def write_parts(
-    config: Any,
-    out: Path,
-    workers: int,
-    make: Callable[[Any, ShardSet, int], list[np.ndarray] | DataFileError],
-    planes: int,
-) -> None:
-    """Write all parts of a set that are missing, as :func:`prepare`.
-
-    Args:
-        config: With ``folder`` and ``scenes_per_part``.
-        out: Folder.
-        workers: Processes.
-        make: Makes all examples (planes, H, W) of a scene, or tells what is wrong with it.
-        planes: Of an example.
-    """
     skips = Skips()
     samples = ShardSet(Path(config.folder), on_damage=skips)
     numbers = range(len(samples))
@@ -197,7 +143,7 @@ def write_parts(
     remove_leftovers(out)
     missing = [i for i in range(len(parts)) if not (out / part_name(i)).exists()]
     wanted = [number for i in missing for number in parts[i]]
-    work = functools.partial(make, config, samples)
+    work = functools.partial(_prepare_scene, config, samples)
     with (
         ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker) as executor,
         tqdm(total=len(samples), initial=len(samples) - len(wanted), desc="preparing scenes") as bar,
@@ -211,7 +157,7 @@ def write_parts(
                 else:
                     examples += scene
                 bar.update()
-            array = np.stack(examples) if examples else np.empty((0, planes, 1, 1), np.float16)
+            array = np.stack(examples) if examples else np.empty((0, NUM_PLANES, 1, 1), np.float16)
 
             def write(temporary: Path, array: np.ndarray = array) -> None:
                 with temporary.open("wb") as stream:
@@ -220,7 +166,7 @@ def write_parts(
             write_atomic(out / part_name(i), write, error=DataFileError)
 
 
-def _claim(out: Path, config: Any, parts: int) -> None:
+def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
     """Write the description, or compare it with ``config`` when it is there."""
     path = out / DESCRIPTION
     wanted = {"parts": parts, "config": to_dict(config)}
@@ -235,15 +181,10 @@ def _claim(out: Path, config: Any, parts: int) -> None:
     check_same(f"{out}: holds examples", there, wanted, "choose another folder")
 
 
-def prepare_command(
-    description: str | None,
-    cls: type,
-    make: Callable[[Any, Path, int], None],
-    words: Sequence[str] | None,
-) -> None:
-    """Parse the arguments, load the configuration, make the set; a user's mistake is one line."""
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry of the command line; a user's mistake is one line."""
     parser = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--config", required=True, type=Path, help="TOML file of the set")
     parser.add_argument(
@@ -253,14 +194,10 @@ def prepare_command(
     parser.add_argument("--workers", type=int, default=1, help="processes that render")
     arguments = parser.parse_args(words)
     try:
-        make(load_config(arguments.config, cls, settings_of(arguments)), arguments.out, arguments.workers)
+        config = load_config(arguments.config, PrepareConfig, settings_of(arguments))
+        prepare(config, arguments.out, arguments.workers)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Entry of the command line."""
-    prepare_command(__doc__, PrepareConfig, prepare, words)
 
 
 if __name__ == "__main__":

@@ -50,7 +50,6 @@ class PreparedSet:
         folder: Where ``train.prepare`` wrote.
         on_damage: Called with what is wrong with a part that cannot be read, which is then left out; by
             default it is raised.
-        planes: So many does an example have.
 
     Raises:
         DataFileError: No complete set is there, or it is of another version.
@@ -60,7 +59,6 @@ class PreparedSet:
         self,
         folder: str | Path,
         on_damage: Callable[[DataFileError], None] | None = None,
-        planes: int = NUM_PLANES,
     ) -> None:
         self.folder = Path(folder)
         description = self.folder / DESCRIPTION
@@ -87,9 +85,9 @@ class PreparedSet:
                     raise problem from error
                 on_damage(problem)
                 continue
-            if array.ndim != 4 or array.shape[1] != planes:
+            if array.ndim != 4 or array.shape[1] != NUM_PLANES:
                 raise DataFileError(
-                    f"{path}: expected examples of {planes} planes, found shape {array.shape}; "
+                    f"{path}: expected examples of {NUM_PLANES} planes, found shape {array.shape}; "
                     "prepare the set again in another folder"
                 )
             self._places += [(str(path), i) for i in range(len(array))]

@@ -10,14 +10,14 @@ from scipy.stats import spearmanr
 from torch import Tensor, nn
 
 from bokehnet.io.color import linear_to_srgb
-from bokehnet.models.error import CANDIDATES, ErrorNetConfig
+from bokehnet.models.error import FEATURES, ErrorNetConfig
 from train.command import run_command
-from train.error_data import ErrorCrops, ErrorDataConfig, split_planes
+from train.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts
 from train.logbook import over_held_out
 from train.schedule import OptimConfig
 from train.task import Task, run_task
 
-__all__ = ["ErrorRun", "error_loss", "main", "reliability", "true_errors"]
+__all__ = ["ErrorRun", "error_loss", "main", "reliability", "true_error"]
 
 # 8-bit levels of the range from black to white.
 _LEVELS = 255.0
@@ -50,50 +50,50 @@ class ErrorRun:
     start: str = ""
 
 
-def true_errors(batch: dict[str, Tensor]) -> Tensor:
-    """Mean over colours of |sRGB value - truth| for each candidate, 8-bit levels, (B, 3, H, W)."""
-    wanted = linear_to_srgb(batch["truth"].clamp(0, 1))
-    found = [
-        (linear_to_srgb(batch[name].clamp(0, 1)) - wanted).abs().mean(1, keepdim=True) for name in CANDIDATES
-    ]
-    return _LEVELS * torch.cat(found, dim=1)
+def true_error(batch: dict[str, Tensor]) -> Tensor:
+    """Mean over colours of |sRGB value of the rays - truth|, 8-bit levels, (B, 1, H, W)."""
+    found, wanted = (linear_to_srgb(batch[name].clamp(0, 1)) for name in ("rays", "truth"))
+    return _LEVELS * (found - wanted).abs().mean(1, keepdim=True)
 
 
-def error_loss(expected: Tensor, errors: Tensor, error_map: Tensor) -> Tensor:
-    """Minus the log-likelihood of the errors where each is distributed exponentially with mean ``expected``.
+def error_loss(expected: Tensor, error: Tensor, error_map: Tensor) -> Tensor:
+    """Minus the log-likelihood of the error where it is distributed exponentially with mean ``expected``.
 
     It is least, for every pixel, where what is expected is the mean of the errors that look alike: a strictly
     proper score of the mean, so that the network is calibrated if it fits.
 
     Args:
-        expected: 8-bit levels, above 0, (B, C, H, W).
-        errors: True ones, the same.
+        expected: 8-bit levels, above 0, (B, 1, H, W).
+        error: The true one, the same.
         error_map: In [0, 1]; pixels outside of it count less, (B, 1, H, W).
 
     Source:
         Gneiting, "Making and evaluating point forecasts", JASA 2011, for scores that ask for a mean.
     """
     weight = _OUTSIDE + (1 - _OUTSIDE) * (error_map > 0)
-    return (weight * (expected.log() + errors / expected)).mean()
+    return (weight * (expected.log() + error / expected)).mean()
 
 
-def reliability(expected: np.ndarray, errors: np.ndarray) -> list[tuple[float, float]]:
+def reliability(expected: np.ndarray, error: np.ndarray) -> list[tuple[float, float]]:
     """Mean expected and mean true error of equally many pixels each, from the least to the most expected.
 
     Args:
         expected: 8-bit levels, (n,).
-        errors: True ones, the same.
+        error: The true one, the same.
     """
     order = np.argsort(expected, kind="stable")
     parts = [part for part in np.array_split(order, _BINS) if len(part)]
-    return [(float(expected[part].mean()), float(errors[part].mean())) for part in parts]
+    return [(float(expected[part].mean()), float(error[part].mean())) for part in parts]
 
 
 def _ask(network: nn.Module, batch: dict[str, Tensor]) -> Tensor:
-    expected: Tensor = network(
-        batch["image"], batch["rays"], batch["scatter"], batch["neural"], batch["features"]
-    )
+    expected: Tensor = network(batch["image"], batch["rays"], batch["scatter"], batch["features"])
     return expected
+
+
+def _error_map(batch: dict[str, Tensor]) -> Tensor:
+    place = FEATURES.index("error_map")
+    return batch["features"][:, place : place + 1]
 
 
 @torch.no_grad()
@@ -101,37 +101,28 @@ def score(network: nn.Module, held_out: list[dict[str, Tensor]], device: torch.d
     """Within reach of edges: rank correlation with the true error, and how far the reliability is off.
 
     ``calibration`` is the largest ratio, either way, of mean true to mean expected error over bins of pixels,
-    half a level added to both; ``spearman`` the mean of the correlations of each picture. ``chosen`` is the
-    mean error where that candidate is taken of which least is expected.
+    half a level added to both; ``spearman`` the mean of the correlations of each picture.
     """
-    correlations: dict[str, list[float]] = {name: [] for name in CANDIDATES}
-    pairs: dict[str, list[np.ndarray]] = {name: [] for name in CANDIDATES}
-    chosen = []
+    correlations, pairs = [], []
     for example in over_held_out(held_out):
         batch = {key: x.to(device) for key, x in example.items()}
-        expected, errors = _ask(network, batch)[0], true_errors(batch)[0]
-        edge = batch["features"][0, -1] > 0
-        if int(edge.sum()) < _BINS:
+        near_edges = (_error_map(batch) > 0)[0, 0]
+        if int(near_edges.sum()) < _BINS:
             continue
-        best = expected.argmin(0, keepdim=True)
-        chosen.append(float(errors.gather(0, best)[0][edge].mean()))
-        for i, name in enumerate(CANDIDATES):
-            one, other = expected[i][edge].cpu().numpy(), errors[i][edge].cpu().numpy()
-            pairs[name].append(np.stack([one, other]))
-            if np.ptp(one) > 0 and np.ptp(other) > 0:
-                correlations[name].append(float(spearmanr(one, other).statistic))
-    scores = {"chosen": float(np.mean(chosen))} if chosen else {}
-    for name in CANDIDATES:
-        if not pairs[name]:
-            continue
-        together = np.concatenate(pairs[name], axis=1)
-        ratios = [(true + _SLIGHT) / (told + _SLIGHT) for told, true in reliability(*together)]
-        scores |= {
-            f"spearman/{name}": float(np.mean(correlations[name])) if correlations[name] else 0.0,
-            f"calibration/{name}": max(max(x, 1 / x) for x in ratios),
-            f"error/{name}": float(together[1].mean()),
-        }
-    return scores
+        told, true = (x[0, 0][near_edges].cpu().numpy() for x in (_ask(network, batch), true_error(batch)))
+        pairs.append(np.stack([told, true]))
+        if np.ptp(told) > 0 and np.ptp(true) > 0:
+            correlations.append(float(spearmanr(told, true).statistic))
+    if not pairs:
+        return {}
+    told, true = np.concatenate(pairs, axis=1)
+    ratios = [(b + _SLIGHT) / (a + _SLIGHT) for a, b in reliability(told, true)]
+    return {
+        "spearman": float(np.mean(correlations)) if correlations else 0.0,
+        "calibration": max(max(x, 1 / x) for x in ratios),
+        "expected": float(told.mean()),
+        "error": float(true.mean()),
+    }
 
 
 def _held_out(config: ErrorRun) -> list[dict[str, Tensor]]:
@@ -139,7 +130,12 @@ def _held_out(config: ErrorRun) -> list[dict[str, Tensor]]:
     (prepared,) = ErrorCrops(ErrorDataConfig(folder=config.data.validation, validation="")).sets
     count = min(config.held_out, len(prepared))
     chosen = np.unique(np.linspace(0, len(prepared) - 1, count).astype(int))
-    return [{key: x[None] for key, x in split_planes(prepared[int(i)]).items()} for i in chosen]
+    examples = []
+    for number in chosen:
+        planes = prepared[int(number)]
+        parts = error_parts(planes, *(slice(0, side) for side in planes.shape[1:]))
+        examples.append({key: x[None] for key, x in as_tensors(parts).items()})
+    return examples
 
 
 def task(config: ErrorRun, device: torch.device) -> Task:
@@ -147,7 +143,7 @@ def task(config: ErrorRun, device: torch.device) -> Task:
     held_out = _held_out(config)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-        loss = error_loss(_ask(network, batch), true_errors(batch), batch["features"][:, -1:])
+        loss = error_loss(_ask(network, batch), true_error(batch), _error_map(batch))
         return loss, {"likelihood": loss}
 
     return Task(

@@ -114,6 +114,7 @@ class ClassicalResult:
         disocclusion_weight: Share of each pixel's light that comes from there or from beyond the border, (H,
             W) in [0, 1]; ``None`` if it guesses nothing.
         mixed_pixels: Pixels that were parted into two surfaces, with both; ``None`` if it parts none.
+        scatter: What the scatter makes of the picture, (H, W, 3); ``None`` if it was not made beside.
     """
 
     bokeh: np.ndarray
@@ -121,19 +122,21 @@ class ClassicalResult:
     occluded_background: np.ndarray | None = None
     disocclusion_weight: np.ndarray | None = None
     mixed_pixels: KnownSurfaces | None = None
+    scatter: np.ndarray | None = None
 
     def rows(self, wanted: slice) -> "ClassicalResult":
         """Some of the rows."""
+
+        def part(array: np.ndarray | None) -> np.ndarray | None:
+            return None if array is None else array[wanted]
+
         return ClassicalResult(
             bokeh=self.bokeh[wanted],
             error_map=self.error_map[wanted],
-            occluded_background=None
-            if self.occluded_background is None
-            else self.occluded_background[wanted],
-            disocclusion_weight=None
-            if self.disocclusion_weight is None
-            else self.disocclusion_weight[wanted],
+            occluded_background=part(self.occluded_background),
+            disocclusion_weight=part(self.disocclusion_weight),
             mixed_pixels=self.mixed_pixels and self.mixed_pixels.in_rows(wanted.start, wanted.stop),
+            scatter=part(self.scatter),
         )
 
     @property

@@ -30,7 +30,7 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["rays", "render_rays"]
+__all__ = ["rays", "render_rays", "scatter_beyond"]
 
 # Rays of a pixel where no window of pixels is averaged. Each ray of a lens that parts colours has one
 # wavelength, of which no channel sees all.
@@ -145,7 +145,7 @@ def _told(
     return tell
 
 
-def _scatter_beyond(
+def scatter_beyond(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture,
@@ -157,6 +157,14 @@ def _scatter_beyond(
 
     A cat's-eye is measured from the picture's own corners, so such pictures keep their size. Where a strip
     ends inside the picture nothing is repeated, but rows are left out until blocks lie as in the whole.
+
+    Args:
+        image: Scene-linear, (H, W, 3) float32.
+        defocus: Signed blur radius, (H, W) pixels.
+        aperture: Shape of the opening.
+        reach: So many pixels are repeated.
+        strip: Which rows of a picture these are; ``None`` for all.
+        place: Where they lie in the shown picture.
     """
     if reach == 0 or aperture.cats_eye > 0:
         return scatter(image, defocus, aperture, place)
@@ -213,7 +221,7 @@ def _render(
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
         footprint, ray_reach = lens.footprint, lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
-    smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))
+    smooth = scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))
     rays_mask = rays_weight > 0
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     tell = _told(progress, seconds)
@@ -227,6 +235,7 @@ def _render(
             error_map=error_map,
             occluded_background=np.array(image),
             disocclusion_weight=np.zeros_like(error_map),
+            scatter=smooth,
         )
     faintest = 0.0 if lens is None else _FAINTEST
     mixed = None
@@ -278,6 +287,7 @@ def _render(
         occluded_background=occluded_background,
         disocclusion_weight=disocclusion_weight,
         mixed_pixels=None if mixed is None else told_of(mixed),
+        scatter=smooth,
     )
 
 

@@ -13,8 +13,9 @@ from numba import prange
 
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.coarse_to_fine import BLOCK, CoarseNetwork, ask_arnet, find_change, lay_over
+from bokehnet.coarse_to_fine import CoarseNetwork, ask_arnet, find_change, lay_over
 from bokehnet.fusion import fuse
+from bokehnet.inference.small_copy import SmallCopy
 from bokehnet.kernels import njit
 from bokehnet.pyramid import count_halvings, upsample2
 
@@ -42,22 +43,6 @@ class Corrected:
     bokeh: np.ndarray
     neural: np.ndarray
     error_map: np.ndarray
-
-
-@njit(cache=True, parallel=True)
-def _shrink(array, factor, top, bottom, result):  # type: ignore[no-untyped-def]
-    """Means of blocks of (H, W, C), the last row and column repeated as far as they must be."""
-    height, width, channels = array.shape
-    for row in prange(top, bottom):
-        total = np.zeros(channels)
-        for column in range(result.shape[1]):
-            total[:] = 0.0
-            for v in range((row - top) * factor, (row - top + 1) * factor):
-                for u in range(column * factor, (column + 1) * factor):
-                    for c in range(channels):
-                        total[c] += array[min(v, height - 1), min(u, width - 1), c]
-            for c in range(channels):
-                result[row, column, c] = total[c] / (factor * factor)
 
 
 @njit(cache=True, parallel=True)
@@ -139,13 +124,8 @@ class CoarseInput:
         network_max_radius: float,
         most_pixels: int = MOST_PIXELS,
     ) -> None:
-        self.halvings = count_halvings(max_coc_radius, network_max_radius)
-        while height * width > most_pixels << 2 * self.halvings:
-            self.halvings += 1
-        self._factor = 2**self.halvings
-        self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
-        self._height = height
-        self._parts: dict[str, np.ndarray] = {}
+        halvings = count_halvings(max_coc_radius, network_max_radius)
+        self._small = SmallCopy(height, width, halvings, most_pixels)
 
     def add(self, first: int, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult) -> None:
         """Take in rows of the picture.
@@ -161,14 +141,7 @@ class CoarseInput:
             parts["occluded_background"] = classical.occluded_background
             parts["disocclusion_weight"] = classical.disocclusion_weight[..., None]
             parts["classical_error_map"] = classical.error_map[..., None]
-        last = first + len(image)
-        top = first // self._factor
-        bottom = self._size[0] if last == self._height else last // self._factor
-        for name, array in parts.items():
-            if name not in self._parts:
-                self._parts[name] = np.empty((*self._size, array.shape[2]), np.float32)
-            with parallel_region:
-                _shrink(array, self._factor, top, bottom, self._parts[name])
+        self._small.add(first, parts)
 
     def correct(self, arnet: CoarseNetwork, max_valid_radius: float = math.inf) -> CoarseCorrection:
         """Run ARNet, once all rows have been added.
@@ -177,8 +150,7 @@ class CoarseInput:
             arnet: The network.
             max_valid_radius: As of :func:`bokehnet.coarse_to_fine.ask_arnet`, in pixels of the picture.
         """
-        self._parts["defocus"] /= self._factor
-        batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._parts.items()}
+        batch, halvings = self._small.batch(), self._small.halvings
         names = ("occluded_background", "disocclusion_weight", "classical_error_map")
         features = [batch[name] for name in names if name in batch]
         bokeh, learned = ask_arnet(
@@ -187,8 +159,8 @@ class CoarseInput:
             batch["defocus"],
             batch["classical"],
             np.concatenate(features, axis=1) if features else None,
-            max_valid_radius / self._factor,
+            max_valid_radius / 2**halvings,
         )
         change = find_change(bokeh[0], batch["classical"][0])
         values = np.concatenate([change, learned[0]]).transpose(1, 2, 0)
-        return CoarseCorrection(values=np.ascontiguousarray(values), halvings=self.halvings)
+        return CoarseCorrection(values=np.ascontiguousarray(values), halvings=halvings)

@@ -25,6 +25,7 @@ from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PIXELS, CoarseInput
+from bokehnet.inference.expected_error import ERROR_BYTES, ErrorEstimate, check_expects_error
 from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.inference.strips import WORKING_MEMORY, StripAccumulator, cut_strips, worth_cutting
 from bokehnet.inference.tiling import refine_in_tiles
@@ -36,11 +37,11 @@ from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
 __all__ = ["CLASSICAL_HALVES", "ENGINES", "Engine", "EngineResult", "Progress", "ray_reach"]
 
-# Engines with networks: the best, on the rays, and a faster one on the scatter.
-HYBRIDS = ("hybrid", "fast")
+# Engines with networks: the best, on the rays, a faster one on the scatter, and the published method.
+HYBRIDS = ("hybrid", "fast", "neural")
 
 # The classical half of each, as the networks that ship with the package tell it.
-CLASSICAL_HALVES = {"hybrid": "rays", "fast": "scatter"}
+CLASSICAL_HALVES = {"hybrid": "rays", "fast": "scatter", "neural": "scatter"}
 
 # Classical renderers are engines of their own.
 ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
@@ -62,6 +63,8 @@ class EngineResult:
         largest_blur: Largest blur radius, pixels.
         mixed_pixels: Pixels that were rendered as two surfaces, with both; ``None`` for engines that part
             none.
+        expected_error: What is expected of the mean over colours of |sRGB value - truth|, 8-bit levels, (H,
+            W); ``None`` where it was not asked for.
     """
 
     bokeh: np.ndarray
@@ -70,6 +73,7 @@ class EngineResult:
     error_map: np.ndarray
     largest_blur: float = 0.0
     mixed_pixels: KnownSurfaces | None = None
+    expected_error: np.ndarray | None = None
 
 
 def _to_batch(array: np.ndarray) -> np.ndarray:
@@ -118,6 +122,26 @@ class _Lens:
     layers: Layers | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _Gathered:
+    """What networks see of the whole picture, taken in while it is rendered."""
+
+    coarse: CoarseInput | None
+    estimate: ErrorEstimate | None
+
+    def add(self, first: int, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult) -> None:
+        """Take in rows, as both do."""
+        for seen in (self.coarse, self.estimate):
+            if seen is not None:
+                seen.add(first, image, defocus, classical)
+
+
+def _most_pixels(memory: int | None, bytes_per_pixel: int) -> int:
+    """Pixels that a network may see at once."""
+    left = MOST_PIXELS if memory is None else memory // bytes_per_pixel
+    return max(LEAST_PIXELS, min(MOST_PIXELS, left))
+
+
 class Engine:
     """Renders on the CPU. One engine may be used by several threads at once.
 
@@ -145,7 +169,7 @@ class Engine:
     ) -> None:
         if name not in BASELINES:
             check_choice("engine", name, ENGINES)
-        self.name = name
+        self.name, self._threads = name, threads
         neural = name in HYBRIDS
         self._networks = (
             load_networks(weights or WEIGHTS / name, threads, providers, session_options) if neural else None
@@ -172,6 +196,7 @@ class Engine:
         known: KnownSurfaces | None = None,
         rays_share: float = 1.0,
         layers: Layers | None = None,
+        expected_error: bool = False,
     ) -> EngineResult:
         """Render one picture from its defocus.
 
@@ -202,11 +227,14 @@ class Engine:
                 to one.
             layers: True layers, for engines that march rays, in place of those that would be made of the
                 picture; the others take the picture as it is.
+            expected_error: Whether to tell how far off the rays may be. With a hybrid it is theirs, too.
 
         Raises:
             ShapeError: Not (H, W, 3) and (H, W) of one size.
             ParameterError: NaN or infinity in defocus or image; known pixels outside; gamma out of range, or
-                not 1 with a hybrid; ``max_memory`` too small, or with networks that cannot work in strips.
+                not 1 with a hybrid; ``max_memory`` too small, or with networks that cannot work in strips;
+                ``expected_error`` without rays, or behind a lens that does more than focus.
+            ModelFileError: ``expected_error`` needs a network that is missing or damaged.
         """
         check_kind("aperture", aperture, Aperture, optional=True)
         check_kind("lens_response", lens_response, LensResponse, optional=True)
@@ -248,22 +276,28 @@ class Engine:
             rays_share=rays_share,
             layers=layers,
         )
+        if expected_error:
+            check_expects_error(self._classical_name, lens.lens_response, gamma, self.name)
         strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = (
             progress or _ignore,
             _max_coc_radius(defocus, known),
         )  # before it may be written over
-        small = None
+        left = None if max_memory is None else max_memory - memory_taken
+        (height, width), coarse, estimate = defocus.shape, None, None
         if self._networks is not None and self._networks.iunet is None:
-            left = MOST_PIXELS if max_memory is None else (max_memory - memory_taken) // ARNET_BYTES
-            most = max(LEAST_PIXELS, min(MOST_PIXELS, left))
-            height, width = defocus.shape
-            small = CoarseInput(height, width, largest, self._networks.network_max_radius, most)
+            most = _most_pixels(left, ARNET_BYTES)
+            coarse = CoarseInput(height, width, largest, self._networks.network_max_radius, most)
+        if expected_error:
+            most = _most_pixels(left, ERROR_BYTES)
+            estimate = ErrorEstimate(height, width, largest, most, self._threads)
+        gathered = _Gathered(coarse, estimate)
         if len(strips) > 1:
-            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite, small)
+            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite, gathered)
         else:
-            result = self._render_whole(image, defocus, lens, curve, report, small)
-        return replace(result, largest_blur=largest)
+            result = self._render_whole(image, defocus, lens, curve, report, gathered)
+        told = None if estimate is None else estimate.tell()
+        return replace(result, largest_blur=largest, expected_error=told)
 
     def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int | None, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
@@ -303,7 +337,7 @@ class Engine:
         lens: _Lens,
         curve: GammaCurve | None,
         report: Progress,
-        small: CoarseInput | None,
+        gathered: _Gathered,
     ) -> EngineResult:
         steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
@@ -311,6 +345,8 @@ class Engine:
             image, defocus, lens, curve, progress=lambda share: report(int(share * _STEPS), steps)
         )
         report(_STEPS, steps)
+        gathered.add(0, image, defocus, classical)
+        classical = replace(classical, scatter=None)
         if self._networks is None:
             bokeh, classical_error_map = classical.bokeh, classical.error_map
             return EngineResult(
@@ -320,11 +356,10 @@ class Engine:
                 error_map=classical_error_map,
                 mixed_pixels=classical.mixed_pixels,
             )
-        if small is None:
+        if gathered.coarse is None:
             result = self._render_coarse_to_fine(image, defocus, classical)
         else:
-            small.add(0, image, defocus, classical)
-            correction = small.correct(self._networks.arnet, self._networks.max_valid_radius)
+            correction = gathered.coarse.correct(self._networks.arnet, self._networks.max_valid_radius)
             found = correction.apply(classical.bokeh, classical.error_map)
             result = EngineResult(
                 bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
@@ -341,7 +376,7 @@ class Engine:
         strips: Sequence[Strip | None],
         report: Progress,
         overwrite: bool,
-        small: CoarseInput | None,
+        gathered: _Gathered,
     ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
@@ -363,14 +398,14 @@ class Engine:
             inner = slice(first, first + len(kept.bokeh))
             if kept.mixed_pixels is not None:
                 mixed.append(kept.mixed_pixels.below(first))
-            if small is not None:
-                small.add(first, image[inner], defocus[inner], kept)
+            gathered.add(first, image[inner], defocus[inner], kept)
             later = strips[done + 1] if done + 1 < len(strips) else None
             for result, array in zip(results, (kept.bokeh, kept.error_map), strict=True):
                 result.add(first, array, height if later is None else later.first)
-        if networks is not None and small is not None:
+            del part, kept, array  # before the next strip needs their memory
+        if networks is not None and gathered.coarse is not None:
             report(_STEPS * len(strips), steps)
-            correction = small.correct(networks.arnet, networks.max_valid_radius)
+            correction = gathered.coarse.correct(networks.arnet, networks.max_valid_radius)
             for strip in strips:
                 assert strip is not None
                 inner = slice(strip.first + strip.wanted.start, strip.first + strip.wanted.stop)

@@ -1,4 +1,4 @@
-"""ErrorNet: how far off each way to render is, pixel by pixel, without the truth."""
+"""ErrorNet: how far off the rays are, pixel by pixel, without the truth."""
 
 import math
 from dataclasses import dataclass
@@ -10,13 +10,10 @@ from torch import Tensor, nn
 from bokehnet.models.blocks import UNet
 from bokehnet.optics.encoding import encode
 
-__all__ = ["CANDIDATES", "FEATURES", "ErrorNet", "ErrorNetConfig"]
+__all__ = ["FEATURES", "ErrorNet", "ErrorNetConfig"]
 
-# The ways to render that are told apart.
-CANDIDATES = ("rays", "scatter", "neural")
-
-# What is known besides, one channel each.
-FEATURES = ("defocus", "noise", "disocclusion_weight", "error_map")
+# What is known besides the pictures, one channel each.
+FEATURES = ("defocus", "disocclusion_weight", "error_map")
 
 # Least and most that is ever expected, and what a fresh network expects everywhere; 8-bit levels.
 _RANGE, _FRESH = (0.05, 128.0), 2.0
@@ -45,16 +42,15 @@ def _size(difference: Tensor) -> Tensor:
 
 
 class ErrorNet(nn.Module):
-    """Tells the expected absolute error of each of ``CANDIDATES``.
+    """Tells the expected absolute error of the rays.
 
-    It looks at where they differ, and at what the rays know of themselves: their noise, the share of light
-    that comes from guessed colours, and where depth is complicated.
+    It looks at how they differ from the picture and from the scatter, and at what they know of themselves:
+    the share of light that comes from guessed colours, and where depth is complicated.
 
     Shape:
-        image, rays, scatter, neural (B, 3, H, W), scene-linear; features (B, 4, H, W): defocus in pixels,
-        standard deviation of the rays' noise in scene-linear light, disocclusion weight and error map in [0,
-        1]. H and W multiples of 8. Returns (B, 3, H, W): what is expected of the mean over colours of |sRGB
-        value - truth|, in 8-bit levels, for each candidate.
+        image, rays, scatter (B, 3, H, W), scene-linear; features (B, 3, H, W): defocus in pixels,
+        disocclusion weight and error map in [0, 1]. H and W multiples of 8. Returns (B, 1, H, W): what is
+        expected of the mean over colours of |sRGB value - truth|, in 8-bit levels.
     """
 
     config: ErrorNetConfig
@@ -62,21 +58,16 @@ class ErrorNet(nn.Module):
     def __init__(self, config: ErrorNetConfig) -> None:
         super().__init__()
         self.config = config
-        channels = 3 * 4 + 3 + len(FEATURES)
-        self.unet = UNet(4 * channels, len(CANDIDATES), config.widths)
+        channels = 3 * 3 + 2 + len(FEATURES)
+        self.unet = UNet(4 * channels, 1, config.widths)
 
-    def forward(
-        self, image: Tensor, rays: Tensor, scatter: Tensor, neural: Tensor, features: Tensor
-    ) -> Tensor:
+    def forward(self, image: Tensor, rays: Tensor, scatter: Tensor, features: Tensor) -> Tensor:
         """Return the expected errors."""
-        defocus, noise, *rest = features.split(1, dim=1)
-        sharp, *shown = (encode(x) for x in (image, rays, scatter, neural))
-        pairs = ((0, 1), (0, 2), (1, 2))
-        apart = [_size((shown[i] - shown[j]).abs().mean(1, keepdim=True)) for i, j in pairs]
-        middle = rays.mean(1, keepdim=True)
-        grain = _size(encode(middle + noise) - encode(middle))
+        defocus, *rest = features.split(1, dim=1)
+        sharp, found, spread = (encode(x) for x in (image, rays, scatter))
+        apart = [_size((found - other).abs().mean(1, keepdim=True)) for other in (spread, sharp)]
         blur = torch.log1p(defocus.abs() / _LARGE)
-        stacked = torch.cat([sharp, *shown, *apart, blur, grain, *rest], dim=1)
-        found = self.unet(F.pixel_unshuffle(stacked, 2)).float()
+        stacked = torch.cat([sharp, found, spread, *apart, blur, *rest], dim=1)
+        told = self.unet(F.pixel_unshuffle(stacked, 2)).float()
         low, high = (math.log(x) for x in _RANGE)
-        return (math.log(_FRESH) + found).clamp(low, high).exp()
+        return (math.log(_FRESH) + told).clamp(low, high).exp()

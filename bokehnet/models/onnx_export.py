@@ -17,7 +17,7 @@ from bokehnet.io.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
 from bokehnet.models.edges import EdgeNet
-from bokehnet.models.error import CANDIDATES, FEATURES, ErrorNet
+from bokehnet.models.error import FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.repair import RepairNet
 from bokehnet.onnx_session import OnnxSession
@@ -48,7 +48,8 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
     if isinstance(network, RepairNet | EdgeNet):
         return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
     if isinstance(network, ErrorNet):
-        return {**{name: noise(3) for name in ("image", *CANDIDATES)}, "features": noise(len(FEATURES))}
+        pictures = {name: noise(3) for name in ("image", "rays", "scatter")}
+        return {**pictures, "features": noise(len(FEATURES))}
     assert isinstance(network, ARNet | IUNet)
     config = network.config
     inputs = {

@@ -89,7 +89,8 @@ def expose(
     alpha, known = scene.alpha, scene.known
     lamps = lamps_of(image, defocus, settings)
     hiding = defocus.copy() if lamps is not None and overwrite and not keep else defocus
-    names = {"gamma": "highlights.gamma", "engine": "name"} | leaning(settings)
+    names = {"gamma": "highlights.gamma", "engine": "name", "expected_error": "output.expected_error"}
+    names |= leaning(settings)
     with about("engine", names):
         if alpha is not None:
             spread = lens | {"known": known and known.without_colors()}
@@ -111,6 +112,7 @@ def expose(
             overwrite=overwrite,
             known=known,
             layers=scene.layers,
+            expected_error=_expects_error(settings, engine.name, lens_response),
         )
     factor = scene.supersampled
     if factor > 1:
@@ -132,6 +134,7 @@ def expose(
         error_map=rendered.error_map,
         defocus=defocus if keep else None,
         mixed_pixels=rendered.mixed_pixels,
+        expected_error=rendered.expected_error,
         supersampled=factor,
         frame=scene.frame,
         output=settings.output,
@@ -146,6 +149,15 @@ def expose(
             notes=scene.notes,
         ),
     )
+
+
+def _expects_error(settings: RenderSettings, engine: str, lens_response: LensResponse) -> bool:
+    """Whether errors are to be expected: asked for, or beside other maps where that can be."""
+    output = settings.output
+    if output.expected_error is not None:
+        return output.expected_error == "on"
+    plain = lens_response.is_plain and settings.highlights.gamma == 1
+    return output.save_maps is not None and engine in RAY_ENGINES and plain
 
 
 def leaning(settings: RenderSettings) -> dict[str, str]:

@@ -32,6 +32,12 @@ _RENDERING = 400 * 2**20
 # read, repaired or turned into defocus.
 _HELD, _READ, _REPAIRED, _FOCUSED = 16, 5, 14, 12
 
+# What is held of the expected error.
+_TOLD = 4
+
+# Engines that see the whole picture at once.
+_WHOLE = ("neural",)
+
 # The same of alpha: it and what is known of its edges beside the picture as it is rendered, and beside itself
 # as a grey picture that is rendered first.
 _ALPHA, _GREY = 10, 34
@@ -52,9 +58,10 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
         >>> large > small
         True
     """
-    if engine in BASELINES:
+    if engine in (*BASELINES, *_WHOLE):
+        able = ", ".join(name for name in ENGINES if name not in _WHOLE)
         raise ParameterError(
-            "engine.max_memory", f"an engine that works in strips: {', '.join(ENGINES)}", shown=f"`{engine}`"
+            "engine.max_memory", f"an engine that works in strips: {able}", shown=f"`{engine}`"
         )
     pixels = width * height
     started = max(0, PROGRAM - _RENDERING)
@@ -63,6 +70,8 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
     classical = CLASSICAL_HALVES.get(engine, engine)
     held = _HELD + (4 if settings.output.save_maps is not None else 0)
+    tells = settings.output.save_maps is not None or settings.output.expected_error == "on"
+    held += _TOLD if tells and classical == "rays" else 0
     radius = _least_radius(settings)
     reach = _reach(settings, radius, height, width) if radius and classical == "rays" else radius
     rows = least_rows(height, reach, classical)

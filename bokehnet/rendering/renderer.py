@@ -55,7 +55,7 @@ class BokehRenderer:
     What settings leave at their default is as the renderer was made.
 
     Args:
-        engine: What renders: "rays" (the default), "scatter", "hybrid" or "fast".
+        engine: What renders: "rays" (the default), "scatter", "hybrid", "fast" or "neural".
         aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
             shapes they correct what the classical half made of them.
         lens_response: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
@@ -175,6 +175,7 @@ class BokehRenderer:
         memory_taken: int = 0,
         pixel_filter: PixelFilter | None = None,
         known: KnownSurfaces | None = None,
+        expected_error: bool = False,
         cancel: CancelSignal | None = None,
         overwrite: bool = False,
     ) -> RenderResult: ...
@@ -202,8 +203,8 @@ class BokehRenderer:
                 afterwards; in strips this saves their memory.
             options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
                 in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_taken`` and ``known`` of
-                :meth:`bokehnet.inference.engine.Engine.render`.
+                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_taken``, ``known`` and
+                ``expected_error`` of :meth:`bokehnet.inference.engine.Engine.render`.
 
         Raises:
             ShapeError: Arrays are not of the shapes above, or map and picture differ in size.
@@ -295,6 +296,7 @@ class BokehRenderer:
             error_map=rendered.error_map,
             defocus=None if overwrite else np.asarray(defocus, np.float32),
             mixed_pixels=rendered.mixed_pixels,
+            expected_error=rendered.expected_error,
             report=RenderReport(
                 engine=engine.name,
                 largest_blur=rendered.largest_blur,

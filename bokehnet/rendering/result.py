@@ -19,9 +19,12 @@ from bokehnet.rendering.output import make_output_format
 from bokehnet.rendering.settings import OutputSettings, RenderSettings
 from bokehnet.rendering.settings_file import save_settings
 
-__all__ = ["RenderReport", "RenderResult"]
+__all__ = ["LEVELS_SHOWN", "RenderReport", "RenderResult"]
 
 Array = npt.NDArray[np.float32]
+
+# Expected error that is white in its picture, 8-bit levels.
+LEVELS_SHOWN = 16.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,6 +72,8 @@ class RenderResult:
             discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
         defocus: Signed blur radius of each pixel, (H, W), pixels; None where its memory was used again.
         mixed_pixels: Pixels that were rendered as two surfaces, with both; None for engines that part none.
+        expected_error: What is expected of the mean over colours of |sRGB value - truth|, 8-bit levels, (H,
+            W), before the effects; None where it was not asked for.
         supersampled: How many times the size of the result the picture is in which these pixels lie.
         report: What was decided.
         frame: What the picture's file holds besides; None for arrays.
@@ -93,6 +98,7 @@ class RenderResult:
     alpha: Array | None = None
     defocus: Array | None = None
     mixed_pixels: KnownSurfaces | None = None
+    expected_error: Array | None = None
     supersampled: int = 1
     frame: Frame | None = field(default=None, repr=False)
     output: OutputSettings = field(default_factory=OutputSettings)
@@ -121,6 +127,8 @@ class RenderResult:
     def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
         """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.
 
+        So is the expected error: its picture is white from ``LEVELS_SHOWN`` 8-bit levels on.
+
         Pixels that were rendered as two surfaces are shown by their coverage (1 where there is one), and by
         the colours of the front and of the back, where all else is transparent.
 
@@ -145,6 +153,9 @@ class RenderResult:
             write_image(folder / "classical.png", self._in_rec709(self.classical))
         if self.neural is not None:
             write_image(folder / "neural.png", self._in_rec709(self.neural))
+        if self.expected_error is not None:
+            write_map(folder / "expected_error.exr", self.expected_error)
+            write_map(folder / "expected_error.png", np.minimum(self.expected_error / LEVELS_SHOWN, 1))
         if self.mixed_pixels is not None:
             self._save_surfaces(folder, self.mixed_pixels)
         if settings is not None:

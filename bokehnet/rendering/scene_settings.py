@@ -23,6 +23,7 @@ EngineName = Literal[
     "scatter",
     "hybrid",
     "fast",
+    "neural",
     "gather_basic",
     "gather_spiral",
     "gather_bokeh",
@@ -346,8 +347,8 @@ class EngineSettings(Group):
 
     name: EngineName | None = setting(
         None,
-        "rays (default, sees occlusion), scatter (faster), hybrid or fast (either, with networks); "
-        "or a method of the literature, see docs/theses.md.",
+        "rays (default, sees occlusion), scatter (faster), hybrid or fast (either, with networks), "
+        "neural (the published BokehMe); or a method of the literature, see docs/theses.md.",
         flag="engine",
         metavar="NAME",
         of_a_look=True,
@@ -395,5 +396,11 @@ class OutputSettings(Group):
     )
     save_maps: Path | None = setting(
         None,
-        "Folder for the settings, and as pictures: defocus, error map, classical, neural, mixed pixels.",
+        "Folder for the settings, and as pictures: defocus, error map, classical, neural, mixed pixels, "
+        "expected error.",
+    )
+    expected_error: Switch | None = setting(
+        None,
+        "on or off: tell how far off each pixel of the rays may be, in 8-bit levels; default: on with "
+        "--save-maps, where lens and gamma are plain.",
     )

@@ -137,13 +137,14 @@ def reduced_result(rendered: EngineResult, factor: int, pixel_filter: PixelFilte
     classical = rendered.classical
     if classical is not None:
         classical = bokeh if classical is rendered.bokeh else reduce_fine(classical, factor, pixel_filter)
-    neural = rendered.neural
+    neural, told = rendered.neural, rendered.expected_error
     return replace(
         rendered,
         bokeh=bokeh,
         classical=classical,
         neural=None if neural is None else reduce_fine(neural, factor, pixel_filter),
         error_map=reduce_fine(rendered.error_map, factor, pixel_filter),
+        expected_error=None if told is None else np.maximum(reduce_fine(told, factor, pixel_filter), 0),
         largest_blur=rendered.largest_blur / factor,
     )
 

@@ -16,7 +16,7 @@ from bokehnet.rendering.settings_file import settings_from_table
 
 from .host import CATEGORY, Cancel, frames_of_map, image_tensor, light, maps, stages, told
 
-_ENGINES = ["rays", "scatter", "hybrid", "fast"]
+_ENGINES = ["rays", "scatter", "hybrid", "fast", "neural"]
 _OUTPUTS = ("IMAGE", "MASK", "BOKEH_LIGHT", "STRING")
 _NAMES = ("bokeh", "error_map", "light", "report")
 

@@ -22,7 +22,7 @@ OPTIONS = {
         --max-memory --mixed-depth --obstruction --onion --onion-rings --optical-vignetting
         --output --overwrite --pixel-filter --preset --pull --refine-disparity --resize-disparity
         --bits --color-space --dither --quality --subsampling
-        --layers --matte --supersampled
+        --expected-error --layers --matte --supersampled
         --rim --save-maps --sensor-width --spherical --squeeze --tilt-x
         --quiet --verbose --json -q -v
         --steady --video-codec

@@ -235,7 +235,7 @@ def test_progress_is_reported_to_the_end(pair):
 def test_bad_arguments_are_named():
     image, defocus = picture(20, 30, 4)
     with pytest.raises(
-        ParameterError, match="engine: expected one of fast, hybrid, rays, scatter, got 'rays2'"
+        ParameterError, match="engine: expected one of fast, hybrid, neural, rays, scatter, got 'rays2'"
     ):
         BokehRenderer("rays2")
     for gamma in (0.1, 6.0, np.nan):

@@ -419,6 +419,6 @@ def test_a_map_of_another_size_is_brought_to_the_picture_only_when_asked(photo, 
 
 def test_an_unknown_engine_is_refused():
     with pytest.raises(
-        ParameterError, match=r"engine: expected one of fast, hybrid, rays, scatter, got 'magic'"
+        ParameterError, match=r"engine: expected one of fast, hybrid, neural, rays, scatter, got 'magic'"
     ):
         BokehRenderer("magic")

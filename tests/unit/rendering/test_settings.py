@@ -187,7 +187,7 @@ VALID = [
         "engine": {"name": "hybrid", "weights": "nets", "max_memory": 2**31},
         "output": {
             "save_maps": "maps/ü", "color_space": "prophoto", "bits": "16", "quality": 80,
-            "subsampling": "4:2:0", "dither": "off",
+            "subsampling": "4:2:0", "dither": "off", "expected_error": "on",
         },
     },
     {

@@ -1,0 +1,86 @@
+"""Whether what is expected comes: ``python -m benchmarks.expected_error KIND FOLDER``.
+
+The rays render every picture of a set (KIND and FOLDER as of ``python -m train.evaluate --data``), with the
+true disparity and with wrong ones that are repaired first, and tell what error they expect. Printed are, for
+pixels within reach of depth discontinuities, Spearman's rank correlation with the true error, pixel by
+pixel and for means over blocks of 8x8 pixels, the mean over pictures; both means; and a reliability table:
+tenths of all these pixels, from the least to the most expected, with what was expected and what came.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from bokehnet.inference.disparity_repair import DisparityRepair
+from bokehnet.inference.engine import Engine
+from bokehnet.io.color import linear_to_srgb
+from train.degradation import DEGRADATIONS, degrade
+from train.evaluation_sets import SETS, Shot, list_pictures
+from train.train_error import reliability
+
+# Side of the blocks, pixels, and the least part of one that must lie near edges.
+_BLOCK, _PART = 8, 0.5
+
+
+def true_error(bokeh: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean over colours of |sRGB value - truth|, 8-bit levels, (H, W)."""
+    found, wanted = (linear_to_srgb(np.clip(x, 0, 1)) for x in (bokeh, truth))
+    return 255 * np.abs(found - wanted).mean(-1)
+
+
+def block_means(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Means of chosen pixels over the blocks in which there are enough of them, (n,)."""
+    height, width = (side // _BLOCK for side in values.shape)
+
+    def sums(array: np.ndarray) -> np.ndarray:
+        cut = array[: height * _BLOCK, : width * _BLOCK]
+        return cut.reshape(height, _BLOCK, width, _BLOCK).sum((1, 3))
+
+    count, total = sums(chosen), sums(values * chosen)
+    enough = count >= _PART * _BLOCK**2
+    return total[enough] / count[enough]
+
+
+def examined(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.ndarray, float, float]:
+    """Expected and true error of the pixels near edges, (2, n); rank correlations by pixel and by block."""
+    given = degrade(shot.defocus, disparity)
+    defocus = repair(shot.image, given, "auto")
+    found = Engine("rays").render(shot.image, defocus, aperture=shot.aperture, expected_error=True)
+    assert found.expected_error is not None
+    near, true = found.error_map > 0, true_error(found.bokeh, shot.truth)
+    blocks = [block_means(x, near) for x in (found.expected_error, true)]
+    pixels = np.stack([found.expected_error[near], true[near]])
+    return pixels, float(spearmanr(*pixels).statistic), float(spearmanr(*blocks).statistic)
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("kind", choices=SETS)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--limit", type=int, help="this many scenes only")
+    arguments = parser.parse_args()
+    pictures, repair = list_pictures(arguments.kind, arguments.folder, arguments.limit), DisparityRepair()
+    for disparity in DEGRADATIONS:
+        everything, correlations = [], []
+        for picture in pictures:
+            pixels, *both = examined(picture.read(), disparity, repair)
+            everything.append(pixels)
+            correlations.append(both)
+        told, true = np.concatenate(everything, axis=1)
+        by_pixel, by_block = np.mean(correlations, axis=0)
+        print(
+            f"{disparity} disparity, {len(pictures)} pictures: Spearman {by_pixel:.3f} by pixel, "
+            f"{by_block:.3f} by block; expected {told.mean():.2f}, came {true.mean():.2f} levels"
+        )
+        table = reliability(told, true)
+        for name, values in zip(("expected", "came"), zip(*table, strict=True), strict=True):
+            print(f"  {name:9s}" + "".join(f"{value:7.2f}" for value in values), flush=True)
+
+
+if __name__ == "__main__":
+    main()
