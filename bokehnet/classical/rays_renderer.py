@@ -280,7 +280,7 @@ def _render(
     )
     with parallel_region:
         _blend(smooth, rays_weight, rays_mask, result)
-    occluded_background = np.ascontiguousarray(colors[:, :, -1])
+    occluded_background = np.ascontiguousarray(colors[:, :, min(1, colors.shape[2] - 1)])
     return ClassicalResult(
         bokeh=result,
         error_map=error_map,

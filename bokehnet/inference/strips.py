@@ -12,7 +12,7 @@ from bokehnet.errors import ParameterError
 __all__ = ["StripAccumulator", "cut_strips", "least_rows", "worth_cutting"]
 
 # Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
-BYTES_PER_PIXEL = {"rays": 140, "scatter": 45}
+BYTES_PER_PIXEL = {"rays": 156, "scatter": 45}
 
 # Rows around a strip that its result depends on, in units of the blur radius: those that a ray crosses, and
 # those from which what they hide is filled. Windows of pixels come on top, for which this many rows do where

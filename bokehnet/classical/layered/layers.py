@@ -22,31 +22,51 @@ __all__ = ["Layers", "split_layers", "split_picture"]
 
 
 @njit(cache=True, parallel=True)
-def _stack(image, defocus, hidden, behind, colors, depths, coverage):  # type: ignore[no-untyped-def]
-    """Write what is seen and what is hidden as two layers, (H, W, 2, ...)."""
+def _lay_backs(rows, columns, back, far, is_front, hidden, behind):  # type: ignore[no-untyped-def]
+    """Write the farther surface of mixed pixels to what is hidden, (H, W, ...) in place."""
+    for i in prange(len(rows)):
+        y, x = rows[i], columns[i]
+        if abs(behind[y, x] - far[i]) <= DISCONTINUITY_THRESHOLD or not is_front[i]:
+            for c in range(3):
+                hidden[y, x, c] = back[i, c]
+        if not is_front[i]:
+            behind[y, x] = far[i]
+
+
+@njit(cache=True, parallel=True)
+def _hide_again(defocus, behind, beyond):  # type: ignore[no-untyped-def]
+    """Let nothing be behind what hides nothing, ``beyond`` (H, W) in place; how many pixels are left."""
+    left = 0
+    for y in prange(beyond.shape[0]):
+        for x in range(beyond.shape[1]):
+            if behind[y, x] >= defocus[y, x] - DISCONTINUITY_THRESHOLD:
+                beyond[y, x] = behind[y, x]
+            left += beyond[y, x] < behind[y, x] - DISCONTINUITY_THRESHOLD
+    return left
+
+
+@njit(cache=True, parallel=True)
+def _stack(color, defocus, layer, colors, depths, coverage):  # type: ignore[no-untyped-def]
+    """Write one layer that covers all, nowhere before the last one, to (H, W, L, ...)."""
     height, width = defocus.shape
     for y in prange(height):
         for x in range(width):
             for c in range(3):
-                colors[y, x, 0, c], colors[y, x, 1, c] = image[y, x, c], hidden[y, x, c]
-            depths[y, x, 0], depths[y, x, 1] = defocus[y, x], min(defocus[y, x], behind[y, x])
-            coverage[y, x, 0] = coverage[y, x, 1] = 1.0
+                colors[y, x, layer, c] = color[y, x, c]
+            depths[y, x, layer] = defocus[y, x]
+            if layer > 0:
+                depths[y, x, layer] = min(defocus[y, x], depths[y, x, layer - 1])
+            coverage[y, x, layer] = 1.0
 
 
 @njit(cache=True, parallel=True)
-def _lay_mixed(rows, columns, front, back, near, far, share, is_front, colors, depths, coverage):  # type: ignore[no-untyped-def]
-    """Lay the nearer surface of mixed pixels over the farther one; layers (H, W, 2, ...) in place."""
+def _lay_fronts(rows, columns, front, share, colors, coverage):  # type: ignore[no-untyped-def]
+    """Write colour and coverage of the nearer surface of mixed pixels to (H, W, L, ...) in place."""
     for i in prange(len(rows)):
         y, x = rows[i], columns[i]
         coverage[y, x, 0] = share[i]
-        depths[y, x, 0] = near[i]
-        one = abs(depths[y, x, 1] - far[i]) <= DISCONTINUITY_THRESHOLD
         for c in range(3):
             colors[y, x, 0, c] = front[i, c]
-            if one or not is_front[i]:
-                colors[y, x, 1, c] = back[i, c]
-        if not is_front[i]:
-            depths[y, x, 1] = far[i]
 
 
 def split_layers(
@@ -56,14 +76,16 @@ def split_layers(
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
 ) -> Layers:
-    """Make two layers of a picture: what is seen, and a guess of what stands behind.
+    """Make layers of a picture: what is seen, and a guess of what stands behind.
 
     Soft steps of the defocus are sharpened
     (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge,
     whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`; lights by
     :func:`bokehnet.classical.layered.light_carriers.part_lights`), and the occluded background is filled from
     what is left
-    (:func:`bokehnet.classical.layered.occluded_background.occluded_background`).
+    (:func:`bokehnet.classical.layered.occluded_background.occluded_background`). Where that background hides
+    something in turn, as a leaf behind a leaf hides the sky, there is a third layer, filled alike: rays that
+    pass both leaves would end nowhere, and what is left of the others would be too much of leaves.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -96,9 +118,19 @@ def split_picture(
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
-    colors = np.empty((*sharp.shape, 2, 3), np.float32)
-    depths, coverage = (np.empty((*sharp.shape, 2), np.float32) for _ in range(2))
+    del own
     with parallel_region:
-        _stack(image, sharp, hidden, behind, colors, depths, coverage)
-        _lay_mixed(*mixed, colors, depths, coverage)
+        _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, mixed.is_front, hidden, behind)
+    deepest, beyond = occluded_background(hidden, behind, reach)
+    sharp[mixed.rows, mixed.columns] = mixed.near
+    found = [(image, sharp), (hidden, behind), (deepest, beyond)]
+    with parallel_region:
+        if not _hide_again(sharp, behind, beyond):
+            found.pop()
+    colors = np.empty((*sharp.shape, len(found), 3), np.float32)
+    depths, coverage = (np.empty((*sharp.shape, len(found)), np.float32) for _ in range(2))
+    with parallel_region:
+        for layer, (color, depth) in enumerate(found):
+            _stack(color, depth, layer, colors, depths, coverage)
+        _lay_fronts(mixed.rows, mixed.columns, mixed.front, mixed.coverage, colors, coverage)
     return Layers(colors=colors, defocus=depths, coverage=coverage), mixed

@@ -86,7 +86,7 @@ def test_progress_counts_the_strips():
 def test_too_little_memory_tells_how_much_it_takes():
     image, defocus = tall_picture()
     with pytest.raises(
-        ParameterError, match=r"max_memory: expected at least 7 MB .* width of 120 .* 14 pixels"
+        ParameterError, match=r"max_memory: expected at least 8 MB .* width of 120 .* 14 pixels"
     ):
         BokehRenderer("rays").render(image, defocus, max_memory=1000)
 

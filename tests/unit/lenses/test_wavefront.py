@@ -62,10 +62,20 @@ def test_contrast_of_a_perfect_wave_is_that_of_airy():
 
 
 def test_contrast_of_the_triplet_is_that_of_optiland():
-    """optiland 0.6, ``FFTMTF`` with 256 rays on a grid of 2048."""
+    """optiland 0.6, ``FFTMTF`` with 256 rays on a grid of 2048, over the whole disc of the Gaussian pupil.
+
+    Our stop cuts at 0.993 of that disc: here the rest passes, too. A disc of 256 rays is known in width
+    to one in 255, and so are its frequencies: by that much the curves may be apart.
+    """
     lens = load_lens("cooke_triplet", focusing="paraxial")
-    found = wave_mtf(trace_wavefront(lens, 0.0, count=257), np.array([10.0, 20.0, 40.0]))[0]
-    np.testing.assert_allclose(found, [0.81027, 0.51370, 0.19889], atol=0.012)
+    front = trace_wavefront(lens, 0.0, count=257)
+    whole = dataclasses.replace(front, passes=(front.pupil**2).sum(-1) <= 1)
+    assert np.isfinite(front.waves[whole.passes]).all()
+    frequencies = np.array([10.0, 20.0, 40.0])
+    found = wave_mtf(whole, frequencies)[0]
+    apart = np.abs(wave_mtf(whole, frequencies * 256 / 255)[0] - found).max()
+    assert apart < 0.003
+    np.testing.assert_allclose(found, [0.81027, 0.51370, 0.19889], atol=apart)
 
 
 def test_what_rims_cut_is_not_in_the_wave():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.layered.layers import Layers, split_layers
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.errors import ParameterError, ShapeError
 
 GREEN, RED = np.array([0.1, 0.9, 0.2], np.float32), np.array([0.8, 0.1, 0.1], np.float32)
@@ -66,3 +67,22 @@ def test_bad_layers_are_refused():
         Layers(colors=colors, defocus=ones[..., :1], coverage=ones)
     with pytest.raises(ShapeError, match="3 channels"):
         Layers(colors=colors[..., :2], defocus=ones, coverage=ones)
+
+
+def test_what_is_hidden_hides_in_turn():
+    """Bars before crossing bars before a wall, all blurred: light of each is its share of the area."""
+    period, size = 12, 96
+    bars = np.arange(size) % period < 3
+    which = np.where(bars[None], 0, np.where(bars[:, None], 1, 2))
+    colors = np.array([[0.9, 0.1, 0.1], [0.1, 0.9, 0.1], [0.2, 0.2, 0.9]], np.float32)
+    image, defocus = colors[which], np.array([16.0, 11.0, -6.0], np.float32)[which]
+    layers = split_layers(image, defocus)
+    assert layers.defocus.shape[2] == 3
+    periods = np.s_[2 * period + 6 : -2 * period - 6, 2 * period + 6 : -2 * period - 6]
+    seen = [1 / 4, 3 / 4 * 1 / 4, 3 / 4 * 3 / 4]  # by two bars of three in twelve, independent of each other
+    found = rays(image, defocus, layers=layers)[periods].mean((0, 1))
+    np.testing.assert_allclose(found, seen @ colors, atol=0.002)
+
+
+def test_there_is_no_third_layer_where_nothing_is_hidden_twice():
+    assert split_layers(*edge(0.7, True)).defocus.shape[2] == 2
