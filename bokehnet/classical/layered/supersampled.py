@@ -1,9 +1,9 @@
 """A picture and its defocus at a multiple of their size, reduced to pixels of one or two surfaces.
 
 A renderer filters the fine picture too, so fine pixels at edges are mixtures themselves. They are parted
-first, as pixels of any picture are (:mod:`bokehnet.classical.layered.unmixing`). Where the parts that a coarse
-pixel is made of leave a gap in defocus, those before and behind the widest one are two surfaces: coverage is
-their share, colours are their means. So both add up to the light of the pixel.
+first, as pixels of any picture are (:mod:`bokehnet.classical.layered.unmixing`). Where the parts that a
+coarse pixel is made of leave a gap in defocus, those before and behind the widest one are two surfaces:
+coverage is their share, colours are their means. So both add up to the light of the pixel.
 """
 
 import numpy as np
