@@ -15,16 +15,29 @@ from time import process_time
 
 import numpy as np
 
-from bokehnet import BokehRenderer, CameraSettings, FocusSettings, InputSettings, RenderSettings, read_scene
+from bokehnet import (
+    BokehRenderer,
+    CameraSettings,
+    FocusSettings,
+    InputSettings,
+    RenderSettings,
+    make_scene,
+    read_image,
+    read_scene,
+)
+from bokehnet.classical.layered.supersampled import reduce_supersampled
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixel_filter import PixelFilter
 from bokehnet.optics.supersampling import reduce_fine
+from bokehnet.rendering.depth_source import DefocusMap
 from train.evaluation_sets import path_traced_shots, scene_folders
 from train.metrics import compare
 
 # Label to picture, map and settings.
 _INPUTS = {
     "one sample": ("image.exr", "depth.exr", 1),
+    "coverage": ("image_4x.exr", "depth_4x.exr", 1),
+    "two surfaces": ("image_4x.exr", "depth_4x.exr", 1),
     "supersampled 4": ("image_4x.exr", "depth_4x.exr", 4),
     "whole": ("image_4x.exr", "depth_4x.exr", 1),
 }
@@ -48,8 +61,16 @@ def render(folder: Path, number: int, label: str, aperture: Aperture) -> tuple[n
         focus=FocusSettings(distance=shot["focus_distance_m"]),
     ).updated({"depth": {"repair": "off"}})
     read = read_scene(folder / image, settings)
+    renderer = BokehRenderer("rays", aperture=aperture)
+    if label in ("coverage", "two surfaces"):
+        defocus = renderer.prepare(read, settings).defocus
+        small, radii, known = reduce_supersampled(read.image, defocus, 4, _FILTER)
+        if label == "coverage":
+            small, known = read_image(folder / "image.exr"), known.without_colors()
+        read = make_scene(small, DefocusMap(map=radii), known=known)
+        settings = RenderSettings()
     begun = process_time()
-    picture = BokehRenderer("rays", aperture=aperture).render(read, settings).bokeh
+    picture = renderer.render(read, settings).bokeh
     if label == "whole":
         picture = reduce_fine(picture, 4, _FILTER)
     return picture, process_time() - begun
@@ -73,8 +94,10 @@ def main() -> None:
                 seconds.append(taken)
             reached[label] = float(np.mean(scores))
             print(f"{folder.name:20s}{label:18s}{reached[label]:10.2f}{np.median(seconds):9.2f}", flush=True)
-        least, taken, most = reached.values()
-        print(f"{folder.name:20s}{(taken - least) / (most - least):.0%} of the gain of {most - least:.2f} dB")
+        least, *taken, most = reached.values()
+        for label, value in zip(list(reached)[1:-1], taken, strict=True):
+            share = f"{(value - least) / (most - least):.0%} of the gain of {most - least:.2f} dB"
+            print(f"{folder.name:20s}{label:18s}{share}", flush=True)
 
 
 if __name__ == "__main__":

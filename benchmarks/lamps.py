@@ -1,5 +1,8 @@
 """What light does to lamps: rings, stars, ghosts and glare, timed, with the light that they keep.
 
+Before that, how much of its light a blurred lamp beside an edge keeps: lamps of one pixel on a near surface,
+0 to 13 pixels from its edge, before a wall that is as dark.
+
 python -m benchmarks.lamps [--sheet docs/light.jpg]
 """
 
@@ -9,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bokehnet.classical.rays_renderer import rays
 from bokehnet.effects.diffracted_lamps import add_rings, add_stars
 from bokehnet.effects.ghosts import Ghosts
 from bokehnet.effects.glare import Glare
@@ -26,11 +30,46 @@ HEIGHT, WIDTH = 1080, 1920
 PITCH = 36000 / WIDTH  # micrometres
 
 
+def kept_beside_an_edge(near: float, far: float, times: float) -> np.ndarray:
+    """Light that rays leave of each lamp, over its own.
+
+    Args:
+        near: Defocus of the surface with the lamps, pixels.
+        far: Of the wall.
+        times: Lamps over what is around.
+    """
+    size, apart = (600, 200), 29
+    defocus = np.where(np.arange(size[1]) < 100, near, far) * np.ones((size[0], 1))
+    dark = np.full((*size, 3), 0.02, np.float32)
+    rows = np.arange(20, size[0] - 20, apart)
+    lit, columns = dark.copy(), 99 - (np.arange(len(rows)) * 5 + np.arange(len(rows)) // 3) % 14
+    lit[rows, columns] *= times
+    found = []
+    for seed in range(4):
+        added = rays(lit, defocus, seed=seed).astype(np.float64) - rays(dark, defocus, seed=seed)
+        around = [added[row - apart // 2 : row + apart // 2 + 1].sum() for row in rows]
+        found.append(np.array(around) / (3 * 0.02 * (times - 1)))
+    return np.concatenate(found)
+
+
+def print_kept() -> None:
+    """One line for each kind of lamp."""
+    print("lamps beside an edge                  | light kept, mean | each, root mean square")
+    print("---|---|---")
+    for near, far, times in ((12, 0, 50), (12, 0, 1000), (6, -8, 150), (3.4, -3, 500)):
+        kept = kept_beside_an_edge(near, far, times)
+        error = np.sqrt(np.mean((kept - 1) ** 2))
+        told = f"radius {near}, wall {far}, {times} times as bright"
+        print(f"{told:37s} | {kept.mean():.4f} | {error:.4f}", flush=True)
+    print()
+
+
 def main() -> None:
-    """Print the table, and draw the sheet."""
+    """Print the tables, and draw the sheet."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sheet", type=Path, help="draw what each effect does here")
     sheet = parser.parse_args().sheet
+    print_kept()
     rng = np.random.default_rng(0)
     count = 20
     row, column = rng.integers(100, HEIGHT - 100, count), rng.integers(100, WIDTH - 100, count)

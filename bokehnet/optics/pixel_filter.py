@@ -210,6 +210,11 @@ class FilterChoice:
     reason: str
     confidence: float | None = None
 
+    @property
+    def of_any_size(self) -> PixelFilter:
+        """The filter where it was told, else the default: an estimate holds for no other size of pixels."""
+        return self.pixel_filter if self.confidence is None else DEFAULT_FILTER
+
     def __str__(self) -> str:
         return f"{self.pixel_filter} ({self.reason})"
 

@@ -116,7 +116,7 @@ def expose(
         )
     factor = scene.supersampled
     if factor > 1:
-        told = DEFAULT_FILTER if chosen is None or chosen.confidence is not None else chosen.pixel_filter
+        told = DEFAULT_FILTER if chosen is None else chosen.of_any_size
         rendered = reduced_result(rendered, factor, told)
         alpha = None if alpha is None else reduce_fine(alpha, factor, told)
         defocus = reduced_defocus(defocus, factor) if keep else defocus

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Progress
@@ -12,7 +15,7 @@ from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.odd_blur import odd_blur
 from bokehnet.rendering.scene import FocusedScene, Scene, check_nothing_to_mend, fitted_map, is_exact
 from bokehnet.rendering.settings import RAY_ENGINES, RenderSettings
-from bokehnet.rendering.supersampling import at_rendered_size, in_fine_pixels
+from bokehnet.rendering.supersampling import at_rendered_size, in_fine_pixels, rendered_surfaces
 
 __all__ = ["prepare"]
 
@@ -47,7 +50,7 @@ def prepare(
         -8.0
     """
     report(0, 1)
-    scene = at_rendered_size(scene)
+    given, scene = scene, at_rendered_size(scene)
     check_nothing_to_mend(scene, settings.depth)
     values = fitted_map(scene, settings.depth)
     ends = float(values.min()), float(values.max())
@@ -70,8 +73,14 @@ def prepare(
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
         notes += odd_blur(scene.depth, ends, lens, values)
+    chosen = choose_filter(given, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
+    image = scene.image
+    if given.supersampled > scene.supersampled:
+        radii = lens.defocus if lens is not None else partial(np.multiply, np.float32(scene.supersampled))
+        told = None if chosen is None else chosen.of_any_size
+        image, values, known = rendered_surfaces(given, radii, told)
     return FocusedScene(
-        image=scene.image,
+        image=image,
         defocus=values,
         alpha=scene.alpha,
         window=scene.window,
@@ -81,7 +90,7 @@ def prepare(
         repaired=repaired,
         repair_reason=reason,
         repair_plan=None if found is None else found.plan,
-        pixel_filter=choose_filter(scene, settings.depth.pixel_filter) if engine in RAY_ENGINES else None,
+        pixel_filter=chosen,
         notes=notes,
         known=known,
         supersampled=scene.supersampled,

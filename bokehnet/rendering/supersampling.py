@@ -4,6 +4,7 @@ They are rendered at twice that size, where pixels at edges are two surfaces, an
 down. So an edge has its place within the pixel, at a part of the cost of rendering all fine pixels.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_same_size
+from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.supersampled import reduce_supersampled
 from bokehnet.inference.engine import EngineResult
 from bokehnet.io.frame import Frame
@@ -28,6 +30,7 @@ __all__ = [
     "reduced_defocus",
     "reduced_result",
     "reduced_scene",
+    "rendered_surfaces",
 ]
 
 # Share of the usual rays that its pixels get then: twice as many for each pixel of the result.
@@ -38,6 +41,8 @@ Array = npt.NDArray[np.float32]
 
 def at_rendered_size(scene: Scene) -> Scene:
     """The scene at the size at which it is rendered: twice that of the result where it is supersampled.
+
+    Its picture and map hold one of the samples of each pixel; :func:`rendered_surfaces` tells all of them.
 
     Raises:
         ShapeError: Map and picture differ in size.
@@ -53,19 +58,44 @@ def at_rendered_size(scene: Scene) -> Scene:
     if factor <= 1:
         return scene
     check_same_size("the picture", scene.image, "its map", scene.depth.values)
-    image, values, known = reduce_supersampled(scene.image, scene.depth.values, factor)
-    alpha = scene.alpha
+    one, alpha = slice(factor // 2, None, factor), scene.alpha
     for _ in range(factor.bit_length() - 1 if alpha is not None else 0):
         alpha = downsample2(alpha)
     return replace(
         scene,
-        image=image,
+        image=scene.image[one, one],
         alpha=alpha,
-        depth=replace(scene.depth, values=values, filtered=None),
+        depth=replace(scene.depth, values=np.ascontiguousarray(scene.depth.values[one, one]), filtered=None),
         window=_divided(scene.window, factor),
-        known=known,
         supersampled=RENDERED,
     )
+
+
+def rendered_surfaces(
+    scene: Scene, radii: Callable[[Array], Array], pixel_filter: PixelFilter | None
+) -> tuple[Array, Array, KnownSurfaces]:
+    """Picture, defocus and both surfaces of pixels at edges at the size at which a scene is rendered.
+
+    Args:
+        scene: Supersampled by more than that size.
+        radii: Turns a map of that size into blur radii in its pixels.
+        pixel_filter: Of the fine picture; None where pixels are taken as one surface each.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import DefocusMap
+        >>> from bokehnet.rendering.scene import make_scene
+        >>> edge = np.repeat([[1, 1, 1, 1, 1, 8, 8, 8]], 4, axis=0)
+        >>> fine = make_scene(np.ones((4, 8, 3)), DefocusMap(map=edge), supersampled=4)
+        >>> _, defocus, known = rendered_surfaces(fine, lambda values: 2 * values, None)
+        >>> defocus[0].tolist(), known.columns.tolist(), known.coverage.tolist()
+        ([2.0, 2.0, 16.0, 16.0], [2, 2], [0.5, 0.5])
+    """
+    factor, values = scene.supersampled // RENDERED, scene.depth.values
+    fine = np.empty(values.shape, np.float32)
+    for i in range(factor):
+        for j in range(factor):  # a map of that size each: what leans is told by its pixels
+            fine[i::factor, j::factor] = factor * radii(np.ascontiguousarray(values[i::factor, j::factor]))
+    return reduce_supersampled(scene.image, fine, factor, pixel_filter)
 
 
 def _divided(window: Window, factor: int) -> Window:

@@ -1,168 +1,139 @@
-"""A picture and its depth at a multiple of their size, reduced to pixels of one or two surfaces.
+"""A picture and its defocus at a multiple of their size, reduced to pixels of one or two surfaces.
 
-Where the disparities of a pixel's fine samples leave a gap, those before and behind it are two surfaces. How
-many there are of each is their coverage. Fine samples beside the other surface are mixtures themselves, as a
-renderer filters the fine picture too; so colours are means over the pure ones of a surface, those inside the
-pixel first, else those around it. What ``a F + (1 - a) B`` lacks of the pixel's light then is shared out by
-least squares, so that both surfaces add up to it.
+A renderer filters the fine picture too, so fine pixels at edges are mixtures themselves. They are parted
+first, as pixels of any picture are (:mod:`bokehnet.classical.layered.unmixing`). Where the parts that a
+coarse pixel is made of leave a gap in defocus, those before and behind the widest one are two surfaces:
+coverage is their share, colours are their means. So both add up to the light of the pixel.
 """
 
 import numpy as np
 from numba import prange
 
+from bokehnet.classical.highlight_detection import are_lights, light_limit
 from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.mixed_pixels import find_mixed_pixels
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
+from bokehnet.optics.pixel_filter import PixelFilter
 
 __all__ = ["reduce_supersampled"]
 
-# Smallest gap between two surfaces, as a part of the range of disparity in the picture.
-_LEAST_GAP = 1e-3
 
-# How far around its middle a pixel looks for pure samples, in pixels, and their weight beside one within.
-_AROUND, _OUTSIDE = 3, 4e-4
-
-# Weight of a sample beside the other surface.
-_IMPURE = 1e-3
-
-# Disparities of a surface may go on beyond those inside the pixel by this part of the gap.
-_SLACK = 0.25
+@njit(cache=True)
+def _insert(depths, weights, colors, count, depth, weight, color):  # type: ignore[no-untyped-def]
+    """Insert a part into the ``count`` ones that are sorted front to back."""
+    place = count
+    while place > 0 and depths[place - 1] < depth:
+        depths[place], weights[place] = depths[place - 1], weights[place - 1]
+        for c in range(3):
+            colors[place, c] = colors[place - 1, c]
+        place -= 1
+    depths[place], weights[place] = depth, weight
+    for c in range(3):
+        colors[place, c] = color[c]
 
 
 @njit(cache=True)
-def _widest_gap(values, least):  # type: ignore[no-untyped-def]
-    """Middle of the widest gap in ``values``, sorted in place, or NaN where none is wider than ``least``."""
-    for i in range(1, len(values)):  # few values: sorted as they are inserted
-        value, place = values[i], i
-        while place > 0 and values[place - 1] > value:
-            values[place] = values[place - 1]
-            place -= 1
-        values[place] = value
-    middle = np.nan
-    for i in range(1, len(values)):
-        if values[i] - values[i - 1] > least:
-            least = values[i] - values[i - 1]
-            middle = 0.5 * (values[i] + values[i - 1])
-    return middle
+def _widest_gap(depths, count, least):  # type: ignore[no-untyped-def]
+    """Number of parts before the widest gap, 0 where none is wider than ``least``."""
+    before = 0
+    for i in range(1, count):
+        if depths[i - 1] - depths[i] > least:
+            least, before = depths[i - 1] - depths[i], i
+    return before
 
 
 @njit(cache=True)
-def _is_pure(disparity, y, x, middle):  # type: ignore[no-untyped-def]
-    """Whether a sample has only samples of its own side around it."""
-    height, width = disparity.shape
-    before = disparity[y, x] > middle
-    for v in range(max(0, y - 1), min(height, y + 2)):
-        for u in range(max(0, x - 1), min(width, x + 2)):
-            if (disparity[v, u] > middle) != before:
-                return False
-    return True
-
-
-@njit(cache=True)
-def _add_colors(image, disparity, factor, y, x, middle, low, high, colors, totals):  # type: ignore[no-untyped-def]
-    """Add up the colours (2, 3) of both sides of the pixel (y, x) and their weights (2,)."""
-    height, width = disparity.shape
-    top, left = y * factor, x * factor
-    reach = _AROUND * factor
-    center_y, center_x = top + 0.5 * (factor - 1), left + 0.5 * (factor - 1)
-    slack = _SLACK * (high - low)
-    for v in range(max(0, top + factor // 2 - reach), min(height, top + factor // 2 + reach)):
-        for u in range(max(0, left + factor // 2 - reach), min(width, left + factor // 2 + reach)):
-            if not low - slack <= disparity[v, u] <= high + slack:
-                continue
-            square = ((v - center_y) ** 2 + (u - center_x) ** 2) / (factor * factor)
-            weight = _OUTSIDE * np.exp(-0.5 * square)
-            if top <= v < top + factor and left <= u < left + factor:
-                weight += 1.0
-            if not _is_pure(disparity, v, u, middle):
-                weight *= _IMPURE
-            side = 0 if disparity[v, u] > middle else 1
-            totals[side] += weight
-            for c in range(3):
-                colors[side, c] += weight * image[v, u, c]
+def _mean(depths, weights, colors, first, last, color):  # type: ignore[no-untyped-def]
+    """Write the mean colour of parts; return their mean depth and their weight."""
+    depth = total = 0.0
+    color[:] = 0.0
+    for i in range(first, last):
+        total += weights[i]
+        depth += weights[i] * depths[i]
+        for c in range(3):
+            color[c] += weights[i] * colors[i, c]
+    color /= total
+    return depth / total, total
 
 
 @njit(cache=True, parallel=True)
-def _reduce(image, disparity, factor, least, small, values, colors, surfaces):  # type: ignore[no-untyped-def]
-    """Fill picture, disparity, colours (H, W, 2, 3) and near, far, coverage (H, W, 3), -1 where it is one."""
+def _reduce(image, defocus, index, parted, surfaces, factor, least, small, values, colors, found):  # type: ignore[no-untyped-def]
+    """Fill picture, defocus, colours (H, W, 2, 3) and near, far, coverage (H, W, 3), -1 where it is one."""
     height, width = values.shape
-    count = factor * factor
+    share = 1.0 / (factor * factor)
     for y in prange(height):
-        found, totals = np.empty(count), np.empty(2)
+        depths, weights = np.empty(2 * factor * factor), np.empty(2 * factor * factor)
+        parts, color = np.empty((2 * factor * factor, 3)), np.empty(3)
         for x in range(width):
-            light = np.zeros(3)
-            for i in range(count):
-                v, u = y * factor + i // factor, x * factor + i % factor
-                found[i] = disparity[v, u]
-                for c in range(3):
-                    light[c] += image[v, u, c] / count
-            for c in range(3):
-                small[y, x, c] = light[c]
-            surfaces[y, x, 2] = -1.0
-            mean = found.mean()
-            middle = _widest_gap(found, least)
-            if np.isnan(middle):
-                values[y, x] = mean
-                continue
-            near = far = 0.0
-            before = 0
-            for i in range(count):
-                if found[i] > middle:
-                    near += found[i]
-                    before += 1
-                else:
-                    far += found[i]
-            near, far, share = near / before, far / (count - before), before / count
-            two = np.zeros((2, 3))
-            totals[:] = 0.0
-            low, high = found[0], found[-1]
-            _add_colors(image, disparity, factor, y, x, middle, low, high, two, totals)
-            spread = share * share + (1.0 - share) * (1.0 - share)
-            for c in range(3):
-                front, back = two[0, c] / totals[0], two[1, c] / totals[1]
-                lacking = light[c] - share * front - (1.0 - share) * back
-                front += share / spread * lacking
-                back += (1.0 - share) / spread * lacking
-                lowest = min(light[c], 0.0)
-                if front < lowest:
-                    front, back = lowest, (light[c] - share * lowest) / (1.0 - share)
-                elif back < lowest:
-                    front, back = (light[c] - (1.0 - share) * lowest) / share, lowest
-                colors[y, x, 0, c], colors[y, x, 1, c] = front, back
-            surfaces[y, x, 0], surfaces[y, x, 1], surfaces[y, x, 2] = near, far, share
-            values[y, x] = near if share >= 0.5 else far
+            count = 0
+            for number in range(factor * factor):
+                v, u = y * factor + number // factor, x * factor + number % factor
+                i = index[v, u]
+                if i < 0:
+                    _insert(depths, weights, parts, count, defocus[v, u], share, image[v, u])
+                    count += 1
+                    continue
+                for side in range(2):
+                    covered = surfaces[i, 2] if side == 0 else 1.0 - surfaces[i, 2]
+                    if covered > 0.0:
+                        weight = share * covered
+                        _insert(depths, weights, parts, count, surfaces[i, side], weight, parted[i, side])
+                        count += 1
+            depth, _ = _mean(depths, weights, parts, 0, count, color)
+            small[y, x], values[y, x], found[y, x, 2] = color, depth, -1.0
+            before = _widest_gap(depths, count, least)
+            if before > 0:
+                near, coverage = _mean(depths, weights, parts, 0, before, color)
+                colors[y, x, 0] = color
+                far, rest = _mean(depths, weights, parts, before, count, color)
+                colors[y, x, 1] = color
+                coverage /= coverage + rest
+                found[y, x, 0], found[y, x, 1], found[y, x, 2] = near, far, coverage
+                values[y, x] = near if coverage >= 0.5 else far
 
 
 def reduce_supersampled(
-    image: np.ndarray, disparity: np.ndarray, factor: int
+    image: np.ndarray, defocus: np.ndarray, factor: int, pixel_filter: PixelFilter | None
 ) -> tuple[np.ndarray, np.ndarray, KnownSurfaces]:
-    """Reduce a picture and its disparity to pixels of one or two surfaces.
+    """Reduce a picture and its defocus to pixels of one or two surfaces.
 
     Args:
         image: Scene-linear, (factor H, factor W, 3), float32.
-        disparity: Of the same pixels, near is large, or anything that is linear in it.
+        defocus: Signed blur radius of the same pixels, in such pixels, + in front of focus, float32.
         factor: Fine pixels of a pixel along each side.
+        pixel_filter: Of the fine picture; None where each of its pixels shows one surface.
 
     Returns:
-        Picture (H, W, 3), each pixel the mean of its samples; disparity (H, W), where there are two surfaces
-        that of the one with more samples; and both surfaces of those pixels, in the unit of ``disparity``.
+        Picture (H, W, 3), each pixel the mean of its samples; defocus (H, W) in its pixels, where there are
+        two surfaces that of the one which covers more; and both surfaces of those pixels.
     """
-    height, width = disparity.shape[0] // factor, disparity.shape[1] // factor
+    height, width = defocus.shape[0] // factor, defocus.shape[1] // factor
+    index = np.full(defocus.shape, -1, np.int32)
+    parted, surfaces = np.empty((0, 2, 3), np.float32), np.empty((0, 3), np.float32)
+    if pixel_filter is not None:
+        reach = int(np.ceil(np.abs(defocus).max()))
+        lights = are_lights(image, light_limit(image, reach))
+        defocus, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter)
+        index[mixed.rows, mixed.columns] = np.arange(len(mixed.rows), dtype=np.int32)
+        parted = np.stack([mixed.front, mixed.back], 1)
+        surfaces = np.stack([mixed.near, mixed.far, mixed.coverage], 1)
     small, values = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
-    colors, surfaces = np.empty((height, width, 2, 3), np.float32), np.empty((height, width, 3), np.float32)
-    least = _LEAST_GAP * float(np.ptp(disparity))
+    colors, found = np.empty((height, width, 2, 3), np.float32), np.empty((height, width, 3), np.float32)
+    arrays = (image, defocus, index, parted, surfaces, factor, factor * DISCONTINUITY_THRESHOLD)
     with parallel_region:
-        _reduce(image, disparity, factor, least, small, values, colors, surfaces)
-    y, x = np.nonzero(surfaces[..., 2] >= 0)
-    near, far, coverage = surfaces[y, x].T
+        _reduce(*arrays, small, values, colors, found)
+    y, x = np.nonzero(found[..., 2] >= 0)
+    near, far, coverage = found[y, x].T
     known = KnownSurfaces(
         rows=y,
         columns=x,
-        near=near,
-        far=np.minimum(near, far),
-        coverage=coverage,
+        near=near / factor,
+        far=np.minimum(near, far) / factor,
+        coverage=np.clip(coverage, 0, 1),
         front=colors[y, x, 0],
         back=colors[y, x, 1],
         complete=True,
     )
-    return small, values, known
+    return small, values / np.float32(factor), known
