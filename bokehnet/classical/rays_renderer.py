@@ -21,6 +21,7 @@ from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.mixed_pixels import told_of
 from bokehnet.classical.layered.ray_averages import window_halo
 from bokehnet.classical.layered.ray_marching import SETS, march
+from bokehnet.classical.layered.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.fusion import fuse
@@ -240,10 +241,14 @@ def _render(
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
     bins = occupied_bins(cells, *footprint)
+    marched = rays_mask
+    if lens is not None:
+        how = {"cats_eye": aperture.cats_eye, "above": above, "place": place}
+        marched = render_smooth_tiles(colors, cells, rays_mask, points, weights, result, lens, **how)
     march(
         colors,
         cells,
-        rays_mask,
+        marched,
         bins,
         points,
         weights,

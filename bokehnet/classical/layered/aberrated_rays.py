@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bokehnet.classical.base import Place
-from bokehnet.classical.simd.float8 import broadcast8, divide8
+from bokehnet.classical.simd.float8 import broadcast8, divide8, less8, select8
 from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "lens_table", "send_rays"]
+__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "keep_within", "lens_table", "send_rays"]
 
 # Terms of the parabola over the wavelength.
 ORDERS = 3
@@ -289,3 +289,11 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
         divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0]) * u + broadcast8(tilt[1]) * v
         a_x, a_y = divide8(a_x, divisor), divide8(a_y, divisor)
     return u * f + across * g, v * f + down * g, a_x, a_y
+
+
+@njit(cache=True, forceinline=True)
+def keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
+    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
+    away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
+    beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
+    return select8(beyond, broadcast8(np.float32(0)), w)

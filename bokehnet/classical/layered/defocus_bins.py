@@ -18,14 +18,14 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
+__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
 
 TILE = 8
 BINS = 64
 
 # Change of the defocus from pixel to pixel that counts as steep. At 1 a ray can meet a surface at several
 # places; on soft maps of disparity, errors showed down to a half.
-_STEEP = 0.25
+STEEP = 0.25
 
 # Surfaces of neighbouring pixels belong together up to this difference; float32 may add to it.
 _RISER = 1.01 * DISCONTINUITY_THRESHOLD
@@ -85,7 +85,7 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
                         if x + right == width or y + below == height:
                             continue
                         other = cells[y + below, x + right, layer, 0]
-                        layered = layered or abs(other - value) > _STEEP
+                        layered = layered or abs(other - value) > STEEP
                         if abs(other - value) <= DISCONTINUITY_THRESHOLD:
                             found |= _fill_bins(value, other, low, scale)
                 bits[0, row, x // TILE] |= found
