@@ -38,7 +38,7 @@ from bokehnet.optics.aperture import cats_eye_shift
 __all__ = ["BUNDLE", "render_smooth_tiles"]
 
 # Rays of a bundle: consecutive points of one sequence.
-BUNDLE = 1024
+BUNDLE = 2048
 
 # Rows worked at a time, so that planes of the picture stay small.
 _BAND = 256
