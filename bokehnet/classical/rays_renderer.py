@@ -209,10 +209,10 @@ def _render(
     del nearest, farthest
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture, colored)
-    lens, ray_reach, footprint = None, radius, (1.0, 0.0)
+    lens, ray_reach = None, radius
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
-        footprint, ray_reach = lens.footprint, lens.reach(radius)
+        ray_reach = lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
     smooth = _scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))
     rays_mask = rays_weight > 0
@@ -240,7 +240,7 @@ def _render(
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
-    bins = occupied_bins(cells, *footprint)
+    bins = occupied_bins(cells, *(() if lens is None else lens.footprint_by_rings(TILE, above)))
     marched = rays_mask
     if lens is not None:
         how = {"cats_eye": aperture.cats_eye, "above": above, "place": place}

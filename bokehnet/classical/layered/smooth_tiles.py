@@ -113,6 +113,13 @@ def _bounds(h_x, h_y, lens):  # type: ignore[no-untyped-def]
     )
 
 
+@njit(cache=True, forceinline=True)
+def _reach_of(own, stretch, missed):  # type: ignore[no-untyped-def]
+    """How far from a tile's pixels its bundle meets its plane, pixels, blocks included."""
+    rise = stretch * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # of the radius, by pixel of reach
+    return (stretch * own[_RADIUS] + missed) / max(1.0 - rise, 0.01) + _LARGEST_BLOCK
+
+
 @njit(cache=True)
 def _is_plane(surfaces, row, column, stretch, missed, flat, farthest):  # type: ignore[no-untyped-def]
     """Whether all that rays of a tile can meet goes on its plane, within ``flat`` pixels of defocus."""
@@ -148,7 +155,7 @@ def _choose(surfaces, rays_mask, lens, above, farthest, chosen):  # type: ignore
                 continue
             h_x, h_y = _field(left + half, top + half, lens, above)
             stretch, missed = _bounds(h_x, h_y, lens)
-            reach = stretch * own[_RADIUS] + missed + _LARGEST_BLOCK
+            reach = _reach_of(own, stretch, missed)
             near = min(min(left, top), min(width - left, height - top) - TILE)
             flat = max(_FLAT, _FLAT_SHARE * own[_RADIUS])
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
@@ -224,12 +231,13 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, rays): 
 
 
 @njit(cache=True)
-def _gather_taps(rays, level, slots, places, taps):  # type: ignore[no-untyped-def]
+def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-untyped-def]
     """Join rays that meet the same block of 2^level pixels a side.
 
     Args:
         rays: From :func:`_send_bundle`.
         level: Of the blocks.
+        reach: Pixels that none should pass; by rounding a few may, and stop there.
         slots: Number of each block's tap, -1 where there is none, (side, side); left as it came.
         places: Filled with offsets right and down of the blocks, (2, BUNDLE).
         taps: Filled with their red, green and blue, (3, BUNDLE), each of sum 1.
@@ -241,7 +249,8 @@ def _gather_taps(rays, level, slots, places, taps):  # type: ignore[no-untyped-d
     for k in range(BUNDLE):
         if rays[2 * BUNDLE + k] + rays[3 * BUNDLE + k] + rays[4 * BUNDLE + k] <= 0.0:
             continue
-        column, row = int(rays[k]) >> level, int(rays[BUNDLE + k]) >> level
+        column = int(min(max(rays[k], -reach), reach)) >> level
+        row = int(min(max(rays[BUNDLE + k], -reach), reach)) >> level
         slot = slots[middle + row, middle + column]
         if slot < 0:
             slot = count
@@ -308,12 +317,12 @@ def _render(  # type: ignore[no-untyped-def]
                 cats_eye, left + half + place[0], top + half + above + place[1], place[2], place[3]
             )
             cats_eye_at = (cats_eye, shift[0], shift[1])
-            _send_bundle(
-                own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, rays
-            )
+            _send_bundle(own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, rays)
+            stretch, missed = _bounds(field[0], field[1], lens)
+            reach = math.floor(_reach_of(own, stretch, missed)) - _LARGEST_BLOCK
             count, level = 0, planes.shape[0] - 1
             while level >= 0:
-                count, largest = _gather_taps(rays, level, slots, places, taps)
+                count, largest = _gather_taps(rays, level, reach, slots, places, taps)
                 if largest <= _SHARE or level == 0:
                     break
                 level -= 1
