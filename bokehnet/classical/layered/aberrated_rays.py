@@ -55,7 +55,7 @@ class LensTable(NamedTuple):
         chromatic_aberration: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
         maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
         vignetting_apertures: (R, 2): shift and radius.
-        tilt: (2,) float32.
+        tilt: Of the focus plane, and axes of the aperture, (4, 2) float32.
         column: Middle of the picture, pixels.
         row: The same, down.
         scale: One over the half-diagonal in pixels.
@@ -196,7 +196,7 @@ def lens_table(
         chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),
         maps=np.ascontiguousarray(maps, np.float32),
         vignetting_apertures=np.array(aberration_map.vignetting_apertures, np.float32).reshape(-1, 2),
-        tilt=np.array(aberration_map.tilt, np.float32),
+        tilt=np.array((aberration_map.tilt, *aberration_map.aperture_axes), np.float32),
         column=column,
         row=row,
         scale=scale,
@@ -301,8 +301,14 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
             bend_g = bend_g + power * _polynomial(collapsed, order, 3, square, product)
             power = power * wave
         a_x, a_y = a_x + u * bend_f + across * bend_g, a_y + v * bend_f + down * bend_g
-    if tilt[0] != 0.0 or tilt[1] != 0.0:
-        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0]) * u + broadcast8(tilt[1]) * v
+    if tilt[3, 0] != 0.0 or tilt[3, 1] != 0.0:
+        along = broadcast8(tilt[3, 0]) * a_x + broadcast8(tilt[3, 1]) * a_y
+        a_x, a_y = (
+            broadcast8(tilt[1, 0]) * a_x + broadcast8(tilt[1, 1]) * a_y - along * across,
+            broadcast8(tilt[2, 0]) * a_x + broadcast8(tilt[2, 1]) * a_y - along * down,
+        )
+    if tilt[0, 0] != 0.0 or tilt[0, 1] != 0.0:
+        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0, 0]) * u + broadcast8(tilt[0, 1]) * v
         a_x, a_y = divide8(a_x, divisor), divide8(a_y, divisor)
     return u * f + across * g, v * f + down * g, a_x, a_y
 
