@@ -134,12 +134,12 @@ def tilted_aberration_map(
 ) -> AberrationMap:
     """Return the same where a thin lens leans together with its aperture, as in front of a tilted sensor.
 
-    With e the axes of the aperture, as the sensor sees them, the ray of a leaves the point -R e.a, R the pupil
-    radius. All rays of the pixel p, of the direction (t, 1), meet where it is in focus; through them the line
+    With e the axes of the aperture, as the sensor sees them, the ray of a leaves the point -R e.a, with R the
+    pupil radius. All rays of the pixel p, of the direction (t, 1), meet where it is in focus; the line there
     from that point runs over ``q = p - s a' / (1 + R e_z.a focus(p))`` with ``a' = e_xy.a - t e_z.a``. The
-    defocus against the focus at q is ``d = s - blur * slope.(q - p)``, and with the lens equation for focus(p)
-    all but the sensor's distance falls out: ``q = p - d a' / (1 - R e_z.a / distance)``. A lens leans about x
-    first, then about y, as :class:`bokehnet.lenses.TiltShift`.
+    defocus against the focus at q is ``d = s - blur * slope.(q - p)``. With the lens equation for focus(p)
+    all but the sensor's distance falls out of it: ``q = p - d a' / (1 - R e_z.a / distance)``. A lens leans
+    about x first, then about y, as :class:`bokehnet.lenses.TiltShift`.
 
     Args:
         plane: In focus, 1/mm.

@@ -41,7 +41,7 @@ __all__ = ["BUNDLE", "render_smooth_tiles"]
 BUNDLE = 2048
 
 # Rows worked at a time, so that planes of the picture stay small.
-_BAND = 256
+_BAND = 128
 
 # A surface may leave its tile's plane, and change over half a tile, by so many pixels of defocus or so large
 # a share of it, whichever is more.
