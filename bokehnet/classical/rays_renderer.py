@@ -243,8 +243,18 @@ def _render(
     bins = occupied_bins(cells, *(() if lens is None else lens.footprint_by_rings(TILE, above)))
     marched = rays_mask
     if lens is not None:
-        how = {"cats_eye": aperture.cats_eye, "above": above, "place": place}
-        marched = render_smooth_tiles(colors, cells, rays_mask, points, weights, result, lens, **how)
+        marched = render_smooth_tiles(
+            colors,
+            cells,
+            rays_mask,
+            points,
+            weights,
+            result,
+            lens,
+            cats_eye=aperture.cats_eye,
+            above=above,
+            place=place,
+        )
     march(
         colors,
         cells,
