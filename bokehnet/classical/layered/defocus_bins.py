@@ -18,7 +18,7 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "bin_runs", "blurred_tiles", "occupied_bins", "tile_sets"]
+__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
 
 TILE = 8
 BINS = 64
@@ -162,15 +162,6 @@ def occupied_bins(
         own = _tile_bins(cells, low, 1.0 / thickness)
         bits, layered = _reached_bins(own, low, thickness, *rings, tuple(map(float, frame)))
     return DefocusBins(bits=bits, smooth=layered == 0, held=own[2], low=low, thickness=thickness)
-
-
-def blurred_tiles(bins: DefocusBins, radius: float) -> np.ndarray:
-    """Where rays can meet nothing but discs of at least that radius, (rows, columns) bool."""
-    edges = bins.low + bins.thickness * np.arange(BINS + 1)
-    sharp = (edges[:-1] < radius) & (edges[1:] > -radius)
-    mask = np.bitwise_or.reduce(np.uint64(1) << np.flatnonzero(sharp).astype(np.uint64), initial=np.uint64(0))
-    tiles: np.ndarray = (bins.bits & mask) == 0
-    return tiles
 
 
 @njit(cache=True, forceinline=True)

@@ -77,13 +77,10 @@ def add_light(totals, numbers, blur, depth, shares, colors, weight, disocclusion
 
 
 @njit(cache=True, forceinline=True)
-def sum_light(totals, before, rays, pixels, sums):  # type: ignore[no-untyped-def]
-    """Add totals to a pixel's means (GROUPS, numbers) of ``before`` rays, which become those of ``rays``.
-
-    They count as often as the ``pixels`` that they stand for.
-    """
+def sum_light(totals, before, rays, sums):  # type: ignore[no-untyped-def]
+    """Add totals to a pixel's means (GROUPS, numbers) of ``before`` rays, which become those of ``rays``."""
     numbers = sums.shape[1]
-    kept, added = np.float32(before / rays), np.float32(pixels / rays)
+    kept, added = np.float32(before / rays), np.float32(1.0 / rays)
     for group in range(GROUPS):
         for c in range(numbers):
             found = sum8(load8(totals, (group * numbers + c) * LANES))

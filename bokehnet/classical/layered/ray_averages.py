@@ -246,9 +246,7 @@ def _resolve(sums, windows, fitting, rays_mask, first, top, bottom, result, diso
                     rest += sums[row, x, SHARP_GROUP, c] / (sharp + back)
                 if back > 0.0:
                     rest += back / (sharp + back) * back_window[2, c] / back_window[2, i]
-                if sums[row, x, FRONT_GROUP, i] + sharp + back == 0.0 and back_window[2, i] > 0.0:
-                    rest = back_window[2, c] / back_window[2, i]  # the pixel sent no rays
-                elif sharp + back == 0.0 and front < 1.0:
+                if sharp + back == 0.0 and front < 1.0:
                     rest = (front_window[1, c] + front_window[2, c]) / (within + beyond)
                 result[y, x, c] = front_window[0, c] / total + (1.0 - front) * rest
 

@@ -15,14 +15,7 @@ from numba import prange
 
 from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
-from bokehnet.classical.layered.defocus_bins import (
-    BINS,
-    TILE,
-    DefocusBins,
-    bin_runs,
-    blurred_tiles,
-    tile_sets,
-)
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
 from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, sum_light
 from bokehnet.classical.layered.ray_averages import resolve, window_halo
@@ -51,9 +44,6 @@ __all__ = ["SETS", "fair_stride", "march"]
 
 # Rows worked at a time, so that the sums stay small.
 _STRIP = 192
-
-# Radius of discs, pixels, from which on so many pixels are averaged that every fourth sends rays.
-_SPARSE = 96.0
 
 # The pixels of a 3x3 block take different pupil points.
 SETS = 9
@@ -98,7 +88,6 @@ def _march(  # type: ignore[no-untyped-def]
     place,
     seed,
     above,
-    sparse,
     first,
     before,
     counts,
@@ -106,8 +95,7 @@ def _march(  # type: ignore[no-untyped-def]
 ):
     """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
 
-    Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.ray_accumulators`. In
-    tiles that are ``sparse`` every second pixel of every second row sends rays, for four pixels.
+    Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.ray_accumulators`.
     """
     height, width = rays_mask.shape
     flat, tiles = cells.reshape(-1), tile_sets(bins)
@@ -139,13 +127,10 @@ def _march(  # type: ignore[no-untyped-def]
             if sent <= before:
                 continue
             smooth = bins.smooth[tile_row, tile_column]
-            step = 2 if sparse[tile_row, tile_column] else 1
             size = (height, width, cells.shape[2])
             count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
             for y in range(tile_row * TILE, min(last, (tile_row + 1) * TILE)):
-                if y % step > 0:
-                    continue
-                for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE), step):
+                for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
                     if not rays_mask[y, x]:
                         continue
                     hashed = _scramble(x, y + above, seed)
@@ -223,7 +208,7 @@ def _march(  # type: ignore[no-untyped-def]
                             flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                         )
                         add_light(totals, numbers, blur, depth, shares, light, weight, disocclusion_weight)
-                    sum_light(totals, before, sent, step * step, sums[y - first, x])
+                    sum_light(totals, before, sent, sums[y - first, x])
 
 
 def march(
@@ -273,9 +258,8 @@ def march(
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
-    sparse = blurred_tiles(bins, _SPARSE)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
-    how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above, sparse)
+    how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)
     known, kept = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
@@ -290,8 +274,7 @@ def march(
                 fresh, rows = sums[new - first :], slice(new, last)
                 counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
                 _march(*arrays, *how, new, 0, counts, fresh)
-                tiles = sparse[new // TILE : -(-last // TILE)]
-                found = FirstPass(fresh, rays_mask[rows], cells[rows], tiles, usual, points.shape[2])
+                found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
                 _march(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
             known, kept = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered.defocus_bins import TILE
 from bokehnet.classical.layered.ray_accumulators import BACK_GROUP, GROUPS, PLAIN, SHARP_GROUP
 from bokehnet.classical.layered.sample_counts import _NOISE, FIRST_RAYS, FirstPass, counts_by_variance
 
@@ -23,8 +22,7 @@ def known(
     sums[:, :, group, 3] = 1.0
     sums[:, :, group, 4] = 1.0 / radius if squares is None else squares
     cells = np.ones((*colors.shape[:2], 2, 2), np.float32)
-    sparse = np.zeros([-(-side // TILE) for side in colors.shape[:2]], bool)
-    return FirstPass(sums, np.ones(colors.shape[:2], bool), cells, sparse, USUAL, MOST)
+    return FirstPass(sums, np.ones(colors.shape[:2], bool), cells, USUAL, MOST)
 
 
 @pytest.mark.parametrize("radius", [5.0, 48.0])
