@@ -21,6 +21,7 @@ from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.mixed_pixels import told_of
 from bokehnet.classical.layered.ray_averages import window_halo
 from bokehnet.classical.layered.ray_marching import SETS, march
+from bokehnet.classical.layered.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.fusion import fuse
@@ -216,10 +217,10 @@ def _render(
     del nearest, farthest
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture, colored)
-    lens, ray_reach, footprint = None, radius, (1.0, 0.0)
+    lens, ray_reach = None, radius
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
-        footprint, ray_reach = lens.footprint, lens.reach(radius)
+        ray_reach = lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
     smooth = scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))
     rays_mask = rays_weight > 0
@@ -248,11 +249,25 @@ def _render(
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
-    bins = occupied_bins(cells, *footprint)
+    bins = occupied_bins(cells, *(() if lens is None else lens.footprint_by_rings(TILE, above)))
+    marched = rays_mask
+    if lens is not None:
+        marched = render_smooth_tiles(
+            colors,
+            cells,
+            rays_mask,
+            points,
+            weights,
+            result,
+            lens,
+            cats_eye=aperture.cats_eye,
+            above=above,
+            place=place,
+        )
     march(
         colors,
         cells,
-        rays_mask,
+        marched,
         bins,
         points,
         weights,

@@ -32,13 +32,16 @@ from bokehnet.checks import (
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.glass import D_LINE
 
-__all__ = ["DESIGN_WAVELENGTH", "TERMS", "AberrationMap", "term"]
+__all__ = ["DESIGN_WAVELENGTH", "TERMS", "UPRIGHT", "AberrationMap", "term"]
 
 # Exponents of (a.a, a.h, h.h), up to the third degree.
 TERMS = tuple((i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j))
 
 # Nanometres, of maps without dispersion: the yellow line of helium.
 DESIGN_WAVELENGTH = D_LINE
+
+# Axes of an aperture that does not lean.
+UPRIGHT = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 
 
 def term(i: int, j: int, k: int) -> int:
@@ -66,6 +69,10 @@ class AberrationMap:
         tilt: How the plane of focus leans: pixels of defocus by which the focus gets nearer per pixel to the
             right and down, so that the defocus of a thing at rest falls. A is further divided by
             ``1 + tilt.a`` (:func:`bokehnet.optics.focus_plane.plane_aberration_map`).
+        aperture_axes: How an aperture stands that leans against the picture: what its coordinates go to the
+            right, down, and along the picture's normal, three pairs. The first two make a vector of A, from
+            which the third is taken h times; its unit is the pupil radius over the distance at which h is 1
+            (:func:`bokehnet.optics.focus_plane.tilted_aberration_map`).
 
     Raises:
         ShapeError: Arrays do not fit together.
@@ -77,6 +84,7 @@ class AberrationMap:
     pupil_aberration: np.ndarray
     vignetting_apertures: tuple[tuple[float, float], ...] = ()
     tilt: tuple[float, float] = (0.0, 0.0)
+    aperture_axes: tuple[tuple[float, float], ...] = UPRIGHT
 
     def __post_init__(self) -> None:
         for name in ("wavelengths", "transverse_aberration", "pupil_aberration"):
@@ -95,6 +103,11 @@ class AberrationMap:
         for aperture in self.vignetting_apertures:
             check_numbers("vignetting_apertures", aperture, 2)
         check_numbers("tilt", self.tilt, 2)
+        check_kind("aperture_axes", self.aperture_axes, tuple, list)
+        if len(self.aperture_axes) != len(UPRIGHT):
+            raise ParameterError("aperture_axes", "three pairs", self.aperture_axes)
+        for axis in self.aperture_axes:
+            check_numbers("aperture_axes", axis, 2)
         if (np.diff(self.wavelengths) <= 0).any():
             raise ParameterError("wavelengths", "rising wavelengths", self.wavelengths.tolist())
         if any(radius <= 0 for _, radius in self.vignetting_apertures):
@@ -118,6 +131,7 @@ class AberrationMap:
             or self.pupil_aberration.any()
             or self.vignetting_apertures
             or any(self.tilt)
+            or tuple(map(tuple, self.aperture_axes)) != UPRIGHT
         )
 
     @property
@@ -129,8 +143,8 @@ class AberrationMap:
         )
 
     def without_tilt(self) -> "AberrationMap":
-        """Return the same without the tilt of the focus plane."""
-        return replace(self, tilt=(0.0, 0.0))
+        """Return the same without the tilt of focus plane and aperture."""
+        return replace(self, tilt=(0.0, 0.0), aperture_axes=UPRIGHT)
 
     def at(self, wavelength: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients of both aberrations, (..., 2, 20), for wavelengths in nm, (...); linear in between.
@@ -149,7 +163,9 @@ class AberrationMap:
         )
 
     def __add__(self, other: "AberrationMap") -> "AberrationMap":
-        """Both together: aberrations add up, all vignetting apertures cut."""
+        """Both together: aberrations add up, all vignetting apertures cut, one leans on the other."""
+        own, others = np.array(self.aperture_axes, float), np.array(other.aperture_axes, float)
+        across, along = own[:2] @ others[:2], own[2] + others[2]
         wavelengths = np.union1d(self.wavelengths, other.wavelengths)
         parts = [lens.at(wavelengths) for lens in (self, other)]
         return AberrationMap(
@@ -158,6 +174,7 @@ class AberrationMap:
             pupil_aberration=parts[0][1] + parts[1][1],
             vignetting_apertures=self.vignetting_apertures + other.vignetting_apertures,
             tilt=(self.tilt[0] + other.tilt[0], self.tilt[1] + other.tilt[1]),
+            aperture_axes=tuple((float(row[0]), float(row[1])) for row in (*across, along)),
         )
 
     def __call__(
@@ -188,7 +205,11 @@ class AberrationMap:
             passes = passes & (((pupil - shift * field) ** 2).sum(-1) <= radius * radius)
         if xp is np:
             tilt = np.asarray(tilt)
-        return combine(transverse_aberration), (pupil + combine(pupil_aberration)) / tilt[..., None], passes
+        run = pupil + combine(pupil_aberration)
+        if tuple(map(tuple, self.aperture_axes)) != UPRIGHT:
+            right, down, along = (x * run[..., 0] + y * run[..., 1] for x, y in self.aperture_axes)
+            run = xp.stack([right, down], -1) - along[..., None] * field
+        return combine(transverse_aberration), run / tilt[..., None], passes
 
 
 def _polynomial(coefficients: np.ndarray, x: Array, y: Array, z: Array) -> Array:

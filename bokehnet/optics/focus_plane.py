@@ -12,13 +12,13 @@ Source: Scheimpflug, British patent 1196, 1904; Merklinger, "Focusing the view c
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_number, check_numbers, check_rank
 from bokehnet.errors import LensError, ParameterError
-from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, TERMS, AberrationMap
+from bokehnet.optics.aberration_map import AberrationMap
 
 __all__ = [
     "STEEPEST",
@@ -28,6 +28,7 @@ __all__ = [
     "plane_aberration_map",
     "plane_defocus",
     "relative_plane",
+    "tilted_aberration_map",
     "tilted_lens",
 ]
 
@@ -116,15 +117,50 @@ def plane_aberration_map(plane: FocusPlane, blur: float) -> AberrationMap:
     place ``q = p - s a`` of the picture with ``s = blur * (D - focus(p))``. The map tells the defocus d
     against the focus at q itself, ``d = s - blur * slope.(q - p) = s (1 + blur * slope.a)``; hence
     ``q = p - d a / (1 + tilt.a)`` with ``tilt = blur * slope``. Light of q with defocus d arrives at
-    ``q + d a / (1 + tilt.a)``, which is the conic. Exact for an aperture parallel to the sensor; one that
-    is tilted by an angle b looks smaller, by 1 - cos(b) and, off the axis, by up to sin(b) times the slope t.
+    ``q + d a / (1 + tilt.a)``, which is the conic. Exact for an aperture parallel to the sensor; for one that
+    leans with its lens see :func:`tilted_aberration_map`.
     """
-    nothing = np.zeros((1, 2, len(TERMS)))
-    return AberrationMap(
-        wavelengths=np.array([DESIGN_WAVELENGTH]),
-        transverse_aberration=nothing,
-        pupil_aberration=nothing,
-        tilt=(blur * plane.slope[0], blur * plane.slope[1]),
+    return replace(AberrationMap.perfect(), tilt=(blur * plane.slope[0], blur * plane.slope[1]))
+
+
+def tilted_aberration_map(
+    plane: FocusPlane,
+    blur: float,
+    *,
+    focal_length: float,
+    pixel_pitch: float,
+    distance: float,
+    size: tuple[int, int],
+) -> AberrationMap:
+    """Return the same where a thin lens leans together with its aperture, as in front of a tilted sensor.
+
+    With e the axes of the aperture, as the sensor sees them, the ray of a leaves the point -R e.a, with R the
+    pupil radius. All rays of the pixel p, of the direction (t, 1), meet where it is in focus; the line there
+    from that point runs over ``q = p - s a' / (1 + R e_z.a focus(p))`` with ``a' = e_xy.a - t e_z.a``. The
+    defocus against the focus at q is ``d = s - blur * slope.(q - p)``. With the lens equation for focus(p)
+    all but the sensor's distance falls out of it: ``q = p - d a' / (1 - R e_z.a / distance)``. A lens leans
+    about x first, then about y, as :class:`bokehnet.lenses.TiltShift`.
+
+    Args:
+        plane: In focus, 1/mm.
+        blur: Radius in pixels of a point 1/mm away from focus.
+        focal_length: mm.
+        pixel_pitch: mm.
+        distance: From the lens to the sensor, mm; as from :func:`tilted_lens`.
+        size: Width and height of the shown picture, pixels.
+    """
+    across = focal_length * distance / pixel_pitch
+    sin_y = across * plane.slope[0]
+    cos_y = math.sqrt(max(1 - sin_y**2, 0.0))
+    sin_x = -across * plane.slope[1] / cos_y
+    cos_x = math.sqrt(max(1 - sin_x**2, 0.0))
+    along = -sin_y * cos_x, sin_x
+    nearness = blur * pixel_pitch / distance**2  # pupil radius over distance
+    corner = 0.5 * math.hypot(*size) * pixel_pitch / distance
+    return replace(
+        AberrationMap.perfect(),
+        tilt=(-nearness * along[0], -nearness * along[1]),
+        aperture_axes=((cos_y, 0.0), (sin_x * sin_y, cos_x), (corner * along[0], corner * along[1])),
     )
 
 

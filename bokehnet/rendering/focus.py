@@ -23,6 +23,7 @@ from bokehnet.optics.focus_plane import (
     plane_aberration_map,
     plane_defocus,
     relative_plane,
+    tilted_aberration_map,
     tilted_lens,
 )
 from bokehnet.optics.focus_range import defocus_outside_range
@@ -91,7 +92,21 @@ class FocusedLens:
 
     def aberration_map(self) -> AberrationMap | None:
         """Return what a plane of focus that leans does to the rays; None where it does not lean."""
-        return None if self.plane is None else plane_aberration_map(*self.plane(self.near))
+        if self.plane is None:
+            return None
+        plane, blur = self.plane(self.near)
+        if self.camera is None:
+            return plane_aberration_map(plane, blur)
+        pitch = self.camera.sensor_width / self.window.display_width
+        lens = _thin_lens(self.camera, 0.0)
+        return tilted_aberration_map(
+            plane,
+            blur,
+            focal_length=lens.focal_length,
+            pixel_pitch=pitch,
+            distance=blur * pitch / lens.pupil_radius,
+            size=(self.window.display_width, self.window.display_height),
+        )
 
     def _focused(self, disparity: Array, focus: float) -> Array:
         """Defocus with the focus at one disparity."""

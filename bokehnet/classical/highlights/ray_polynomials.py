@@ -38,7 +38,7 @@ class RayPolynomials(NamedTuple):
     Attributes:
         coefficients: Of f and g of the transverse aberration in pixels and of the pupil aberration,
             (wavelengths, 4, 20).
-        tilt: Of the aberration map, (2,).
+        tilt: Of the aberration map, and its axes of the aperture, (4, 2).
         chromatic_aberration: Axial and lateral strength of each wavelength, pixels, (wavelengths, 2).
         maps: What they are multiplied by over the field, (fields, fields, 2); or (1, 1, 2) without fringes.
         frame: Column, row and scale of a :class:`Frame`, (3,).
@@ -57,7 +57,8 @@ class RayPolynomials(NamedTuple):
     @classmethod
     def of(cls, lens_response: LensResponse, wavelengths: np.ndarray, frame: Frame) -> "RayPolynomials":
         """Prepare a lens response for wavelengths in nm."""
-        transverse_aberration, pupil_aberration = lens_response.aberration_map.at(wavelengths)
+        aberration_map = lens_response.aberration_map
+        transverse_aberration, pupil_aberration = aberration_map.at(wavelengths)
         half_diagonal = 1 / frame.scale
         nodes = np.cos((2 * np.arange(NODES) + 1) * (math.pi / (2 * NODES)))
         chromatic_aberration, maps = np.zeros((len(wavelengths), 2)), np.zeros((1, 1, 2))
@@ -70,7 +71,7 @@ class RayPolynomials(NamedTuple):
             maps = np.ascontiguousarray(lens_response.chromatic_aberration.maps(field), float)
         return cls(
             coefficients=np.concatenate([half_diagonal * transverse_aberration, pupil_aberration], axis=1),
-            tilt=np.array(lens_response.aberration_map.tilt, float),
+            tilt=np.array((aberration_map.tilt, *aberration_map.aperture_axes), float),
             chromatic_aberration=chromatic_aberration,
             maps=maps,
             frame=np.array(frame, float),
@@ -120,12 +121,14 @@ def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
     if paths.maps.shape[0] > 1:
         f += paths.chromatic_aberration[k, 0] * _map_at(paths.maps, 0, h_x, h_y)
         g += paths.chromatic_aberration[k, 1] * _map_at(paths.maps, 1, h_x, h_y)
-    divisor = 1.0 + paths.tilt[0] * u + paths.tilt[1] * v
+    divisor = 1.0 + paths.tilt[0, 0] * u + paths.tilt[0, 1] * v
+    a_x, a_y = u + u * f_bend + h_x * g_bend, v + v * f_bend + h_y * g_bend
+    along = paths.tilt[3, 0] * a_x + paths.tilt[3, 1] * a_y
     return (
         u * f + h_x * g,
         v * f + h_y * g,
-        (u + u * f_bend + h_x * g_bend) / divisor,
-        (v + v * f_bend + h_y * g_bend) / divisor,
+        (paths.tilt[1, 0] * a_x + paths.tilt[1, 1] * a_y - along * h_x) / divisor,
+        (paths.tilt[2, 0] * a_x + paths.tilt[2, 1] * a_y - along * h_y) / divisor,
     )
 
 

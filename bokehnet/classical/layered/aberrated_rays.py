@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bokehnet.classical.base import Place
-from bokehnet.classical.simd.float8 import broadcast8, divide8
+from bokehnet.classical.simd.float8 import broadcast8, divide8, less8, select8
 from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "lens_table", "send_rays"]
+__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "keep_within", "lens_table", "send_rays"]
 
 # Terms of the parabola over the wavelength.
 ORDERS = 3
@@ -55,7 +55,7 @@ class LensTable(NamedTuple):
         chromatic_aberration: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
         maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
         vignetting_apertures: (R, 2): shift and radius.
-        tilt: (2,) float32.
+        tilt: Of the focus plane, and axes of the aperture, (4, 2) float32.
         column: Middle of the picture, pixels.
         row: The same, down.
         scale: One over the half-diagonal in pixels.
@@ -83,6 +83,22 @@ class LensTable(NamedTuple):
     def footprint(self) -> tuple[float, float]:
         """Bounds of |A| and of the transverse aberration in pixels, anywhere in the picture."""
         return float(1 + self.strayed.max()), float(self.largest.max())
+
+    def footprint_by_rings(
+        self, side: int, above: int
+    ) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
+        """The same bounds for tiles of ``side`` pixels whose middles lie in rings, (rings,), and their frame.
+
+        Rows count from row ``above`` of the picture. For
+        :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
+        """
+        last = len(self.largest) - 1
+        about = math.ceil(0.5 * math.sqrt(2) * side * self.scale * last) + 2
+        rings = [slice(max(0, ring - about), ring + about + 1) for ring in range(last)]
+        stretch, missed = (
+            np.array([bound[ring].max() for ring in rings]) for bound in (1 + self.strayed, self.largest)
+        )
+        return stretch, missed, (self.column, self.row - above, self.scale)
 
     def reach(self, radius: float) -> int:
         """Pixels within which a pixel's rays stay, for a largest blur radius."""
@@ -180,7 +196,7 @@ def lens_table(
         chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),
         maps=np.ascontiguousarray(maps, np.float32),
         vignetting_apertures=np.array(aberration_map.vignetting_apertures, np.float32).reshape(-1, 2),
-        tilt=np.array(aberration_map.tilt, np.float32),
+        tilt=np.array((aberration_map.tilt, *aberration_map.aperture_axes), np.float32),
         column=column,
         row=row,
         scale=scale,
@@ -285,7 +301,21 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
             bend_g = bend_g + power * _polynomial(collapsed, order, 3, square, product)
             power = power * wave
         a_x, a_y = a_x + u * bend_f + across * bend_g, a_y + v * bend_f + down * bend_g
-    if tilt[0] != 0.0 or tilt[1] != 0.0:
-        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0]) * u + broadcast8(tilt[1]) * v
+    if tilt[3, 0] != 0.0 or tilt[3, 1] != 0.0:
+        along = broadcast8(tilt[3, 0]) * a_x + broadcast8(tilt[3, 1]) * a_y
+        a_x, a_y = (
+            broadcast8(tilt[1, 0]) * a_x + broadcast8(tilt[1, 1]) * a_y - along * across,
+            broadcast8(tilt[2, 0]) * a_x + broadcast8(tilt[2, 1]) * a_y - along * down,
+        )
+    if tilt[0, 0] != 0.0 or tilt[0, 1] != 0.0:
+        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0, 0]) * u + broadcast8(tilt[0, 1]) * v
         a_x, a_y = divide8(a_x, divisor), divide8(a_y, divisor)
     return u * f + across * g, v * f + down * g, a_x, a_y
+
+
+@njit(cache=True, forceinline=True)
+def keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
+    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
+    away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
+    beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
+    return select8(beyond, broadcast8(np.float32(0)), w)

@@ -18,14 +18,14 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
+__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
 
 TILE = 8
 BINS = 64
 
 # Change of the defocus from pixel to pixel that counts as steep. At 1 a ray can meet a surface at several
 # places; on soft maps of disparity, errors showed down to a half.
-_STEEP = 0.25
+STEEP = 0.25
 
 # Surfaces of neighbouring pixels belong together up to this difference; float32 may add to it.
 _RISER = 1.01 * DISCONTINUITY_THRESHOLD
@@ -85,7 +85,7 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
                         if x + right == width or y + below == height:
                             continue
                         other = cells[y + below, x + right, layer, 0]
-                        layered = layered or abs(other - value) > _STEEP
+                        layered = layered or abs(other - value) > STEEP
                         if abs(other - value) <= DISCONTINUITY_THRESHOLD:
                             found |= _fill_bins(value, other, low, scale)
                 bits[0, row, x // TILE] |= found
@@ -96,23 +96,39 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _reached_bins(own, low, thickness, reach, stretch, missed):  # type: ignore[no-untyped-def]
-    """Bits (2, rows, columns) of all bins of which a surface lies within its blur's reach of each tile."""
+def _reached_bins(own, low, thickness, stretch, missed, frame):  # type: ignore[no-untyped-def]
+    """Bits (2, rows, columns) of all bins of which a surface lies within its blur's reach of each tile.
+
+    ``stretch``, ``missed`` (rings,) and ``frame``: see :func:`occupied_bins`.
+    """
     rows, columns = own.shape[1:]
-    near = np.zeros((reach + 1) * (reach + 1) * 2, np.uint64)  # by squared distance in tiles
-    for square in range(near.shape[0]):
-        gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
-        for i in range(BINS):
-            farthest = max(abs(low + i * thickness), abs(low + (i + 1) * thickness))
-            if stretch * farthest + missed + 1.0 >= gap:
-                near[square] |= np.uint64(1) << np.uint64(i)
+    rings, whole = stretch.shape[0], max(rows, columns)
+    farthest = max(abs(low), abs(low + BINS * thickness))
+    reaches = np.empty(rings, np.int64)
+    for ring in range(rings):
+        reach = (stretch[ring] * farthest + missed[ring]) / TILE
+        reaches[ring] = min(int(math.ceil(reach)) + 1, whole)
+    most = reaches.max()
+    near = np.zeros((rings, (most + 1) * (most + 1) * 2), np.uint64)  # by squared distance in tiles
+    for ring in range(rings):
+        for square in range(near.shape[1]):
+            gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
+            for i in range(BINS):
+                radius = max(abs(low + i * thickness), abs(low + (i + 1) * thickness))
+                if stretch[ring] * radius + missed[ring] + 1.0 >= gap:
+                    near[ring, square] |= np.uint64(1) << np.uint64(i)
     found = np.empty((2, rows, columns), np.uint64)
     for row in prange(rows):
         for column in range(columns):
+            away_x = (column + 0.5) * TILE - 0.5 - frame[0]
+            away_y = (row + 0.5) * TILE - 0.5 - frame[1]
+            away = math.sqrt(away_x * away_x + away_y * away_y) * frame[2]
+            ring = min(int(away * rings), rings - 1)
+            reach = reaches[ring]
             bits, layered = np.uint64(0), np.uint64(0)
             for v in range(max(0, row - reach), min(rows, row + reach + 1)):
                 for u in range(max(0, column - reach), min(columns, column + reach + 1)):
-                    within = near[(v - row) * (v - row) + (u - column) * (u - column)]
+                    within = near[ring, (v - row) * (v - row) + (u - column) * (u - column)]
                     bits |= own[0, v, u] & within
                     layered |= own[1, v, u] & within
             found[0, row, column] = bits
@@ -120,24 +136,31 @@ def _reached_bins(own, low, thickness, reach, stretch, missed):  # type: ignore[
     return found
 
 
-def occupied_bins(cells: np.ndarray, stretch: float = 1.0, missed: float = 0.0) -> DefocusBins:
+def occupied_bins(
+    cells: np.ndarray,
+    stretch: float | np.ndarray = 1.0,
+    missed: float | np.ndarray = 0.0,
+    frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> DefocusBins:
     """For each tile, the bins of defocus in which its rays can meet a surface.
 
-    A surface at defocus s lies on a ray of a pixel only within ``stretch |s| + missed`` pixels of it.
+    A surface at defocus s lies on a ray of a pixel only within ``stretch |s| + missed`` pixels of it. Both
+    can be told by the distance of a tile from the middle of the picture, for rings of one width.
 
     Args:
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
-        stretch: Largest aperture coordinate of a ray.
-        missed: Largest transverse aberration of a ray at defocus 0, pixels.
+        stretch: Largest aperture coordinate of a ray; a number, or (rings,).
+        missed: Largest transverse aberration of a ray at defocus 0, pixels; likewise.
+        frame: Column and row of the middle, and one over the outer radius of the last ring in pixels; what
+            lies beyond belongs to it.
     """
     depths = cells[..., 0]
     low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3
     thickness = (high - low) / BINS
+    rings = [np.atleast_1d(np.asarray(bound, np.float64)) for bound in (stretch, missed)]
     with parallel_region:
         own = _tile_bins(cells, low, 1.0 / thickness)
-        farthest = stretch * max(abs(low), abs(high)) + missed
-        reach = min(math.ceil(farthest / TILE) + 1, max(own.shape[1:]))
-        bits, layered = _reached_bins(own, low, thickness, reach, stretch, missed)
+        bits, layered = _reached_bins(own, low, thickness, *rings, tuple(map(float, frame)))
     return DefocusBins(bits=bits, smooth=layered == 0, held=own[2], low=low, thickness=thickness)
 
 

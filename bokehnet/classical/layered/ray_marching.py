@@ -14,7 +14,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.base import Place
-from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, send_rays
+from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
 from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
 from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, sum_light
@@ -183,13 +183,13 @@ def _march(  # type: ignore[no-untyped-def]
                         )
                         w = select8(less8(layer, zero), zero, w)
                         if cats_eye > 0:
-                            w = _keep_within(u, v, shift_x, shift_y, 1.0, w)
+                            w = keep_within(u, v, shift_x, shift_y, 1.0, w)
                         layer = max8(layer, zero)
                         blur = depth * depth
                         if lens is not None:
                             for rim in range(lens.vignetting_apertures.shape[0]):
                                 shift, radius = lens.vignetting_apertures[rim]
-                                w = _keep_within(u, v, shift * h_x, shift * h_y, radius, w)
+                                w = keep_within(u, v, shift * h_x, shift * h_y, radius, w)
                             away_x, away_y = begin_x - half, begin_y - half
                             blur = blur + away_x * away_x + away_y * away_y
                         shares = (w, w, w)
@@ -210,14 +210,6 @@ def _march(  # type: ignore[no-untyped-def]
                         )
                         add_light(totals, numbers, blur, depth, shares, light, weight, disocclusion_weight)
                     sum_light(totals, before, sent, sums[y - first, x])
-
-
-@njit(cache=True, forceinline=True)
-def _keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
-    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
-    away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
-    beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
-    return select8(beyond, broadcast8(np.float32(0)), w)
 
 
 def march(

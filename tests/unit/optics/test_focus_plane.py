@@ -8,7 +8,7 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import LensError, ParameterError, ShapeError
-from bokehnet.lenses import ThinLens
+from bokehnet.lenses import ThinLens, TiltShift
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.focus_plane import (
     FocusPlane,
@@ -16,6 +16,7 @@ from bokehnet.optics.focus_plane import (
     plane_aberration_map,
     plane_defocus,
     relative_plane,
+    tilted_aberration_map,
     tilted_lens,
 )
 
@@ -105,6 +106,38 @@ def test_light_arrives_where_rays_in_space_say():
         assert_allclose(wanted - defocus * run, place, rtol=1e-9, atol=1e-9)
         largest = max(largest, abs(1 - np.linalg.norm(run) / np.linalg.norm(pupil)))
     assert largest > 0.3  # so that a circle would have failed
+
+
+@pytest.mark.parametrize("tilt", [*TILTS, (-20.0, 15.0), (30.0, 0.0)])
+def test_light_of_a_tilted_lens_arrives_where_its_rays_do(tilt):
+    """Authority: the rays of :class:`TiltShift`, met by planes parallel to its sensor."""
+    rng = np.random.default_rng(2)
+    pitch, centre, size = LENS["pixel_pitch"], np.array(LENS["centre"]), (720, 480)
+    lens = ThinLens(focal_length=LENS["focal_length"], f_number=1.4)
+    plane, distance = tilted_lens(tilt, LENS["centre"], 1 / 1500, **LENS)
+    blur = lens.pupil_radius * distance / pitch
+    found = tilted_aberration_map(
+        plane, blur, focal_length=lens.focal_length, pixel_pitch=pitch, distance=distance, size=size
+    )
+    upright = TiltShift(lens=lens, tilt=tilt).place(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    points = np.column_stack([upright[0], -upright[1]])
+    right, down = points[1:] - points[0]
+    axes = np.stack([right, down, np.cross(right, down)])
+    x, y, z = -distance * axes[2]
+    sensor = TiltShift(lens=lens, tilt=tilt, shift=(x, y), offset=-z - lens.sensor_distance)
+    half_diagonal, apart = 0.5 * math.hypot(*size), 0.0
+    for _ in range(100):
+        pixel, pupil = rng.uniform((0, 0), size), rng.uniform(-0.7, 0.7, 2)
+        disparity = rng.uniform(0.0003, 0.0015)
+        sent = sensor.sample_rays((centre - pixel)[None] * pitch, -pupil[None])
+        origin, slope = np.append(sent.origin[0], 0.0), np.append(sent.slope[0], 1.0)
+        met = axes @ (origin + (1 / disparity - axes[2] @ origin) / (axes[2] @ slope) * slope)
+        place = met[:2] / met[2] * distance / pitch + centre
+        defocus = blur * (disparity - plane.at(*place))
+        _, run, _ = found(pupil, (pixel - centre) / half_diagonal)
+        assert_allclose(pixel - defocus * run, place, atol=1e-9 * blur)
+        apart = max(apart, np.abs(run - plane_aberration_map(plane, blur)(pupil, np.zeros(2))[1]).max())
+    assert apart > 0.02  # so that an upright aperture would have failed
 
 
 def test_a_plane_that_does_not_lean_bends_no_ray():

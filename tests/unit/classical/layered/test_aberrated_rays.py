@@ -10,7 +10,7 @@ from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import collapse, lens_table, send_rays
 from bokehnet.classical.simd.float8 import LANES, load8, store8
 from bokehnet.errors import ParameterError
-from bokehnet.optics.aberration_map import TERMS, AberrationMap
+from bokehnet.optics.aberration_map import TERMS, UPRIGHT, AberrationMap
 from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import sobol
@@ -45,6 +45,7 @@ def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersiv
         transverse_aberration=transverse_aberration.reshape(-1, 2, len(TERMS)),
         pupil_aberration=bent.reshape(-1, 2, len(TERMS)) * pupil_aberration,
         tilt=(0.2, -0.3) if pupil_aberration else (0.0, 0.0),
+        aperture_axes=((0.9, 0.0), (0.1, 0.8), (-0.2, 0.15)) if pupil_aberration else UPRIGHT,
     )
 
 

@@ -1,0 +1,396 @@
+"""Tiles that see nothing but one smooth surface through a real lens: one bundle of rays for all their pixels.
+
+Behind an aberrated lens every pixel strays from what the scatter gives, also far away from all edges. There
+the rays of neighbouring pixels run alike: over one plane of the defocus, from nearly the same place of the
+field. So a tile sends one dense bundle from its middle, and what it meets, counted from the tile's middle,
+is a kernel of offsets and colours that serves each of its pixels. Where no pixel of the kernel
+holds much of its light, offsets are gathered in blocks of 2 or 4 pixels a side, whose means are read.
+
+A tile is given to a bundle where every surface that its rays can meet goes on the plane of its own defocus,
+covered by nothing and hiding nothing. All others, and those near the border, are left to the rays.
+
+Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for one way
+of rays for many pixels; kernels by tile, and where they hold, are ours.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from bokehnet.classical.base import Place
+from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
+from bokehnet.classical.layered.defocus_bins import STEEP, TILE
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.simd.float8 import (
+    LANES,
+    broadcast8,
+    divide8,
+    floor8,
+    less8,
+    load8,
+    select8,
+    store8,
+)
+from bokehnet.kernels import njit
+from bokehnet.optics.aperture import cats_eye_shift
+
+__all__ = ["BUNDLE", "render_smooth_tiles"]
+
+# Rays of a bundle: consecutive points of one sequence.
+BUNDLE = 2048
+
+# Rows worked at a time, so that planes of the picture stay small.
+_BAND = 128
+
+# A surface may leave its tile's plane, and change over half a tile, by so many pixels of defocus or so large
+# a share of it, whichever is more.
+_FLAT, _FLAT_SHARE = 0.2, 0.02
+
+# Bundles reach no farther, pixels: rays of larger discs are few.
+_FARTHEST = 64
+
+# Offsets are gathered in blocks while no block holds a larger share of the light, of any colour; the largest
+# side of one, pixels.
+_SHARE, _LARGEST_BLOCK = 0.012, 4
+
+# What is known of a tile: defocus in its middle, its change per pixel right and down, smallest and largest
+# defocus, largest radius of any layer, and whether something is hidden, covers in part or is steep.
+_MIDDLE, _RIGHT, _DOWN, _LOW, _HIGH, _RADIUS, _LAYERED = range(7)
+
+
+@njit(cache=True, parallel=True)
+def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
+    """Fill ``surfaces`` (rows, columns, 7); tiles that the border cuts are layered."""
+    height, width, layers = cells.shape[:3]
+    moment = TILE * TILE * (TILE * TILE - 1) / 12.0
+    for row in prange(surfaces.shape[0]):
+        for column in range(surfaces.shape[1]):
+            top, left = row * TILE, column * TILE
+            layered = top + TILE > height or left + TILE > width
+            total, right, down, low, high, radius = 0.0, 0.0, 0.0, 1e30, -1e30, 0.0
+            for y in range(top, min(height, top + TILE)):
+                for x in range(left, min(width, left + TILE)):
+                    s = cells[y, x, 0, 0]
+                    layered = layered or cells[y, x, 0, 1] < 1
+                    for layer in range(layers):
+                        radius = max(radius, abs(cells[y, x, layer, 0]))
+                        layered = layered or cells[y, x, layer, 0] != s
+                    if x + 1 < width:
+                        layered = layered or abs(cells[y, x + 1, 0, 0] - s) > STEEP
+                    if y + 1 < height:
+                        layered = layered or abs(cells[y + 1, x, 0, 0] - s) > STEEP
+                    total += s
+                    right += s * (x - left - 0.5 * (TILE - 1))
+                    down += s * (y - top - 0.5 * (TILE - 1))
+                    low, high = min(low, s), max(high, s)
+            surfaces[row, column, _MIDDLE] = total / (TILE * TILE)
+            surfaces[row, column, _RIGHT] = right / moment
+            surfaces[row, column, _DOWN] = down / moment
+            surfaces[row, column, _LOW] = low
+            surfaces[row, column, _HIGH] = high
+            surfaces[row, column, _RADIUS] = radius
+            surfaces[row, column, _LAYERED] = 1.0 if layered else 0.0
+
+
+@njit(cache=True, forceinline=True)
+def _field(x, y, lens, above):  # type: ignore[no-untyped-def]
+    """Field position, at most in the corner."""
+    far_x, far_y = (x - lens.column) * lens.scale, (y + above - lens.row) * lens.scale
+    shrink = 1.0 / max(math.sqrt(far_x * far_x + far_y * far_y), 1.0)
+    return np.float32(far_x * shrink), np.float32(far_y * shrink)
+
+
+@njit(cache=True, forceinline=True)
+def _bounds(h_x, h_y, lens):  # type: ignore[no-untyped-def]
+    """Bounds of |A| and of the transverse aberration, pixels, around a field position."""
+    last = lens.largest.shape[0] - 1
+    ring = min(int(math.sqrt(h_x * h_x + h_y * h_y) * last), last)
+    following = min(ring + 1, last)
+    return (
+        1.0 + max(lens.strayed[ring], lens.strayed[following]),
+        max(lens.largest[ring], lens.largest[following]) + 1.0,
+    )
+
+
+@njit(cache=True, forceinline=True)
+def _reach_of(own, stretch, missed):  # type: ignore[no-untyped-def]
+    """How far from a tile's pixels its bundle meets its plane, pixels, blocks included."""
+    rise = stretch * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # of the radius, by pixel of reach
+    return (stretch * own[_RADIUS] + missed) / max(1.0 - rise, 0.01) + _LARGEST_BLOCK
+
+
+@njit(cache=True)
+def _is_plane(surfaces, row, column, stretch, missed, flat, farthest):  # type: ignore[no-untyped-def]
+    """Whether all that rays of a tile can meet goes on its plane, within ``flat`` pixels of defocus."""
+    own = surfaces[row, column]
+    rows, columns = surfaces.shape[:2]
+    slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
+    reach = int(math.ceil((stretch * farthest + missed) / TILE)) + 1
+    for v in range(max(0, row - reach), min(rows, row + reach + 1)):
+        gap_y = TILE * max(abs(v - row) - 1, 0)
+        for u in range(max(0, column - reach), min(columns, column + reach + 1)):
+            gap_x, other = TILE * max(abs(u - column) - 1, 0), surfaces[v, u]
+            within = stretch * other[_RADIUS] + missed
+            if gap_x * gap_x + gap_y * gap_y > within * within:
+                continue
+            if other[_LAYERED] > 0.0:
+                return False
+            level = own[_MIDDLE] + TILE * ((u - column) * own[_RIGHT] + (v - row) * own[_DOWN])
+            if other[_LOW] < level - slack or other[_HIGH] > level + slack:
+                return False
+    return True
+
+
+@njit(cache=True, parallel=True)
+def _choose(surfaces, rays_mask, lens, above, farthest, chosen):  # type: ignore[no-untyped-def]
+    """Fill ``chosen`` (rows, columns): where a bundle serves."""
+    height, width = rays_mask.shape
+    half = 0.5 * (TILE - 1)
+    for row in prange(chosen.shape[0]):
+        for column in range(chosen.shape[1]):
+            chosen[row, column] = False
+            own, top, left = surfaces[row, column], row * TILE, column * TILE
+            if own[_LAYERED] > 0.0 or not rays_mask[top : top + TILE, left : left + TILE].any():
+                continue
+            h_x, h_y = _field(left + half, top + half, lens, above)
+            stretch, missed = _bounds(h_x, h_y, lens)
+            reach = _reach_of(own, stretch, missed)
+            near = min(min(left, top), min(width - left, height - top) - TILE)
+            flat = max(_FLAT, _FLAT_SHARE * own[_RADIUS])
+            steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
+            if steep or reach > near or reach > _FARTHEST:
+                continue
+            chosen[row, column] = _is_plane(surfaces, row, column, stretch, missed, flat, farthest)
+
+
+@njit(cache=True, parallel=True)
+def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
+    """Colours of the first layer from row ``first`` on, and their means over blocks that begin at a pixel.
+
+    ``planes``: (1, 2, 4 pixels a side; 3, rows, W); beyond the border pixels are repeated.
+    """
+    rows, width = planes.shape[2:]
+    last_row = colors.shape[0] - 1
+    for y in prange(rows):
+        for level in range(planes.shape[0]):
+            side = 1 << level
+            for c in range(3):
+                for x in range(width):
+                    planes[level, c, y, x] = 0.0
+                for v in range(side):
+                    at = min(first + y + v, last_row)
+                    for x in range(width):
+                        planes[level, c, y, x] += colors[at, x, 0, c]
+                if side == 1:
+                    continue
+                scale = np.float32(1.0 / (side * side))
+                for x in range(width):
+                    total = planes[level, c, y, x]
+                    for u in range(1, side):
+                        total += planes[level, c, y, min(x + u, width - 1)]
+                    planes[level, c, y, x] = scale * total
+
+
+@njit(cache=True)
+def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, rays):  # type: ignore[no-untyped-def]
+    """Fill ``rays`` (5 * BUNDLE): offsets right and down of what they meet, and their red, green, blue."""
+    points, weights = arrays
+    us, vs = points[0].reshape(-1), points[1].reshape(-1)
+    front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
+    h_x, h_y = field
+    collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
+    ring = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
+    wide = broadcast8(np.float32(lens.shaken[int(ring)]))
+    zero, half, one = broadcast8(np.float32(0)), broadcast8(np.float32(0.5)), broadcast8(np.float32(1))
+    middle = broadcast8(np.float32(own[_MIDDLE]))
+    right, down = broadcast8(np.float32(own[_RIGHT])), broadcast8(np.float32(own[_DOWN]))
+    for k in range(0, BUNDLE, LANES):
+        u, v = load8(us, k), load8(vs, k)
+        e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, load8(lens.waves, k))
+        if lens.chromatic_aberration.shape[1] > 0:
+            axial = load8(lens.chromatic_aberration[0], k) * broadcast8(lens.maps[y, x, 0])
+            lateral = load8(lens.chromatic_aberration[1], k) * broadcast8(lens.maps[y, x, 1])
+            e_x = e_x + u * axial + lateral * broadcast8(h_x)
+            e_y = e_y + v * axial + lateral * broadcast8(h_y)
+        depth = divide8(middle - right * e_x - down * e_y, one + right * a_x + down * a_y)
+        w = select8(less8(zero, depth), load8(front_weights, k), load8(back_weights, k))
+        if cats_eye_at[0] > 0:
+            w = keep_within(u, v, cats_eye_at[1], cats_eye_at[2], 1.0, w)
+        for rim in range(lens.vignetting_apertures.shape[0]):
+            shift, radius = lens.vignetting_apertures[rim]
+            w = keep_within(u, v, shift * h_x, shift * h_y, radius, w)
+        store8(rays, k, floor8(half + wide * load8(lens.starts[0], k) - e_x - a_x * depth))
+        store8(rays, BUNDLE + k, floor8(half + wide * load8(lens.starts[1], k) - e_y - a_y * depth))
+        if lens.colors.shape[1] > 0:
+            for c in range(3):
+                store8(rays, (2 + c) * BUNDLE + k, w * load8(lens.colors[c], k))
+        else:
+            for c in range(3):
+                store8(rays, (2 + c) * BUNDLE + k, w)
+
+
+@njit(cache=True)
+def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-untyped-def]
+    """Join rays that meet the same block of 2^level pixels a side.
+
+    Args:
+        rays: From :func:`_send_bundle`.
+        level: Of the blocks.
+        reach: Pixels that none should pass; by rounding a few may, and stop there.
+        slots: Number of each block's tap, -1 where there is none, (side, side); left as it came.
+        places: Filled with offsets right and down of the blocks, (2, BUNDLE).
+        taps: Filled with their red, green and blue, (3, BUNDLE), each of sum 1.
+
+    Returns:
+        How many there are, and the largest of ``taps``; 0 taps where a colour has no light.
+    """
+    middle, count = slots.shape[0] // 2, 0
+    for k in range(BUNDLE):
+        if rays[2 * BUNDLE + k] + rays[3 * BUNDLE + k] + rays[4 * BUNDLE + k] <= 0.0:
+            continue
+        column = int(min(max(rays[k], -reach), reach)) >> level
+        row = int(min(max(rays[BUNDLE + k], -reach), reach)) >> level
+        slot = slots[middle + row, middle + column]
+        if slot < 0:
+            slot = count
+            slots[middle + row, middle + column] = slot
+            places[0, slot], places[1, slot] = column << level, row << level
+            for c in range(3):
+                taps[c, slot] = 0.0
+            count += 1
+        for c in range(3):
+            taps[c, slot] += rays[(2 + c) * BUNDLE + k]
+    for slot in range(count):
+        slots[middle + (places[1, slot] >> level), middle + (places[0, slot] >> level)] = -1
+    largest = 0.0
+    for c in range(3):
+        total = 0.0
+        for slot in range(count):
+            total += taps[c, slot]
+        if total <= 0.0:
+            return 0, 0.0
+        for slot in range(count):
+            taps[c, slot] = taps[c, slot] / total
+            largest = max(largest, taps[c, slot])
+    return count, largest
+
+
+@njit(cache=True, forceinline=True)
+def _sum_taps(plane, offsets, taps, count, start, width, found, at):  # type: ignore[no-untyped-def]
+    """Sums of eight pixels in each of four rows of a plane, into ``found`` from ``at`` on."""
+    zero = broadcast8(np.float32(0))
+    a, b, c, d = zero, zero, zero, zero
+    for i in range(count):
+        tap, k = broadcast8(taps[i]), start + offsets[i]
+        a = a + tap * load8(plane, k)
+        b = b + tap * load8(plane, k + width)
+        c = c + tap * load8(plane, k + 2 * width)
+        d = d + tap * load8(plane, k + 3 * width)
+    store8(found, at, a)
+    store8(found, at + LANES, b)
+    store8(found, at + 2 * LANES, c)
+    store8(found, at + 3 * LANES, d)
+
+
+@njit(cache=True, parallel=True)
+def _render(  # type: ignore[no-untyped-def]
+    planes, first, chosen, tile_row, surfaces, rays_mask, arrays, lens, cats_eye, place, above, result
+):
+    """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``."""
+    width = planes.shape[3]
+    half = 0.5 * (TILE - 1)
+    middle = TILE // 2
+    for i in prange(chosen.shape[0]):
+        collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
+        rays, taps = np.empty(5 * BUNDLE, np.float32), np.empty((3, BUNDLE), np.float32)
+        places, offsets = np.empty((2, BUNDLE), np.int64), np.empty(BUNDLE, np.int64)
+        slots = np.full((2 * _FARTHEST + 4, 2 * _FARTHEST + 4), -1, np.int64)
+        found = np.empty(TILE * LANES, np.float32)
+        for column in range(chosen.shape[1]):
+            if not chosen[i, column]:
+                continue
+            top, left = (tile_row + i) * TILE, column * TILE
+            own = surfaces[tile_row + i, column]
+            field = _field(left + half, top + half, lens, above)
+            shift = cats_eye_shift(
+                cats_eye, left + half + place[0], top + half + above + place[1], place[2], place[3]
+            )
+            cats_eye_at = (cats_eye, shift[0], shift[1])
+            _send_bundle(own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, rays)
+            stretch, missed = _bounds(field[0], field[1], lens)
+            reach = math.floor(_reach_of(own, stretch, missed)) - _LARGEST_BLOCK
+            count, level = 0, planes.shape[0] - 1
+            while level >= 0:
+                count, largest = _gather_taps(rays, level, reach, slots, places, taps)
+                if largest <= _SHARE or level == 0:
+                    break
+                level -= 1
+            if count == 0:
+                continue
+            for k in range(count):
+                offsets[k] = places[1, k] * width + places[0, k]
+            for c in range(3):
+                plane = planes[level, c].reshape(-1)
+                for part in range(0, TILE, 4):
+                    start = (top + part - first) * width + left
+                    _sum_taps(plane, offsets, taps[c], count, start, width, found, part * LANES)
+                for y in range(TILE):
+                    for x in range(TILE):
+                        if rays_mask[top + y, left + x]:
+                            result[top + y, left + x, c] = found[y * LANES + x]
+
+
+def render_smooth_tiles(
+    colors: np.ndarray,
+    cells: np.ndarray,
+    rays_mask: np.ndarray,
+    points: np.ndarray,
+    weights: np.ndarray,
+    result: np.ndarray,
+    lens: LensTable,
+    *,
+    cats_eye: float = 0.0,
+    above: int = 0,
+    place: Place | None = None,
+) -> np.ndarray:
+    """Write tiles that see one smooth surface alone into ``result``.
+
+    Args:
+        colors: Of the layers, (H, W, L, 3).
+        cells: Where they are, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
+        rays_mask: Pixels to render, (H, W) bool.
+        points: Aperture coordinates, see :func:`bokehnet.classical.layered.ray_marching.march`; the first
+            ``BUNDLE`` are used.
+        weights: Of the points, likewise.
+        result: (H, W, 3), float32; pixels in ``rays_mask`` are overwritten, if not those of all tiles.
+        lens: A lens response, for the rays of ``points``.
+        cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
+        above: Rows of the picture above these arrays, where they are a strip of it.
+        place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
+
+    Returns:
+        The pixels of ``rays_mask`` that are left for the rays, (H, W) bool.
+    """
+    height, width = rays_mask.shape
+    tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
+    surfaces = np.empty((tile_rows, tile_columns, 7), np.float32)
+    chosen = np.empty((tile_rows, tile_columns), np.bool_)
+    arrays, where = (points, weights), tuple(place or Place.whole(height, width))
+    with parallel_region:
+        _tile_surfaces(cells, surfaces)
+        _choose(surfaces, rays_mask, lens, above, float(surfaces[..., _RADIUS].max()), chosen)
+        for top in range(0, tile_rows, _BAND // TILE):
+            rows = chosen[top : top + _BAND // TILE]
+            if not rows.any():
+                continue
+            first = max(0, top * TILE - _FARTHEST)
+            last = min(height, (top + len(rows)) * TILE + _FARTHEST)
+            planes = np.empty((1 + int(math.log2(_LARGEST_BLOCK)), 3, last - first, width), np.float32)
+            _fill_planes(colors, first, planes)
+            _render(
+                planes, first, rows, top, surfaces, rays_mask, arrays, lens, cats_eye, where, above, result
+            )
+    done = np.kron(chosen, np.ones((TILE, TILE), np.bool_))[:height, :width]
+    left: np.ndarray = rays_mask & ~done
+    return left
