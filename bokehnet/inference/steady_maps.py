@@ -152,8 +152,7 @@ def _added(rows: slice, values: Array, before: Gathered, flow: Array, kept: Arra
     found = np.stack([w, wt + w, wtt + 2 * wt + w, wd, wtd + wd, wdd, *np.moveaxis(told[..., 6:], 2, 0)])
     found[6] += at[1] - x
     found[7] += at[0] - y
-    found[6:] *= _DECAY
-    found[:6] *= kept[rows] * (np.abs(found[6:]).max(0) <= _ASIDE)  # one frame farther away
+    found *= kept[rows] * (np.abs(found[6:]).max(0) <= _ASIDE)  # one frame farther away
     found[0] += 1
     found[1:6] /= found[0]
     return np.moveaxis(found, 0, 2).astype(np.float16)
