@@ -109,7 +109,8 @@ class SteadyShot:
 
     def _look(self, frames: Iterable[tuple[Array, Array] | None], count: int, report: Progress) -> _Values:
         """Keep all maps and pictures with what is gathered from the first frame on."""
-        past, scale, softness, low, high = None, 0.0, [], np.inf, -np.inf
+        past, scale, low, high = None, 0.0, np.inf, -np.inf
+        softness: list[float] = []
         for index, frame in enumerate(frames):
             for name in ("picture", "past", "map"):
                 self._file(name, index).unlink(missing_ok=True)

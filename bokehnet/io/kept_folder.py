@@ -65,11 +65,9 @@ def own_folder(folder: Path) -> Iterator[Path]:
         except OSError as error:
             raise _unusable(path, error) from error
         if held is not None:
-            break
-    try:
-        yield path
-    finally:
-        held.close()
+            with held:
+                yield path
+            return
 
 
 def _locked(path: Path) -> IO[str] | None:
