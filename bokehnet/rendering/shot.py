@@ -160,6 +160,16 @@ def decide_shot(
 
     Raises:
         BokehnetError: The folder cannot be written.
+
+    Examples:
+        >>> class Frames:  # what VideoJob is
+        ...     count = 1
+        ...     def settings_of(self, index):
+        ...         return RenderSettings()
+        ...     def scenes(self, wanted, shot):
+        ...         return iter(())
+        >>> decide_shot(Frames(), BokehRenderer("scatter"), folder=None, steady=False)
+        Shot(plan=None, steady=None)
     """
     maps = SteadyShot(folder / "maps") if steady and folder is not None else None
     if maps is not None and not maps.is_done:
