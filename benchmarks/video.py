@@ -4,6 +4,9 @@ It makes a clip of uneven frame times with sound and a timecode, in which every 
 renders it in one run, and once more in runs that are killed (SIGKILL) after some segments. Printed is whether
 all frames are there, once each and in order, at their times, with the same sound and timecode, and whether
 both files are equal.
+
+With ``--once`` it is rendered in one run alone, whose frames a minute are printed, with ``--depth-video``
+from a video of depth, whose maps are made steady first.
 """
 
 import argparse
@@ -60,6 +63,23 @@ def make_clip(path: Path, frames: int, width: int, height: int) -> None:
         container.mux(tone.encode(None))
 
 
+def make_depth(path: Path, frames: int, width: int, height: int) -> None:
+    """Write the depth of :func:`make_clip`'s clip as a video, with noise of 1 % of its range."""
+    import av
+
+    near = np.asarray(linear_to_srgb(read_image(_DEMO / "demo_disparity.png")[..., 0]), np.float32)
+    larger, rng = resample(near, height, width + 2 * frames), np.random.default_rng(0)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=24)
+        stream.width, stream.height, stream.pix_fmt = width, height, "gray"
+        for number in range(frames):
+            shown = larger[:, 2 * number : 2 * number + width]
+            values = np.clip(shown + 0.01 * rng.standard_normal(shown.shape, np.float32), 0, 1)
+            frame = av.VideoFrame.from_ndarray(np.rint(255 * values).astype(np.uint8), "gray")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
 def told_by(path: Path) -> dict[str, Any]:
     """Numbers of the frames, their times, the packets of sound, and the timecode."""
     import av
@@ -96,6 +116,8 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=240)
     parser.add_argument("--size", default="320x180")
     parser.add_argument("--engine", default="scatter")
+    parser.add_argument("--once", action="store_true", help="how long one run takes, nothing else")
+    parser.add_argument("--depth-video", action="store_true", help="depth from a video, in place of one map")
     asked = parser.parse_args()
     width, height = map(int, asked.size.split("x"))
     with tempfile.TemporaryDirectory() as name:
@@ -104,11 +126,18 @@ def main() -> None:
         make_clip(clip, asked.frames, width, height)
         (folder / "pull.csv").write_text(f"frame,focus\n1,0.2\n{asked.frames},0.8\n")
         words = [sys.executable, "-m", "bokehnet", "render", str(clip), "--engine", asked.engine]
-        words += ["--disparity", str(_DEMO / "demo_disparity.png"), "--resize-disparity", "--blur", "12"]
+        depth = ["--disparity", str(_DEMO / "demo_disparity.png"), "--resize-disparity"]
+        if asked.depth_video:
+            make_depth(folder / "depth.mkv", asked.frames, width, height)
+            depth = ["--disparity", str(folder / "depth.mkv")]
+        words += [*depth, "--blur", "12"]
         words += ["--repair-disparity", "off", "--pull", str(folder / "pull.csv"), "--json", "-q", "-o"]
         begun = time.perf_counter()
         subprocess.run([*words, str(whole)], check=True, stdout=subprocess.DEVNULL)
-        print(f"one run: {time.perf_counter() - begun:.1f} s", flush=True)
+        seconds = time.perf_counter() - begun
+        print(f"one run: {seconds:.1f} s, {60 * asked.frames / seconds:.1f} frames a minute", flush=True)
+        if asked.once:
+            return
         kept, most = folder / f".bokehnet-video-{parts.name}", asked.frames // 24
         kills = sum(
             killed_after([*words, str(parts)], kept, round(share * most)) for share in (0.2, 0.5, 0.8)

@@ -1,15 +1,19 @@
 """A Ray cluster that runs already: connected to for as long as a block lasts."""
 
+import collections
 import contextlib
 import logging
 import socket
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Generator, Iterable, Iterator
+from typing import Any, TypeVar
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import ParameterError
 
-__all__ = ["connected"]
+__all__ = ["as_they_end", "connected", "in_order"]
+
+Given = TypeVar("Given")
+Answer = TypeVar("Answer")
 
 _PATIENCE = 10.0  # s
 
@@ -45,6 +49,53 @@ def connected(address: str, parameter: str = "cluster") -> Iterator[tuple[Any, i
         yield ray, cores
     finally:
         ray.shutdown()
+
+
+def as_they_end(
+    ray: Any, work: Callable[[Given], Answer], tasks: Iterable[tuple[Any, Given]], most: int
+) -> Generator[tuple[Any, Answer], None, None]:
+    """Give the name of each task and what it came to, as tasks end; one whose worker dies is done again.
+
+    When the caller stops, what is under way is given up.
+
+    Args:
+        ray: As :func:`connected` gives it.
+        work: A function of a module.
+        tasks: Name and argument of each.
+        most: How many are under way at the most.
+    """
+    remote = ray.remote(num_cpus=1, max_retries=-1)(work)
+    left, running = iter(tasks), dict[Any, Any]()
+    try:
+        while True:
+            while len(running) < most and (task := next(left, None)) is not None:
+                running[remote.remote(task[1])] = task[0]
+            if not running:
+                return
+            done, _ = ray.wait(list(running), num_returns=1)
+            for found in done:
+                yield running.pop(found), ray.get(found)
+    finally:
+        for found in running:
+            ray.cancel(found, force=True)
+
+
+def in_order(
+    ray: Any, work: Callable[[Given], Answer], arguments: Iterable[Given], most: int
+) -> Generator[Answer, None, None]:
+    """Give what tasks came to in their order, with at most so many under way; else as :func:`as_they_end`."""
+    remote = ray.remote(num_cpus=1, max_retries=-1)(work)
+    left, running = iter(arguments), collections.deque[Any]()
+    try:
+        while True:
+            while len(running) < most and (argument := next(left, None)) is not None:
+                running.append(remote.remote(argument))
+            if not running:
+                return
+            yield ray.get(running.popleft())
+    finally:
+        for found in running:
+            ray.cancel(found, force=True)
 
 
 def _knock(address: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from bokehnet.cli.frame import FrameJob, make_renderer
 from bokehnet.cli.summary import FrameSummary
 from bokehnet.cli.workers import try_frame
-from bokehnet.cluster import connected
+from bokehnet.cluster import as_they_end, connected
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.sequence import input_files
 from bokehnet.rendering.settings import RenderSettings
@@ -41,26 +41,14 @@ def render_on_cluster(
         ParameterError: There is no cluster at ``address``.
     """
     with connected(address, "--ray") as (ray, cores):
-        task = ray.remote(num_cpus=1, max_retries=-1)(_render)
         settings = _with_absolute_paths(settings)
-        left = iter(jobs.items())
-        running: dict[Any, int] = {}
-        try:
-            while True:
-                while len(running) < _AHEAD * cores and (item := next(left, None)) is not None:
-                    running[task.remote(_absolute(item[1]), settings)] = item[0]
-                if not running:
-                    return
-                done, _ = ray.wait(list(running), num_returns=1)
-                for found in done:
-                    yield running.pop(found), ray.get(found)
-        finally:
-            for found in running:
-                ray.cancel(found, force=True)
+        tasks = ((frame, (_absolute(job), settings)) for frame, job in jobs.items())
+        yield from as_they_end(ray, _render, tasks, _AHEAD * cores)
 
 
-def _render(job: FrameJob, settings: RenderSettings) -> FrameSummary | str:
+def _render(task: tuple[FrameJob, RenderSettings]) -> FrameSummary | str:
     """Render a frame in a worker, whose renderer stays warm."""
+    job, settings = task
     key = str(settings.to_table())
     if key not in _warm:
         _warm.clear()

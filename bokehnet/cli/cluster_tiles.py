@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from bokehnet.cluster import connected
+from bokehnet.cluster import as_they_end, connected
 from bokehnet.scenes.tiles import RunTiles, TileTask, run_tile
 
 __all__ = ["tiles_on_cluster"]
@@ -26,18 +26,9 @@ def tiles_on_cluster(address: str) -> Iterator[RunTiles]:
         ParameterError: There is no cluster at ``address``.
     """
     with connected(address, "--ray") as (ray, _):
-        remote = ray.remote(num_cpus=1, max_retries=-1)(_run)
 
         def run(tasks: list[TileTask]) -> Iterable[tuple[int, np.ndarray]]:
-            running = {remote.remote(task): index for index, task in enumerate(tasks)}
-            try:
-                while running:
-                    done, _ = ray.wait(list(running), num_returns=1)
-                    for found in done:
-                        yield running.pop(found), ray.get(found)
-            finally:
-                for found in running:
-                    ray.cancel(found, force=True)
+            return as_they_end(ray, _run, enumerate(tasks), len(tasks))
 
         yield run
 

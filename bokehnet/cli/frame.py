@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
@@ -24,6 +24,7 @@ from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import read_scene
 from bokehnet.rendering.sequence import SequenceSettings, input_files, make_pull, settings_at_frame
 from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.shot import Shot
 
 __all__ = ["FrameJob", "frame_jobs", "make_renderer", "render_frame", "render_one"]
 
@@ -37,12 +38,16 @@ class FrameJob:
         output: Where the result goes.
         settings: All else.
         number: Of the frame in its sequence.
+        shot: What was decided for all of its frames.
+        index: Of the frame in the shot, counted from 0.
     """
 
     image: Path
     output: Path
     settings: RenderSettings
     number: int = 0
+    shot: Shot = field(default_factory=Shot)
+    index: int = 0
 
     def check(self) -> None:
         """Raise unless the settings fit together and the result can be written; no picture is read."""
@@ -142,11 +147,12 @@ def render_frame(
     times = [perf_counter()]
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
         report = begin("reading")
-        scenes = [read_scene(job.image, job.settings, number=job.number, progress=report)]
+        source = job.shot.source(job.index, job.settings)
+        scenes = [read_scene(job.image, job.settings, source=source, number=job.number, progress=report)]
         check_output(job.output, job.settings.output, scenes[0].frame)
         times.append(perf_counter())
         report = begin("depth")
-        focused = renderer.prepare(scenes.pop(), job.settings, report)
+        focused = renderer.prepare(scenes.pop(), job.settings, report, plan=job.shot.plan)
     times.append(perf_counter())
     result = renderer.render(focused, job.settings, begin("rendering"), overwrite=True)
     del focused

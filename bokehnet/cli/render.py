@@ -71,14 +71,14 @@ def render(
 
         render_video(Path(image), Path(output), resolved, sequence, run, quiet=quiet, as_json=as_json)
         return
-    if run.video_codec is not None or run.steady != "on":
-        raise ParameterError("IMAGE", expected="a video for --video-codec and --steady", shown=image)
+    if run.video_codec is not None:
+        raise ParameterError("IMAGE", expected="a video for --video-codec", shown=image)
     job = FrameJob(image=Path(image), output=Path(output), settings=resolved)
     if sequence.frames is None:
         if (sequence, run) != (SequenceSettings(), RunSettings()):
             raise ParameterError(
                 "sequence.frames",
-                expected="frames, which --jobs, --overwrite, --pull, --ray, "
+                expected="frames, which --jobs, --overwrite, --pull, --ray, --steady, "
                 "and what ends in -from and -to need",
                 shown="none",
             )
@@ -103,5 +103,10 @@ def render(
     elsewhere = None if run.ray is None else partial(render_on_cluster, address=run.ray)
     with compile_notice(hidden=quiet):
         render_frames(
-            wanted, processes=run.jobs or 1, elsewhere=elsewhere, overwrite=run.overwrite, talk=talk
+            wanted,
+            processes=run.jobs or 1,
+            elsewhere=elsewhere,
+            overwrite=run.overwrite,
+            steady=run.steady == "on",
+            talk=talk,
         )

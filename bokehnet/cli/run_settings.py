@@ -29,5 +29,5 @@ class RunSettings(Group):
         metavar="NAME",
     )
     steady: Literal["on", "off"] = setting(
-        "on", "Of a video: on (default) or off: its disparity maps are made steady along its motion."
+        "on", "Of a shot: on (default) or off: its disparity maps are made steady along its motion."
     )

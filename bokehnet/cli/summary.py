@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import typer
@@ -12,6 +12,7 @@ from bokehnet.cli.options import in_options
 from bokehnet.cli.progress import write_above
 from bokehnet.errors import ParameterError
 from bokehnet.rendering.result import RenderReport
+from bokehnet.rendering.shot import Shot
 
 __all__ = ["FrameSummary", "Talk", "make_talk"]
 
@@ -110,6 +111,7 @@ class Talk:
         there: int,
         failed: Mapping[int, str],
         seconds: float,
+        shot: Shot,
     ) -> None:
         """Tell what was done for a sequence.
 
@@ -118,14 +120,18 @@ class Talk:
             there: How many frames were there already.
             failed: Why others were not rendered.
             seconds: What all took.
+            shot: What was decided once for all of them.
         """
         if self.as_json:
             frames = {str(frame): done[frame].table() for frame in sorted(done)}
             errors = {str(frame): failed[frame] for frame in sorted(failed)}
-            _print_json({"frames": frames, "there": there, "failed": errors, "seconds": round(seconds, 3)})
+            table = {"frames": frames, "there": there, "failed": errors, "seconds": round(seconds, 3)}
+            plan = None if shot.plan is None else asdict(shot.plan)
+            _print_json(table | {"steady": shot.steady is not None, "plan": plan})
         elif not self.quiet:
             older = f", {there} there already (--overwrite renders them again)" if there else ""
-            _say(f"{_count(len(done))} rendered{older}, {seconds:.1f} s")
+            steady = ", maps made steady" if shot.steady is not None else ""
+            _say(f"{_count(len(done))} rendered{older}{steady}, {seconds:.1f} s")
 
     def of_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
         """Tell what was done for a frame of a sequence if that is asked for; of the first what looks odd."""

@@ -8,7 +8,7 @@ import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing
+from contextlib import ExitStack, closing
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -19,12 +19,14 @@ import OpenImageIO as oiio  # noqa: N813
 
 from bokehnet.cli.frame import FrameJob, make_renderer, render_frame
 from bokehnet.cli.options import told
-from bokehnet.cli.progress import compile_notice, progress, write_above
+from bokehnet.cli.progress import compile_notice, progress, stages, write_above
+from bokehnet.cli.shot_files import decided_jobs
 from bokehnet.cli.summary import FrameSummary, Talk
 from bokehnet.errors import BokehnetError
 from bokehnet.rendering.frame_names import format_frames
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.shot import Shot
 
 __all__ = ["available_cores", "render_frames", "render_in_processes", "try_frame"]
 
@@ -45,6 +47,7 @@ def render_frames(
     processes: int = 1,
     elsewhere: Callable[[Mapping[int, FrameJob], RenderSettings], Outcomes] | None = None,
     overwrite: bool = False,
+    steady: bool = True,
     talk: Talk | None = None,
 ) -> None:
     """Render the frames that are not there yet; files are written in one step, so what is there is complete.
@@ -56,38 +59,46 @@ def render_frames(
         processes: How many render at a time, with their share of the cores each.
         elsewhere: Renders jobs by frame in place of this machine, as :func:`render_in_processes` does.
         overwrite: Render again what is there.
+        steady: Whether relative maps are made steady along the motion of the shot, which are all jobs.
         talk: How much is said.
 
     Raises:
         BokehnetError: Some frames failed, and which; or the renderer cannot be made.
     """
     talk, begun = talk or Talk(), perf_counter()
-    wanted = {frame: job for frame, job in jobs.items() if overwrite or not job.output.exists()}
+    wanted = [frame for frame, job in jobs.items() if overwrite or not job.output.exists()]
     done: dict[int, FrameSummary] = {}
     failed: dict[int, str] = {}
     settings = next(iter(jobs.values())).settings  # in what makes a renderer, frames are alike
     renderer = make_renderer(settings)  # here first, so that wrong weights are told once
-    outcomes: Outcomes
-    if elsewhere is not None:
-        del renderer
-        outcomes = elsewhere(wanted, settings)
-    elif processes > 1 and len(wanted) > 1:
-        del renderer
-        outcomes = render_in_processes(wanted, settings, min(processes, len(wanted)), quiet=talk.quiet)
-    else:
-        outcomes = _render_here(wanted, renderer)
-    with progress("rendering frames", hidden=talk.quiet) as report, closing(outcomes):
-        report(0, len(wanted))
-        for count, (frame, outcome) in enumerate(outcomes, start=1):
-            if isinstance(outcome, str):
-                failed[frame] = outcome
-                write_above(f"bokehnet: frame {frame}: {outcome}")
-            else:
-                done[frame] = outcome
-                talk.of_frame(frame, outcome, first=len(done) == 1)
-            report(count, len(wanted))
+    with ExitStack() as kept:
+        decided, shot = dict(jobs), Shot()
+        if wanted:
+            with stages(hidden=talk.quiet) as begin:
+                within = decided_jobs(jobs, renderer, steady=steady, begin=begin)
+                decided, shot = kept.enter_context(within)
+        left = {frame: decided[frame] for frame in wanted}
+        outcomes: Outcomes
+        if elsewhere is not None:
+            del renderer
+            outcomes = elsewhere(left, settings)
+        elif processes > 1 and len(left) > 1:
+            del renderer
+            outcomes = render_in_processes(left, settings, min(processes, len(left)), quiet=talk.quiet)
+        else:
+            outcomes = _render_here(left, renderer)
+        with progress("rendering frames", hidden=talk.quiet) as report, closing(outcomes):
+            report(0, len(left))
+            for count, (frame, outcome) in enumerate(outcomes, start=1):
+                if isinstance(outcome, str):
+                    failed[frame] = outcome
+                    write_above(f"bokehnet: frame {frame}: {outcome}")
+                else:
+                    done[frame] = outcome
+                    talk.of_frame(frame, outcome, first=len(done) == 1)
+                report(count, len(left))
     seconds, there = perf_counter() - begun, len(jobs) - len(wanted)
-    talk.of_frames(done, there=there, failed=failed, seconds=seconds)
+    talk.of_frames(done, there=there, failed=failed, seconds=seconds, shot=shot)
     if failed:
         raise BokehnetError(
             f"{len(failed)} of {len(wanted)} frames failed: {format_frames(sorted(failed))}; "

@@ -63,14 +63,18 @@ def soft_edge_fraction(disparity: np.ndarray) -> float:
     return soft / max(all_steps, 1)
 
 
-def repair_soft_edges(disparity: np.ndarray) -> np.ndarray:
+def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.ndarray:
     """Return the map (H, W) with soft steps made sharp where they pass the middle between both sides.
+
+    Args:
+        disparity: (H, W), any unit.
+        span: Of the values that steps are held against; by default the map's.
 
     Source:
         Kramer and Bruckner, "Iterations of a non-linear transformation for enhancement of digital images",
         Pattern Recognition 1975.
     """
-    least = STEP * np.ptp(disparity)
+    least = STEP * (np.ptp(disparity) if span is None else span)
 
     def make(rows: slice) -> np.ndarray:
         window, inner = with_halo(rows, sum(_RADII))

@@ -74,10 +74,16 @@ def optical_flow(first: Array, second: Array) -> Array:
     return flow
 
 
-def follow(values: Array, flow: Array) -> Array:
-    """Return what of ``values``, (H, W) or (H, W, C), is where the pixels have moved; bilinear."""
-    height, width = flow.shape[:2]
-    rows, columns = np.mgrid[:height, :width].astype(np.float32)
+def follow(values: npt.NDArray[np.floating], flow: Array, first: int = 0) -> Array:
+    """Return what of ``values``, (H, W) or (H, W, C), is where pixels have moved; bilinear.
+
+    Args:
+        values: Of the whole picture.
+        flow: Of some of its rows, (h, W, 2).
+        first: Of these rows.
+    """
+    height, width = values.shape[:2]
+    rows, columns = np.mgrid[first : first + len(flow), :width].astype(np.float32)
     x = np.clip(columns + flow[..., 0], 0, width - 1)
     y = np.clip(rows + flow[..., 1], 0, height - 1)
     left, top = (

@@ -56,15 +56,16 @@ class WarmRenderer:
     def __init__(self, answers: TextIO) -> None:
         self._answers = answers
         self._renderer = BokehRenderer()
-        self._waiting: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
-        self._cancelled: dict[Any, threading.Event] = {}
+        self._waiting: SimpleQueue[tuple[dict[str, Any], threading.Event] | None] = SimpleQueue()
+        self._writing, self._knowing = threading.Lock(), threading.Lock()
+        self._cancels: list[tuple[Any, threading.Event]] = []  # of requests that wait or run
 
     def work_through(self, lines: Iterable[str]) -> None:
         """Answer requests until they end; a request is cancelled while it waits or runs."""
         reader = threading.Thread(target=self._read, args=(lines,), daemon=True)
         reader.start()
-        while (request := self._waiting.get()) is not None:
-            self._answer(request)
+        while (waiting := self._waiting.get()) is not None:
+            self._answer(*waiting)
 
     def _read(self, lines: Iterable[str]) -> None:
         for line in lines:
@@ -78,17 +79,23 @@ class WarmRenderer:
                 )
                 continue
             if "cancel" in request:
-                self._signal(request["cancel"]).set()
+                self._cancel(request["cancel"])
             else:
-                self._waiting.put(request)
+                cancel = threading.Event()
+                with self._knowing:
+                    self._cancels.append((request.get("id"), cancel))
+                self._waiting.put((request, cancel))
         self._waiting.put(None)
 
-    def _signal(self, number: Any) -> threading.Event:
-        return self._cancelled.setdefault(number, threading.Event())
+    def _cancel(self, number: Any) -> None:
+        """Cancel the requests of a number; one that was answered already is nothing to cancel."""
+        with self._knowing:
+            for known, cancel in self._cancels:
+                if known == number:
+                    cancel.set()
 
-    def _answer(self, request: dict[str, Any]) -> None:
+    def _answer(self, request: dict[str, Any], cancel: threading.Event) -> None:
         number = request.get("id")
-        cancel = self._signal(number)
         try:
             result = self._rendered(request, number, cancel)
         except RenderCancelled:
@@ -100,7 +107,8 @@ class WarmRenderer:
             answer = {"error": {"message": f"a bug of bokehnet: {traceback.format_exc(limit=-1)}"}}
         else:
             answer = {"result": result}
-        self._cancelled.pop(number, None)
+        with self._knowing:
+            self._cancels = [one for one in self._cancels if one[1] is not cancel]
         self._say({"id": number, **answer})
 
     def _rendered(self, request: dict[str, Any], number: Any, cancel: threading.Event) -> dict[str, Any]:
@@ -131,8 +139,9 @@ class WarmRenderer:
         return _summary(result.report)
 
     def _say(self, answer: dict[str, Any]) -> None:
-        self._answers.write(json.dumps(answer) + "\n")
-        self._answers.flush()
+        with self._writing:  # two threads answer
+            self._answers.write(json.dumps(answer) + "\n")
+            self._answers.flush()
 
 
 def _summary(report: RenderReport) -> dict[str, Any]:

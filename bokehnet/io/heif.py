@@ -23,7 +23,7 @@ from bokehnet.io.xmp import parse_xmp
 if TYPE_CHECKING:
     from pillow_heif import HeifDepthImage, HeifFile
 
-__all__ = ["HEIF_EXTENSIONS", "HeifPicture", "is_heif", "read_heif", "read_heif_depth"]
+__all__ = ["HEIF_EXTENSIONS", "HeifPicture", "heif_size", "is_heif", "read_heif", "read_heif_depth"]
 
 HEIF_EXTENSIONS = (".heic", ".heif")
 
@@ -64,6 +64,17 @@ class HeifPicture:
     space: ColorSpace
     bits: int
     metadata: Metadata
+
+
+def heif_size(path: Path | str) -> tuple[int, int]:
+    """Height and width of the primary picture; its header alone is read.
+
+    Raises:
+        ImageFileError: The file is damaged.
+        MissingExtraError: pillow-heif is not installed.
+    """
+    width, height = _open(path).size
+    return int(height), int(width)
 
 
 def read_heif(path: Path | str) -> HeifPicture:

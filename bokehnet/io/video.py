@@ -136,9 +136,9 @@ def read_video(info: VideoInfo, first: int = 0) -> Iterator[Array]:
         yield info.space.decode(colors)
 
 
-def read_luma(info: VideoInfo) -> Iterator[Array]:
-    """Give the mean of the colours of each frame as stored, (H, W): a map of disparity, 0 to 1."""
-    for colors in _encoded(info, 0):
+def read_luma(info: VideoInfo, first: int = 0) -> Iterator[Array]:
+    """Give the mean of the colours of the frames from one on as stored, (H, W): maps of disparity, 0 to 1."""
+    for colors in _encoded(info, first):
         yield np.clip(colors.mean(2), 0, 1)
 
 

@@ -1,6 +1,6 @@
 """Depth guessed by a network."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,6 +24,7 @@ class NetworkDepth:
             a file is depth-anything-v2 unless it is given.
         threads: Threads inside the network; 0 takes all cores.
         download: Whether a named network that is not on this machine may be downloaded.
+        estimator: The network where it is open already; as :meth:`opened` has it.
 
     Examples:
         >>> source = NetworkDepth(model="depth.onnx", threads=2)  # opened when its map is asked for
@@ -42,6 +43,7 @@ class NetworkDepth:
     convention: str | Path = ""
     threads: int = 0
     download: bool = False
+    estimator: DepthEstimator | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         named = find_depth_model(self.model)
@@ -66,11 +68,22 @@ class NetworkDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
-        named = find_depth_model(self.model)
-        file = self.model if named is None else model_file(named, allowed=self.download)
-        estimator = DepthEstimator(file, find_convention(self.convention), self.threads)
+        estimator = self.estimator or self._open()
         values = estimator(photo.image)
         return DepthMap(values=values, kind=self.kind, origin=self.origin, camera=photo.camera)
+
+    def opened(self) -> "NetworkDepth":
+        """Return the same with its network open, for many pictures.
+
+        Raises:
+            BokehnetError: It cannot be opened.
+        """
+        return self if self.estimator is not None else replace(self, estimator=self._open())
+
+    def _open(self) -> DepthEstimator:
+        named = find_depth_model(self.model)
+        file = self.model if named is None else model_file(named, allowed=self.download)
+        return DepthEstimator(file, find_convention(self.convention), self.threads)
 
 
 def cached_network() -> NetworkDepth | None:

@@ -1,11 +1,8 @@
 """A video rendered: its shot looked through once, its frames in segments, what is done kept until all is."""
 
-import hashlib
-import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +10,9 @@ import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
 from bokehnet.inference.engine import Progress
-from bokehnet.inference.repair_plan import RepairPlan, common_plan
-from bokehnet.inference.steady_shot import SteadyShot
-from bokehnet.io.atomic import check_target, remove_leftovers, write_text
+from bokehnet.inference.repair_plan import RepairPlan
+from bokehnet.io.atomic import check_target
+from bokehnet.io.kept_folder import claim_folder, stamp
 from bokehnet.io.video import (
     VIDEO_EXTENSIONS,
     VideoInfo,
@@ -27,12 +24,13 @@ from bokehnet.io.video import (
     write_segment,
 )
 from bokehnet.io.window import Window
-from bokehnet.rendering.depth_source import DepthSource, RelativeDisparity, depth_source
+from bokehnet.rendering.depth_source import DepthSource, NetworkDepth, RelativeDisparity
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import Scene, fitted_map, make_scene
+from bokehnet.rendering.scene import Scene, make_scene
 from bokehnet.rendering.sequence import Pull, input_files, settings_at_frame
 from bokehnet.rendering.settings import RenderSettings
+from bokehnet.rendering.shot import Shot, decide_shot, gets_steady, open_source
 from bokehnet.version import __version__
 
 __all__ = ["VideoJob", "VideoReport"]
@@ -41,9 +39,6 @@ Array = npt.NDArray[np.float32]
 
 # Frames of a segment: what a stop loses at most.
 SEGMENT = 24
-
-# Frames, evenly over the shot, that decide about the repair of its maps.
-_PROBES = 5
 
 _MAPS = (".png", ".exr", ".tif", ".tiff", ".pfm", ".jpg", ".jpeg", ".webp")
 
@@ -102,6 +97,11 @@ class VideoJob:
     steady: bool = True
 
     @property
+    def count(self) -> int:
+        """Frames of the video."""
+        return len(self.info.times)
+
+    @property
     def folder(self) -> Path:
         """Where segments and maps are kept until all is done."""
         return self.output.with_name(f".bokehnet-video-{self.output.name}")
@@ -123,40 +123,27 @@ class VideoJob:
         Raises:
             BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
         """
-        count, folder = len(self.info.times), self.folder
+        folder, count = self.folder, self.count
         self._claim()
-        steady = self._steady_shot()
-        if steady is not None:
-            steady.make(self._maps_of_shot(), count, begin("steadying the maps"))
-        plan = self._plan(renderer, steady, begin)
+        shot = decide_shot(self, renderer, folder=folder, steady=self._gets_steady(), begin=begin)
         names = [folder / f"{first:06d}.npz" for first in range(0, count, SEGMENT)]
         missing = [index for index, name in enumerate(names) if not name.exists()]
-        report, rendered = begin("rendering frames"), 0
-        if missing:
-            scenes = self._scenes(steady, missing[0] * SEGMENT)
-            for index in range(missing[0], len(names)):
-                first, last = index * SEGMENT, min(count, (index + 1) * SEGMENT)
-                part = islice(scenes, last - first)
-                if index not in missing:
-                    for _ in part:
-                        pass
-                    continue
+        wanted = [n for part in missing for n in range(part * SEGMENT, min(count, (part + 1) * SEGMENT))]
+        report, scenes = begin("rendering frames"), self.scenes(wanted, shot)
 
-                def pictures(first: int = first, part: Iterator[Scene] = part) -> Iterator[tuple[int, Array]]:
-                    nonlocal rendered
-                    for number, scene in enumerate(part, first):
-                        report(number, count)
-                        settings = settings_at_frame(self._settings(number), number + 1, self.pull)
-                        focused = renderer.prepare(scene, settings, plan=plan)
-                        result = renderer.render(focused, settings)
-                        rendered += 1
-                        yield self.info.times[number], result.bokeh
+        def pictures(first: int) -> Iterator[tuple[int, Array]]:
+            for number in range(first, min(count, first + SEGMENT)):
+                report(number, count)
+                settings = self.settings_of(number)
+                focused = renderer.prepare(next(scenes), settings, plan=shot.plan)
+                yield self.info.times[number], renderer.render(focused, settings).bokeh
 
-                write_segment(names[index], self.info, pictures(), self.codec)
+        for part in missing:
+            write_segment(names[part], self.info, pictures(part * SEGMENT), self.codec)
         report(count, count)
         join_segments(self.output, self.info, names, self.codec)
         shutil.rmtree(folder, ignore_errors=True)
-        return VideoReport(frames=count, rendered=rendered, plan=plan, steady=steady is not None)
+        return VideoReport(frames=count, rendered=len(wanted), plan=shot.plan, steady=shot.steady is not None)
 
     def check(self) -> None:
         """Raise unless the settings fit together and the result can be written; no frame is read."""
@@ -176,118 +163,89 @@ class VideoJob:
             )
         if self.output.resolve() == self.info.path.resolve():
             raise ParameterError("--output", expected="another file than the video", shown=str(self.output))
-        for index in (0, len(self.info.times) - 1):
-            settings = settings_at_frame(self._settings(index), index + 1, self.pull)
+        for index in (0, self.count - 1):
+            settings = self.settings_of(index)
             if settings.input.disparity is None or not is_video(settings.input.disparity):
                 check_focus(settings)
 
     def _claim(self) -> None:
         """Make the folder, empty unless it is of this very job."""
-        state = self.info.path.stat()
         told = {
             "settings": self.settings.to_table(),
-            "video": [str(self.info.path.resolve()), state.st_size, state.st_mtime_ns],
+            "video": stamp(self.info.path),
             "codec": self.codec,
             "pull": {name: [list(key) for key in keys] for name, keys in self.pull.keys.items()},
             "steady": self.steady,
             "version": __version__,
-            "maps": [[str(path), path.stat().st_size, path.stat().st_mtime_ns] for path in self._map_files()],
+            "maps": [stamp(path) for path in self._map_files()],
         }
-        digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
-        mark = self.folder / "job.txt"
-        if mark.exists() and mark.read_text(encoding="utf-8") == digest:
-            remove_leftovers(self.folder)
-            return
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir(parents=True)
-        write_text(mark, digest)
+        claim_folder(self.folder, told)
 
     def _map_files(self) -> list[Path]:
         """The files that tell the depth, of all frames."""
         given = self.settings.input.disparity
         if given is not None and given.is_dir():
-            return _maps_in(given, len(self.info.times))
-        numbers = range(1, len(self.info.times) + 1)
-        files = [path for n in numbers for path in input_files(settings_at_frame(self.settings, n)).values()]
+            return _maps_in(given, self.count)
+        frames = (settings_at_frame(self.settings, n) for n in range(1, self.count + 1))
+        files = [path for one in frames for path in input_files(one).values()]
         return [path for path in dict.fromkeys(files) if path.exists()]
 
-    def _settings(self, index: int) -> RenderSettings:
+    def settings_of(self, index: int) -> RenderSettings:
+        """Return all that is asked for of a frame, counted from 0."""
+        return settings_at_frame(self._unpulled(index), index + 1, self.pull)
+
+    def scenes(self, wanted: Sequence[int], shot: Shot) -> Iterator[Scene]:
+        """Give those frames, rising, with the steady maps of ``shot``; see :class:`ShotFrames`."""
+        if not wanted:
+            return
+        window = Window.whole(self.info.width, self.info.height)
+        picked, first = set(wanted), wanted[0]
+        lumas = None if shot.steady is not None else self._lumas(first)
+        network: DepthSource | None = None
+        for index, image in enumerate(read_video(self.info, first), first):
+            luma = None if lumas is None else next(lumas)
+            if index not in picked:
+                continue
+            settings = settings_at_frame(self._unpulled(index), index + 1)
+            source = shot.source(index, settings) or network
+            if luma is not None:
+                reading = settings.depth
+                source = RelativeDisparity(
+                    map=luma, invert=reading.invert, value_range=reading.value_range, as_stored=True
+                )
+            elif source is None:
+                source = open_source(settings)
+                network = source if isinstance(source, NetworkDepth) else None
+            yield make_scene(image, source, window=window, number=index + 1)
+
+    def _unpulled(self, index: int) -> RenderSettings:
         """The settings of a frame, without what is pulled."""
         given = self.settings.input.disparity
         if given is None or not given.is_dir():
             return self.settings
-        one = replace(self.settings.input, disparity=_maps_in(given, len(self.info.times))[index])
-        return replace(self.settings, input=one, depth=replace(self.settings.depth, as_stored=True))
+        one = replace(self.settings.input, disparity=_maps_in(given, self.count)[index])
+        depth = replace(self.settings.depth, as_stored=True)
+        return replace(self.settings, input=one, depth=depth)
 
-    def _sources(self, first: int) -> Iterator[DepthSource]:
-        """What tells the depth of each frame from one on."""
-        given, reading = self.settings.input.disparity, self.settings.depth
-        if given is not None and is_video(given):
-            info = video_info(given)
-            if len(info.times) != len(self.info.times):
-                raise ParameterError(
-                    "input.disparity",
-                    expected=f"as many frames as {self.info.path} has, {len(self.info.times)}",
-                    shown=f"{len(info.times)} in {given}",
-                )
-            for values in islice(read_luma(info), first, None):
-                yield RelativeDisparity(
-                    map=values, invert=reading.invert, value_range=reading.value_range, as_stored=True
-                )
-            return
-        for index in range(first, len(self.info.times)):
-            yield depth_source(settings_at_frame(self._settings(index), index + 1))
+    def _lumas(self, first: int) -> Iterator[Array] | None:
+        """Maps of a video of depth, from a frame on; None where there is no such video."""
+        given = self.settings.input.disparity
+        if given is None or not is_video(given):
+            return None
+        info = video_info(given)
+        if len(info.times) != self.count:
+            raise ParameterError(
+                "input.disparity",
+                expected=f"as many frames as {self.info.path} has, {self.count}",
+                shown=f"{len(info.times)} in {given}",
+            )
+        return read_luma(info, first)
 
-    def _raw_scenes(self, first: int) -> Iterator[Scene]:
-        window = Window.whole(self.info.width, self.info.height)
-        pairs = zip(read_video(self.info, first), self._sources(first), strict=True)
-        for number, (image, source) in enumerate(pairs, first + 1):
-            yield make_scene(image, source, window=window, number=number)
-
-    def _scenes(self, steady: SteadyShot | None, first: int) -> Iterator[Scene]:
-        for index, scene in enumerate(self._raw_scenes(first), first):
-            if steady is None:
-                yield scene
-            else:
-                depth = replace(scene.depth, values=steady.read(index), filtered=None)
-                yield replace(scene, depth=depth)
-
-    def _steady_shot(self) -> SteadyShot | None:
-        """Where steady maps are kept; None where maps are exact, one for all frames, or not to be touched."""
+    def _gets_steady(self) -> bool:
         given = self.settings.input
         many = given.depth_model is not None or len(self._map_files()) > 1
         many = many or (given.disparity is not None and is_video(given.disparity))
-        relative = given.disparity is not None or given.depth_model is not None
-        return SteadyShot(self.folder / "maps") if self.steady and relative and many else None
-
-    def _maps_of_shot(self) -> Iterator[tuple[Array, Array]]:
-        for scene in self._raw_scenes(0):
-            yield scene.image, fitted_map(scene, self.settings.depth)
-
-    def _plan(
-        self, renderer: BokehRenderer, steady: SteadyShot | None, begin: Callable[[str], Progress]
-    ) -> RepairPlan | None:
-        """What is decided about the repair of maps, once; it is kept beside the segments."""
-        if self.settings.depth.repair != "auto":
-            return None
-        kept, count = self.folder / "repair.json", len(self.info.times)
-        if kept.exists():
-            found = json.loads(kept.read_text(encoding="utf-8"))
-            return None if found is None else RepairPlan(**found)
-        probes = {round(share * (count - 1)) for share in np.linspace(0, 1, _PROBES)}
-        plans, report = [], begin("looking at the shot")
-        for index, scene in enumerate(self._scenes(steady, 0)):
-            if index in probes:
-                settings = settings_at_frame(self._settings(index), index + 1, self.pull)
-                found = renderer.prepare(scene, settings).repair_plan
-                plans += [] if found is None else [found]
-            report(index + 1, count)
-        plan = common_plan(plans) if plans else None
-        told = None
-        if plan is not None:
-            told = {"repaired": plan.repaired, "softness": plan.softness, "shift": plan.shift}
-        write_text(kept, json.dumps(told))
-        return plan
+        return self.steady and gets_steady(self.settings, many=many)
 
 
 def _maps_in(folder: Path, count: int) -> list[Path]:

@@ -91,7 +91,8 @@ class Pool:
                 except Exception:  # a bug, or a full disk: the job is tried again, the worker goes on
                     _log.exception("job %s", claim.job)
                     worker.end()
-                    self._store.release(claim)
+                    with contextlib.suppress(OSError):  # else its claim grows old
+                        self._store.release(claim)
                     time.sleep(_LOOK)
                 finally:
                     with self._work:

@@ -111,13 +111,12 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
 
 
 def _size(path: Path) -> tuple[int, int]:
-    """Height and width of a picture or a map, by its header; HEIC, which has its own bounds, is decoded."""
-    from bokehnet.io.heif import is_heif, read_heif
+    """Height and width of a picture or a map, by its header."""
+    from bokehnet.io.heif import heif_size, is_heif
     from bokehnet.io.pixels import ImageFile
 
     if is_heif(path):
-        height, width = read_heif(path).image.shape[:2]
-        return height, width
+        return heif_size(path)
     with ImageFile(path) as file:
         return max(((part.height, part.width) for part in file.parts), key=math.prod)
 

@@ -81,9 +81,7 @@ class Helper:
             number = self._wanted.value = self._number
             try:
                 self._pipe.send((number, task, arguments))
-                return self._answer(
-                    number, progress, cancel, None if seconds is None else monotonic() + seconds
-                )
+                return self._answer(number, progress, cancel, seconds)
             except BokehnetError:  # some of them are OSError, too
                 raise
             except (EOFError, OSError) as error:
@@ -96,17 +94,18 @@ class Helper:
             self._turn.release()
 
     def _answer(
-        self, number: int, progress: Progress | None, cancel: CancelSignal | None, end: float | None
+        self, number: int, progress: Progress | None, cancel: CancelSignal | None, seconds: float | None
     ) -> Any:
+        begun = monotonic()
         while True:
             if cancel is not None and cancel.is_set():
                 self._wanted.value = 0
                 raise RenderCancelled("rendering was cancelled")
-            if end is not None and monotonic() > end:
+            if seconds is not None and monotonic() > begun + seconds:
                 self._process.kill()
                 self._process.join()
                 self._process = None
-                raise BokehnetError("expected this to be done within a minute; it was ended")
+                raise BokehnetError(f"expected this to be done within {seconds:g} s; it was ended")
             if not self._pipe.poll(_LOOK):
                 continue
             of, kind, value = self._pipe.recv()

@@ -1,11 +1,10 @@
 """Work for a Ray cluster: every scene is a task, and a task whose worker dies is done again elsewhere."""
 
-import collections
 import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from bokehnet.cluster import connected
+from bokehnet.cluster import connected, in_order
 from bokehnet.errors import BokehnetError
 
 __all__ = ["render_on_cluster"]
@@ -40,21 +39,9 @@ def render_on_cluster(
 
 def _in_order(ray: Any, make: Callable[[int], bytes], indices: list[int], most: int) -> Iterator[bytes]:
     """Results in order, with at most so many tasks under way."""
-    task = ray.remote(num_cpus=1, max_retries=-1)(_call)
-    waiting: collections.deque[Any] = collections.deque()
-    left = iter(indices)
-    while True:
-        while len(waiting) < most and (index := next(left, None)) is not None:
-            waiting.append(task.remote(make, index))
-        if not waiting:
-            return
-        try:
-            yield ray.get(waiting.popleft())
-        except ray.exceptions.RayTaskError as error:
-            if isinstance(error.cause, BokehnetError):
-                raise error.cause from None
-            raise
-
-
-def _call(make: Callable[[int], bytes], index: int) -> bytes:
-    return make(index)
+    try:
+        yield from in_order(ray, make, indices, most)
+    except ray.exceptions.RayTaskError as error:
+        if isinstance(error.cause, BokehnetError):
+            raise error.cause from None
+        raise

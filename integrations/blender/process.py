@@ -14,8 +14,6 @@ from .camera import HostError
 
 __all__ = ["WarmProcess"]
 
-_WAITING = 0.1  # seconds between two looks at whether it is still wanted
-
 
 class WarmProcess:
     """Renders files; started with the first one, used again until it is ended.
@@ -36,7 +34,6 @@ class WarmProcess:
         settings: dict[str, dict[str, object]],
         output: Path,
         report: Callable[[float], None] = lambda share: None,
-        wanted: Callable[[], bool] = lambda: True,
     ) -> dict[str, Any]:
         """Render one file and return what was decided.
 
@@ -45,7 +42,6 @@ class WarmProcess:
             settings: Groups and fields.
             output: Where the result goes.
             report: Is told the share that is done, 0 to 1.
-            wanted: Asked now and then; once it says no, rendering is cancelled.
 
         Raises:
             HostError: It cannot be rendered, or the process died.
@@ -56,11 +52,10 @@ class WarmProcess:
         self._send({"id": self._number, "settings": settings, **files})
         while True:
             try:
-                answer = self._answers.get(timeout=_WAITING)
-            except queue.Empty:
-                if not wanted():
-                    self._send({"cancel": self._number})
-                continue
+                answer = self._answers.get()
+            except KeyboardInterrupt:  # Ctrl-C where Blender runs without a window
+                self._send({"cancel": self._number})
+                raise
             if answer is None:
                 code = self._process.wait() if self._process else None
                 self._process = None

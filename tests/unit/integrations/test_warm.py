@@ -1,8 +1,11 @@
 """The warm renderer behind a pipe. Authority: the renderer itself, called with the same scene."""
 
+import io
 import json
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 
 from bokehnet import BokehRenderer, DefocusMap, MetricDepth, RenderSettings, make_scene, read_image
 from bokehnet.integrations.shared_pixels import SharedPixels
+from bokehnet.integrations.warm import WarmRenderer
 from bokehnet.io.channels import read_channels, write_channels
 from bokehnet.io.image import write_map
 
@@ -154,6 +158,30 @@ def test_what_is_wrong_is_told_by_field_and_the_next_request_is_answered(
 def test_a_line_that_is_no_request_is_told(warm):
     warm.say("nonsense")
     assert "expected a JSON object" in warm.answer()["error"]["message"]
+
+
+def test_a_cancel_that_comes_late_is_not_for_the_next_request(warm, picture, tmp_path):
+    told = lay_out(tmp_path / "shared", *picture)
+    assert "result" in warm.ask(id=10, pixels=told, settings=LENS)
+    warm.say(json.dumps({"cancel": 10}))
+    assert "result" in warm.ask(id=10, pixels=told, settings=LENS)
+
+
+def test_lines_of_two_threads_are_whole():
+    class Slow(io.StringIO):
+        def write(self, text):
+            for part in (text[: len(text) // 2], text[len(text) // 2 :]):
+                super().write(part)
+                time.sleep(0.001)
+
+    answers = Slow()
+    warm = WarmRenderer(answers)
+    threads = [threading.Thread(target=warm._say, args=({"id": i, "x": "y" * 50},)) for i in range(20)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(json.loads(line)["id"] for line in answers.getvalue().splitlines()) == list(range(20))
 
 
 def test_a_request_that_waits_is_cancelled(warm, picture, tmp_path):

@@ -8,6 +8,8 @@ import pytest
 
 from bokehnet.cli.app import run
 from bokehnet.errors import BokehnetError
+from bokehnet.inference.monocular import DepthEstimator
+from bokehnet.inference.steady_shot import SteadyShot
 from bokehnet.io.image import write_map
 from bokehnet.io.video import join_segments, read_video, video_info, write_segment
 from bokehnet.rendering import video as video_module
@@ -195,6 +197,128 @@ def test_maps_of_a_folder_are_taken_by_name_and_made_steady(tmp_path, capsys):
     assert run([*words[:3], str(tmp_path / "less.mp4"), *words[4:]]) == 1
     assert "a map for each of 4 frames, got 3 in" in capsys.readouterr().err
     assert not (tmp_path / "less.mp4").exists()
+
+
+def write_video(path, frames):
+    """A video without loss but rounding, of pictures (H, W, 3) or maps (H, W) of 8 bits."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=24)
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt, context = "yuv444p", stream.codec_context
+        context.color_range = context.color_primaries = context.color_trc = context.colorspace = 1
+        for values in frames:
+            colors = values if values.ndim == 3 else np.repeat(values[..., None], 3, 2)
+            one = av.VideoFrame.from_ndarray(np.ascontiguousarray(colors), "rgb24")
+            container.mux(stream.encode(one.reformat(format="yuv444p", dst_colorspace="ITU709")))
+        container.mux(stream.encode(None))
+
+
+def two_shots(count=4):
+    """A clip that is cut in its middle, and its depth with noise: values (count, H, W), 8 bits."""
+    rng = np.random.default_rng(3)
+    texture = rng.integers(0, 60, (64, 96, 1)).astype(np.uint8)
+    pictures = [np.repeat(texture + (20 if t < count // 2 else 150), 3, 2) for t in range(count)]
+    right, below = np.arange(96) >= 48, np.arange(64)[:, None] >= 32
+    near = [np.broadcast_to(right if t < count // 2 else below, (64, 96)) for t in range(count)]
+    maps = [np.where(one, 200, 50) + rng.integers(-4, 5, (64, 96)) for one in near]
+    return pictures, [one.astype(np.uint8) for one in maps], near
+
+
+SEEN = ["--blur", "8", "--focus", "0.5", "--engine", "scatter", "--repair-disparity", "off"]
+
+
+def test_a_video_of_depth_is_disparity_as_it_is_stored(tmp_path):
+    """Authority: the same maps as files, 8 bits of one channel, in a folder."""
+    pictures, maps, _ = two_shots(5)
+    write_video(tmp_path / "clip.mkv", pictures)
+    write_video(tmp_path / "depth.mkv", maps)
+    (tmp_path / "maps").mkdir()
+    for number, values in enumerate(maps):
+        write_map(tmp_path / "maps" / f"{number}.png", (values / 255).astype(np.float32))
+    for depth, output in (("depth.mkv", "video.mkv"), ("maps", "folder.mkv")):
+        words = ["render", str(tmp_path / "clip.mkv"), "--disparity", str(tmp_path / depth), *SEEN]
+        assert run([*words, "--steady", "off", "-o", str(tmp_path / output)]) == 0
+    found, wanted = (list(read_video(video_info(tmp_path / name))) for name in ("video.mkv", "folder.mkv"))
+    assert len(found) == len(wanted) == 5
+    np.testing.assert_allclose(found, wanted, atol=0.02)  # 219 levels of 255
+
+
+def test_a_video_of_depth_is_made_steady_and_a_cut_ends_a_shot(tmp_path, monkeypatch):
+    """Authority: the depth without its noise, which is another one before and after the cut."""
+    pictures, maps, near = two_shots(12)
+    write_video(tmp_path / "clip.mkv", pictures)
+    write_video(tmp_path / "depth.mkv", maps)
+    words = ["render", str(tmp_path / "clip.mkv"), "--disparity", str(tmp_path / "depth.mkv"), *SEEN]
+    kept = {}
+
+    def keep(path, *given, **options):
+        steady = SteadyShot(path / "maps")
+        if steady.is_done:
+            kept.update({t: steady.read(t) for t in range(12)})
+
+    monkeypatch.setattr(video_module.shutil, "rmtree", keep)
+    assert run([*words, "-o", str(tmp_path / "out.mkv")]) == 0
+    truth = [np.where(one, 200, 50) / 255 for one in near]
+    before = np.std([values / 255 - right for values, right in zip(maps, truth, strict=True)])
+    for t in range(12):
+        away = kept[t] - truth[t]
+        assert away.std() < 0.6 * before  # six draws, not twelve
+        assert np.abs(away).max() < 4.5 / 255  # nothing of the other shot
+    assert np.std([kept[t + 1] - kept[t] for t in (*range(5), *range(6, 11))]) < 0.2 * before
+
+
+def test_a_video_of_depth_of_another_length_is_told(tmp_path, capsys):
+    pictures, maps, _ = two_shots(4)
+    write_video(tmp_path / "clip.mkv", pictures)
+    write_video(tmp_path / "depth.mkv", maps[:3])
+    words = ["render", str(tmp_path / "clip.mkv"), "--disparity", str(tmp_path / "depth.mkv"), *SEEN]
+    for steady in ("on", "off"):
+        assert run([*words, "--steady", steady, "-o", str(tmp_path / "out.mkv")]) == 1
+        assert "as many frames as" in capsys.readouterr().err
+    assert not (tmp_path / "out.mkv").exists()
+
+
+def write_network(path):
+    """A depth network whose disparity is its picture's red."""
+    onnx = pytest.importorskip("onnx", reason="makes networks with the extra train")
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    ends = [onnx.numpy_helper.from_array(np.array([n], np.int64), f"n{n}") for n in (0, 1)]
+    graph = helper.make_graph(
+        [helper.make_node("Slice", ["image", "n0", "n1", "n1"], ["depth"])],
+        "red",
+        [helper.make_tensor_value_info("image", kind, (1, 3, "h", "w"))],
+        [helper.make_tensor_value_info("depth", kind, None)],
+        ends,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    path.write_bytes(model.SerializeToString())
+
+
+@pytest.mark.parametrize("steady", ["on", "off"])
+def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monkeypatch, steady):
+    """Authority: the same clip with red as a video of depth. The network is asked once a frame if steady."""
+    pytest.importorskip("onnx", reason="makes networks with the extra train")
+    rng = np.random.default_rng(0)
+    red = np.broadcast_to(np.where(np.arange(96) < 40, 0, 255), (64, 96)).astype(np.uint8)
+    rest = rng.integers(0, 255, (64, 96)).astype(np.uint8)
+    pictures = [np.stack([red, rest, rest], 2) for _ in range(5)]
+    write_video(tmp_path / "clip.mkv", pictures)
+    write_video(tmp_path / "depth.mkv", [red] * 5)
+    write_network(tmp_path / "red.onnx")
+    opened, asked = [], []
+    make, look = DepthEstimator.__init__, DepthEstimator.__call__
+    monkeypatch.setattr(DepthEstimator, "__init__", lambda *x, **y: (opened.append(1), make(*x, **y))[1])
+    monkeypatch.setattr(DepthEstimator, "__call__", lambda *x: (asked.append(1), look(*x))[1])
+    words = ["render", str(tmp_path / "clip.mkv"), *SEEN, "--steady", steady]
+    model = ["--depth-model", str(tmp_path / "red.onnx"), "--depth-convention", str(tmp_path / "own.toml")]
+    (tmp_path / "own.toml").write_text('size = 96\nfit = "stretch"\noutput = "disparity"\n')
+    assert run([*words, *model, "-o", str(tmp_path / "model.mkv")]) == 0
+    assert (len(opened), len(asked)) == (1, 5)
+    assert run([*words, "--disparity", str(tmp_path / "depth.mkv"), "-o", str(tmp_path / "red.mkv")]) == 0
+    found, wanted = (list(read_video(video_info(tmp_path / name))) for name in ("model.mkv", "red.mkv"))
+    assert len(found) == 5
+    away = np.abs(np.subtract(found, wanted))
+    assert away.mean() < 0.005  # half a level of 219 moves blur by 0.02 pixels
 
 
 @pytest.mark.parametrize(
