@@ -7,7 +7,8 @@ import typer
 __all__ = ["warm_up"]
 
 # Settings whose kernels differ: one for each thing that a lens, an opening or an engine may add.
-_PLAIN: tuple[dict[str, Any], ...] = ({}, {"engine": {"name": "hybrid"}}, {"engine": {"name": "fast"}})
+_NEURAL = ("hybrid", "fast", "neural")
+_PLAIN: tuple[dict[str, Any], ...] = ({}, *({"engine": {"name": name}} for name in _NEURAL))
 _LOOKS: tuple[dict[str, Any], ...] = (
     {"aperture": {"blades": 6}},
     {"aperture": {"blades": 6, "cats_eye": 0.5}},

@@ -16,7 +16,7 @@ from tests.conftest import ROOT
 from train.metrics import compare, mean_scores
 
 # Least gain over the classical render that each engine's networks correct, dB.
-GAIN = {"hybrid": 0.1, "fast": 1.0}
+GAIN = {"hybrid": 0.1, "fast": 1.0, "neural": 1.0}
 
 HELD_OUT = {"seed": 77, "width": 160, "height": 160, "views": 2, "defocus": [4.0, 14.0]}
 
@@ -29,7 +29,7 @@ def samples():
     return [make_sample(config, index) for index in range(3)]
 
 
-@pytest.fixture(scope="module", params=["hybrid", "fast"])
+@pytest.fixture(scope="module", params=["hybrid", "fast", "neural"])
 def renders(request, samples):
     """Engine, and (true defocus, truth, result) of each of their views."""
     renderer = BokehRenderer(request.param)
@@ -65,10 +65,11 @@ def test_away_from_edges_they_change_nothing_bit_for_bit(renders):
 def test_the_package_stays_small():
     sizes = {
         name: sum(f.stat().st_size for f in (WEIGHTS / name).iterdir())
-        for name in ("hybrid", "repair", "fast")
+        for name in ("hybrid", "repair", "fast", "neural", "error")
     }
     assert sizes["hybrid"] + sizes["repair"] < 12e6
-    assert sizes["fast"] < 6e6
+    assert max(sizes["fast"], sizes["neural"]) < 6e6
+    assert sizes["error"] < 1e6
     assert (WEIGHTS / "MODEL_CARD.md").is_file()
 
 
@@ -99,10 +100,11 @@ def test_engines_on_an_independent_renderer(shared):
     from benchmarks.quality import score
 
     folder = shared("cycles/s1_still_life/scene.json").parent
-    names = ("scatter", "fast", "rays", "hybrid")
+    names = ("scatter", "fast", "neural", "rays", "hybrid")
     rows = score(read_shots(folder), {name: whole_engine(name) for name in names})
     scores = {name: mean_scores([row[name] for row in rows]) for name in names}
     assert scores["fast"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 1
+    assert scores["neural"]["edge_psnr"] > scores["fast"]["edge_psnr"]
     assert scores["rays"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 4
     assert scores["hybrid"]["edge_psnr"] > scores["rays"]["edge_psnr"] - 0.2
     assert min(row["rays"]["psnr"] - row["scatter"]["psnr"] for row in rows) > -0.2
