@@ -6,10 +6,10 @@ from numba import prange
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["LIGHT_CONTRAST", "are_lights", "light_limit"]
+__all__ = ["are_lights", "light_limit"]
 
 # A light is this many times as bright as its surroundings.
-LIGHT_CONTRAST = 4.0
+_CONTRAST = 4.0
 
 # Smallest half-width of the surroundings, pixels.
 _SMALLEST_REACH = 8
@@ -84,10 +84,10 @@ def light_limit(image: np.ndarray, reach: int) -> np.ndarray:
     cell = max(_SMALLEST_REACH, reach) // 4
     cells = tuple(-(-size // cell) for size in image.shape[:2])
     means = _means_around(image, cell, np.full(cells, np.inf))
-    means = _means_around(image, cell, LIGHT_CONTRAST * means)
+    means = _means_around(image, cell, _CONTRAST * means)
     limit = np.empty(image.shape[:2], np.float32)
     with parallel_region:
-        _spread((LIGHT_CONTRAST * means).astype(np.float32), cell, limit)
+        _spread((_CONTRAST * means).astype(np.float32), cell, limit)
     return limit
 
 

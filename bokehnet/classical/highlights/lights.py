@@ -17,7 +17,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.base import Place
-from bokehnet.classical.highlight_detection import LIGHT_CONTRAST, light_limit
+from bokehnet.classical.highlight_detection import light_limit
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
 from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
 from bokehnet.classical.highlights.psf_splatting import splat_psf_images
@@ -33,9 +33,6 @@ __all__ = ["add_lights", "separate_lights"]
 
 # Sharper lights stay in the picture; from this radius to one pixel more they leave it by and by.
 _SMALLEST_RADIUS = 3.0
-
-# Part of the limit that the brightest lights leave in the picture: as bright as their surroundings.
-_LEFT = 1 / LIGHT_CONTRAST
 
 # At most this share of the pixels are lights, the brightest ones, so that their discs stay affordable.
 _MOST = 1 / 20
@@ -67,11 +64,10 @@ def separate_lights(
 ) -> tuple[Layers, np.ndarray]:
     """Part layers into lights and the rest.
 
-    A light is what a pixel has above the limit of its window. At the limit all of it stays in the picture,
-    above it the less the brighter it is, down to what its surroundings are: rays find what stays by chance.
-    So a light that fades goes over into the picture without a step, whichever way the limit moves. Where
-    nearer layers cover a part of its pixel, only the share that they leave is its light; where they cover
-    all, it stays in its layer.
+    A light is what a pixel has above the limit of its window; the limit's worth stays in the picture. So a
+    light that fades goes over into the picture without a step, whichever way the limit moves. Where nearer
+    layers cover a part of its pixel, only the share that they leave is its light; where they cover all, it
+    stays in its layer.
 
     Args:
         layers: As split from a picture, or true ones.
@@ -98,8 +94,7 @@ def separate_lights(
         y, x = np.nonzero(found[layer])
         amount = (1.0 - layers.coverage[y, x, :layer]).prod(-1) * layers.coverage[y, x, layer]
         brightness = layers.colors[y, x, layer].max(-1)
-        over = limit[y, x] / brightness
-        excess = 1.0 - over * np.maximum(over, _LEFT)
+        excess = 1.0 - limit[y, x] / brightness
         bound = int(_MOST * limit.size)
         if len(y) > bound:
             value = amount * excess * brightness
