@@ -64,7 +64,7 @@ def as_they_end(
         tasks: Name and argument of each.
         most: How many are under way at the most.
     """
-    remote = ray.remote(num_cpus=1, max_retries=-1)(work)
+    remote = _remote(ray, work)
     left, running = iter(tasks), dict[Any, Any]()
     try:
         while True:
@@ -84,7 +84,7 @@ def in_order(
     ray: Any, work: Callable[[Given], Answer], arguments: Iterable[Given], most: int
 ) -> Generator[Answer, None, None]:
     """Give what tasks came to in their order, with at most so many under way; else as :func:`as_they_end`."""
-    remote = ray.remote(num_cpus=1, max_retries=-1)(work)
+    remote = _remote(ray, work)
     left, running = iter(arguments), collections.deque[Any]()
     try:
         while True:
@@ -96,6 +96,15 @@ def in_order(
     finally:
         for found in running:
             ray.cancel(found, force=True)
+
+
+def _remote(ray: Any, work: Callable[[Given], Answer]) -> Any:
+    """A task of it. Ray takes functions alone, and no partial ones."""
+
+    def run(argument: Given) -> Answer:
+        return work(argument)
+
+    return ray.remote(num_cpus=1, max_retries=-1)(run)
 
 
 def _knock(address: str) -> None:

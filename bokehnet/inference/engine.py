@@ -174,9 +174,9 @@ class Engine:
         self._networks = (
             load_networks(weights or WEIGHTS / name, threads, providers, session_options) if neural else None
         )
-        self._classical_name = self._networks.classical if self._networks else name
+        self.classical_name = self._networks.classical if self._networks else name
         baseline = name in BASELINES
-        self._classical = baseline_renderer(name) if baseline else make_classical(self._classical_name)
+        self._classical = baseline_renderer(name) if baseline else make_classical(self.classical_name)
 
     def render(
         self,
@@ -257,7 +257,7 @@ class Engine:
                 "gamma",
                 f"1, all that the networks of {self.name} know",
                 gamma,
-                f"use the engine `{self._classical_name}`",
+                f"use the engine `{self.classical_name}`",
             )
         check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
@@ -277,7 +277,7 @@ class Engine:
             layers=layers,
         )
         if expected_error:
-            check_expects_error(self._classical_name, lens.lens_response, gamma, self.name)
+            check_expects_error(self.classical_name, lens.lens_response, gamma, self.name)
         strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = (
             progress or _ignore,
@@ -313,15 +313,15 @@ class Engine:
         height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
         crossed = None
-        if self._classical_name == "rays":
+        if self.classical_name == "rays":
             crossed = ray_reach(lens.lens_response, lens.place, max_coc_radius)
         if memory is None:
             reach = max(max_coc_radius, crossed or 0)
-            if not worth_cutting(height, width, reach, self._classical_name):
+            if not worth_cutting(height, width, reach, self.classical_name):
                 return [None]
             memory, taken = WORKING_MEMORY, 0
         strips: list[Strip | None] = [
-            *cut_strips(height, width, max_coc_radius, self._classical_name, memory, taken, crossed)
+            *cut_strips(height, width, max_coc_radius, self.classical_name, memory, taken, crossed)
         ]
         if len(strips) <= 1:
             return [None]

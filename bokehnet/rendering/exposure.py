@@ -112,7 +112,7 @@ def expose(
             overwrite=overwrite,
             known=known,
             layers=scene.layers,
-            expected_error=_expects_error(settings, engine.name, lens_response),
+            expected_error=_expects_error(settings, engine, lens_response),
         )
     factor = scene.supersampled
     if factor > 1:
@@ -151,13 +151,13 @@ def expose(
     )
 
 
-def _expects_error(settings: RenderSettings, engine: str, lens_response: LensResponse) -> bool:
+def _expects_error(settings: RenderSettings, engine: Engine, lens_response: LensResponse) -> bool:
     """Whether errors are to be expected: asked for, or beside other maps where that can be."""
     output = settings.output
     if output.expected_error is not None:
         return output.expected_error == "on"
     plain = lens_response.is_plain and settings.highlights.gamma == 1
-    return output.save_maps is not None and engine in RAY_ENGINES and plain
+    return output.save_maps is not None and engine.classical_name == "rays" and plain
 
 
 def leaning(settings: RenderSettings) -> dict[str, str]:

@@ -93,7 +93,7 @@ def _march(  # type: ignore[no-untyped-def]
     counts,
     sums,
 ):
-    """Send rays ``before`` to ``counts`` of each pixel, by tile and row, and add them to the means ``sums``.
+    """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
 
     Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.ray_accumulators`.
     """
@@ -123,16 +123,15 @@ def _march(  # type: ignore[no-untyped-def]
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         for tile_column in range(bins.bits.shape[1]):
-            asked = counts[tile_row - top, tile_column]
-            if max(asked[0], asked[1]) <= before:
+            sent = counts[tile_row - top, tile_column]
+            if sent <= before:
                 continue
             smooth = bins.smooth[tile_row, tile_column]
             size = (height, width, cells.shape[2])
             count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
             for y in range(tile_row * TILE, min(last, (tile_row + 1) * TILE)):
-                sent = asked[y % 2]
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
-                    if not rays_mask[y, x] or sent <= before:
+                    if not rays_mask[y, x]:
                         continue
                     hashed = _scramble(x, y + above, seed)
                     chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
@@ -273,7 +272,7 @@ def march(
             sums[: new - first] = kept[len(kept) - (new - first) :]
             if last > new:
                 fresh, rows = sums[new - first :], slice(new, last)
-                counts = np.full((-(-(last - new) // TILE), -(-width // TILE), 2), FIRST_RAYS)
+                counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
                 _march(*arrays, *how, new, 0, counts, fresh)
                 found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
                 _march(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)

@@ -6,14 +6,9 @@ would be, as the eye sees it, after blurred surfaces are averaged
 (:mod:`bokehnet.classical.layered.ray_averages`). A given number of rays leaves the least noise in all where
 each pixel's number grows with the root of its variance.
 
-A pixel's own first rays must not decide how many follow: those that found a small bright light would be
-diluted by many more, those that missed it would stand, and the light would lose energy. So rows of even
-number are told by those of odd number between them, and the reverse.
-
 Source: Mitchell, "Generating antialiased images at low sampling densities", SIGGRAPH 1987, for more samples
-where the first ones differ; Kirk and Arvo, "Unbiased sampling techniques for image synthesis", SIGGRAPH 1991,
-for the bias of samples that decide on their own number; Neyman, "On the two different aspects of the
-representative method", 1934, for how many.
+where the first ones differ; Neyman, "On the two different aspects of the representative method", 1934, for
+how many.
 """
 
 import math
@@ -66,16 +61,15 @@ class FirstPass(NamedTuple):
     most: int
 
 
-# Takes what is known, gives the rays that each pixel of a tile sends in all, in its even and in its odd rows,
-# (rows, columns, 2) int64: powers of two from ``FIRST_RAYS`` to ``most``. It must not depend on what lies
-# beyond the tile.
+# Takes what is known, gives the rays that each pixel of a tile sends in all, (rows, columns) int64: powers of
+# two from ``FIRST_RAYS`` to ``most``. It must not depend on what lies beyond the tile.
 SampleCounts = Callable[[FirstPass], np.ndarray]
 
 
 def counts_by_variance(known: FirstPass) -> np.ndarray:
     """Rays by the noise of the first ones; see ``SampleCounts``."""
     rows, width = known.rays_mask.shape
-    counts = np.empty((-(-rows // TILE), -(-width // TILE), 2), np.int64)
+    counts = np.empty((-(-rows // TILE), -(-width // TILE)), np.int64)
     _count(known.sums, known.rays_mask, known.cells, known.usual, known.most, _NOISE, counts)
     return counts
 
@@ -87,11 +81,11 @@ def _srgb_slope(light):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _tile_means(sums, rays_mask, top, step, left, means):  # type: ignore[no-untyped-def]
-    """Fill ``means`` (GROUPS, numbers) with the sums over rows of a tile; return the number of pixels."""
+def _tile_means(sums, rays_mask, top, left, means):  # type: ignore[no-untyped-def]
+    """Fill ``means`` (GROUPS, numbers) with the sums over a tile; return the number of pixels."""
     pixels = 0
     means[:] = 0.0
-    for y in range(top, min(sums.shape[0], top // TILE * TILE + TILE), step):
+    for y in range(top, min(sums.shape[0], top + TILE)):
         for x in range(left, min(sums.shape[1], left + TILE)):
             if rays_mask[y, x]:
                 pixels += 1
@@ -102,7 +96,7 @@ def _tile_means(sums, rays_mask, top, step, left, means):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _blurred_noise(sums, rays_mask, top, step, left, colors, slopes):  # type: ignore[no-untyped-def]
+def _blurred_noise(sums, rays_mask, top, left, colors, slopes):  # type: ignore[no-untyped-def]
     """Variance that the first rays leave in the light of blurred surfaces; and from how many it is told.
 
     Blurred light runs in straight lines over three pixels, so what it does not is noise: of independent
@@ -110,7 +104,7 @@ def _blurred_noise(sums, rays_mask, top, step, left, colors, slopes):  # type: i
     """
     own = 1 if sums.shape[3] == COLORED else 0
     total, found = 0.0, 0
-    for y in range(top, min(sums.shape[0], top // TILE * TILE + TILE), step):
+    for y in range(top, min(sums.shape[0], top + TILE)):
         for c in range(3):
             i = 3 + own * c
             first, second, known = 0.0, 0.0, 0
@@ -163,63 +157,43 @@ def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
     return slope * slope * variance * (sharp + back) / (sharp + back + front)
 
 
-@njit(cache=True)
-def _focused_edge(rays_mask, cells, top, left):  # type: ignore[no-untyped-def]
-    """Whether a surface that covers a part of its pixel is seen in place anywhere in a tile."""
-    for y in range(top, min(rays_mask.shape[0], top + TILE)):
-        for x in range(left, min(rays_mask.shape[1], left + TILE)):
-            if rays_mask[y, x] and cells[y, x, 0, 1] < 1.0 and abs(cells[y, x, 0, 0]) < _IN_PLACE:
-                return True
-    return False
-
-
-@njit(cache=True)
-def _wanted(sums, rays_mask, usual, noise, top, step, left, means, colors, slopes):  # type: ignore[no-untyped-def]
-    """Rays by the noise in every ``step``-th row of a tile from ``top`` on, below 0 where none were sent."""
-    if _tile_means(sums, rays_mask, top, step, left, means) == 0:
-        return -1.0
-    numbers = sums.shape[3]
-    own = 1 if numbers == COLORED else 0
-    for c in range(3):
-        light, weight = 0.0, 0.0
-        for group in range(GROUPS):
-            light += means[group, c]
-            weight += means[group, 3 + own * c]
-        colors[c] = max(light, 0.0) / max(weight, 1e-12)
-        slopes[c] = _srgb_slope(colors[c])
-    blurred, steepness = 0.0, 0.0
-    for group in (FRONT_GROUP, BACK_GROUP):
-        steepness += means[group, numbers - 2]
-        for i in range(3, numbers - 2):
-            blurred += means[group, i] / (numbers - 5)
-    wanted = 0.0
-    if blurred > 0.0:
-        variance, found = _blurred_noise(sums, rays_mask, top, step, left, colors, slopes)
-        side = 2.0 * window_reach(blurred, steepness) + 1.0
-        wanted = math.sqrt(usual * FIRST_RAYS * variance) / (noise * side)
-        if found < _LEAST:
-            wanted = max(wanted, float(usual))
-    slope, alone = _srgb_slope((colors[0] + colors[1] + colors[2]) / 3.0), 0.0
-    for y in range(top, min(sums.shape[0], top // TILE * TILE + TILE), step):
-        for x in range(left, min(sums.shape[1], left + TILE)):
-            if rays_mask[y, x]:
-                alone = max(alone, _sharp_variance(sums, y, x, slope))
-    return max(wanted, math.sqrt(usual * _EVENNESS * alone) / noise)
-
-
 @njit(cache=True, parallel=True)
 def _count(sums, rays_mask, cells, usual, most, noise, counts):  # type: ignore[no-untyped-def]
+    numbers = sums.shape[3]
+    own = 1 if numbers == COLORED else 0
     for row in prange(counts.shape[0]):
-        means, colors, slopes = np.empty(sums.shape[2:]), np.zeros(3), np.zeros(3)
+        means, colors, slopes = np.empty((GROUPS, numbers)), np.zeros(3), np.zeros(3)
         for column in range(counts.shape[1]):
             top, left = row * TILE, column * TILE
-            edge = float(usual) if _focused_edge(rays_mask, cells, top, left) else 0.0
-            for odd in range(2):
-                told = (sums, rays_mask, usual, noise)
-                wanted = _wanted(*told, top + 1 - odd, 2, left, means, colors, slopes)
-                if wanted < 0.0:  # no row between them
-                    wanted = _wanted(*told, top, 1, left, means, colors, slopes)
-                wanted = max(wanted, edge)
-                counts[row, column, odd] = FIRST_RAYS
-                while counts[row, column, odd] < wanted and counts[row, column, odd] < most:
-                    counts[row, column, odd] *= 2
+            counts[row, column] = FIRST_RAYS
+            if _tile_means(sums, rays_mask, top, left, means) == 0:
+                continue
+            for c in range(3):
+                light, weight = 0.0, 0.0
+                for group in range(GROUPS):
+                    light += means[group, c]
+                    weight += means[group, 3 + own * c]
+                colors[c] = max(light, 0.0) / max(weight, 1e-12)
+                slopes[c] = _srgb_slope(colors[c])
+            blurred, steepness = 0.0, 0.0
+            for group in (FRONT_GROUP, BACK_GROUP):
+                steepness += means[group, numbers - 2]
+                for i in range(3, numbers - 2):
+                    blurred += means[group, i] / (numbers - 5)
+            wanted = 0.0
+            if blurred > 0.0:
+                variance, found = _blurred_noise(sums, rays_mask, top, left, colors, slopes)
+                side = 2.0 * window_reach(blurred, steepness) + 1.0
+                wanted = math.sqrt(usual * FIRST_RAYS * variance) / (noise * side)
+                if found < _LEAST:
+                    wanted = max(wanted, float(usual))
+            slope, alone = _srgb_slope((colors[0] + colors[1] + colors[2]) / 3.0), 0.0
+            for y in range(top, min(sums.shape[0], top + TILE)):
+                for x in range(left, min(sums.shape[1], left + TILE)):
+                    if rays_mask[y, x]:
+                        alone = max(alone, _sharp_variance(sums, y, x, slope))
+                        if cells[y, x, 0, 1] < 1.0 and abs(cells[y, x, 0, 0]) < _IN_PLACE:
+                            wanted = max(wanted, float(usual))
+            wanted = max(wanted, math.sqrt(usual * _EVENNESS * alone) / noise)
+            while counts[row, column] < wanted and counts[row, column] < most:
+                counts[row, column] *= 2

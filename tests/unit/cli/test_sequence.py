@@ -210,7 +210,7 @@ class Deadly:
     """A job that ends the process that takes it."""
 
     @property
-    def image(self):
+    def shot(self):
         os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -265,10 +265,10 @@ def test_a_source_that_cannot_tell_says_why(folder, shown, source, kind, words):
         ),
         ({"input": InputSettings(depth="a.exr", channel="Z")}, ("a.exr", "Z", "m")),
         ({"input": InputSettings(defocus="a.exr", channel="Z")}, ("a.exr", "Z")),
-        ({"input": InputSettings(depth_model="a.onnx")}, ("a.onnx", "depth-anything-v2", 0, False)),
+        ({"input": InputSettings(depth_model="a.onnx")}, ("a.onnx", "depth-anything-v2", 0, False, None)),
         (
             {"input": InputSettings(depth_model="a.onnx", depth_convention="midas")},
-            ("a.onnx", "midas", 0, False),
+            ("a.onnx", "midas", 0, False, None),
         ),
         ({"input": InputSettings(constant_disparity=0.5)}, (0.5,)),
     ],

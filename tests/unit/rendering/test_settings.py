@@ -513,6 +513,7 @@ def test_choices_are_those_of_the_rooms_below():
         "output.bits": set(map(str, typing.get_args(Bits))),
         "output.subsampling": set(SUBSAMPLINGS),
         "output.dither": {"on", "off"},
+        "output.expected_error": {"on", "off"},
     }
 
 

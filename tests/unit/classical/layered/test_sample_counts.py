@@ -40,7 +40,7 @@ def test_rays_grow_with_the_root_of_the_variance(radius):
 def test_smooth_slopes_take_the_first_rays_only():
     x = np.linspace(0.1, 0.9, 64, dtype=np.float32)
     counts = counts_by_variance(known(BACK_GROUP, np.tile(x[None, :, None], (40, 1, 3))))
-    assert counts.shape == (5, 8, 2)
+    assert counts.shape == (5, 8)
     assert (counts == FIRST_RAYS).all()
 
 
@@ -57,8 +57,8 @@ def test_edges_in_focus_take_the_usual_number():
     first = known(SHARP_GROUP, np.full((32, 32, 3), GREY, np.float32), squares=np.full((32, 32), GREY**2))
     first.cells[10, 20, 0] = (0.0, 0.5)
     counts = counts_by_variance(first)
-    assert (counts[1, 2] == USUAL).all()
-    assert np.delete(counts.reshape(-1, 2), 1 * 4 + 2, axis=0).max() == FIRST_RAYS
+    assert counts[1, 2] == USUAL
+    assert np.delete(counts.ravel(), 1 * 4 + 2).max() == FIRST_RAYS
 
 
 def test_pixels_without_rays_do_not_count():
@@ -67,15 +67,3 @@ def test_pixels_without_rays_do_not_count():
     counts = counts_by_variance(first)
     assert counts[:, :2].min() > FIRST_RAYS
     assert counts[:, 2:].max() == FIRST_RAYS
-
-
-def test_rows_do_not_decide_on_their_own_rays():
-    """Noise in rows of one kind asks for rays in those of the other, and for none of its own."""
-    noise = np.full((32, 32, 3), GREY, np.float32)
-    noise[1::2] = np.random.default_rng(3).random((16, 32, 3), dtype=np.float32)
-    counts = counts_by_variance(known(BACK_GROUP, noise))
-    assert (counts[:, :, 0] == MOST).all()
-    assert (counts[:, :, 1] == FIRST_RAYS).all()
-    alone = counts_by_variance(known(BACK_GROUP, noise[1:2]))
-    assert alone.shape == (1, 4, 2)
-    assert (alone[:, :, 0] == MOST).all()
