@@ -153,6 +153,10 @@ class Engine:
         session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
             left to it.
 
+    Attributes:
+        name: The same.
+        classical_name: The renderer without networks that it rests on.
+
     Raises:
         ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
         ModelFileError: The engine needs networks, and they are missing or damaged.

@@ -43,7 +43,8 @@ def krita(tmp_path, home):
 
     def run(options="--blur 6 --focus 1 --repair-disparity off", depth="depth"):
         (tmp_path / "task.json").write_text(json.dumps([str(program), options, depth]), encoding="utf-8")
-        environment = dict(os.environ, HOME=home, XDG_RUNTIME_DIR=home)
+        # Its Python is the system's, wherever the first `python3` of the path leads.
+        environment = dict(os.environ, HOME=home, XDG_RUNTIME_DIR=home, PATH=os.defpath)
         environment["PYTHONPATH"] = f"{ROOT}/integrations/krita:{ROOT}/tests/hosts"
         words = ["xvfb-run", "-a", "kritarunner", "-s", "krita_child", "-f", "main", str(tmp_path)]
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=180)

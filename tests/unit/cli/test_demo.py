@@ -65,7 +65,7 @@ def test_the_default_is_the_rays_into_the_working_folder(
     [
         (["-o", "nowhere/sheet.png"], ["nowhere", "does not exist"]),
         (["-o", "sheet.gif"], ["unknown extension '.gif'"]),
-        (["--engine", "magic"], ["hybrid, rays, scatter", "magic"]),
+        (["--engine", "magic"], ["hybrid, neural, rays, scatter", "magic"]),
         (["--engine", "hybrid"], ["weights missing", "--engine rays"]),
     ],
 )
