@@ -46,7 +46,19 @@ def krita(tmp_path, home):
         # Its Python is the system's, wherever the first `python3` of the path leads.
         environment = dict(os.environ, HOME=home, XDG_RUNTIME_DIR=home, PATH=os.defpath)
         environment["PYTHONPATH"] = f"{ROOT}/integrations/krita:{ROOT}/tests/hosts"
-        words = ["xvfb-run", "-a", "kritarunner", "-s", "krita_child", "-f", "main", str(tmp_path)]
+        display = str(200 + os.getpid() % 1000)  # two that look for one at once would take the same
+        words = [
+            "xvfb-run",
+            "-a",
+            "-n",
+            display,
+            "kritarunner",
+            "-s",
+            "krita_child",
+            "-f",
+            "main",
+            str(tmp_path),
+        ]
         done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=180)
         assert (tmp_path / "told.json").exists(), done.stderr
         return json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))

@@ -120,27 +120,3 @@ def test_lights_tell_how_far_they_are(monkeypatch):
     told: list[float] = []
     draw(lights, (60, 60), progress=told.append)
     np.testing.assert_allclose(told, [1 / 3, 2 / 3, 1])
-
-
-def test_a_light_fades_into_the_picture_and_leaves_its_surroundings_when_bright():
-    """At four times the surroundings all of it stays; at sixteen times and above, as much as they are."""
-    image, defocus = np.full((96, 96, 3), 0.01, np.float32), np.full((96, 96), -12, np.float32)
-    left = []
-    for times in (3.9, 4.5, 8.0, 15.0, 40.0, 1e3):
-        lit = image.copy()
-        lit[48, 36] *= times
-        left.append(separate_lights(one_layer(lit, defocus))[0].colors[48, 36, 0, 0] / 0.01)
-    np.testing.assert_allclose(left[:4], (3.9, 16 / 4.5, 2, 16 / 15), rtol=0.02)
-    np.testing.assert_allclose(left[4:], 1, rtol=0.02)
-
-
-def test_each_lamp_before_a_wall_keeps_its_light():
-    """Energy of lamps 50 times as bright as what is around, beside the edge of their surface: within 1 %."""
-    defocus = np.where(np.arange(120) < 60, 12, 0) * np.ones((140, 1))
-    dark = np.full((140, 120, 3), 0.02, np.float32)
-    lit, rows, columns = dark.copy(), np.array([20, 53, 87, 120]), np.array([59, 57, 52, 46])
-    lit[rows, columns] = 1.0
-    added = rays(lit, defocus).astype(np.float64) - rays(dark, defocus)
-    for row in rows:
-        kept = added[row - 16 : row + 17].sum() / (3 * 0.98)
-        assert abs(kept - 1) < 0.01
