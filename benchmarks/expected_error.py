@@ -11,23 +11,17 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+import torch
 from scipy.stats import spearmanr
 
 from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.inference.engine import Engine
-from bokehnet.io.color import linear_to_srgb
 from train.degradation import DEGRADATIONS, degrade
 from train.evaluation_sets import SETS, Shot, list_pictures
-from train.train_error import reliability
+from train.train_error import reliability, true_error
 
 # Side of the blocks, pixels, and the least part of one that must lie near edges.
 _BLOCK, _PART = 8, 0.5
-
-
-def true_error(bokeh: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Mean over colours of |sRGB value - truth|, 8-bit levels, (H, W)."""
-    found, wanted = (linear_to_srgb(np.clip(x, 0, 1)) for x in (bokeh, truth))
-    return 255 * np.abs(found - wanted).mean(-1)
 
 
 def block_means(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -49,7 +43,9 @@ def examined(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.nd
     defocus = repair(shot.image, given, "auto")
     found = Engine("rays").render(shot.image, defocus, aperture=shot.aperture, expected_error=True)
     assert found.expected_error is not None
-    near, true = found.error_map > 0, true_error(found.bokeh, shot.truth)
+    pictures = {"rays": found.bokeh, "truth": shot.truth}
+    batch = {name: torch.from_numpy(picture.transpose(2, 0, 1))[None] for name, picture in pictures.items()}
+    near, true = found.error_map > 0, true_error(batch)[0, 0].numpy()
     blocks = [block_means(x, near) for x in (found.expected_error, true)]
     pixels = np.stack([found.expected_error[near], true[near]])
     return pixels, float(spearmanr(*pixels).statistic), float(spearmanr(*blocks).statistic)

@@ -11,7 +11,7 @@ from bokehnet.inference.small_copy import SmallCopy
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.pyramid import count_halvings, upsample2
 
-__all__ = ["ERROR_BYTES", "LARGEST_BLUR", "ErrorEstimate", "check_expects_error"]
+__all__ = ["ERROR_BYTES", "LARGEST_BLUR", "ErrorEstimate", "can_expect_error", "check_expects_error"]
 
 # Bytes that the network takes for a pixel that it sees.
 ERROR_BYTES = 300
@@ -23,20 +23,25 @@ LARGEST_BLUR = 26.0
 _ROWS, _AROUND = 64, 2
 
 
-def check_expects_error(classical: str, lens_response: LensResponse, gamma: float, name: str) -> None:
-    """Raise ``ParameterError`` where nothing was learned of: without rays, or behind what changes them.
+def can_expect_error(classical: str, lens_response: LensResponse, gamma: float) -> bool:
+    """Whether errors were learned of such pictures: by rays, and behind nothing that changes them.
 
     Args:
         classical: Name of the classical renderer.
         lens_response: Of the lens.
         gamma: Of the highlights.
-        name: Of the engine.
     """
+    return classical == "rays" and gamma == 1 and lens_response.is_plain
+
+
+def check_expects_error(classical: str, lens_response: LensResponse, gamma: float, name: str) -> None:
+    """Raise ``ParameterError`` unless :func:`can_expect_error`; ``name`` is that of the engine."""
+    if can_expect_error(classical, lens_response, gamma):
+        return
     if classical != "rays":
         raise ParameterError("expected_error", "an engine with rays: rays or hybrid", shown=f"`{name}`")
-    if gamma != 1 or not lens_response.is_plain:
-        expected = "a plain lens and a gamma of 1, of which alone errors were learned"
-        raise ParameterError("expected_error", expected, shown="others")
+    expected = "a plain lens and a gamma of 1, of which alone errors were learned"
+    raise ParameterError("expected_error", expected, shown="others")
 
 
 @lru_cache(maxsize=1)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
 from bokehnet.inference.engine import Engine, Progress
+from bokehnet.inference.expected_error import can_expect_error
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER
@@ -156,8 +157,9 @@ def _expects_error(settings: RenderSettings, engine: Engine, lens_response: Lens
     output = settings.output
     if output.expected_error is not None:
         return output.expected_error == "on"
-    plain = lens_response.is_plain and settings.highlights.gamma == 1
-    return output.save_maps is not None and engine.classical_name == "rays" and plain
+    return output.save_maps is not None and can_expect_error(
+        engine.classical_name, lens_response, settings.highlights.gamma
+    )
 
 
 def leaning(settings: RenderSettings) -> dict[str, str]:

@@ -70,7 +70,8 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
     classical = CLASSICAL_HALVES.get(engine, engine)
     held = _HELD + (4 if settings.output.save_maps is not None else 0)
-    tells = settings.output.save_maps is not None or settings.output.expected_error == "on"
+    asked = settings.output.expected_error
+    tells = asked == "on" or (asked is None and settings.output.save_maps is not None)
     held += _TOLD if tells and classical == "rays" else 0
     radius = _least_radius(settings)
     reach = _reach(settings, radius, height, width) if radius and classical == "rays" else radius
