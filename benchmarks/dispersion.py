@@ -132,7 +132,7 @@ def show_glass() -> None:
     along = glass_curve("N-BK7")(wavelengths)
     print("\nlateral colour in thousandths of the half-diagonal, focused at infinity:")
     print(f"{'lens':<15} 400-700 nm, corner   rms   left by: polynomial   slider and map   slider")
-    for name in catalog_names():
+    for name in catalog_names(mirrors=False):
         traced = lateral_color(name, wavelengths, fields)
         powers = fields[:, None] ** [1, 3, 5, 7]
         polynomial = (powers @ np.linalg.lstsq(powers, traced.T, rcond=None)[0]).T

@@ -1,9 +1,10 @@
-"""The scatter on a CUDA device: ``python -m benchmarks.gpu``.
+"""The engines and the scatter's gradients on a CUDA device: ``python -m benchmarks.gpu``.
 
-Times forward and backward of the torch operations, counts the bytes that they move through memory, and
-sets the rate beside the card's peak and beside that of a plain copy on it. The numba kernels render the
-same picture on this machine's cores in the same run: the sums must agree. Without a CUDA device it says
-so; ``--device cpu`` then shows that the command works, on a small picture.
+Renders a picture by each engine there and on this machine's cores, and prints times and how far the two
+agree. Then it times forward and backward of the torch operations, counts the bytes that they move through
+memory, and sets the rate beside the card's peak and beside that of a plain copy on it. The numba kernels
+render the same picture on this machine's cores in the same run: the sums must agree. Without a CUDA device
+it says so; ``--device cpu`` then shows that the command works, on a small picture.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from torch.utils._pytree import tree_leaves
 from benchmarks.measurement import median_seconds, scene
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
+from bokehnet.inference.engine import Engine
 
 __all__ = ["Traffic", "main"]
 
@@ -146,6 +148,23 @@ def measure(width: int, height: int, blur: float, device: torch.device, repeats:
     print(f"sums agree with numba's to {-20 * math.log10(max(error, 1e-12)):.0f} dB")
 
 
+def measure_engines(width: int, height: int, blur: float, device: str, repeats: int) -> None:
+    """Print a line for each engine: milliseconds on the device and on the cores, and decibels between."""
+    image, radii = scene(width, height, blur)
+    for name in ("scatter", "rays", "hybrid"):
+        there, here = Engine(name, device=device), Engine(name)
+        found, wanted = there.render(image, radii).bokeh, here.render(image, radii).bokeh
+        times = [
+            1000 * median_seconds(lambda engine=engine: engine.render(image, radii), count)
+            for engine, count in ((there, repeats), (here, max(1, repeats // 10)))
+        ]
+        error = float(np.sqrt(np.mean((found - wanted) ** 2)))
+        print(
+            f"{name:8s}{times[0]:10.2f} ms there, {times[1]:.0f} ms on "
+            f"{numba.get_num_threads()} threads here; agree to {-20 * math.log10(max(error, 1e-12)):.0f} dB"
+        )
+
+
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -164,6 +183,7 @@ def main() -> None:
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU"
     width, height = arguments.size
     print(f"{name}, torch {torch.__version__}: {width}x{height}, largest blur {arguments.blur:g} px")
+    measure_engines(width, height, arguments.blur, device.type, arguments.repeats)
     measure(width, height, arguments.blur, device, arguments.repeats)
 
 

@@ -14,7 +14,8 @@ from time import process_time
 import numpy as np
 
 from bokehnet.baselines.mesh_views import MeshObject, Picture, render_views
-from bokehnet.baselines.subsample_blur import n_buffers, subsample_blur
+from bokehnet.baselines.n_buffers import n_buffers
+from bokehnet.baselines.subsample_blur import subsample_blur
 from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens
 from train.metrics import encode, psnr, similarity

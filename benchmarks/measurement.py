@@ -1,16 +1,15 @@
 """How time and memory are measured, and the pictures they are measured on."""
 
-import ctypes
-import gc
 import multiprocessing
 import statistics
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from bokehnet.rendering.peak_memory import PeakMemory, memory_status
 
 __all__ = ["extra_memory", "in_own_process", "median_seconds", "peak_memory", "scene", "time_in_turns"]
 
@@ -53,22 +52,14 @@ def median_seconds(run: Callable[[], Any], repeats: int) -> float:
     return statistics.median(row["run"] for row in time_in_turns({"run": run}, repeats))
 
 
-def _status(key: str) -> int:
-    """A figure of this process in bytes, as Linux tells it."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith(key)) * 1024
-
-
 def peak_memory() -> int:
     """Most memory this process has held so far, bytes."""
-    return _status("VmHWM")
+    return memory_status("VmHWM")
 
 
 def extra_memory(run: Callable[[], np.ndarray]) -> int:
     """Bytes that ``run`` held at its peak beyond what was there before and beyond its result. Linux only."""
-    gc.collect()
-    ctypes.CDLL("libc.so.6").malloc_trim(0)  # what was freed before must not be had for nothing
-    Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew
-    before = _status("VmRSS")
+    peak = PeakMemory()
     result = run()
-    return peak_memory() - before - result.nbytes
+    assert peak.extra is not None
+    return peak.extra - result.nbytes

@@ -86,7 +86,7 @@ def main() -> None:
     """Entry of the command line."""
     print("| lens | f, mm | f by 3.23 | D | D as printed | E | E as printed | M' left out of 3.34 |")
     print("|---|---|---|---|---|---|---|---|")
-    for name in catalog_names():
+    for name in catalog_names(mirrors=False):
         lens = load_lens(name, focusing="paraxial")
         lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
         right, printed = (

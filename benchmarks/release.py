@@ -2,14 +2,18 @@
 
 Steps, each of which must pass: version, changelog and citation agree; sdist and wheel are built, the wheel
 from the sdist; twine checks both; the sdist holds every file of the repository but those of its own
-house-keeping; the wheel holds the whole package; for each interpreter the wheel is installed into an empty
-environment, where no torch may be, the command line renders a picture, and what that took is told; a list of
-what was installed there is written (CycloneDX), and sums of all files. It needs the extra ``release``.
+house-keeping; the wheel holds the whole package; the pages and the reference of the API are built without a
+warning; the page that renders in a browser is bundled with its network; depth networks that are not pinned
+are told (``--pinned``: and are an error); for each interpreter the wheel is installed into an empty
+environment, where no torch may be, the command line renders a picture, and what that took is told; a list
+of what was installed there is written (CycloneDX), and sums of all files. It needs npm and the extra
+``release``.
 """
 
 import argparse
 import hashlib
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -19,10 +23,27 @@ import zipfile
 from pathlib import Path
 from typing import NoReturn
 
+from bokehnet.inference.depth_models import depth_model_names, find_depth_model
+
 ROOT = Path(__file__).resolve().parents[1]
 
 # What a repository has and a release does not: its own automation and what git is told to leave out.
 NOT_RELEASED = (".ci/", ".gitignore")
+
+# Files of examples/web that a server hands out, and the list of what they need.
+WEB = (
+    "index.html",
+    "page.js",
+    "worker.js",
+    "bokeh.js",
+    "preview.js",
+    "serve.py",
+    "package.json",
+    "README.md",
+)
+
+# Of ONNX Runtime, what the page loads, of 130 MB of variants.
+RUNTIME = ("ort.wasm.min.mjs", "ort-wasm-simd-threaded.mjs", "ort-wasm-simd-threaded.wasm")
 
 
 def fail(message: str) -> NoReturn:
@@ -103,6 +124,48 @@ def build(out: Path) -> tuple[Path, Path]:
     return sdist, wheel
 
 
+def build_docs(out: Path, version: str) -> Path:
+    """Make the pages, with the reference of the API from the docstrings; a warning is an error."""
+    with tempfile.TemporaryDirectory() as folder:
+        run(sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder)
+        return zipped(Path(folder), out / f"bokehnet-{version}-docs.zip")
+
+
+def bundle_web(out: Path, version: str) -> Path:
+    """Make what a web server needs for ``examples/web``: the page, its network, a picture, ONNX Runtime."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for source in sorted((ROOT / "examples/web").iterdir()):
+            if source.name in WEB:
+                shutil.copy(source, folder)
+        for source in sorted((ROOT / "bokehnet/assets").glob("demo*.png")):
+            shutil.copy(source, folder)
+        runtime = Path("node_modules/onnxruntime-web/dist")
+        (folder / runtime).mkdir(parents=True)
+        with tempfile.TemporaryDirectory() as fetched:
+            shutil.copy(folder / "package.json", fetched)
+            run("npm", "install", "--ignore-scripts", "--no-audit", "--no-fund", folder=Path(fetched))
+            for each in RUNTIME:
+                shutil.copy(Path(fetched) / runtime / each, folder / runtime)
+        run(sys.executable, "-m", "bokehnet", "export", "-o", folder / "fast.onnx")
+        return zipped(folder, out / f"bokehnet-{version}-web.zip")
+
+
+def zipped(folder: Path, archive: Path) -> Path:
+    """Pack all files of a folder."""
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():
+                file.write(path, path.relative_to(folder))
+    return archive
+
+
+def unpinned_models() -> list[str]:
+    """Names of published depth networks whose bytes are not pinned, so that they are refused."""
+    models = [find_depth_model(name) for name in depth_model_names()]
+    return [model.name for model in models if model and not (model.unpublished or model.revision)]
+
+
 def size_of(folder: Path) -> float:
     """MiB of all files in a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) / 2**20
@@ -139,17 +202,23 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder, empty before")
     parser.add_argument("--python", action="append", help="interpreter to try the wheel with; repeatable")
+    parser.add_argument("--pinned", action="store_true", help="depth networks without pins are an error")
     given = parser.parse_args()
     out = given.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
         fail(f"--out: expected an empty folder, found files in {out}; give another one")
-    version = check_versions()
+    version, unpinned = check_versions(), unpinned_models()
+    if unpinned and given.pinned:
+        fail(f"depth networks: expected pins, found none of {', '.join(unpinned)}; run benchmarks.pin_models")
     sdist, wheel = build(out)
     check_contents(sdist, wheel)
     print(f"{version}: {sdist.name} {size_of_file(sdist)}, {wheel.name} {size_of_file(wheel)}, complete")
+    for made in (build_docs(out, version), bundle_web(out, version)):
+        print(f"{made.name} {size_of_file(made)}")
+    print(f"depth networks without pinned bytes: {', '.join(unpinned) or 'none'}", flush=True)
     for python in given.python or [sys.executable]:
-        print(try_out(python, wheel, out))
+        print(try_out(python, wheel, out), flush=True)
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in sorted(out.iterdir())]
     (out / "SHA256SUMS").write_text("\n".join(sums) + "\n", encoding="utf-8")
 

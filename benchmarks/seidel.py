@@ -118,7 +118,7 @@ def print_table() -> None:
         "middle" if field == 0 else "corner" if field == 1 else f"{field:g}" for field in FIELDS
     )
     print(f"| lens | f-number | {heads} |\n|---|---|{'---|' * len(FIELDS)}")
-    for name in catalog_names():
+    for name in catalog_names(mirrors=False):
         for stop in STOPS:
             cells = []
             for field in FIELDS:

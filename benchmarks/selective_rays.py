@@ -20,7 +20,6 @@ from bokehnet.synth.baked_scene import BakedScene, View
 from bokehnet.synth.clutter import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
-from bokehnet.synth.texture_lookup import mean_colours
 from train.metrics import compare
 
 _WIDTH, _HEIGHT = 192, 144
@@ -50,17 +49,7 @@ def _callback(scene: BakedScene, gain: float, bound: float):  # type: ignore[no-
     def trace_rays(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         slope = np.ascontiguousarray(directions[:, None, :2], np.float32)
         found = scene.meet(origins[:, :2], np.ascontiguousarray(directions[:, :2], np.float32))
-        colors = mean_colours(
-            found["primID"][:, None],
-            found["u"][:, None],
-            found["v"][:, None],
-            slope,
-            np.ones(slope.shape[:2], np.float32),
-            (scene.soup.uv, scene.soup.grid, scene.soup.mesh),
-            (*scene.albedo, *scene.light, scene.texture),
-            scene.sky,
-            np.array(scene.sky_half, np.float32),
-        )
+        colors = scene.colours(found, slope)
         hit = found["primID"] >= 0
         return gain * colors, np.where(hit, found["tfar"], bound), hit
 

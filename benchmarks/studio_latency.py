@@ -28,6 +28,7 @@ from playwright.sync_api import Page, sync_playwright
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "real"
 STAGES = ("draft", "scatter", "final")
 WORDS = {"draft": "first", "scatter": "screen", "final": "engine"}
+_PAUSE = 300  # milliseconds of a hand between two clicks
 TWELVE = (3098, 3872)  # width, height
 
 
@@ -91,7 +92,7 @@ def act(page: Page, kind: str, count: int, rng: random.Random, wait: str) -> dic
             presets.nth(1 + at % (presets.count() - 1)).click()
         later = {"scatter": "['scatter', 'final']", "final": "['final']"}[wait]
         until(page, f"{later}.includes(document.body.dataset.stage)")
-        page.wait_for_timeout(60)
+        page.wait_for_timeout(60 if kind == "slider" else _PAUSE)
         for stage, times in measured(page).items():
             found[stage] += times
     if kind == "slider":

@@ -29,7 +29,7 @@ from train.metrics import depth_step_pixels, encode, psnr
 
 __all__ = ["METHODS", "SCENES", "render_with", "score_shot"]
 
-OURS = ("scatter", "rays")
+OURS = ("scatter", "fast", "neural", "hybrid", "rays")
 METHODS = ("no_blur", *BASELINES, *OURS)
 SCENES = ("s1_still_life", "s2_thin_fence", "s4_corridor", "s8_crowd")
 

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 import bokehnet
+from bokehnet.baselines.image_space_slices import image_space
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import write_image
@@ -167,11 +168,22 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
         "conic": rays(sharp, defocus, lens_response=LensResponse(aberration_map=aberration_map)),
         "round": rays(sharp, defocus),
         "scatter": scatter(sharp, defocus),
+        "slices": _from_slices(sharp, disparity, lens),
         "noise": again,
     }
     figures = "  ".join(f"{_psnr(picture, truth, border):7.2f}" for picture in pictures.values())
     lean = math.hypot(*aberration_map.tilt)
     print(f"{tilt[0]:6g} {tilt[1]:6g}  {apart.mean():6.2f} {apart.max():6.2f}  {lean:5.3f}  {figures}")
+
+
+def _from_slices(sharp: np.ndarray, disparity: np.ndarray, lens: FocusedLens) -> np.ndarray:
+    """The same by slices of the space behind the lens, a pixel of blur apart."""
+    assert lens.plane is not None
+    plane, blur = lens.plane(lens.near)
+    height, width = disparity.shape
+    corners = [plane.at(x, y) for x in (0, width - 1) for y in (0, height - 1)]
+    count = 2 + math.ceil(blur * (max(corners) - min(corners)))
+    return image_space(sharp, disparity, blur, (min(corners), max(corners)), count=count).view(plane)
 
 
 def draw_sheet(path: Path) -> None:
@@ -203,7 +215,9 @@ def main() -> None:
         draw_sheet(given.sheet)
         return
     print("tilt x, y      line of best focus, px   lean   PSNR against the traced picture, dB")
-    print("               mean    max             px/px  rays conic, rays round, scatter, traced again")
+    print(
+        "               mean    max             px/px  rays conic, rays round, scatter, slices, traced again"
+    )
     for tilt in TILTS:
         _compare(tilt, given.width, given.height, given.samples)
 

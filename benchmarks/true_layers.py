@@ -25,11 +25,10 @@ from bokehnet.synth.baked_scene import BakedScene, View, sensor_xy
 from bokehnet.synth.clutter import random_clutter
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
-from bokehnet.synth.texture_lookup import mean_colours
 from train.metrics import compare
 
 _WIDTH, _HEIGHT = 160, 128
-_BLUR, _LAYERS = 14.0, 6
+BLUR, _LAYERS = 14.0, 6
 _SAMPLES, _TRUTH, _IMAGE = 32, 1024, 64
 _BOX = PixelFilter("box", 1)
 
@@ -58,7 +57,7 @@ class Scene:
 def planes(seed: int) -> Scene:
     """Cards of any outline and tilt."""
     scene, focus = random_scene(np.random.default_rng(seed), _CONFIG), (0.25, 0.6, 0.9)[seed % 3]
-    lens = lens_for_view(_BLUR, focus, _CONFIG)
+    lens = lens_for_view(BLUR, focus, _CONFIG)
     camera = Camera(lens=lens, width=_WIDTH, height=_HEIGHT, pixel_pitch=_CONFIG.pixel_pitch)
     world, layers = world_from_scene(scene), {}
     for label, samples in (("cut hard", 1), ("covered", _SAMPLES)):
@@ -83,9 +82,9 @@ def clutter(seed: int) -> Scene:
             width=_WIDTH, height=_HEIGHT, pixel_pitch=_CONFIG.pixel_pitch, samples=samples, seed=samples
         )
 
-    pinhole = lens_for_view(_BLUR, focus, _CONFIG)
+    pinhole = lens_for_view(BLUR, focus, _CONFIG)
     nearest = 0.8 / float(scene.disparity(pinhole, view(1)).max())
-    lens = lens_for_view(_BLUR, focus, replace(_CONFIG, nearest_distance=nearest))
+    lens = lens_for_view(BLUR, focus, replace(_CONFIG, nearest_distance=nearest))
     image = scene.render(lens, view(_IMAGE), False)
     gain = 0.2 / float(np.median(image))
     shape = (_HEIGHT, _WIDTH, _LAYERS)
@@ -136,17 +135,7 @@ def _peeled(scene: BakedScene, lens: ThinLens, view: View) -> tuple[np.ndarray, 
             met[kept], body[kept] = triangle[~again], owner[~again]
             at[:, kept] = hit["u"][~again], hit["v"][~again]
             rest = rest[again]
-        color = mean_colours(
-            met[:, None],
-            at[0][:, None],
-            at[1][:, None],
-            way[:, None, :2].copy(),
-            np.ones((len(sensor), 1), np.float32),
-            (scene.soup.uv, scene.soup.grid, scene.soup.mesh),
-            (*scene.albedo, *scene.light, scene.texture),
-            scene.sky,
-            np.array(scene.sky_half, np.float32),
-        )
+        color = scene.colours({"primID": met, "u": at[0], "v": at[1]}, way[:, None, :2].copy())
         alpha = np.where(ended, 0, 1).astype(np.float32)
         inverse = np.where(met >= 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
         found.append((color * alpha[:, None], inverse * alpha, alpha))
@@ -159,10 +148,10 @@ def _peeled(scene: BakedScene, lens: ThinLens, view: View) -> tuple[np.ndarray, 
 def scores(scene: Scene) -> dict[str, float]:
     """Edge PSNR of the rays with guessed layers and with each kind of true ones, dB."""
     image = scene.image.astype(np.float32)
-    defocus = defocus_from_disparity(scene.disparity, _BLUR, scene.focus).astype(np.float32)
+    defocus = defocus_from_disparity(scene.disparity, BLUR, scene.focus).astype(np.float32)
     pictures = {"guessed": rays(image, defocus, pixel_filter=_BOX)}
     for label, (colors, values, coverage) in scene.layers.items():
-        radii = np.minimum.accumulate(_BLUR * (values - scene.focus), 2)
+        radii = np.minimum.accumulate(BLUR * (values - scene.focus), 2)
         layers = Layers(colors=colors, defocus=radii, coverage=coverage)
         pictures[label] = rays(image, defocus, layers=layers)
     return {label: compare(picture, scene.truth, defocus)["edge_psnr"] for label, picture in pictures.items()}

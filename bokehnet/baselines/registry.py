@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -52,8 +52,13 @@ lommel            lommel_spots           disc      Potmesil and Chakravarty 1981
 rectangle         spreading              disc      Kosloff 2009
 perimeter         spreading              any       Kosloff 2009
 hybrid_spreading  spreading              any       Kosloff 2010
+lens_spreading    lens_tables            any       thesis 001
+image_rays        image_based_rays       any       Lee 2010
 bokehme_scatter   bokehme                disc      Peng 2022
 """
+
+# Those that know what a lens does beyond focusing.
+_KNOW_LENSES = ("lens_spreading",)
 
 _FAULTS = {
     "gather_basic": f"noise; sharp surroundings bleed into the blur; {_LEAK}",
@@ -70,6 +75,8 @@ _FAULTS = {
     "rectangle": f"square blur; {_BLIND}",
     "perimeter": _BLIND,
     "hybrid_spreading": f"square blur where contrast is low; {_BLIND}",
+    "lens_spreading": f"slow; {_BLIND}",
+    "image_rays": "foregrounds keep their outline unless layers are given; edges in steps of pixels; noise",
     "bokehme_scatter": _BLIND,
 }
 
@@ -103,9 +110,14 @@ def baseline_renderer(name: str) -> ClassicalRenderer:
         aperture: Aperture | None = None,
         **options: Unpack[ClassicalOptions],
     ) -> ClassicalResult:
-        check_focuses_alone(options.get("lens_response"), name)
+        where: dict[str, Any] = {}
+        if name in _KNOW_LENSES:
+            where["lens_response"] = options.get("lens_response")
+        else:
+            check_focuses_alone(options.get("lens_response"), name)
         assert options.get("strip") is None  # the engine refuses to cut
-        where = {"place": options.get("place")} if BASELINES[name].openings == "cats-eye" else {}
+        if BASELINES[name].openings == "cats-eye":
+            where["place"] = options.get("place")
         bokeh = method(image, defocus, aperture, **where)
         progress = options.get("progress")
         if progress is not None:

@@ -4,6 +4,10 @@ Faults: a fixed number of taps leaves blotches, above all on bright lights, whic
 between taps; two layers a tile, told apart by the nearest depth in it; half resolution. With Tan's
 normalisation the weights of the two layers, which add up to one, cancel: what is left is a normalised scatter
 at 81 taps.
+
+Tiles need not all be treated alike, Jimenez says (thesis 000, 6.0.1): where a tile has one depth all weights
+are the same, and a plain mean of the taps will do; where nothing is blurred, none; and a wide blur may take
+more rings than a narrow one.
 """
 
 import math
@@ -20,10 +24,24 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["jimenez", "median_of_nine", "presort", "ring_taps", "sample_alpha", "spread_weight", "tan"]
+__all__ = [
+    "jimenez",
+    "median_of_nine",
+    "presort",
+    "ring_taps",
+    "sample_alpha",
+    "spread_weight",
+    "tan",
+    "tap_table",
+    "tile_ways",
+]
 
 # Side of a tile at full size, pixels.
 _TILE = 32
+
+# By tile: the most rings, their distance in pixels of half the size, and the range of defocus in a tile, part
+# of its largest blur, that is still one depth.
+_MOST_RINGS, _RING_GAP, _ONE_DEPTH = 8, 1.0, 0.1
 
 # Power of the cover of the innermost ring, ``kDofSpreadToePower``, whose value is not told.
 _TOE = 4
@@ -78,6 +96,28 @@ def ring_taps(rings: int) -> np.ndarray:
     return np.array(found, np.float32)
 
 
+def tap_table(rings: int) -> np.ndarray:
+    """Taps of 1 to ``rings`` rings, one row each, (rings, N, 2) float32, with zeros after the last."""
+    table = np.zeros((rings, len(ring_taps(rings)), 2), np.float32)
+    for number in range(1, rings + 1):
+        taps = ring_taps(number)
+        table[number - 1, : len(taps)] = taps
+    return table
+
+
+def tile_ways(nearest: np.ndarray, farthest: np.ndarray, largest: np.ndarray) -> np.ndarray:
+    """How each tile is best treated: 0 as it is, n > 0 by n rings, -n by a plain mean over n rings; int64.
+
+    Args:
+        nearest: Largest defocus of each tile and of those whose blur reaches it, pixels of half the size.
+        farthest: Least defocus.
+        largest: Largest blur radius.
+    """
+    rings = np.clip(np.ceil(largest / _RING_GAP), 1, _MOST_RINGS).astype(np.int64)
+    one_depth = nearest - farthest <= _ONE_DEPTH * largest
+    return np.where(2 * largest <= math.sqrt(0.5), 0, np.where(one_depth, -rings, rings))
+
+
 def median_of_nine(image: np.ndarray) -> np.ndarray:
     """Median of 3x3 pixels, each channel by itself; (H, W, C)."""
     height, width = image.shape[:2]
@@ -124,29 +164,45 @@ def _prefilter(image, defocus, coc, largest, size, share, result):  # type: igno
 
 @njit(cache=True, parallel=True)
 def _main(  # type: ignore[no-untyped-def]
-    light, coc, nearest, largest, size, taps, rings, shape, fade, two_layers, result
+    light, coc, nearest, largest, size, ways, table, shape, fade, two_layers, result
 ):
     """Fill ``result`` (half size) with colours and the foreground's alpha."""
     rows, columns, _ = light.shape
-    count = taps.shape[0]
     for y in prange(rows):
         for x in range(columns):
             reach, first = max(largest[y // size, x // size], 1e-6), nearest[y // size, x // size]
+            rings, plain = abs(ways[y // size, x // size]), ways[y // size, x // size] < 0
+            if rings == 0:
+                for c in range(3):
+                    result[y, x, c] = light[y, x, c]
+                result[y, x, 3] = 1.0
+                continue
+            count = 1 + 4 * rings * (rings + 1)
             before, behind = np.zeros(4), np.zeros(4)
             for index in range(count):
-                angle, distance = taps[index, 0], taps[index, 1] * reach
+                angle, distance = table[rings - 1, index, 0], table[rings - 1, index, 1] * reach
                 turn = angle / (2.0 * math.pi)
                 away = distance * shape[int((turn - math.floor(turn)) * ANGLES) % ANGLES]
                 row = min(max(int(math.floor(y + away * math.sin(angle) + 0.5)), 0), rows - 1)
                 column = min(max(int(math.floor(x + away * math.cos(angle) + 0.5)), 0), columns - 1)
+                if plain:
+                    for c in range(3):
+                        before[c] += light[row, column, c]
+                    continue
                 radius = abs(coc[row, column])
-                weight = spread_weight(taps[index, 1] * rings, radius * rings / reach) * sample_alpha(radius)
+                ring = table[rings - 1, index, 1] * rings
+                weight = spread_weight(ring, radius * rings / reach) * sample_alpha(radius)
                 far = presort(first - coc[row, column], fade)
                 for c in range(3):
                     before[c] += weight * (1.0 - far) * light[row, column, c]
                     behind[c] += weight * far * light[row, column, c]
                 before[3] += weight * (1.0 - far)
                 behind[3] += weight * far
+            if plain:
+                for c in range(3):
+                    result[y, x, c] = before[c] / count
+                result[y, x, 3] = 1.0
+                continue
             alpha = min(2.0 * before[3] / (count * sample_alpha(reach)), 1.0)
             total = before[3] + behind[3]
             for c in range(3):
@@ -159,25 +215,34 @@ def _main(  # type: ignore[no-untyped-def]
 
 
 def _render(
-    name: str, kind: _Kind, image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None, fade: float
+    name: str,
+    kind: _Kind,
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None,
+    fade: float,
+    by_tile: bool,
 ) -> np.ndarray:
     check_above("fade", fade, 0)
     image, defocus, aperture = check_baseline(name, "outline", image, defocus, aperture)
     coc = extreme_of_four(defocus, largest=False) / np.float32(2)  # the farthest, in pixels of half the size
     nearest, largest = dilated_tiles(coc, _TILE // 2)
+    ways = np.full(largest.shape, kind.rings)
+    if by_tile:
+        ways = tile_ways(nearest, -dilated_tiles(-coc, _TILE // 2)[0], largest)
     light = np.empty((*coc.shape, 3), np.float32)
     blurred = np.empty((*coc.shape, 4), np.float32)
     with parallel_region:
         _prefilter(image, defocus, coc, 2 * largest, _TILE // 2, kind.prefilter, light)
-        taps, shape = ring_taps(kind.rings), outline(aperture)
+        table, shape = tap_table(_MOST_RINGS if by_tile else kind.rings), outline(aperture)
         _main(
             light,
             coc,
             nearest,
             largest,
             _TILE // 2,
-            taps,
-            kind.rings,
+            ways,
+            table,
             shape,
             fade / 2,
             kind.two_layers,
@@ -194,7 +259,12 @@ def _render(
 
 
 def jimenez(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, fade: float = 1.0
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    *,
+    fade: float = 1.0,
+    by_tile: bool = False,
 ) -> np.ndarray:
     """Render by Jimenez's post-process: 48 taps in 3 rings beside the middle, two layers, alpha between them.
 
@@ -207,6 +277,7 @@ def jimenez(
         aperture: Its outline shapes the rings; default a disc.
         fade: How far behind the nearest of its tile a pixel is all background, pixels of defocus; the thesis
             has one over 1.5 times the focus distance, in the depth of its scenes.
+        by_tile: Treat each tile as it needs (:func:`tile_ways`), which is not what was published.
 
     Returns:
         Picture (H, W, 3), float32.
@@ -215,11 +286,16 @@ def jimenez(
         Jimenez, "Next generation post processing in Call of Duty: Advanced Warfare", SIGGRAPH courses 2014;
         Karis, "Tone mapping", 2013; thesis 000, 5.0.1 and 5.1.1.
     """
-    return _render("jimenez", _JIMENEZ, image, defocus, aperture, fade)
+    return _render("jimenez", _JIMENEZ, image, defocus, aperture, fade, by_tile)
 
 
 def tan(
-    image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, *, fade: float = 1.0
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    *,
+    fade: float = 1.0,
+    by_tile: bool = False,
 ) -> np.ndarray:
     """Render by Tan's post-process: as :func:`jimenez` with 80 taps in 4 rings, all layers in one mean.
 
@@ -228,6 +304,7 @@ def tan(
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         aperture: Its outline shapes the rings; default a disc.
         fade: As for :func:`jimenez`; it decides where the foreground covers what is in focus.
+        by_tile: As for :func:`jimenez`.
 
     Returns:
         Picture (H, W, 3), float32.
@@ -236,4 +313,4 @@ def tan(
         Tan et al. 2022, as thesis 000, 5.0.1, gives it: eq. 5.1, ``(v_f + v_b) / sum D alpha``. As the two
         weights of the presort add up to 1, so do the two sums to the sum of all.
     """
-    return _render("tan", _TAN, image, defocus, aperture, fade)
+    return _render("tan", _TAN, image, defocus, aperture, fade, by_tile)

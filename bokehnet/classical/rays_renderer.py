@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +31,23 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
-__all__ = ["rays", "render_rays", "scatter_beyond"]
+__all__ = ["CPU", "Device", "rays", "render_rays", "scatter_beyond"]
+
+
+class Device(NamedTuple):
+    """What computes where.
+
+    Attributes:
+        scatter: As :func:`bokehnet.classical.scatter_renderer.scatter`.
+        march: Sends rays, see ``send`` of :func:`bokehnet.classical.layered.ray_marching.march`; ``None`` for
+            the kernel on the CPU.
+    """
+
+    scatter: Callable[..., np.ndarray]
+    march: Callable[..., None] | None
+
+
+CPU = Device(scatter, None)
 
 # Rays of a pixel where no window of pixels is averaged. Each ray of a lens that parts colours has one
 # wavelength, of which no channel sees all.
@@ -153,6 +169,7 @@ def scatter_beyond(
     reach: int,
     strip: Strip | None,
     place: Place,
+    scattered: Callable[..., np.ndarray] = scatter,
 ) -> np.ndarray:
     """Scatter with the border's pixels repeated outwards, as the rays see them.
 
@@ -166,9 +183,10 @@ def scatter_beyond(
         reach: So many pixels are repeated.
         strip: Which rows of a picture these are; ``None`` for all.
         place: Where they lie in the shown picture.
+        scattered: Scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
     """
     if reach == 0 or aperture.cats_eye > 0:
-        return scatter(image, defocus, aperture, place)
+        return scattered(image, defocus, aperture, place)
     above = below = reach
     skipped = 0
     if strip is not None and strip.first > 0:
@@ -176,7 +194,7 @@ def scatter_beyond(
     if strip is not None and strip.last < strip.height:
         below = 0
     around = ((above, below), (reach, reach))
-    larger = scatter(
+    larger = scattered(
         np.pad(image[skipped:], (*around, (0, 0)), "edge"),
         np.pad(defocus[skipped:], around, "edge"),
         aperture,
@@ -198,6 +216,7 @@ def _render(
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
     rays_share: float = 1.0,
+    device: Device = CPU,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
@@ -222,7 +241,8 @@ def _render(
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
         ray_reach = lens.reach(radius)
         rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
-    smooth = scatter_beyond(image, defocus, aperture, min(radius, max(size)), strip, place.below(above))
+    reach = min(radius, max(size))
+    smooth = scatter_beyond(image, defocus, aperture, reach, strip, place.below(above), device.scatter)
     rays_mask = rays_weight > 0
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     tell = _told(progress, seconds)
@@ -281,6 +301,7 @@ def _render(
         radius=ray_reach,
         usual=round(rays_share * (_COLORED_RAYS if colored else _RAYS)),
         progress=lambda share: tell(2, share),
+        send=device.march,
     )
     add_lights(
         lights,
@@ -315,7 +336,8 @@ def render_rays(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture | None = None,
+    device: Device = CPU,
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
-    return _render(image, defocus, aperture or Aperture(), **options)
+    return _render(image, defocus, aperture or Aperture(), device=device, **options)

@@ -1,5 +1,6 @@
 """The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
 
+from collections.abc import Callable
 from typing import Any, TypeVar, Unpack, cast
 
 import numpy as np
@@ -95,6 +96,7 @@ def render_scatter(
     image: np.ndarray,
     defocus: np.ndarray,
     aperture: Aperture | None = None,
+    scattered: Callable[..., np.ndarray] | None = None,
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
     """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
@@ -106,13 +108,13 @@ def render_scatter(
 
     A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
     the error map is that of the whole picture. It takes pixels as they are, one surface each, whatever is
-    ``known``.
+    ``known``. ``scattered`` computes in place of :func:`scatter`, as on another device.
     """
     check_focuses_alone(options.get("lens_response"), "scatter")
     strip, place, progress = options.get("strip"), options.get("place"), options.get("progress")
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)
-    bokeh = scatter(image, defocus, aperture, place)
+    bokeh = (scattered or scatter)(image, defocus, aperture, place)
     if progress is not None:
         progress(0.9)
     return ClassicalResult(bokeh=bokeh, error_map=geometric_error_map(defocus, boundary_threshold(size)))

@@ -36,7 +36,7 @@ def compare(
 ) -> None:
     """Render a picture by several engines, and lay them side by side.
 
-    A line for each is printed: PSNR, edge PSNR, SSIM and FLIP where the truth is known, and seconds.
+    A line for each is printed: PSNR, edge PSNR, SSIM and FLIP where the truth is known, seconds and memory.
     """
     from bokehnet.cli.compare_page import comparison_page  # after parsing, so --help stays fast
     from bokehnet.cli.progress import compile_notice, progress

@@ -27,7 +27,8 @@ td:first-child, th:first-child {{ text-align: left; }}
 <p>Left <select id="left"></select> Right <select id="right"></select></p>
 <div id="both"><img id="under" alt=""><img id="over" alt=""></div>
 <p><input id="slider" type="range" min="0" max="100" value="50" aria-label="where the left picture ends"></p>
-<table><tr><th>engine</th><th>PSNR</th><th>edge PSNR</th><th>SSIM</th><th>FLIP</th><th>seconds</th></tr>
+<table>
+<tr><th>engine</th><th>PSNR</th><th>edge PSNR</th><th>SSIM</th><th>FLIP</th><th>seconds</th><th>MB</th></tr>
 {rows}</table>
 <script>
 const pictures = {{{pictures}}};
@@ -69,6 +70,7 @@ def _row(one: Compared) -> str:
         told = one.scores
         numbers = [f"{told.psnr:.2f}", f"{told.edge_psnr:.2f}", f"{told.ssim:.4f}", f"{told.flip:.4f}"]
     cells = [html.escape(one.engine), *numbers, f"{one.seconds:.2f}"]
+    cells.append("" if one.memory is None else f"{one.memory / 1e6:.0f}")
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 

@@ -94,7 +94,12 @@ def show(
 
 @lens.command("import")
 def import_file(
-    file: Annotated[Path, typer.Argument(help="A lens file: .zmx, .seq, .len, .json, .roa or .csv.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A lens file: .zmx, .seq, .len, .json, .roa, .csv or .fx; FILE@2 is a second position."
+        ),
+    ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write the lens here, as TOML.")
     ] = None,

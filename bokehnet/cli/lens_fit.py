@@ -61,11 +61,7 @@ def fit(
         report(0, 1)
         found = fit_look(image, discs, behind=not in_front)
         report(1, 1)
-    look = found.look
-    rows = _shape_rows(look) | {
-        "axial-fringe": round(look.axial, 4),
-        "lateral-fringe": round(look.lateral, 4),
-    }
+    rows = _rows(found.look, colours=True)
     told = "".join(f"{name} = {value}\n" for name, value in rows.items())
     write_text(output, f'description = "Fitted to the lamps of a photograph"\n{told}', error=ConfigError)
     if residual is not None:
@@ -92,7 +88,7 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
         report(0, 1)
         found = fit_pair(scene.image, np.asarray(scene.depth.values), read_image(photo))
         report(1, 1)
-    rows = _shape_rows(found.look)
+    rows = _rows(found.look, colours=False)
     told = "".join(f"{name} = {value}\n" for name, value in rows.items())
     write_text(output, f'description = "Fitted to a pair of pictures"\n{told}', error=ConfigError)
     if residual is not None:
@@ -106,28 +102,34 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
     typer.echo(f"  left of square roots of light {found.left:.4f}; by blades {others}")
 
 
-def _shape_rows(look: Any) -> dict[str, float]:
-    """Options of the opening, by name."""
-    rows = {
-        "blades": look.blades,
-        "blade-curvature": round(look.curvature, 4),
-        "aperture-rotation": round(look.rotation, 3),
-        "rim": round(look.spherical_profile, 4),
-        "obstruction": round(look.obstruction, 4),
-        "cats-eye": round(look.cats_eye, 4),
+# Options, what a fitted look calls them, and decimals that are written.
+_OPTIONS = {
+    "blades": ("blades", 0),
+    "blade-curvature": ("curvature", 4),
+    "aperture-rotation": ("rotation", 3),
+    "rim": ("spherical_profile", 4),
+    "obstruction": ("obstruction", 4),
+    "cats-eye": ("cats_eye", 4),
+    "axial-fringe": ("axial", 4),
+    "lateral-fringe": ("lateral", 4),
+}
+_BLADES, _COLOURS = ("blade-curvature", "aperture-rotation"), ("axial-fringe", "lateral-fringe")
+
+
+def _rows(look: Any, colours: bool) -> dict[str, float]:
+    """Options of a look, by name; those of its colours where they were fitted."""
+    left_out = (() if look.blades else _BLADES) + (() if colours else _COLOURS)
+    return {
+        option: round(getattr(look, field), decimals)
+        for option, (field, decimals) in _OPTIONS.items()
+        if option not in left_out
     }
-    if not look.blades:
-        del rows["blade-curvature"], rows["aperture-rotation"]
-    return rows
 
 
 def _tell(rows: dict[str, float], deviation: dict[str, float]) -> None:
     """Print each number with its doubt."""
-    names = {"curvature": "blade-curvature", "rotation": "aperture-rotation", "spherical_profile": "rim"}
-    spread = {names.get(name, name): value for name, value in deviation.items()}
     for name, value in rows.items():
-        key = name.replace("-fringe", "").replace("-", "_") if name not in spread else name
-        doubt = spread.get(key)
+        doubt = deviation.get(_OPTIONS[name][0] if name in _OPTIONS else name)
         typer.echo(f"  {name:<18}{value:>9.4g}" + ("" if doubt is None else f"  +- {doubt:.2g}"))
 
 

@@ -167,7 +167,14 @@ class CameraEffects:
         return in_row_blocks(take, image, _ROWS)
 
     def _factor(self, field: Array, view: View) -> Array:
-        factor = cos4_factor(field, self.cos4) * rim_factor(field, self.optical_vignetting)
+        """The product of all that is there; each of them costs as much as a blur of a few pixels."""
+        xp, factor = array_namespace(field), None
+        for amount, made in ((self.cos4, cos4_factor), (self.optical_vignetting, rim_factor)):
+            if not is_absent(amount):
+                found = made(field, amount)
+                factor = found if factor is None else factor * found
+        if factor is None:
+            factor = xp.ones_like(field[..., 0])
         if self.shading:
             factor = factor * table_factor(field, self.shading)
         return factor if self.vignette is None else factor * self.vignette.factor(field, view.aspect)

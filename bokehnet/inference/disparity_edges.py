@@ -4,7 +4,15 @@ import numpy as np
 
 from bokehnet.io.row_blocks import cut_row_blocks, make_in_row_blocks
 
-__all__ = ["STEP", "extremes", "repair_soft_edges", "sharpen_if_soft", "soft_edge_fraction", "with_halo"]
+__all__ = [
+    "SOFT",
+    "STEP",
+    "extremes",
+    "repair_soft_edges",
+    "sharpen_if_soft",
+    "soft_edge_fraction",
+    "with_halo",
+]
 
 # A span of the map's values, as a share of the whole map's, that makes a step.
 STEP = 0.05
@@ -13,7 +21,7 @@ STEP = 0.05
 _BETWEEN = 0.2
 
 # Share of soft steps from which on all are sharpened before a network sees the map.
-_SOFT = 0.3
+SOFT = 0.3
 
 # Half widths of the windows, one after the other; together they turn ramps of ten pixels into steps.
 _RADII = (3, 2)
@@ -95,4 +103,4 @@ def sharpen_if_soft(disparity: np.ndarray, fraction: float) -> np.ndarray:
         disparity: (H, W), any unit.
         fraction: From :func:`soft_edge_fraction`.
     """
-    return repair_soft_edges(disparity) if fraction > _SOFT else disparity
+    return repair_soft_edges(disparity) if fraction > SOFT else disparity

@@ -11,9 +11,9 @@ import numpy.typing as npt
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.inference.alike_median import settle_soft_steps, soft_steps
 from bokehnet.inference.disparity_edges import (
+    SOFT,
     STEP,
     repair_soft_edges,
-    sharpen_if_soft,
     soft_edge_fraction,
 )
 from bokehnet.inference.disparity_tiles import BLOCK, FRUGAL_TILE, HALO, TILE, repair_tiles
@@ -21,6 +21,7 @@ from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.memory import give_back
+from bokehnet.inference.overshoots import without_overshoots
 from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.inference.soft_maps import explain_soft_map, find_softness
@@ -40,7 +41,7 @@ RepairMode = Literal["auto", "on", "off"]
 REPAIR_MODES = get_args(RepairMode)
 
 # Bytes that the network takes for a pixel that it sees at once.
-_NETWORK_BYTES = 420
+_NETWORK_BYTES = 480
 
 # Rows looked at together where the whole map is looked through.
 _BLOCK_ROWS = 1024
@@ -159,13 +160,19 @@ class _Work:
         shapes: Of the picture at each size, (3, H, W), the largest first.
         progress: Is told of it.
         tile: Most pixels that the network sees at once.
+
+    Attributes:
+        last_look: How many sizes are smaller than the largest one at which the network looks.
+        is_large: Whether there are several sizes.
     """
 
     def __init__(self, shapes: Sequence[tuple[int, ...]], progress: Progress | None, tile: int) -> None:
-        self.tile = tile
+        smallest = len(shapes) - 1
+        looks = [max(shape) <= _NETWORK_SIDE or at == smallest for at, shape in enumerate(shapes)]
+        self.tile, self.last_look, self.is_large = tile, smallest - looks.index(True), smallest > 0
         self._costs = [
-            height * width * (1 if max(height, width) > _NETWORK_SIDE and at + 1 < len(shapes) else _COSTLY)
-            for at, (_, height, width) in enumerate(shapes)
+            height * width * (_COSTLY if look else 1)
+            for look, (_, height, width) in zip(looks, shapes, strict=True)
         ]
         self._progress = progress
 
@@ -245,7 +252,10 @@ class DisparityRepair:
                 return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=plan)
             mode = "on"
         softness = soft_edge_fraction(disparity) if plan is None else plan.softness
-        start = sharpen_if_soft(disparity, softness)
+        start = given = disparity
+        if softness > SOFT:
+            given = without_overshoots(disparity)
+            start = repair_soft_edges(given)
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
@@ -256,17 +266,14 @@ class DisparityRepair:
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress, FRUGAL_TILE if frugal else TILE)
-        large = len(sizes) > 1
         if plan is None:
             shift, smallest = self._edge_bias(sizes, start, span, work)
         else:
             shift, smallest = plan.shift, None
         maps = [shift_edges(start, shift)]
         del start
-        soft = _SoftMap(soft_steps(disparity), disparity) if softness > _RAMPS else None
+        soft = _SoftMap(soft_steps(given), given) if softness > _RAMPS else None
         repaired = self._repair(sizes, maps, span, work, None if shift else smallest, soft)
-        if large:
-            self._give_back()
         if mode == "on":
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift)
@@ -361,6 +368,8 @@ class DisparityRepair:
                 return aligned
         if repaired is None:
             repaired, _ = self._look(image, disparity, span, work, number)
+        if number == work.last_look and work.is_large:
+            self._give_back()
         colors = image.transpose(1, 2, 0)
         if soft is not None:
             repaired = soft.settle(colors, repaired, span)

@@ -17,7 +17,6 @@ from bokehnet.classical.base import (
     Place,
     Strip,
     check_inputs,
-    make_classical,
 )
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
@@ -25,11 +24,13 @@ from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PIXELS, CoarseInput
+from bokehnet.inference.devices import device_of, make_on, providers_on
 from bokehnet.inference.expected_error import ERROR_BYTES, ErrorEstimate, check_expects_error
 from bokehnet.inference.session import WEIGHTS, load_networks
-from bokehnet.inference.strips import WORKING_MEMORY, StripAccumulator, cut_strips, worth_cutting
+from bokehnet.inference.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.inference.tiling import refine_in_tiles
-from bokehnet.io.row_blocks import Progress, in_row_blocks
+from bokehnet.io.row_blocks import Progress, cut_row_blocks, in_row_blocks
+from bokehnet.onnx_session import CPU
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
@@ -143,7 +144,7 @@ def _most_pixels(memory: int | None, bytes_per_pixel: int) -> int:
 
 
 class Engine:
-    """Renders on the CPU. One engine may be used by several threads at once.
+    """Renders on the CPU, or a CUDA device. One engine may be used by several threads at once.
 
     Args:
         name: One of ``ENGINES``, or of ``BASELINES``, methods of the literature.
@@ -152,10 +153,14 @@ class Engine:
         providers: Execution providers of ONNX Runtime, the preferred one first.
         session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
             left to it.
+        device: ``cpu``, ``cuda``, or ``auto``: that where it can be used. On a device the classical half runs
+            there, and networks do where ONNX Runtime has it; a lens that does more than focus is followed on
+            the CPU.
 
     Attributes:
         name: The same.
         classical_name: The renderer without networks that it rests on.
+        device: ``cpu`` or ``cuda``.
 
     Raises:
         ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
@@ -170,17 +175,22 @@ class Engine:
         threads: int = 0,
         providers: Sequence[str] = ("CPUExecutionProvider",),
         session_options: Any = None,
+        device: str = "cpu",
     ) -> None:
         if name not in BASELINES:
             check_choice("engine", name, ENGINES)
         self.name, self._threads = name, threads
         neural = name in HYBRIDS
+        asked, self.device = device, device_of(device, CLASSICAL_HALVES.get(name, name))
+        if self.device != "cpu" and tuple(providers) == CPU:
+            providers = providers_on(self.device)
         self._networks = (
             load_networks(weights or WEIGHTS / name, threads, providers, session_options) if neural else None
         )
         self.classical_name = self._networks.classical if self._networks else name
         baseline = name in BASELINES
-        self._classical = baseline_renderer(name) if baseline else make_classical(self.classical_name)
+        self._classical = baseline_renderer(name) if baseline else make_on(self.device, self.classical_name)
+        self._behind_glass = make_on("cpu", self.classical_name) if asked == "auto" and not baseline else None
 
     def render(
         self,
@@ -321,9 +331,9 @@ class Engine:
             crossed = ray_reach(lens.lens_response, lens.place, max_coc_radius)
         if memory is None:
             reach = max(max_coc_radius, crossed or 0)
-            if not worth_cutting(height, width, reach, self.classical_name):
+            memory, taken = working_memory(height, width, reach, self.classical_name), 0
+            if memory is None:
                 return [None]
-            memory, taken = WORKING_MEMORY, 0
         strips: list[Strip | None] = [
             *cut_strips(height, width, max_coc_radius, self.classical_name, memory, taken, crossed)
         ]
@@ -410,11 +420,9 @@ class Engine:
         if networks is not None and gathered.coarse is not None:
             report(_STEPS * len(strips), steps)
             correction = gathered.coarse.correct(networks.arnet, networks.max_valid_radius)
-            for strip in strips:
-                assert strip is not None
-                inner = slice(strip.first + strip.wanted.start, strip.first + strip.wanted.stop)
-                found = correction.apply(bokeh[inner], error_map[inner], inner.start)
-                bokeh[inner], error_map[inner] = found.bokeh, found.error_map
+            for rows in cut_row_blocks(bokeh.shape):
+                found = correction.apply(bokeh[rows], error_map[rows], rows.start)
+                bokeh[rows], error_map[rows] = found.bokeh, found.error_map
         report(steps, steps)
         classical = bokeh if networks is None else None
         return EngineResult(
@@ -440,8 +448,11 @@ class Engine:
         layers = lens.layers
         if layers is not None and strip is not None:
             layers = layers.in_rows(strip.first, strip.last)
+        renderer = self._classical
+        if self._behind_glass is not None and not lens.lens_response.is_plain:
+            renderer = self._behind_glass
         render = partial(
-            self._classical,
+            renderer,
             strip=strip,
             lens_response=lens.lens_response,
             place=lens.place,

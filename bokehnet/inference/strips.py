@@ -9,7 +9,7 @@ from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.classical.layered.ray_averages import window_halo
 from bokehnet.errors import ParameterError
 
-__all__ = ["StripAccumulator", "cut_strips", "least_rows", "worth_cutting"]
+__all__ = ["StripAccumulator", "cut_strips", "least_rows", "working_memory"]
 
 # Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
 BYTES_PER_PIXEL = {"rays": 156, "scatter": 45}
@@ -20,8 +20,9 @@ BYTES_PER_PIXEL = {"rays": 156, "scatter": 45}
 _HALO = {"rays": 2, "scatter": 1}
 _FEW = 32
 
-# Bytes that a strip takes where nobody says how much may be taken: less is faster, as it is used again.
-WORKING_MEMORY = 2**30
+# Bytes that a strip takes where nobody says how much may be taken, the first that is worth it: less is
+# faster, as it is used again, but of large discs little of it would be the strip's own.
+_WORKING_MEMORY = (2**30, 3 * 2**29, 2**31)
 
 # Rows of a strip, over those around it that are looked at as well, from which on such strips are worth it.
 _WORTH = 6
@@ -40,8 +41,10 @@ def least_rows(height: int, reach: int, classical: str) -> int:
     return min(height, 2 * _halo(height, reach, classical) + 2 * ALIGNED)
 
 
-def worth_cutting(height: int, width: int, reach: int, classical: str) -> bool:
-    """Whether a picture is cut into strips though nobody bounds its memory: large ones, where little is lost.
+def working_memory(height: int, width: int, reach: int, classical: str) -> int | None:
+    """Bytes of a strip of a picture whose memory nobody bounds; ``None`` where it is not worth cutting.
+
+    Large pictures are, where few rows around a strip are looked at beside its own.
 
     Args:
         height: Of the picture.
@@ -49,9 +52,14 @@ def worth_cutting(height: int, width: int, reach: int, classical: str) -> bool:
         reach: Pixels within which rays stay.
         classical: Name of the classical renderer.
     """
-    most = WORKING_MEMORY // (BYTES_PER_PIXEL[classical] * width)
     halo = _halo(height, reach, classical)
-    return most < height and most - 2 * halo - ALIGNED >= _WORTH * halo
+    for memory in _WORKING_MEMORY:
+        most = memory // (BYTES_PER_PIXEL[classical] * width)
+        if most >= height:
+            return None
+        if most - 2 * halo - ALIGNED >= _WORTH * halo:
+            return memory
+    return None
 
 
 def cut_strips(

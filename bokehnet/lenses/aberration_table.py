@@ -21,7 +21,8 @@ any order, each at most once; what is left out is 0:
   ``(a.a)^I (a.h)^J (h.h)^K``; ``pupil_f_IJK`` and ``pupil_g_IJK`` the same of the pupil, percent of its
   radius.
 
-Remarks tell ``rim``, the shift and radius of a vignetting aperture, once for each of them.
+Remarks tell ``rim``, the shift and radius of a vignetting aperture, once for each of them; a radius below 0
+is that of what is dark inside.
 """
 
 import csv
@@ -131,8 +132,10 @@ def _rim(text: str, where: str) -> tuple[float, float]:
         shift, radius = map(float, text.split(","))
     except ValueError as error:
         raise ConfigError(f"{where}: rim: expected a shift and a radius, got {text.strip()!r}") from error
-    if not math.isfinite(shift) or not 0 < radius < math.inf:
-        raise ConfigError(f"{where}: rim: expected a finite shift and a radius above 0, got {text.strip()!r}")
+    if not math.isfinite(shift) or not 0 < abs(radius) < math.inf:
+        raise ConfigError(
+            f"{where}: rim: expected a finite shift and a radius other than 0, got {text.strip()!r}"
+        )
     return shift, radius
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bokehnet.optics.aberration_map import rim_passes
 from bokehnet.optics.sampling import disc_from_square, halton
 
 __all__ = ["nearest_cats_eye"]
@@ -49,5 +50,5 @@ def _open(pupil: np.ndarray, field: float, discs: Sequence[tuple[float, float]])
     """Which points (N, 2) lie in the unit disc and in all discs of a field along the first axis."""
     passes = (pupil**2).sum(-1) <= 1
     for shift, radius in discs:
-        passes &= ((pupil - [shift * field, 0.0]) ** 2).sum(-1) <= radius**2
+        passes &= rim_passes(pupil, np.array([field, 0.0]), shift, radius)
     return np.asarray(passes)

@@ -14,7 +14,7 @@ import numpy as np
 
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.stop_rays import chief_rays
-from bokehnet.lenses.surface_trace import Beam, Surface, meet, trace
+from bokehnet.lenses.surface_trace import Beam, Met, Surface, meet, pass_surface
 from bokehnet.optics.coating import Coating, reflectance
 
 __all__ = ["Ghost", "trace_ghosts"]
@@ -67,21 +67,25 @@ def trace_ghosts(
     surfaces = lens.surfaces_at(wavelength)
     slope = chief_rays(lens, np.array(place), wavelength).slope
     start = _start(surfaces[0], slope, side)
+    how = (light, coating)
     direct, power = start, np.ones((side, side))
     beams = []  # in front of each surface
     for surface in surfaces:
-        beams.append((direct, power))
-        direct, power = _pass(surface, direct, power, 1.0, light, coating)
+        crossing = _cross(surface, direct, 1.0, *how)
+        beams.append((direct, power, crossing))
+        direct, power = _pass(surface, direct, power, 1.0, crossing)
     whole = (power * direct.passes).sum()
     for far in range(1, len(surfaces)):
-        if not _reflects(surfaces[far]):
+        arriving, arrived, crossing = beams[far]
+        if crossing is None:
             continue
-        back, power = _reflect(surfaces[far], *beams[far], 1.0, light, coating)
+        back, power = _reflect(surfaces[far], arriving, arrived, 1.0, crossing)
         for near in range(far - 1, -1, -1):
-            if _reflects(surfaces[near]):
-                beam, left = _reflect(surfaces[near], back, power, -1.0, light, coating)
+            crossing = _cross(surfaces[near], back, -1.0, *how)
+            if crossing is not None:
+                beam, left = _reflect(surfaces[near], back, power, -1.0, crossing)
                 for surface in surfaces[near + 1 :]:
-                    beam, left = _pass(surface, beam, left, 1.0, light, coating)
+                    beam, left = _pass(surface, beam, left, 1.0, _cross(surface, beam, 1.0, *how))
                 x, y = beam.at(lens.sensor_position)
                 yield Ghost(
                     surfaces=(near, far),
@@ -89,7 +93,7 @@ def trace_ghosts(
                     fill=np.maximum(beam.fill, beam.stop_fill),
                     flux=left / max(whole, 1e-300),
                 )
-            back, power = _pass(surfaces[near], back, power, -1.0, light, coating)
+            back, power = _pass(surfaces[near], back, power, -1.0, crossing)
 
 
 def _start(first: Surface, slope: np.ndarray, side: int) -> Beam:
@@ -108,36 +112,47 @@ def _reflects(surface: Surface) -> bool:
     return not surface.stop and bool(np.any(np.asarray(surface.before) != surface.behind))
 
 
-def _shares(
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crossing:
+    """Rays at a surface between two media: what they meet, unit normals, and the share that is reflected."""
+
+    met: Met
+    normal: tuple[np.ndarray, ...]
+    share: np.ndarray
+
+
+def _cross(
     surface: Surface, beam: Beam, sign: float, wavelength: float, coating: Coating
-) -> tuple[np.ndarray, tuple[np.ndarray, ...], tuple[np.ndarray, ...], np.ndarray]:
-    """Reflected share, point, unit normal and which rays meet the surface."""
-    point, normal, hits = meet(surface, beam, sign)
-    length = np.sqrt(sum(part * part for part in normal))
-    normal = tuple(part / length for part in normal)  # type: ignore[assignment]
+) -> _Crossing | None:
+    """The crossing, or None where nothing is reflected."""
+    if not _reflects(surface):
+        return None
+    met = meet(surface, beam, sign)
+    length = np.sqrt(sum(part * part for part in met[1]))
+    normal = tuple(part / length for part in met[1])
     cosine = np.clip(abs(sum(a * b for a, b in zip(beam.direction, normal, strict=True))), 0, 1)
     sides = (float(surface.before), float(surface.behind))
     before, behind = sides if sign > 0 else sides[::-1]
-    return reflectance(before, behind, cosine, wavelength, coating), point, normal, hits
+    return _Crossing(met, normal, reflectance(before, behind, cosine, wavelength, coating))
 
 
 def _pass(
-    surface: Surface, beam: Beam, power: np.ndarray, sign: float, wavelength: float, coating: Coating
+    surface: Surface, beam: Beam, power: np.ndarray, sign: float, crossing: _Crossing | None
 ) -> tuple[Beam, np.ndarray]:
     """Rays behind a surface, and the light that they keep."""
-    if _reflects(surface):
-        power = power * (1 - _shares(surface, beam, sign, wavelength, coating)[0])
-    return trace([surface], beam, backwards=sign < 0), power
+    if crossing is None:
+        return pass_surface(surface, beam, sign), power
+    return pass_surface(surface, beam, sign, crossing.met), power * (1 - crossing.share)
 
 
 def _reflect(
-    surface: Surface, beam: Beam, power: np.ndarray, sign: float, wavelength: float, coating: Coating
+    surface: Surface, beam: Beam, power: np.ndarray, sign: float, crossing: _Crossing
 ) -> tuple[Beam, np.ndarray]:
     """Rays that a surface sends back, and their light."""
-    share, point, normal, hits = _shares(surface, beam, sign, wavelength, coating)
-    along = sum(a * b for a, b in zip(beam.direction, normal, strict=True))
-    direction = tuple(d - 2 * along * n for d, n in zip(beam.direction, normal, strict=True))
+    point, _, hits = crossing.met
+    along = sum(a * b for a, b in zip(beam.direction, crossing.normal, strict=True))
+    direction = tuple(d - 2 * along * n for d, n in zip(beam.direction, crossing.normal, strict=True))
     height = np.hypot(point[0], point[1]) / surface.semi_diameter
     fill = np.where(hits & (sign * direction[2] < 0), np.maximum(beam.fill, height), _LOST)
     turned = Beam(position=point, direction=direction, fill=fill, stop_fill=beam.stop_fill)  # type: ignore[arg-type]
-    return turned, power * share
+    return turned, power * crossing.share

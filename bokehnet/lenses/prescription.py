@@ -1,7 +1,7 @@
 """A lens made of real glass: every ray is refracted surface by surface."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -103,7 +103,7 @@ class PrescriptionLens:
             direction = (sine, nothing, -np.sqrt(1 - sine * sine))
             start = (nothing, nothing, nothing + self.sensor_position)
             passes = trace(
-                self.surfaces,
+                [replace(surface, inner_radius=0.0) for surface in self.surfaces],
                 Beam(position=start, direction=direction, fill=nothing, stop_fill=nothing),
                 backwards=True,
             ).passes

@@ -23,7 +23,10 @@
 import dataclasses
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from bokehnet.config import load_config
 from bokehnet.errors import ConfigError, LensError
@@ -39,7 +42,7 @@ from bokehnet.optics.glass import (
     make_glass,
 )
 
-__all__ = ["Prescription", "SurfaceRow", "read_prescription"]
+__all__ = ["FocusRow", "Prescription", "SurfaceRow", "read_prescription"]
 
 _MEDIA = ("glass", "abbe", "sellmeier", "schott", "formula", "table")
 _Six = tuple[float, float, float, float, float, float]
@@ -57,6 +60,7 @@ class SurfaceRow:
         conic: Conic constant; 0 is a sphere.
         aspheric: What an even asphere adds to the depth of the conic: coefficients of the height to the
             powers 2, 4, 6, ..., mm^-1, mm^-3, ...
+        odd: The same of the powers 3, 5, 7, ..., mm^-2, mm^-4, ...
         stop: Whether this is the aperture stop: a plane in air, or in the glass of the row in front of it,
             which it then names again. Only a stop may stand behind what comes next, thickness below 0.
         glass: Name of a glass that :mod:`bokehnet.optics.glass` knows.
@@ -65,6 +69,11 @@ class SurfaceRow:
         schott: a0 to a5.
         formula: Any other formula, as :class:`bokehnet.optics.glass.FormulaGlass`.
         table: Wavelengths, nm, and indices, as :class:`bokehnet.optics.glass.TableGlass`.
+        mirror: Whether it reflects; what is behind it, in the way of the light, is what was in front. Radii
+            and distances behind a mirror are told as seen in it: thicknesses stay positive, and radii
+            above 0 have their centre where the light goes.
+        inner_radius: Rays nearer to the axis than this are stopped, mm: by the back of another mirror, or a
+            hole.
         comment: What the source calls the surface.
     """
 
@@ -73,6 +82,7 @@ class SurfaceRow:
     radius: float = math.inf
     conic: float = 0.0
     aspheric: tuple[float, ...] = ()
+    odd: tuple[float, ...] = ()
     stop: bool = False
     glass: str | None = None
     abbe: tuple[float, float] | None = None
@@ -80,6 +90,8 @@ class SurfaceRow:
     schott: _Six | None = None
     formula: FormulaGlass | None = None
     table: TableGlass | None = None
+    mirror: bool = False
+    inner_radius: float = 0.0
     comment: str = ""
 
     def problem(self, in_front: Glass | None) -> str | None:
@@ -87,7 +99,7 @@ class SurfaceRow:
         media = [key for key in _MEDIA if getattr(self, key) is not None]
         if len(media) > 1:
             return f"{media[0]}: expected one way to tell the glass, got {' and '.join(media)}"
-        if self.stop and (math.isfinite(self.radius) or self.aspheric):
+        if self.stop and (math.isfinite(self.radius) or self.aspheric or self.odd):
             return "stop: expected a plane in air, got a radius"
         if self.radius == 0 or math.isnan(self.radius):
             return f"radius: expected a radius, or inf for a plane, got {self.radius:g}"
@@ -97,6 +109,11 @@ class SurfaceRow:
             return f"semi_diameter: expected more than 0, got {self.semi_diameter:g}"
         if self.semi_diameter**2 * (1 + self.conic) >= self.radius**2:
             return f"semi_diameter: {self.semi_diameter:g} reaches beyond the radius of {self.radius:g}"
+        if not 0 <= self.inner_radius < self.semi_diameter or (self.stop and self.inner_radius):
+            limit = "0, at a stop," if self.stop else f"0 to less than {self.semi_diameter:g}"
+            return f"inner_radius: expected {limit}, got {self.inner_radius:g}"
+        if self.stop and self.mirror:
+            return "mirror: expected a stop of its own beside the mirror, got both in one"
         if self.abbe is not None and not (self.abbe[0] > 1 and self.abbe[1] > 0):
             return f"abbe: expected [nd above 1, Vd above 0], got {list(self.abbe)}"
         try:
@@ -105,6 +122,8 @@ class SurfaceRow:
             return f"glass: {error}"
         if self.stop and behind != in_front:
             return "stop: expected a plane in air, or the glass in front of it named again, got another"
+        if self.mirror and behind != in_front:
+            return "mirror: expected air, or the glass in front of it named again, got another"
         return None
 
     def medium(self) -> Glass | None:
@@ -121,6 +140,19 @@ class SurfaceRow:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class FocusRow:
+    """How the groups of a lens stand when it is focused at one distance.
+
+    Attributes:
+        distance: From the first surface to what is in focus, mm; may be infinite.
+        thicknesses: Of all rows, mm.
+    """
+
+    distance: float
+    thicknesses: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Prescription:
     """A lens as published.
 
@@ -132,6 +164,7 @@ class Prescription:
         image_radius: Radius of the picture that it is made for, mm, in focus at infinity.
         surfaces: From the scene to the sensor.
         design_wavelength: Wavelength that focus and pupils are told for, nm.
+        floating: How groups move to focus, nearest distance first; none where the lens moves as one piece.
     """
 
     name: str
@@ -141,22 +174,55 @@ class Prescription:
     image_radius: float
     surfaces: tuple[SurfaceRow, ...]
     design_wavelength: float = D_LINE
+    floating: tuple[FocusRow, ...] = ()
 
     def problem(self) -> str | None:
         """Say what no lens can have, beginning with the key, or return None."""
         for key in ("focal_length", "f_number", "image_radius", "design_wavelength"):
             if not 0 < getattr(self, key) < math.inf:
                 return f"{key}: expected more than 0, got {getattr(self, key):g}"
-        if len(self.surfaces) < 3 or sum(row.stop for row in self.surfaces) != 1:
+        fewest = 2 if any(row.mirror for row in self.surfaces) else 3
+        if len(self.surfaces) < fewest or sum(row.stop for row in self.surfaces) != 1:
             stops = sum(row.stop for row in self.surfaces)
             found = f"{len(self.surfaces)} rows with {stops} stops"
             return f"surfaces: expected two or more, and one with stop = true, got {found}"
+        distances = [row.distance for row in self.floating]
+        if distances and not (distances[0] > 0 and all(a < b for a, b in pairwise(distances))):
+            return f"floating: expected distances above 0 that rise, got {distances}"
+        for i, told in enumerate(self.floating):
+            if len(told.thicknesses) != len(self.surfaces):
+                count = len(told.thicknesses)
+                return (
+                    f"floating[{i}].thicknesses: expected {len(self.surfaces)} as there are rows, got {count}"
+                )
         medium: Glass | None = None
         for i, row in enumerate(self.surfaces):
             if (problem := row.problem(medium)) is not None:
                 return f"surfaces[{i}].{problem}"
             medium = row.medium()
         return "surfaces: expected air behind the last one, got a glass" if medium is not None else None
+
+    def focused(self, distance: float) -> "Prescription":
+        """Return the lens with its groups as they stand when it is focused at a distance.
+
+        Between the distances that are told, gaps are linear in one over the distance; beyond them they stay.
+
+        Args:
+            distance: From the first surface, mm; may be infinite.
+        """
+        if not self.floating:
+            return self
+        nearness = [-1 / row.distance for row in self.floating]
+        surfaces = tuple(
+            dataclasses.replace(
+                row,
+                thickness=float(
+                    np.interp(-1 / distance, nearness, [at.thicknesses[i] for at in self.floating])
+                ),
+            )
+            for i, row in enumerate(self.surfaces)
+        )
+        return dataclasses.replace(self, surfaces=surfaces)
 
     def scaled(self, factor: float) -> "Prescription":
         """Return the lens with every length multiplied by ``factor``."""
@@ -165,8 +231,10 @@ class Prescription:
                 row,
                 thickness=factor * row.thickness,
                 semi_diameter=factor * row.semi_diameter,
+                inner_radius=factor * row.inner_radius,
                 radius=factor * row.radius,
                 aspheric=tuple(a * factor ** (-1 - 2 * i) for i, a in enumerate(row.aspheric)),
+                odd=tuple(a * factor ** (-2 - 2 * i) for i, a in enumerate(row.odd)),
             )
             for row in self.surfaces
         )
@@ -175,6 +243,12 @@ class Prescription:
             surfaces=surfaces,
             focal_length=factor * self.focal_length,
             image_radius=factor * self.image_radius,
+            floating=tuple(
+                FocusRow(
+                    distance=factor * row.distance, thicknesses=tuple(factor * t for t in row.thicknesses)
+                )
+                for row in self.floating
+            ),
         )
 
     def trace_surfaces(self, wavelength: float, stop_radius: float | None = None) -> tuple[Surface, ...]:
@@ -199,6 +273,9 @@ class Prescription:
                     behind=behind,
                     stop=row.stop,
                     aspheric=row.aspheric,
+                    odd=row.odd,
+                    mirror=row.mirror,
+                    inner_radius=row.inner_radius,
                 )
             )
             before, vertex = behind, vertex + row.thickness

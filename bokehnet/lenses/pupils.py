@@ -52,8 +52,7 @@ def paraxial_lens(surfaces: Sequence[Surface]) -> ParaxialLens:
         system, behind = system.travel(gap), behind.travel(gap)
         if surface.stop:
             before, behind, stop_radius = system, RayMatrix(), surface.semi_diameter
-        power = (surface.behind - surface.before) * surface.vertex_curvature
-        system, behind = system.refract(power), behind.refract(power)
+        system, behind = system.refract(surface.power), behind.refract(surface.power)
         place, index = surface.vertex, surface.behind
     return ParaxialLens(
         cardinal=cardinal_points(system, place),

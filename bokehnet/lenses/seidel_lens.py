@@ -242,10 +242,9 @@ def _each_surface(
         marginal, chief = ((y + gap * nu, nu) for y, nu in (marginal, chief))
         if surface.stop:
             continue
-        glass = surface.vertex_curvature, surface.fourth_order, surface.before, surface.behind
+        glass = surface.vertex_curvature, surface.fourth_order, surface.before, surface.index_after
         yield number, surface_sums(marginal, chief, *glass), surface_sums(chief, marginal, *glass)
-        power = (surface.behind - surface.before) * surface.vertex_curvature
-        marginal, chief = ((y, nu - power * y) for y, nu in (marginal, chief))
+        marginal, chief = ((y, nu - surface.power * y) for y, nu in (marginal, chief))
 
 
 def seidel_by_surface(lens: PrescriptionLens) -> list[tuple[int, dict[str, float]]]:

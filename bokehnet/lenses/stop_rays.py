@@ -1,6 +1,6 @@
 """Rays through a prescription, with the place where each crosses the aperture stop."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ class StopRays:
         heights: Height over semi-diameter at each surface, (surfaces, ...), the stop among them; above 1 is
             clipped, and a very large number marks rays that cannot go on.
         sensor_slope: Cosines (x, y, t) of the angles at the sensor, (3, ...).
+        cores: Height over inner radius at each surface that stops rays near the axis, (some, ...); below 1 is
+            stopped.
     """
 
     stop: np.ndarray
@@ -33,11 +35,12 @@ class StopRays:
     slope: np.ndarray
     heights: np.ndarray
     sensor_slope: np.ndarray
+    cores: np.ndarray
 
     @property
     def passes(self) -> np.ndarray:
         """Which rays nothing has stopped, (...,)."""
-        return np.asarray(self.heights.max(axis=0) <= 1)
+        return np.asarray((self.heights.max(axis=0) <= 1) & (self.cores.min(axis=0, initial=np.inf) >= 1))
 
 
 def stop_rays(
@@ -55,15 +58,17 @@ def stop_rays(
     start = (-place[..., 0], -place[..., 1], lens.sensor_position)
     beam = beam_between(start, (aim[..., 0], aim[..., 1], lens.paraxial.exit.position))
     sensor_slope = np.stack(beam.direction)
-    heights, stop = [], np.zeros(place.shape)
+    heights, cores, stop = [], [], np.zeros(place.shape)
     for surface in reversed(surfaces):
         if surface.stop:
             # Entrance and exit pupil may be turned images of the stop; light passes left of the pupil's
             # middle, as the scene has it, where aperture coordinates say right.
             turn = -np.sign(lens.paraxial.entrance_per_stop) / surface.semi_diameter
             stop = turn * np.stack(beam.at(surface.vertex), -1)
-        beam, height = _pass(surface, beam)
+        beam, height = _pass(replace(surface, inner_radius=0.0), beam)
         heights.append(height)
+        if surface.inner_radius > 0:
+            cores.append(height * surface.semi_diameter / surface.inner_radius)
     dx, dy, dt = beam.direction
     return StopRays(
         stop=stop,
@@ -71,6 +76,7 @@ def stop_rays(
         slope=np.stack([-dx / dt, -dy / dt], -1),
         heights=np.stack(heights[::-1]),
         sensor_slope=sensor_slope,
+        cores=np.stack(cores[::-1]) if cores else np.ones((0, *place.shape[:-1])),
     )
 
 

@@ -1,16 +1,20 @@
 """Rays through a sequence of surfaces, one after the other, all rays at once.
 
-Axis ``t`` in mm runs from the scene to the sensor; rays may go either way. Where rays miss a surface, are
-totally reflected or clipped they are marked and go on as they are, so that every number stays finite and
-so do the gradients; what the marks say has no gradient.
+Axis ``t`` in mm runs from the scene to the sensor; rays may go either way. Behind a mirror the axis is turned
+with the light, so that it runs on to the sensor: places and shapes there are those seen in the mirror. Where
+rays miss a surface, are totally reflected or clipped they are marked and go on as they are, so that every
+number stays finite and so do the gradients; what the marks say has no gradient.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["Beam", "Surface", "beam_between", "meet", "trace"]
+__all__ = ["Beam", "Met", "Surface", "beam_between", "meet", "pass_surface", "trace"]
+
+Met = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
+"""Points x, y, t; normals of any length towards the sensor; which rays meet the surface."""
 
 # Height over semi-diameter of rays that a surface cannot pass on: more than any that is clipped.
 _LOST = 1e6
@@ -24,7 +28,7 @@ _GRAZING = 1e-3
 class Surface:
     """A conic ``c (x^2 + y^2 + (1 + k) t^2) = 2 t``, counted from its vertex, or a stop.
 
-    An even asphere adds powers of the height to the depth of the conic.
+    An asphere adds powers of the height to the depth of the conic.
 
     Attributes:
         vertex: Place of the vertex, mm.
@@ -35,6 +39,9 @@ class Surface:
         behind: The same on the sensor's side.
         stop: Whether this is the aperture stop.
         aspheric: Coefficients of the height to the powers 2, 4, 6, ..., mm^-1, mm^-3, ...
+        odd: Those to the powers 3, 5, 7, ..., mm^-2, mm^-4, ...
+        mirror: Whether it reflects; the index is the same on both sides then.
+        inner_radius: Rays nearer to the axis are stopped, mm.
     """
 
     vertex: Array
@@ -45,6 +52,24 @@ class Surface:
     behind: Array = 1.0
     stop: bool = False
     aspheric: tuple[float, ...] = ()
+    odd: tuple[float, ...] = ()
+    mirror: bool = False
+    inner_radius: float = 0.0
+
+    def seen_from_behind(self) -> "Surface":
+        """The same with the axis turned about its vertex."""
+        aspheric, odd = (tuple(-a for a in powers) for powers in (self.aspheric, self.odd))
+        return replace(self, curvature=-self.curvature, aspheric=aspheric, odd=odd)
+
+    @property
+    def index_after(self) -> Array:
+        """Index behind the surface; with a minus behind a mirror, as formulas of refraction want it there."""
+        return -self.before if self.mirror else self.behind
+
+    @property
+    def power(self) -> Array:
+        """What it adds to ``-n u / y`` of rays near the axis, 1/mm."""
+        return (self.index_after - self.before) * self.vertex_curvature
 
     @property
     def vertex_curvature(self) -> Array:
@@ -72,6 +97,13 @@ class Surface:
             slope = slope + number * coefficient * power
             power = power * square
             depth = depth + coefficient * power
+        if self.odd:
+            height = (square + 1e-300) ** 0.5
+            power = height
+            for number, coefficient in enumerate(self.odd):
+                slope = slope + (1.5 + number) * coefficient * power
+                power = power * square
+                depth = depth + coefficient * power
         return depth, slope
 
 
@@ -132,28 +164,36 @@ def trace(surfaces: Iterable[Surface], beam: Beam, backwards: bool = False) -> B
         Welford, "Aberrations of optical systems", 1986, 4.2 to 4.4, in vector form.
     """
     for surface in reversed(list(surfaces)) if backwards else surfaces:
-        beam = _pass_surface(surface, beam, -1.0 if backwards else 1.0)
+        beam = pass_surface(surface, beam, -1.0 if backwards else 1.0)
     return beam
 
 
-def _pass_surface(surface: Surface, beam: Beam, sign: float) -> Beam:
+def pass_surface(surface: Surface, beam: Beam, sign: float, met: Met | None = None) -> Beam:
+    """Send rays through one surface; ``met`` is what :func:`meet` says of them, where that is known."""
     xp = array_namespace(beam.direction[2])
     if surface.stop:
         x, y = beam.at(surface.vertex)
         stop_fill = xp.maximum(beam.stop_fill, _height(x, y) / surface.semi_diameter)
         position = (x, y, surface.vertex + 0 * x)
         return Beam(position=position, direction=beam.direction, fill=beam.fill, stop_fill=stop_fill)
-    (x, y, t), normal, hits = meet(surface, beam, sign)
-    ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
-    direction, refracted = _refract(beam.direction, normal, ratio, sign)
-    fill = xp.maximum(beam.fill, _height(x, y) / surface.semi_diameter)
+    if surface.mirror and sign < 0:  # from behind, where its turned shape is seen
+        surface = surface.seen_from_behind()
+    (x, y, t), normal, hits = meet(surface, beam, sign) if met is None else met
+    if surface.mirror:
+        direction, refracted = _reflect(beam.direction, normal, sign)
+        t = 2 * surface.vertex - t
+    else:
+        ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
+        direction, refracted = _refract(beam.direction, normal, ratio, sign)
+    height = _height(x, y)
+    fill = xp.maximum(beam.fill, height / surface.semi_diameter)
+    if surface.inner_radius > 0:
+        fill = xp.maximum(fill, surface.inner_radius / xp.where(height > 0, height, _GRAZING + 0 * height))
     fill = xp.where(hits & refracted, fill, _LOST * xp.ones_like(x))
     return Beam(position=(x, y, t), direction=direction, fill=fill, stop_fill=beam.stop_fill)
 
 
-def meet(
-    surface: Surface, beam: Beam, sign: float
-) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]:
+def meet(surface: Surface, beam: Beam, sign: float) -> Met:
     """Where rays meet a surface that is no stop.
 
     Args:
@@ -179,11 +219,11 @@ def meet(
     denominator = half + sign * xp.where(hits, root2, one) ** 0.5
     hits = hits & (sign * denominator > _GRAZING)
     s = xp.where(hits, lateral, 0 * one) / xp.where(hits, denominator, one)
-    if surface.aspheric:
+    if surface.aspheric or surface.odd:
         s, met = _meet_asphere(surface, (x, y), beam.direction, s)
         hits = hits & met
     x, y, t = x + s * dx, y + s * dy, s * dt
-    if surface.aspheric:
+    if surface.aspheric or surface.odd:
         _, slope = surface.sag(x * x + y * y)
         normal = (-2 * slope * x, -2 * slope * y, one)
     else:
@@ -214,6 +254,20 @@ def _height(x: Array, y: Array) -> Array:
     """Distance from the axis; its gradient is 0 on the axis."""
     square = x * x + y * y
     return array_namespace(x).where(square > 0, square, square + 1) ** 0.5 * (square > 0)
+
+
+def _reflect(
+    direction: tuple[Array, Array, Array], normal: tuple[Array, Array, Array], sign: float
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """Reflection, and the axis turned with it: new direction, and where it goes on along the axis."""
+    dx, dy, dt = direction
+    nx, ny, nt = normal
+    xp = array_namespace(dt)
+    along = 2 * (dx * nx + dy * ny + dt * nt) / (nx * nx + ny * ny + nt * nt)
+    turned = (dx - along * nx, dy - along * ny, along * nt - dt)
+    reflected = (sign * along * nt > 0) & (sign * turned[2] > _GRAZING)
+    x, y, t = (xp.where(reflected, new, old) for new, old in zip(turned, direction, strict=True))
+    return (x, y, t), reflected
 
 
 def _refract(

@@ -2,18 +2,22 @@
 
 import numpy as np
 
+from bokehnet.optics.aberration_map import rim_passes
+
 __all__ = ["fit_vignetting_apertures"]
 
 # Rays near a rim, heights over semi-diameter, and the fewest of them that tell its place.
 _NEAR = (0.95, 1.05)
 _FEWEST = 12
 _STEPS = 30
+# The same for what is dark inside, where rays are fewer.
+_CORE = 0.15
 # Rims that keep away less than this share of the light that arrives are left out.
 _SMALLEST = 1e-3
 
 
 def fit_vignetting_apertures(
-    pupil: np.ndarray, field: np.ndarray, heights: np.ndarray, stop: int
+    pupil: np.ndarray, field: np.ndarray, heights: np.ndarray, stop: int, cores: np.ndarray | None = None
 ) -> tuple[tuple[float, float], ...]:
     """Fit discs ``|a - shift h| <= radius`` to where vignetting apertures cut the pupil.
 
@@ -25,9 +29,10 @@ def fit_vignetting_apertures(
         field: Field positions h, (N, 2).
         heights: Height over semi-diameter at each surface, (surfaces, N).
         stop: Index of the stop among the surfaces.
+        cores: Height over inner radius where surfaces stop rays near the axis, (some, N).
 
     Returns:
-        Pairs (shift, radius).
+        Pairs (shift, radius); the radius of what is dark inside has a minus.
     """
     inside = (pupil**2).sum(-1) <= 1
     others = np.delete(heights, stop, axis=0)
@@ -38,9 +43,15 @@ def fit_vignetting_apertures(
         if near.sum() >= _FEWEST:
             discs.append(_fit_disc(pupil[near], field[near], rim[near]))
     wanted = others.max(axis=0, initial=0) <= 1
+    for core in () if cores is None else cores:
+        near = inside & (others.max(axis=0, initial=0) <= 1) & (core > 1 - _CORE) & (core < 1 + _CORE)
+        if near.sum() >= _FEWEST:
+            shift, radius = _fit_disc(pupil[near], field[near], core[near])
+            discs.append((shift, -radius))
+        wanted &= core >= 1
     passes = inside
     chosen: list[tuple[float, float]] = []
-    cut = [((pupil - shift * field) ** 2).sum(-1) <= radius**2 for shift, radius in discs]
+    cut = [rim_passes(pupil, field, shift, radius) for shift, radius in discs]
     while discs:
         wrong = [(inside & ((passes & one) != wanted)).sum() for one in cut]
         best = int(np.argmin(wrong))

@@ -111,7 +111,9 @@ def _paths(
         path = np.sqrt((x - point[0]) ** 2 + (y - point[1]) ** 2 + depth**2)
     for surface in lens.surfaces_at(wavelength):
         passed = trace([surface], beam)
-        travel = ((b - a) * d for a, b, d in zip(beam.position, passed.position, beam.direction, strict=True))
+        x, y, t = passed.position
+        met = (x, y, 2 * surface.vertex - t if surface.mirror else t)
+        travel = ((b - a) * d for a, b, d in zip(beam.position, met, beam.direction, strict=True))
         path = path + surface.before * sum(travel)
         beam = passed
     place = np.stack(beam.at(lens.sensor_position), -1)

@@ -32,7 +32,7 @@ from bokehnet.checks import (
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.glass import D_LINE
 
-__all__ = ["DESIGN_WAVELENGTH", "TERMS", "UPRIGHT", "AberrationMap", "term"]
+__all__ = ["DESIGN_WAVELENGTH", "TERMS", "UPRIGHT", "AberrationMap", "rim_passes", "term"]
 
 # Exponents of (a.a, a.h, h.h), up to the third degree.
 TERMS = tuple((i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j))
@@ -65,7 +65,8 @@ class AberrationMap:
             leave it out unless told otherwise.
         pupil_aberration: The same of A - a, without unit, (L, 2, 20).
         vignetting_apertures: Rims that cut the pupil, as pairs (shift, radius): a passes where ``|a - shift
-            h| <= radius``.
+            h| <= radius``; a radius below 0 is that of what is dark inside, as behind a mirror lens: a
+            passes where ``|a - shift h| >= -radius``.
         tilt: How the plane of focus leans: pixels of defocus by which the focus gets nearer per pixel to the
             right and down, so that the defocus of a thing at rest falls. A is further divided by
             ``1 + tilt.a`` (:func:`bokehnet.optics.focus_plane.plane_aberration_map`).
@@ -110,9 +111,9 @@ class AberrationMap:
             check_numbers("aperture_axes", axis, 2)
         if (np.diff(self.wavelengths) <= 0).any():
             raise ParameterError("wavelengths", "rising wavelengths", self.wavelengths.tolist())
-        if any(radius <= 0 for _, radius in self.vignetting_apertures):
+        if any(radius == 0 for _, radius in self.vignetting_apertures):
             raise ParameterError(
-                "vignetting_apertures", "circles with a radius above 0", self.vignetting_apertures
+                "vignetting_apertures", "circles with a radius other than 0", self.vignetting_apertures
             )
 
     @classmethod
@@ -202,7 +203,7 @@ class AberrationMap:
         tilt = 1 + self.tilt[0] * pupil[..., 0] + self.tilt[1] * pupil[..., 1]
         passes = squares[0] == squares[0]
         for shift, radius in self.vignetting_apertures:
-            passes = passes & (((pupil - shift * field) ** 2).sum(-1) <= radius * radius)
+            passes = passes & rim_passes(pupil, field, shift, radius)
         if xp is np:
             tilt = np.asarray(tilt)
         run = pupil + combine(pupil_aberration)
@@ -210,6 +211,12 @@ class AberrationMap:
             right, down, along = (x * run[..., 0] + y * run[..., 1] for x, y in self.aperture_axes)
             run = xp.stack([right, down], -1) - along[..., None] * field
         return combine(transverse_aberration), run / tilt[..., None], passes
+
+
+def rim_passes(pupil: Array, field: Array, shift: float, radius: float) -> Array:
+    """Which aperture coordinates (..., 2) a vignetting aperture lets pass, for field positions (..., 2)."""
+    square = ((pupil - shift * field) ** 2).sum(-1)
+    return square <= radius * radius if radius > 0 else square >= radius * radius
 
 
 def _polynomial(coefficients: np.ndarray, x: Array, y: Array, z: Array) -> Array:

@@ -13,6 +13,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.row_blocks import Progress
+from bokehnet.rendering.peak_memory import PeakMemory
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import Scene
 from bokehnet.rendering.settings import RenderSettings
@@ -60,6 +61,7 @@ class Compared:
         seconds: That the rendering took, once its kernels were there.
         scores: Against the truth; None where it is not known.
         error: Absolute error of the encoded picture, mean of the channels, (H, W); None likewise.
+        memory: Bytes that the rendering held at its peak, the result among them; None but on Linux.
 
     Examples:
         >>> Compared(engine="rays", bokeh=np.zeros((4, 4, 3)), seconds=0.5).line
@@ -71,16 +73,18 @@ class Compared:
     seconds: float
     scores: Scores | None = None
     error: np.ndarray | None = None
+    memory: int | None = None
 
     @property
     def line(self) -> str:
         """All numbers in a line."""
+        costs = f"{self.seconds:.2f} s" + ("" if self.memory is None else f"  {self.memory / 1e6:.0f} MB")
         if self.scores is None:
-            return f"{self.engine}  {self.seconds:.2f} s"
+            return f"{self.engine}  {costs}"
         found = self.scores
         edge = "" if math.isnan(found.edge_psnr) else f"  edge {found.edge_psnr:.2f} dB"
         numbers = f"{found.psnr:.2f} dB{edge}  SSIM {found.ssim:.4f}  FLIP {found.flip:.4f}"
-        return f"{self.engine}  {numbers}  {self.seconds:.2f} s"
+        return f"{self.engine}  {numbers}  {costs}"
 
 
 def _shown(picture: np.ndarray) -> np.ndarray:
@@ -136,10 +140,10 @@ def compare_engines(
 def _one(scene: Scene, settings: RenderSettings, truth: np.ndarray | None) -> Compared:
     renderer = BokehRenderer()
     renderer.warm_up(settings)
-    start = perf_counter()
+    peak, start = PeakMemory(), perf_counter()
     result = renderer.render(scene, settings)
     seconds = perf_counter() - start
-    made = Compared(engine=result.report.engine, bokeh=result.bokeh, seconds=seconds)
+    made = Compared(engine=result.report.engine, bokeh=result.bokeh, seconds=seconds, memory=peak.extra)
     if truth is None:
         return made
     wanted, got = _shown(truth), _shown(result.bokeh)

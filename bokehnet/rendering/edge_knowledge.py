@@ -147,8 +147,9 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
 
     Their disparities are means over the nearest pixels that are all front and all back, if there are any
     farther than three pixels from the edge: so far the edges of the map may lie beside it, and so far what
-    is all front or all back is told as well. Where the front is not the nearer of both, the matte is of no
-    edge in depth.
+    is all front or all back is told as well. Where the map has a pixel on the side that fills most of it, its
+    own disparity is that side's, and a pixel that is all of that side is left alone. Where the front is not
+    the nearer of both, the matte is of no edge in depth.
 
     Args:
         matte: Coverage of the front, (H, W), 0 to 1.
@@ -158,7 +159,7 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
         >>> matte = np.array([[0, 0, 0.25, 1, 1]], np.float32)
         >>> found = matte_surfaces(matte, np.array([[0.1, 0.1, 0.1, 0.9, 0.9]], np.float32))
         >>> found.columns.tolist(), found.coverage.tolist(), found.near[0].round(2), found.far[0].round(2)
-        ([0, 1, 2, 3, 4], [0.0, 0.0, 0.25, 1.0, 1.0], np.float32(0.9), np.float32(0.1))
+        ([2], [0.25], np.float32(0.9), np.float32(0.1))
     """
     low, high = extremes(matte, _MARGIN)
     y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
@@ -166,13 +167,18 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
     near = np.where(np.isnan(near), _nearest_mean(disparity, matte >= _FRONT, y, x), near)
     far = _nearest_mean(disparity, high <= _BACK, y, x)
     far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
-    kept = near > far  # nor where either is unknown
+    own, share = disparity[y, x], matte[y, x]
+    is_front, nearer = share >= 0.5, np.abs(own - near) <= np.abs(own - far)
+    agrees = is_front == nearer
+    near, far = np.where(agrees & is_front, own, near), np.where(agrees & ~is_front, own, far)
+    whole = (share <= _BACK) | (share >= _FRONT)
+    kept = (near > far) & ~(agrees & whole)  # nor where either is unknown
     return KnownSurfaces(
         rows=y[kept],
         columns=x[kept],
         near=near[kept].astype(np.float32),
         far=far[kept].astype(np.float32),
-        coverage=matte[y, x][kept],
+        coverage=share[kept],
     )
 
 
@@ -213,9 +219,9 @@ def focused_surfaces(
         factor: By which such radii are multiplied.
 
     Examples:
-        >>> edge = matte_surfaces(np.array([[0, 1]], np.float32), np.array([[-2, 3]], np.float32))
-        >>> focused_surfaces(edge, np.zeros((1, 2), np.float32), None, 2).near.tolist()
-        [6.0, 6.0]
+        >>> edge = matte_surfaces(np.array([[0, 0.5, 1]], np.float32), np.array([[-2, 3, 3]], np.float32))
+        >>> focused_surfaces(edge, np.zeros((1, 3), np.float32), None, 2).near.tolist()
+        [6.0]
     """
     if known is None or not len(known.rows):
         return known

@@ -34,6 +34,7 @@ from bokehnet.rendering.scene import FocusedScene, Scene
 from bokehnet.rendering.settings import (
     ApertureSettings,
     ColorSettings,
+    DeviceName,
     EngineName,
     LensSettings,
     RenderSettings,
@@ -50,7 +51,7 @@ _MOST_KEPT = 16
 
 
 class BokehRenderer:
-    """Renders bokeh on the CPU. One renderer may be used by several threads at once, and can be pickled.
+    """Renders bokeh on the CPU, or a CUDA device; for several threads at once. It can be pickled.
 
     What settings leave at their default is as the renderer was made.
 
@@ -66,9 +67,10 @@ class BokehRenderer:
         providers: Execution providers of ONNX Runtime, the preferred one first.
         session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
             left to it. A renderer that has them cannot be pickled.
+        device: What computes: "cpu", "cuda" (a graphics card), or "auto": that where it can.
 
     Raises:
-        ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
+        ParameterError: Unknown engine, a provider that ONNX Runtime does not have here, or no CUDA device.
         ModelFileError: The engine needs networks, and they are missing or damaged.
 
     Examples:
@@ -95,15 +97,17 @@ class BokehRenderer:
         threads: int = 0,
         providers: Sequence[str] = ("CPUExecutionProvider",),
         session_options: Any = None,
+        device: DeviceName = "cpu",
     ) -> None:
         self.engine: str = "rays" if engine is None else engine
         self.aperture = aperture or Aperture()
         self.lens_response = lens_response or character or LensResponse()
         self._weights = None if weights is None else Path(weights)
         self._threads, self._providers, self._options = threads, tuple(providers), session_options
+        self.device: str = device
         self._lock = ForkSafeLock()
         self._kept: dict[Any, Any] = {}
-        self._engine(self.engine, self._weights)
+        self._engine(self.engine, self._weights, self.device)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("_lock", "_kept")}
@@ -219,9 +223,9 @@ class BokehRenderer:
             check_kind("settings", settings, RenderSettings)
             if isinstance(image, Scene):
                 image = self.prepare(image, settings, cancel=cancel)
-            name, weights = self._engine_of(settings)
+            name, weights, device = self._engine_of(settings)
             check_engine(settings, name)  # may be others than those of `prepare`
-            engine = self._engine(name, weights)
+            engine = self._engine(name, weights, device)
             return expose(image, settings, engine, self._look(settings), watch, overwrite)
         return self._render_arrays(image, defocus, watch, overwrite, **options)
 
@@ -259,7 +263,7 @@ class BokehRenderer:
         """
         settings = RenderSettings() if settings is None else settings
         check_kind("settings", settings, RenderSettings)
-        engine, _ = self._engine_of(settings)
+        engine, *_ = self._engine_of(settings)
         check_engine(settings, engine)
         return prepare(scene, settings, engine, watched(progress, cancel), self._repairer, plan)
 
@@ -279,7 +283,7 @@ class BokehRenderer:
         elif not (disparity is None and blur is None and focus is None):
             expected = "either this, or `disparity`, `blur` and `focus`"
             raise ParameterError("defocus", expected, defocus, "leave one out", shown="both")
-        engine = self._engine(self.engine, self._weights)
+        engine = self._engine(self.engine, self._weights, self.device)
         rendered = engine.render(
             image,
             defocus,
@@ -318,14 +322,16 @@ class BokehRenderer:
 
         return self._keep((settings.aperture, settings.lens, settings.color, settings.effects), make)
 
-    def _engine_of(self, settings: RenderSettings) -> tuple[str, Path | None]:
-        """Name and weights of the engine that the settings ask for."""
-        return settings.engine.name or self.engine, settings.engine.weights or self._weights
+    def _engine_of(self, settings: RenderSettings) -> tuple[str, Path | None, str]:
+        """Name, weights and device of the engine that the settings ask for."""
+        asked = settings.engine
+        device = self.device if asked.device == "cpu" else asked.device
+        return asked.name or self.engine, asked.weights or self._weights, device
 
     def _repairer(self) -> DisparityRepair:
         return self._keep("repair", lambda: DisparityRepair(threads=self._threads))
 
-    def _engine(self, name: str, weights: Path | None) -> Engine:
+    def _engine(self, name: str, weights: Path | None, device: str) -> Engine:
         def make() -> Engine:
             return Engine(
                 name,
@@ -333,9 +339,10 @@ class BokehRenderer:
                 threads=self._threads,
                 providers=self._providers,
                 session_options=self._options,
+                device=device,
             )
 
-        return self._keep((name, weights), make)
+        return self._keep((name, weights, device), make)
 
     def _keep(self, key: Any, make: Callable[[], Made]) -> Made:
         """What ``make`` gave for a key, made once for all threads; what was asked for last is kept."""

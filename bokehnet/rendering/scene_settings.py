@@ -10,6 +10,7 @@ from bokehnet.rendering.setting import Group, check_needed, parse_bytes, parse_n
 __all__ = [
     "CameraSettings",
     "DepthSettings",
+    "DeviceName",
     "EngineName",
     "EngineSettings",
     "FocusSettings",
@@ -38,8 +39,11 @@ EngineName = Literal[
     "rectangle",
     "perimeter",
     "hybrid_spreading",
+    "lens_spreading",
+    "image_rays",
     "bokehme_scatter",
 ]
+DeviceName = Literal["cpu", "cuda", "auto"]
 Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
@@ -354,6 +358,10 @@ class EngineSettings(Group):
         of_a_look=True,
     )
     weights: Path | None = setting(None, "Folder with other networks.")
+    device: DeviceName = setting(
+        "cpu",
+        "What computes: cpu (the default), cuda (a graphics card), or auto: that where it can.",
+    )
     max_memory: int | None = setting(
         None,
         "Memory for all, pictures included, such as 4G; what does not fit is rendered in strips.",

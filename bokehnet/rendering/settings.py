@@ -24,6 +24,7 @@ from bokehnet.rendering.look_settings import (
 from bokehnet.rendering.scene_settings import (
     CameraSettings,
     DepthSettings,
+    DeviceName,
     EngineName,
     EngineSettings,
     FocusSettings,
@@ -38,6 +39,7 @@ __all__ = [
     "CameraSettings",
     "ColorSettings",
     "DepthSettings",
+    "DeviceName",
     "EffectSettings",
     "EngineName",
     "EngineSettings",

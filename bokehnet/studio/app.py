@@ -270,12 +270,13 @@ class _Api:
         asked, session = await _json(request), self._session
         opened, shown = _open_one(session), _space(asked.get("space"))
         settings = session.dressed(str(asked["preset"]))
-        size = opened.fitted(*_THUMBNAIL)
+        size, cancel = opened.fitted(*_THUMBNAIL), session.previews.begin_thumbnail()
 
         def render() -> Picture:
             scene = opened.view(size, settings)
             told = opened.at_size(settings, size[0] / opened.size[0])
-            found: Picture = session.fine.run(refine, scene, told, opened.space, shown, "final")
+            task = (scene, told, opened.space, shown, "final")
+            found: Picture = session.fine.run(refine, *task, cancel=cancel)
             return found
 
         return Response(_framed(await asyncio.to_thread(render)), media_type="application/octet-stream")
@@ -312,7 +313,8 @@ class _Api:
         def progress(done: int, total: int) -> None:
             share[0] = done / max(total, 1)
 
-        stages = session.previews.stages(opened, settings, size, shown, cancel, progress, region)
+        held = bool(asked.get("held"))
+        stages = session.previews.stages(opened, settings, size, shown, cancel, progress, region, held)
         first = await asyncio.to_thread(next, stages)
         facts = {"settings": session.told_settings(), "version": opened.version}
 

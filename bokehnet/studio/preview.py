@@ -2,7 +2,7 @@
 
 import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from time import perf_counter, sleep
@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.classical.scatter.aperture_scatter import lay_out
+from bokehnet.classical.scatter.aperture_table import KEPT, LARGEST_TABLE
 from bokehnet.errors import RenderCancelled
 from bokehnet.inference.engine import Progress
 from bokehnet.rendering.cancelling import CancelSignal
+from bokehnet.rendering.look import make_aperture
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.rendering.scene import Scene
 from bokehnet.rendering.settings import (
@@ -29,14 +32,18 @@ from bokehnet.studio.opened import Opened, Region
 
 __all__ = ["Picture", "Previews", "quick_settings"]
 
-# Seconds that the first picture may take; its size follows from what earlier ones took.
-_AT_ONCE = 0.03
+# Seconds that the picture at the size of the screen may take to be the first, while the hand goes on and
+# else; where it would take more, a small one comes before, of a size that takes so long as the last number.
+_WHOLE_HELD, _WHOLE, _AT_ONCE = 0.08, 0.13, 0.03
 
 # Sides of the first picture over those of the screen's.
-_FIRST = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18)
+_FIRST = (0.75, 0.5, 0.35, 0.25, 0.18)
 
 # Looks for the next change after the first picture, and the seconds before each.
 _MOMENTS, _MOMENT = 5, 0.01
+
+_THUMBNAIL = "thumbnail"
+_BETWEEN = 0.05  # seconds between two shapes that are laid out ahead
 
 _MARGIN = 1.25  # of a part of the picture, in its largest blur radii
 
@@ -67,7 +74,8 @@ def quick_settings(settings: RenderSettings) -> RenderSettings:
     table = settings.to_table()
     for gone in (LensSettings.GROUP, ColorSettings.GROUP, EngineSettings.GROUP):
         table.pop(gone, None)
-    return RenderSettings().updated({**table, "engine": {"name": "scatter"}})
+    device = {} if settings.engine.device == "cpu" else {"device": settings.engine.device}
+    return RenderSettings().updated({**table, "engine": {"name": "scatter", **device}})
 
 
 def refine(
@@ -93,13 +101,12 @@ class Previews:
     def __init__(self, helper: Helper) -> None:
         self._helper = helper
         self._turn = threading.Lock()
-        self._pace: dict[bool, float] = {
-            True: 4e-7,
-            False: 2e-6,
-        }  # seconds a pixel, by whether discs are plain
+        # Seconds a pixel of the last pictures, by whether they were of the screen's size and discs are plain.
+        self._pace = {(True, True): 2e-7, (True, False): 3e-7, (False, True): 4e-7, (False, False): 6e-7}
         self._latest: dict[str, threading.Event] = {}
-        # Shapes of the opening that are laid out here, beside plain discs; the engine keeps two.
-        self._ready: deque[ApertureSettings] = deque(maxlen=2)
+        # Shapes of the opening that are laid out here, beside plain discs.
+        self._ready: deque[ApertureSettings] = deque(maxlen=KEPT - 1)
+        self._closed = threading.Event()
 
     def begin(self, client: str) -> threading.Event:
         """Return the signal that ends a preview; that of the same page before it is set."""
@@ -108,7 +115,32 @@ class Previews:
         if before is not None:
             before.set()
         self._latest[client] = signal
+        if client != _THUMBNAIL and _THUMBNAIL in self._latest:
+            self._latest[_THUMBNAIL].set()
         return signal
+
+    def begin_thumbnail(self) -> threading.Event:
+        """The same for one of the looks, which any preview ends."""
+        return self.begin(_THUMBNAIL)
+
+    def lay_out_ahead(self, shapes: Iterable[ApertureSettings]) -> None:
+        """Lay shapes of the opening out in the background, one after the other."""
+        threading.Thread(target=self._lay_out_all, args=(tuple(shapes),), daemon=True).start()
+
+    def close(self) -> None:
+        """Lay nothing out any more."""
+        self._closed.set()
+
+    def _lay_out_all(self, shapes: tuple[ApertureSettings, ...]) -> None:
+        for shape in shapes:
+            if self._closed.wait(_BETWEEN):
+                return
+            self._lay_out(shape)
+
+    def _lay_out(self, shape: ApertureSettings) -> None:
+        if shape != ApertureSettings() and shape not in self._ready:
+            lay_out(make_aperture(shape), LARGEST_TABLE)
+            self._ready.append(shape)
 
     def stages(
         self,
@@ -119,6 +151,7 @@ class Previews:
         cancel: CancelSignal,
         progress: Progress,
         region: Region | None = None,
+        held: bool = False,
     ) -> Iterator[Picture]:
         """Yield pictures, each better than the one before, until it is the engine's or cancelled.
 
@@ -130,6 +163,7 @@ class Previews:
             cancel: Once it is set, this ends by ``RenderCancelled``.
             progress: Of the engine's picture.
             region: A part to be shown in full, in place of the whole at ``size``.
+            held: Whether the hand goes on, as while a slider is dragged.
 
         Raises:
             BokehnetError: The settings do not fit to the picture.
@@ -139,13 +173,14 @@ class Previews:
         wanted = opened.at_size(settings, 1.0 if region else size[0] / opened.size[0])
         quick, engine = quick_settings(wanted), settings.engine.name or "rays"
         ready = _is_plain(quick) or quick.aperture in self._ready
-        small = size if region else self._first_size(size, ready and _is_plain(quick))
+        small = size if region else self._first_size(size, ready and _is_plain(quick), held)
         if small != size or not ready:
             few = opened.at_size(settings, small[0] / opened.size[0])
             first = replace(quick_settings(few), aperture=quick.aperture if ready else ApertureSettings())
             view = scene if region else opened.view(small, settings)
             yield _cut(self._quick(opened, view, first, shown, "draft", cancel), inside)
-            _rest(cancel)
+            if held:
+                _rest(cancel)
         if ready:
             yield _cut(self._quick(opened, scene, quick, shown, "scatter", cancel), inside)
         else:  # its shape takes long to be laid out, which must not keep the next change waiting
@@ -155,12 +190,13 @@ class Previews:
             task = (scene, wanted, opened.space, shown, "final")
             yield _cut(self._helper.run(refine, *task, progress=progress, cancel=cancel), inside)
         if not ready and not cancel.is_set():
-            _renderer().warm_up(quick.updated({"depth": {"repair": "off"}}))
-            self._ready.append(quick.aperture)
+            self._lay_out(quick.aperture)
 
-    def _first_size(self, size: tuple[int, int], plain: bool) -> tuple[int, int]:
+    def _first_size(self, size: tuple[int, int], plain: bool, held: bool) -> tuple[int, int]:
         """Size of the first picture: as large as it can be within its time."""
-        seconds = size[0] * size[1] * self._pace[plain]
+        if size[0] * size[1] * self._pace[True, plain] < (_WHOLE_HELD if held else _WHOLE):
+            return size
+        seconds = size[0] * size[1] * self._pace[False, plain]
         share = next((side for side in _FIRST if side**2 * seconds < _AT_ONCE), _FIRST[-1])
         return max(16, round(size[0] * share)), max(16, round(size[1] * share))
 
@@ -179,8 +215,8 @@ class Previews:
             begun = perf_counter()
             picture = _render(_renderer(), scene, settings, opened.space, shown, stage, _untold)
             pace = (perf_counter() - begun) / (picture.rgba.shape[0] * picture.rgba.shape[1])
-            plain = _is_plain(settings)
-            self._pace[plain] += 0.3 * (pace - self._pace[plain])
+            kind = stage == "scatter", _is_plain(settings)
+            self._pace[kind] += 0.3 * (pace - self._pace[kind])
             return picture
 
     def _scene(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError, RenderCancelled
-from bokehnet.rendering.preset import load_preset
+from bokehnet.rendering.preset import load_preset, presets
 from bokehnet.rendering.setting import field_settings
 from bokehnet.rendering.settings import InputSettings, RenderSettings, all_settings, merged
 from bokehnet.rendering.settings_file import save_settings
@@ -61,11 +61,13 @@ class Session:
         """Start the helpers ahead."""
         self.slow.start()
         self.fine.start()
+        self.previews.lay_out_ahead(self.dressed(name).aperture for name in presets())
 
     def close(self) -> None:
         """End all that goes on, and remove the files."""
         self._opening.set()
         self._export_stop.set()
+        self.previews.close()
         self.slow.stop()
         self.fine.stop()
         self._holder.cleanup()

@@ -13,11 +13,14 @@ from bokehnet.io.color import linear_to_srgb
 
 __all__ = ["Effect", "Stroke", "painted"]
 
-Effect = Literal["nearer", "farther", "same", "sharp"]
+Effect = Literal["nearer", "farther", "same", "sharp", "hidden"]
 
 Array = NDArray[np.float32]
 
 _MOST_POINTS = 2000
+
+# Share of the map around a stroke that may be farther than what it shows of the hidden: noise of the map.
+_FARTHEST = 0.02
 
 # Difference of encoded colours, 0 to 1, beyond which a brush that heeds edges paints no more, at least.
 _ALIKE = 0.06
@@ -29,7 +32,8 @@ class Stroke:
 
     Attributes:
         effect: ``nearer`` and ``farther`` move by ``strength``, ``same`` takes the depth where the stroke
-            begins, ``sharp`` that of the focus, wherever it will be.
+            begins, ``sharp`` that of the focus, wherever it will be, ``hidden`` that of the farthest surface
+            around the stroke: what shows between hair, or through a fence.
         points: Of its path, (x, y) as shares of the picture's width and height.
         radius: Share of the picture's width.
         strength: Share of the map's range.
@@ -120,10 +124,20 @@ def painted(values: Array, image: Array, strokes: Sequence[Stroke], focus: float
                 under + step * weight, min(low, 0), max(high, 1) if low >= 0 and high <= 1 else high
             )
         else:
-            target = focus if stroke.effect == "sharp" else _value_at(result, stroke.points[0])
-            new = np.where(weight >= 0.5, np.float32(target), under)  # soft edges would be surfaces between
+            target = _target(stroke, result, focus, under)
+            new = np.where(weight >= 0.5, np.float32(target), under)  # soft edges: surfaces between
         result[rows, columns] = new
     return result
+
+
+def _target(stroke: Stroke, values: Array, focus: float | None, under: Array) -> float:
+    """The depth that a stroke gives; ``under`` is the map in its box, where some may be out of place."""
+    if stroke.effect == "sharp":
+        assert focus is not None
+        return focus
+    if stroke.effect == "hidden":
+        return float(np.quantile(under, _FARTHEST)) if under.size else 0.0
+    return _value_at(values, stroke.points[0])
 
 
 def _value_at(values: Array, point: tuple[float, float]) -> float:

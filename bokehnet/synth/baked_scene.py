@@ -148,12 +148,19 @@ class BakedScene:
         slope = np.ascontiguousarray(rays.slope, np.float32)
         weight = np.ones(slope.shape[:2], np.float32) if rays.weight is None else rays.weight
         found = self.meet(rays.origin, slope)
+        return self.colours(found, slope, weight.astype(np.float32))
+
+    def colours(
+        self, found: dict[str, np.ndarray], slope: np.ndarray, weight: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Mean colours (P, 3) of what :meth:`meet` found for rays of ``slope`` (P, S, 2), by their weight."""
+        shape = slope.shape[:2]
         return mean_colours(
-            found["primID"].reshape(weight.shape),
-            found["u"].reshape(weight.shape),
-            found["v"].reshape(weight.shape),
+            found["primID"].reshape(shape),
+            found["u"].reshape(shape),
+            found["v"].reshape(shape),
             slope,
-            weight.astype(np.float32),
+            np.ones(shape, np.float32) if weight is None else weight,
             (self.soup.uv, self.soup.grid, self.soup.mesh),
             (*self.albedo, *self.light, self.texture),
             self.sky,

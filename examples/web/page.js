@@ -1,52 +1,89 @@
 // The page around the renderer: files or, with ?photo=URL&disparity=URL&K=38&focus=0.46, addresses. All work is
-// done by worker.js; here pictures are put on the canvas as they come.
+// done by worker.js and preview.js, which draw on the page's canvases themselves.
 
 const form = document.querySelector("form");
 const status = document.querySelector("#status");
+const told = document.querySelector("#told");
 const bar = document.querySelector("progress");
 const save = document.querySelector("#save");
-const canvas = document.querySelector("canvas");
-const context = canvas.getContext("2d");
+const result = document.querySelector("#result");
+const quick = document.querySelector("#preview");
 const given = new URLSearchParams(location.search);
 const worker = new Worker("worker.js", { type: "module" });
-let asked = 0;
-let opened = false;
+const previewer = new Worker("preview.js", { type: "module" });
 
-worker.postMessage({ model: given.get("model") ?? "fast.onnx" });
+// Milliseconds without a change after which the renderer begins; largest side of the quick picture.
+const REST = 400;
+const SMALL = 640;
+
+let asked = 0;
+let opened = null;
+let ready = false;
+let resting = 0;
+window.previews = 0;
+
+function begin(target, canvas, more = {}) {
+  const theirs = canvas.transferControlToOffscreen();
+  target.postMessage({ canvas: theirs, ...more }, [theirs]);
+}
+begin(worker, result, { model: given.get("model") ?? "fast.onnx", webgpu: given.get("provider") === "webgpu" });
+begin(previewer, quick);
+
+const numbers = () =>
+  Object.fromEntries(["K", "focus", "gamma"].map((name) => [name, Number(form.elements[name].value)]));
 
 /** Ask for the picture by the numbers in the form; what was asked for before is given up. */
 function render() {
   if (!opened) return;
-  const entries = ["K", "focus", "gamma"].map((name) => [name, Number(form.elements[name].value)]);
-  worker.postMessage({ id: ++asked, numbers: Object.fromEntries(entries) });
+  clearTimeout(resting);
+  resting = 0;
+  worker.postMessage({ id: ++asked, numbers: numbers() });
   bar.hidden = false;
   bar.value = 0;
   save.hidden = true;
   status.textContent = "Rendering ...";
 }
 
+/** Show a quick picture, and ask for the renderer's once the hand rests. */
+function follow() {
+  if (!opened) return;
+  if (ready) previewer.postMessage({ numbers: numbers() });
+  clearTimeout(resting);
+  resting = setTimeout(render, REST);
+}
+
 function open(photo, disparity) {
-  opened = true;
-  worker.postMessage({ open: { photo, disparity } });
+  opened = { photo, disparity };
+  ready = false;
+  worker.postMessage({ open: opened });
   render();
 }
 
+function showSliders() {
+  for (const slider of document.querySelectorAll("[data-of]")) slider.value = form.elements[slider.dataset.of].value;
+}
+
 worker.onmessage = ({ data }) => {
-  if (data.opened) {
-    [canvas.width, canvas.height] = [data.opened.width, data.opened.height];
+  if (data.provider) document.body.dataset.provider = data.provider;
+  else if (data.opened) {
+    opened = { ...opened, ...data.opened };
+    const { width, height, photo, disparity } = opened;
+    const small = Math.min(1, SMALL / Math.max(width, height));
+    const size = { width: Math.round(width * small), height: Math.round(height * small) };
+    previewer.postMessage({ open: { photo, disparity, ...size, full: width } });
   } else if (data.focus !== undefined) {
     form.elements.focus.value = data.focus.toFixed(3);
+    showSliders();
+    if (ready) previewer.postMessage({ numbers: numbers() });
     render();
-  } else if (data.tile) {
-    context.drawImage(data.tile, data.x, data.y);
-    data.tile.close();
-    if (data.id === asked) bar.value = data.share;
-  } else if (data.id === asked && data.done) {
+  } else if (data.share !== undefined && data.id === asked) {
+    bar.value = data.share;
+  } else if (data.done && data.id === asked) {
     URL.revokeObjectURL(save.href);
     save.href = URL.createObjectURL(data.done);
     save.hidden = false;
-    bar.hidden = true;
-    status.textContent = `${canvas.width}x${canvas.height} in ${data.seconds.toFixed(1)} s`;
+    bar.hidden = quick.hidden = true;
+    status.textContent = `${opened.width}x${opened.height} in ${data.seconds.toFixed(1)} s`;
   } else if (data.error) {
     bar.hidden = true;
     status.textContent = `Failed: ${data.error}`;
@@ -58,10 +95,27 @@ worker.onerror = (event) => {
   status.textContent = `Failed: ${event.message || "the browser cannot run module workers"}`;
 };
 
-canvas.addEventListener("click", (event) => {
-  const box = canvas.getBoundingClientRect();
+previewer.onmessage = ({ data }) => {
+  if (data.ready) ready = true;
+  if (data.drawn) {
+    window.previews += 1;
+    window.preview = data;
+    quick.hidden = bar.hidden && !resting;
+  }
+  if (data.error) told.textContent = `No quick picture while you drag: ${data.error}`;
+};
+
+result.addEventListener("click", (event) => {
+  const box = result.getBoundingClientRect();
   const [x, y] = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
   if (opened) worker.postMessage({ focusAt: { x, y } });
+});
+
+form.addEventListener("input", ({ target }) => {
+  if (target.type === "file") return;
+  if (target.dataset.of) form.elements[target.dataset.of].value = target.value;
+  else showSliders();
+  follow();
 });
 
 form.addEventListener("submit", (event) => {
@@ -72,13 +126,11 @@ form.addEventListener("submit", (event) => {
   else status.textContent = "Choose a photo and its disparity first.";
 });
 
-if (!crossOriginIsolated) {
-  document.querySelector("#told").textContent =
-    "This server does not send the headers for threads: one core does all the work.";
-}
+if (!crossOriginIsolated) told.textContent = "This server does not send the headers for threads: one core does all the work.";
 
 if (given.has("photo") && given.has("disparity")) {
   for (const name of ["K", "focus", "gamma"]) if (given.has(name)) form.elements[name].value = given.get(name);
+  showSliders();
   const fetched = ["photo", "disparity"].map(async (name) => (await fetch(given.get(name))).blob());
   open(...(await Promise.all(fetched)));
 }

@@ -1,9 +1,8 @@
 // All that takes long, away from the page: files to pixels, tiles through the network, the picture to be saved.
 
-import * as ort from "./node_modules/onnxruntime-web/dist/ort.wasm.min.mjs";
 import { renderBokeh } from "./bokeh.js";
 
-globalThis.ort = ort;
+const RUNTIME = "./node_modules/onnxruntime-web/dist";
 
 // Largest side of a tile without what it sees around itself, and steps in which both grow: the network halves
 // the picture a few times, and each tile must be halved where the whole would be.
@@ -13,12 +12,13 @@ const STEP = 64;
 // Pixels that the network looks around itself, beyond the blur.
 const AROUND = 43;
 
-// Rows that the page draws at once, lest it keep the hand waiting.
-const BAND = 128;
+// Largest side of the picture that the page shows; the saved one has all pixels.
+const SHOWN = 1600;
 
 let session;
 let photo;
 let disparity;
+let shown;
 let latest = 0;
 let turn = Promise.resolve();
 
@@ -56,6 +56,27 @@ function mostBlurred({ K, focus }) {
 /** Side of the tiles of a picture of that length: all about alike. */
 const side = (length) => STEP * Math.ceil(length / Math.ceil(length / TILE) / STEP);
 
+/** Give the page's canvas its size. */
+function fit({ width, height }) {
+  const scale = Math.min(1, SHOWN / Math.max(width, height));
+  [shown.width, shown.height] = [Math.round(width * scale), Math.round(height * scale)];
+}
+
+/** Draw a part of the picture on the page. */
+function show(whole, x, y, width, height) {
+  const [across, down] = [shown.width / whole.width, shown.height / whole.height];
+  const to = [x * across, y * down, width * across, height * down];
+  shown.getContext("2d").drawImage(whole, x, y, width, height, ...to);
+}
+
+/** Load the network: on a graphics card by WebGPU where the page asks for it and the browser can, else here. */
+async function load(model, webgpu) {
+  const adapter = webgpu ? await navigator.gpu?.requestAdapter() : null;
+  globalThis.ort = await import(`${RUNTIME}/ort.${adapter ? "webgpu" : "wasm"}.min.mjs`);
+  postMessage({ provider: adapter ? "webgpu" : "wasm" });
+  return ort.InferenceSession.create(model, { executionProviders: adapter ? ["webgpu", "wasm"] : ["wasm"] });
+}
+
 const pause = () => new Promise((resolve) => setTimeout(resolve));
 
 /** Render tile by tile, until another request comes. */
@@ -85,23 +106,22 @@ async function render(id, numbers) {
     if (id !== latest) return;
     const kept = part(picture, x - left, y - top, Math.min(x + wide, width) - left, Math.min(y + tall, height) - top);
     context.putImageData(kept, x, y);
-    const share = (at + 1) / (rows * columns);
-    for (let row = 0; row < kept.height; row += BAND) {
-      const height = Math.min(BAND, kept.height - row);
-      postMessage({ tile: await createImageBitmap(kept, 0, row, kept.width, height), x, y: y + row, id, share });
-    }
+    show(whole, x, y, kept.width, kept.height);
+    postMessage({ id, share: (at + 1) / (rows * columns) });
   }
   const seconds = (performance.now() - start) / 1000;
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
 }
 
-async function answer({ id, model, open, focusAt, numbers }) {
+async function answer({ id, model, webgpu, canvas, open, focusAt, numbers }) {
   try {
-    if (model) session = ort.InferenceSession.create(model);
+    if (canvas) shown = canvas;
+    if (model) session = load(model, webgpu);
     if (open) {
       photo = await pixels(open.photo);
       disparity = await pixels(open.disparity, photo);
-      postMessage({ opened: { width: photo.width, height: photo.height, threads: ort.env.wasm.numThreads } });
+      fit(photo);
+      postMessage({ opened: { width: photo.width, height: photo.height } });
     }
     if (focusAt) {
       const at = Math.round(focusAt.y * (photo.height - 1)) * photo.width + Math.round(focusAt.x * (photo.width - 1));

@@ -5,15 +5,18 @@ height, width, 3), sRGB 0 to 1, as all nodes have them; disparity is an IMAGE wh
 """
 
 from .depth_nodes import BokehDepthRepair, BokehFocusPicker
+from .error_node import BokehExpectedError
 from .look_nodes import BokehLook
-from .render_nodes import BokehRender, BokehVideo
+from .render_nodes import BokehRender
 from .save_node import BokehSave
+from .video_node import BokehVideo
 
 _NODES = {
     "BokehRender": (BokehRender, "Bokeh Render"),
     "BokehFocusPicker": (BokehFocusPicker, "Bokeh Focus Picker"),
     "BokehLook": (BokehLook, "Bokeh Lens / Preset"),
     "BokehDepthRepair": (BokehDepthRepair, "Bokeh Depth Repair"),
+    "BokehExpectedError": (BokehExpectedError, "Bokeh Expected Error"),
     "BokehVideo": (BokehVideo, "Bokeh Video"),
     "BokehSave": (BokehSave, "Bokeh Save (16 bit, EXR)"),
 }

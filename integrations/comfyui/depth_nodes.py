@@ -8,7 +8,7 @@ import torch
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.inference.disparity_repair import DisparityRepair
 
-from .host import CATEGORY, frames_of_map, light, map_image, maps, stages, told
+from .host import CATEGORY, FrameBar, frames_of_map, light, map_image, maps, told
 
 _INSIDE = 0.5  # of a mask
 
@@ -33,7 +33,7 @@ class BokehFocusPicker:
         """See ComfyUI."""
         return {
             "required": {
-                "disparity": ("IMAGE", {"tooltip": "Near is bright."}),
+                "disparity": ("IMAGE,MASK", {"tooltip": "Near is bright."}),
                 "by": (["pixel", "mask", "value"],),
                 "x": ("INT", {"default": 0, "min": 0, "max": 65535, "tooltip": "Pixel, from the left."}),
                 "y": ("INT", {"default": 0, "min": 0, "max": 65535, "tooltip": "Pixel, from the top."}),
@@ -89,7 +89,7 @@ class BokehDepthRepair:
         return {
             "required": {
                 "image": ("IMAGE",),
-                "disparity": ("IMAGE", {"tooltip": "Near is bright."}),
+                "disparity": ("IMAGE,MASK", {"tooltip": "Near is bright."}),
                 "mode": (["auto", "on", "off"], {"tooltip": "auto: where enough edges are off."}),
                 "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps whose near is dark."}),
             }
@@ -103,11 +103,11 @@ class BokehDepthRepair:
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the repaired maps, near is bright, and by how much each pixel was moved."""
         with told():
-            stage = stages(len(image), 1)
+            bar = FrameBar(len(image), 1)
             given = frames_of_map(unit_map(maps(disparity), invert), len(image))
             found = []
             for number, (picture, values) in enumerate(zip(light(image), given, strict=True)):
                 found.append(self._repair(picture, values, mode))
-                stage(number, 0)(1, 1)
+                bar.show(number, map_image(found[-1][None])[0])
             repaired = np.stack(found)
             return map_image(repaired), torch.from_numpy(np.abs(repaired - given))

@@ -8,6 +8,7 @@ import comfy.model_management
 import comfy.utils
 import numpy as np
 import torch
+from PIL import Image
 
 from bokehnet.errors import BokehnetError, RenderCancelled, ShapeError
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
@@ -15,13 +16,14 @@ from bokehnet.io.color import linear_to_srgb, srgb_to_linear
 __all__ = [
     "CATEGORY",
     "Cancel",
+    "FrameBar",
     "NodeError",
     "frames_of_map",
     "image_tensor",
     "light",
     "map_image",
     "maps",
-    "stages",
+    "mattes",
     "told",
 ]
 
@@ -55,20 +57,35 @@ def told() -> Iterator[None]:
         raise NodeError(" ".join(str(error).split())) from None
 
 
-def stages(frames: int, parts: int) -> Callable[[int, int], Callable[[int, int], None]]:
-    """Return what makes the progress callback of a part of a frame; all share the node's one bar."""
-    steps = 1000
-    bar = comfy.utils.ProgressBar(frames * parts * steps)
+class FrameBar:
+    """The node's one bar over all parts of all frames, and each finished frame as the node's preview.
 
-    def stage(frame: int, part: int) -> Callable[[int, int], None]:
-        begin = (frame * parts + part) * steps
+    Args:
+        frames: How many.
+        parts: Of each frame.
+    """
+
+    _STEPS, _WIDEST = 1000, 512
+
+    def __init__(self, frames: int, parts: int) -> None:
+        self._parts = parts
+        self._bar = comfy.utils.ProgressBar(frames * parts * self._STEPS)
+
+    def part(self, frame: int, part: int) -> Callable[[int, int], None]:
+        """Return the progress callback of a part of a frame."""
+        begin = (frame * self._parts + part) * self._STEPS
 
         def report(done: int, total: int) -> None:
-            bar.update_absolute(begin + steps * done // max(total, 1))
+            self._bar.update_absolute(begin + self._STEPS * done // max(total, 1))
 
         return report
 
-    return stage
+    def show(self, frame: int, picture: torch.Tensor) -> None:
+        """Show a finished frame, (H, W, 3) as in an IMAGE."""
+        shown = Image.fromarray((picture * 255 + 0.5).to(torch.uint8).numpy())
+        self._bar.update_absolute(
+            (frame + 1) * self._parts * self._STEPS, None, ("JPEG", shown, self._WIDEST)
+        )
 
 
 def light(image: torch.Tensor) -> Iterator[np.ndarray]:
@@ -95,6 +112,15 @@ def frames_of_map(values: np.ndarray, frames: int) -> np.ndarray:
     if len(values) not in (1, frames):
         raise ShapeError(f"disparity: expected 1 or {frames} maps, one for each picture, got {len(values)}")
     return np.broadcast_to(values, (frames, *values.shape[1:]))
+
+
+def mattes(matte: torch.Tensor | None, frames: int) -> list[np.ndarray | None]:
+    """Return the matte of each picture from a MASK: one stands for all, none says nothing."""
+    if matte is None:
+        return [None] * frames
+    if matte.ndim != 3 or len(matte) not in (1, frames):
+        raise ShapeError(f"matte: expected 1 or {frames} masks of the picture, got {tuple(matte.shape)}")
+    return list(np.broadcast_to(matte.cpu().numpy(), (frames, *matte.shape[1:])))
 
 
 def image_tensor(picture: np.ndarray) -> torch.Tensor:

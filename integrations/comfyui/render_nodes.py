@@ -1,44 +1,60 @@
-"""The nodes that render: pictures one by one, and the frames of a shot with its pulls."""
+"""The node that renders pictures one by one, and what it shares with the others that render."""
 
 import json
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 import torch
 
-from bokehnet.errors import ConfigError, ParameterError
+from bokehnet.errors import ConfigError
+from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.rendering.depth_source import RelativeDisparity
 from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import make_scene
-from bokehnet.rendering.sequence import SequenceSettings, make_pull, settings_at_frame
+from bokehnet.rendering.result import RenderReport, RenderResult
+from bokehnet.rendering.scene import Scene, make_scene
 from bokehnet.rendering.settings import RenderSettings, merged
 from bokehnet.rendering.settings_file import settings_from_table
 
-from .host import CATEGORY, Cancel, frames_of_map, image_tensor, light, maps, stages, told
+from .host import CATEGORY, Cancel, FrameBar, frames_of_map, image_tensor, light, maps, mattes, told
+
+__all__ = [
+    "BLUR",
+    "FOCUS",
+    "BokehRender",
+    "RenderNode",
+    "common_widgets",
+    "optional_widgets",
+    "scenes_of",
+    "settings_of",
+]
 
 _ENGINES = ["rays", "scatter", "hybrid", "fast", "neural"]
 _OUTPUTS = ("IMAGE", "MASK", "BOKEH_LIGHT", "STRING")
 _NAMES = ("bokeh", "error_map", "light", "report")
 
 # Ranges of widgets.
-_BLUR = {"default": 40.0, "min": 0.0, "max": 1000.0}
-_FOCUS = {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}
+BLUR = {"default": 40.0, "min": 0.0, "max": 1000.0}
+FOCUS = {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}
 
 
-def _common() -> dict[str, Any]:
-    """Widgets of both nodes."""
+def common_widgets() -> dict[str, Any]:
+    """Widgets of all nodes that render."""
     return {
         "image": ("IMAGE",),
-        "disparity": ("IMAGE", {"tooltip": "Near is bright; stretched to 0..1."}),
-        "blur": ("FLOAT", {**_BLUR, "tooltip": "Blur radius in pixels per disparity."}),
+        "disparity": ("IMAGE,MASK", {"tooltip": "Near is bright; stretched to 0..1."}),
+        "blur": ("FLOAT", {**BLUR, "tooltip": "Blur radius in pixels per disparity."}),
         "engine": (_ENGINES,),
         "repair": (["auto", "on", "off"],),
         "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps whose near is dark."}),
     }
 
 
-def _optional() -> dict[str, Any]:
+def optional_widgets() -> dict[str, Any]:
+    """Inputs that need not be connected."""
+    matte = "How much of each pixel a foreground covers, as hair against the sky."
     return {
+        "matte": ("MASK", {"tooltip": matte}),
         "look": ("BOKEH_LOOK",),
         "settings_json": (
             "STRING",
@@ -51,7 +67,7 @@ def _optional() -> dict[str, Any]:
     }
 
 
-def _settings(
+def settings_of(
     camera: dict[str, Any],
     engine: str,
     repair: str,
@@ -75,7 +91,27 @@ def _settings(
     return RenderSettings().updated(merged(said, look or {}, settings_from_table(table, "settings_json")))
 
 
-class _Rendering:
+def _line(report: RenderReport) -> str:
+    """What was decided of a frame."""
+    line = f"{report.engine}, focus at {report.focus_disparity:.3g}, "
+    line += f"blur up to {report.largest_blur:.3g} pixels"
+    if report.repair_reason:
+        line += f", map {'repaired' if report.repaired else 'as it is'} ({report.repair_reason})"
+    return line
+
+
+def scenes_of(
+    image: torch.Tensor, disparity: torch.Tensor, matte: torch.Tensor | None, invert: bool
+) -> Iterator[Scene]:
+    """Give each picture with its map, stretched to 0..1 by itself, and its matte."""
+    count = len(image)
+    given = zip(light(image), frames_of_map(maps(disparity), count), mattes(matte, count), strict=True)
+    for number, (picture, values, cover) in enumerate(given):
+        source = RelativeDisparity(map=values, invert=invert)
+        yield make_scene(picture, source, number=number, matte=cover)
+
+
+class RenderNode:
     """A renderer that stays warm with its node, and the frames of one run."""
 
     CATEGORY: ClassVar[str] = CATEGORY
@@ -86,47 +122,41 @@ class _Rendering:
     def __init__(self) -> None:
         self._renderer = BokehRenderer()
 
-    def _frames(
-        self,
-        image: torch.Tensor,
-        disparity: torch.Tensor,
-        settings: list[RenderSettings],
-        invert: bool,
-        as_stored: bool,
+    def results(
+        self, scenes: Iterable[Scene], settings: Sequence[RenderSettings], plan: RepairPlan | None = None
+    ) -> Iterator[tuple[torch.Tensor, RenderResult]]:
+        """Render each frame by its settings; show it, and give it with what was made."""
+        bar, cancel = FrameBar(len(settings), 2), Cancel()
+        for number, (scene, said) in enumerate(zip(scenes, settings, strict=True)):
+            focused = self._renderer.prepare(scene, said, bar.part(number, 0), cancel=cancel, plan=plan)
+            result = self._renderer.render(focused, said, bar.part(number, 1), cancel=cancel)
+            shown = image_tensor(result.bokeh)
+            bar.show(number, shown)
+            yield shown, result
+
+    def frames(
+        self, scenes: Iterable[Scene], settings: Sequence[RenderSettings], plan: RepairPlan | None = None
     ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
-        """Render each frame by its settings."""
-        stage, cancel = stages(len(image), 2), Cancel()
-        every = frames_of_map(maps(disparity), len(image))
-        pictures = torch.empty((*image.shape[:3], 3), dtype=torch.float32)
-        errors, lights, lines = torch.empty(image.shape[:3], dtype=torch.float32), [], []
-        for number, (picture, values, said) in enumerate(zip(light(image), every, settings, strict=True)):
-            source = RelativeDisparity(map=values, invert=invert, as_stored=as_stored)
-            scene = make_scene(picture, source, number=number)
-            focused = self._renderer.prepare(scene, said, stage(number, 0), cancel=cancel)
-            result = self._renderer.render(focused, said, stage(number, 1), cancel=cancel)
-            pictures[number] = image_tensor(result.bokeh)
-            errors[number] = torch.from_numpy(result.error_map)
+        """Render all frames."""
+        pictures, errors, lights, lines = [], [], [], []
+        for shown, result in self.results(scenes, settings, plan):
+            pictures.append(shown)
+            errors.append(torch.from_numpy(result.error_map))
             lights.append(result.bokeh)
-            report = result.report
-            line = f"{report.engine}, focus at {report.focus_disparity:.3g}, "
-            line += f"blur up to {report.largest_blur:.3g} pixels"
-            if report.repair_reason:
-                repaired = "repaired" if report.repaired else "as it is"
-                line += f", map {repaired} ({report.repair_reason})"
-            lines.append(line)
-        return pictures, errors, lights, "\n".join(lines)
+            lines.append(_line(result.report))
+        return torch.stack(pictures), torch.stack(errors), lights, "\n".join(lines)
 
 
-class BokehRender(_Rendering):
+class BokehRender(RenderNode):
     """Bokeh of each picture by its disparity."""
 
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
         """See ComfyUI."""
-        value = ("FLOAT", {**_FOCUS, "tooltip": "Without focus."})
+        value = ("FLOAT", {**FOCUS, "tooltip": "Without focus."})
         return {
-            "required": {**_common(), "focus_value": value},
-            "optional": {"focus": ("BOKEH_FOCUS",), **_optional()},
+            "required": {**common_widgets(), "focus_value": value},
+            "optional": {"focus": ("BOKEH_FOCUS",), **optional_widgets()},
         }
 
     def render(
@@ -139,59 +169,13 @@ class BokehRender(_Rendering):
         invert: bool,
         focus_value: float,
         focus: dict[str, Any] | None = None,
+        matte: torch.Tensor | None = None,
         look: dict[str, dict[str, Any]] | None = None,
         settings_json: str = "",
     ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
         """Return the pictures, where they can be wrong, their light unclipped, and what was decided."""
         with told():
-            settings = _settings(
+            settings = settings_of(
                 {"blur": blur}, engine, repair, focus or {"value": focus_value}, look, settings_json
             )
-            return self._frames(image, disparity, [settings] * len(image), invert, as_stored=False)
-
-
-class BokehVideo(_Rendering):
-    """Bokeh of the frames of a shot, with pulls of focus and blur; maps are taken as they are stored."""
-
-    @classmethod
-    def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
-        """See ComfyUI."""
-        return {
-            "required": {
-                **_common(),
-                "focus_from": ("FLOAT", _FOCUS),
-                "focus_to": ("FLOAT", _FOCUS),
-                "blur_to": ("FLOAT", {**_BLUR, "tooltip": "Of the last frame; blur is that of the first."}),
-            },
-            "optional": _optional(),
-        }
-
-    def render(
-        self,
-        image: torch.Tensor,
-        disparity: torch.Tensor,
-        blur: float,
-        engine: str,
-        repair: str,
-        invert: bool,
-        focus_from: float,
-        focus_to: float,
-        blur_to: float,
-        look: dict[str, dict[str, Any]] | None = None,
-        settings_json: str = "",
-    ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
-        """Return as Bokeh Render does, frame by frame."""
-        with told():
-            if invert:
-                raise ParameterError("invert", "false for a shot, whose maps are taken as stored", invert)
-            if len(image) == 1:
-                focus = {"value": focus_from}
-                given = _settings({"blur": blur}, engine, repair, focus, look, settings_json)
-                return self._frames(image, disparity, [given], invert, as_stored=True)
-            given, frames = _settings({}, engine, repair, {}, look, settings_json), range(len(image))
-            pulls = SequenceSettings(
-                focus_from=focus_from, focus_to=focus_to, blur_from=blur, blur_to=blur_to
-            )
-            pull = make_pull(tuple(frames), pulls, metric=False)
-            every = [settings_at_frame(given, frame, pull) for frame in frames]
-            return self._frames(image, disparity, every, invert, as_stored=True)
+            return self.frames(scenes_of(image, disparity, matte, invert), [settings] * len(image))

@@ -10,7 +10,7 @@ OPTIONS = {
         --aberration-table
         --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
         --blade-curvature --blades --blur --blur-from --blur-to --cats-eye
-        --channel --coma --cos4 --depth --depth-unit --disc-grain
+        --channel --coma --cos4 --depth --depth-unit --device --disc-grain
         --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
         --engine --equaliser --f-number --f-number-from --f-number-to --field-curvature
         --focal-length --focus --focus-at --focus-distance --focus-from --focus-plane

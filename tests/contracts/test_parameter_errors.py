@@ -106,7 +106,7 @@ BEYOND = {
     WavelengthSampling: {"equaliser": ((1.0,) * 65, ()), "dispersion": ("prism", ["rgb"])},
     FocusPlane: {"slope": ((0.0,) * 3, ())},
     View: {"width": (4.5, 0), "height": (4.5, 0), "left": (0.5, 0.1), "top": (0.5, 0.1)},
-    AberrationMap: {"tilt": ((0.0,) * 3, ()), "vignetting_apertures": (((0.1, -1.0),), ((0.1,),))},
+    AberrationMap: {"tilt": ((0.0,) * 3, ()), "vignetting_apertures": (((0.1, 0.0),), ((0.1,),))},
     ThinLens: {"focal_length": (math.inf, 0), "f_number": (math.inf, 0), "focus_distance": (50, -1)},
     ThickLens: {"focal_length": (math.inf, 0), "f_number": (math.inf, 0), "focus_distance": (50, -1)},
 }

@@ -1,5 +1,6 @@
 """What is released is whole and agrees with itself. Authority: git's list of files."""
 
+import re
 import subprocess
 import sys
 import tarfile
@@ -43,3 +44,26 @@ def test_a_file_that_is_missing_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(release, "released_files", lambda: {"bokehnet/version.py"})
     with pytest.raises(SystemExit, match=r"1 missing: \['bokehnet/version.py'\]"):
         release.check_contents(empty, tmp_path / "none.whl")
+
+
+def test_networks_without_pins_are_told_and_can_be_an_error(tmp_path, monkeypatch):
+    assert "unidepth-v2-small" not in release.unpinned_models()  # nobody publishes it
+    monkeypatch.setattr(release, "unpinned_models", lambda: ["depth-pro"])
+    monkeypatch.setattr(sys, "argv", ["release", "--out", str(tmp_path), "--pinned"])
+    with pytest.raises(
+        SystemExit, match=r"expected pins, found none of depth-pro; run benchmarks\.pin_models"
+    ):
+        release.main()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_pages_files_are_those_that_the_bundle_names():
+    there = {path.name for path in (ROOT / "examples/web").iterdir()}
+    assert set(release.WEB) <= there
+    linked = (ROOT / "examples/web/index.html").read_text(encoding="utf-8")
+    linked += "".join(
+        (ROOT / f"examples/web/{name}").read_text(encoding="utf-8") for name in release.WEB[1:4]
+    )
+    wanted = set(re.findall(r"\"(?:\./)?([\w-]+\.js)\"", linked))
+    assert wanted <= set(release.WEB)
+    assert {"page.js", "worker.js", "bokeh.js"} <= wanted

@@ -1,6 +1,6 @@
-"""Runs in a Python that has bpy and not bokehnet: builds a scene, renders it by Cycles and by the extension.
+"""Runs in Blender, or in a Python that has bpy: builds a scene, renders it by Cycles and by the extension.
 
-Arguments: the extension's zip, a folder for files, and what to do.
+Arguments, in Blender behind ``--``: the extension's zip, a folder for files, and what to do.
 """
 
 import json
@@ -100,7 +100,8 @@ def pixels_of(name):
 
 
 def main() -> None:
-    archive, folder, task = sys.argv[1], Path(sys.argv[2]), json.loads(sys.argv[3])
+    words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    archive, folder, task = words[0], Path(words[1]), json.loads(words[2])
     told = {"version": bpy.app.version_string}
     scene = build(**task.get("camera", {}))
     install(archive)  # after the factory settings, which take extensions away

@@ -7,6 +7,7 @@ this package (default: the one that runs the tests).
 import json
 import os
 import socket
+import struct
 import subprocess
 import sys
 import time
@@ -17,7 +18,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bokehnet.io.color import linear_to_srgb
 from bokehnet.io.image import read_image, write_image
+from tests.hosts import web_socket
 
 ROOT = Path(__file__).parents[2]
 PACK = ROOT / "integrations/comfyui"
@@ -35,8 +38,9 @@ HEIGHT, WIDTH = 90, 120
 class Host:
     """A running ComfyUI."""
 
-    def __init__(self, address: str, base: Path) -> None:
-        self.address, self.base = address, base
+    def __init__(self, port: int, base: Path) -> None:
+        self.port, self.base = port, base
+        self.address = f"http://127.0.0.1:{port}"
 
     def ask(self, path: str, body: object = None) -> tuple[int, object]:
         """Ask its API; return status and answer."""
@@ -49,9 +53,9 @@ class Host:
             code, text = error.code, error.read()
         return code, json.loads(text or "{}")
 
-    def begin(self, workflow: dict) -> str:
+    def begin(self, workflow: dict, client: str = "") -> str:
         """Queue a workflow."""
-        code, told = self.ask("/prompt", {"prompt": workflow})
+        code, told = self.ask("/prompt", {"prompt": workflow, "client_id": client})
         assert code == 200, told
         return told["prompt_id"]
 
@@ -92,7 +96,7 @@ def host(tmp_path_factory):
             command, cwd=COMFYUI, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": search}
         )
         try:
-            running = Host(f"http://127.0.0.1:{port}", base)
+            running = Host(port, base)
             end = time.monotonic() + 180
             while True:
                 try:
@@ -118,8 +122,8 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 def test_comfyui_knows_the_nodes(host):
     told = host.ask("/object_info")[1]
-    names = {"BokehRender", "BokehFocusPicker", "BokehLook", "BokehDepthRepair", "BokehVideo", "BokehSave"}
-    assert names <= set(told)
+    names = {"Render", "FocusPicker", "Look", "DepthRepair", "ExpectedError", "Video", "Save"}
+    assert {f"Bokeh{name}" for name in names} <= set(told)
     assert told["BokehLook"]["input"]["optional"]["cats_eye"][1]["max"] == 1.5
 
 
@@ -151,6 +155,90 @@ def test_a_shot_gives_the_frames_of_the_command_line(host, cli, tmp_path):
     assert outcome.code == 0, outcome.err
     for number, file in enumerate(files, start=1):
         assert psnr(read_image(file), read_image(tmp_path / f"out.{number:04}.png")) >= 60
+
+
+def test_maps_of_a_shot_are_steady_as_those_of_the_command_line(host, cli, tmp_path):
+    shot = workflow("focus_pull")
+    shot["3"]["inputs"]["amount"] = 5
+    rng = np.random.default_rng(4)
+    flat = read_image(host.base / "input/disparity.png")[..., :1].repeat(3, -1)
+    flicker = [np.clip(flat + 0.2 * rng.random((HEIGHT, WIDTH, 1), np.float32), 0, 1) for _ in range(5)]
+    batch = "20"
+    for number, values in enumerate(flicker, start=1):
+        write_image(host.base / f"input/d{number}.png", values)
+        write_image(tmp_path / f"d.{number:04}.png", read_image(host.base / f"input/d{number}.png"), bits=16)
+        write_image(tmp_path / f"in.{number:04}.png", read_image(host.base / "input/photo.png"), bits=16)
+        shot[f"1{number}"] = {"class_type": "LoadImage", "inputs": {"image": f"d{number}.png"}}
+        joined = {"image1": [batch, 0], "image2": [f"1{number}", 0]}
+        if number > 1:
+            batch = f"2{number}"
+            shot[batch] = {"class_type": "ImageBatch", "inputs": joined}
+        else:
+            batch = f"1{number}"
+    shot["5"]["inputs"] |= {"disparity": [batch, 0], "focus_to": 0.2, "blur_to": 20.0}
+    shot["7"]["inputs"]["filename_prefix"] = "steady"
+    history = host.end(host.begin(shot))
+    assert history["status"]["status_str"] == "success", history["status"]
+    files = [host.base / "output" / item["filename"] for item in history["outputs"]["7"]["images"]]
+    given = ("--disparity", tmp_path / "d.####.png", "--engine", "scatter", "--repair-disparity", "off")
+    plain = ("--blur", "20", "--focus", "0.2", "--bits", "16", "--dither", "off", "--frames", "1-5")
+    outcome = cli("render", tmp_path / "in.####.png", "-o", tmp_path / "out.####.png", *given, *plain)
+    assert outcome.code == 0, outcome.err
+    for number, file in enumerate(files, start=1):
+        assert psnr(read_image(file), read_image(tmp_path / f"out.{number:04}.png")) >= 60
+
+
+def test_the_expected_error_is_that_of_the_command_line(host, cli, tmp_path):
+    history = host.end(host.begin(workflow("expected_error")))
+    assert history["status"]["status_str"] == "success", history["status"]
+    [file] = history["outputs"]["5"]["images"]
+    found = linear_to_srgb(read_image(host.base / "output" / file["filename"]))[..., 0]
+    given = ("--disparity", host.base / "input/disparity.png", "--blur", "30", "--focus", "0.5")
+    folder = ("--save-maps", tmp_path / "maps", "-o", tmp_path / "out.png")
+    assert cli("render", host.base / "input/photo.png", *given, *folder).code == 0
+    wanted = np.minimum(read_image(tmp_path / "maps/expected_error.exr")[..., 0] / 16, 1)
+    assert wanted.max() > 0.2
+    assert np.abs(found - wanted).max() < 1.001 / 255  # ComfyUI cuts off when it rounds
+
+
+def test_the_bar_moves_and_each_frame_is_shown(host):
+    with web_socket.messages(host.port, "/ws?clientId=listener") as heard:
+        name = host.begin(workflow("focus_pull"), "listener")
+        shown, values = [], []
+        for message in heard:
+            if isinstance(message, bytes):
+                kind, form = struct.unpack(">II", message[:8])
+                assert (kind, form) == (1, 1)  # a preview, as JPEG
+                shown.append(message[8:])
+                continue
+            told = json.loads(message)
+            data = told["data"]
+            if told["type"] == "progress" and data["node"] == "5" and data["prompt_id"] == name:
+                values.append((data["value"], data["max"]))
+            if told["type"] == "execution_success":
+                break
+    assert all(picture[:2] == b"\xff\xd8" for picture in shown)  # SOI marker of ISO/IEC 10918-1
+    assert len(shown) == 1 + 3  # the repaired map and three frames
+    assert values == sorted(values)
+    assert values[-1] == (6000, 6000)
+    assert len(values) > 6
+
+
+def test_a_mask_is_a_map_and_a_matte(host):
+    masked = workflow("still")
+    masked["10"] = {"class_type": "ImageToMask", "inputs": {"image": ["2", 0], "channel": "red"}}
+    masked["5"]["inputs"]["disparity"] = ["10", 0]
+    files = []
+    for given in (workflow("still"), masked, {**masked, "5": _with(masked["5"], matte=["10", 0])}):
+        history = host.end(host.begin(given))
+        assert history["status"]["status_str"] == "success", history["status"]
+        files.append(read_image(host.base / "output" / history["outputs"]["7"]["images"][0]["filename"]))
+    assert np.array_equal(files[0], files[1])
+    assert psnr(files[1], files[2]) < 60  # where the map has its grey wall, half is covered
+
+
+def _with(node: dict, **inputs: object) -> dict:
+    return {**node, "inputs": {**node["inputs"], **inputs}}
 
 
 def test_a_value_out_of_range_is_refused_before_it_runs(host):

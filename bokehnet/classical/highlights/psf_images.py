@@ -118,7 +118,8 @@ def vignetting_shares(
             passes: np.ndarray = np.ones((_POINTS, _POINTS))
             for shift, radius in vignetting_apertures:
                 distance = np.hypot(axis[None] - shift * x, axis[:, None] - shift * y)
-                passes = passes * np.clip(0.5 + (radius - distance) * (_POINTS / 2), 0, 1)
+                within = radius - distance if radius > 0 else distance + radius
+                passes = passes * np.clip(0.5 + within * (_POINTS / 2), 0, 1)
             shares[:, i, j] = (light * passes).sum(axis=(1, 2))
     shares = np.maximum(shares, 1e-3)
     shares.setflags(write=False)
@@ -144,7 +145,9 @@ def passing(vignetting_apertures, u, v, h_x, h_y, sharpness):  # type: ignore[no
     share = 1.0
     for i in range(vignetting_apertures.shape[0]):
         distance = math.hypot(u - vignetting_apertures[i, 0] * h_x, v - vignetting_apertures[i, 0] * h_y)
-        share *= min(max(0.5 + (vignetting_apertures[i, 1] - distance) * sharpness, 0.0), 1.0)
+        radius = vignetting_apertures[i, 1]
+        within = radius - distance if radius > 0.0 else distance + radius
+        share *= min(max(0.5 + within * sharpness, 0.0), 1.0)
     return share
 
 

@@ -54,7 +54,7 @@ class LensTable(NamedTuple):
         colors: Red, green and blue that each ray carries, (3, rays) float32; (3, 0) where all go one way.
         chromatic_aberration: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
         maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
-        vignetting_apertures: (R, 2): shift and radius.
+        vignetting_apertures: (R, 2): shift and radius, below 0 where the inside is dark.
         tilt: Of the focus plane, and axes of the aperture, (4, 2) float32.
         column: Middle of the picture, pixels.
         row: The same, down.
@@ -315,7 +315,9 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
 
 @njit(cache=True, forceinline=True)
 def keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
-    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, 0 of the others."""
+    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, or outside one of radius below 0."""
     away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
     beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
+    if radius < 0:
+        return select8(beyond, w, broadcast8(np.float32(0)))
     return select8(beyond, broadcast8(np.float32(0)), w)

@@ -39,16 +39,16 @@ from bokehnet.classical.simd.float8 import (
 )
 from bokehnet.kernels import njit
 
-__all__ = ["intersect", "intersect_smooth", "layer_cells"]
+__all__ = ["CLOSE", "LOOKS", "SHORT", "STEEPEST", "intersect", "intersect_smooth", "layer_cells"]
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 _NEVER = np.float32(-1e30)
 _SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
-_SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles pay
-_STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
+SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles pay
+STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
 # The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
-_LOOKS, _CLOSE = 8, np.float32(0.25)
+LOOKS, CLOSE = 8, np.float32(0.25)
 
 
 def layer_cells(layers: Layers) -> np.ndarray:
@@ -93,8 +93,8 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     last_tile_x, last_tile_y = broadcast8(np.float32(tile_columns - 1)), broadcast8(np.float32(tile_rows - 1))
     right, down = less8(zero, u), less8(zero, v)
     step_x, step_y = select8(right, one, zero - one), select8(down, one, zero - one)
-    gain_x = divide8(one, max8(abs8(u), broadcast8(_STEEPEST)))
-    gain_y = divide8(one, max8(abs8(v), broadcast8(_STEEPEST)))
+    gain_x = divide8(one, max8(abs8(u), broadcast8(STEEPEST)))
+    gain_y = divide8(one, max8(abs8(v), broadcast8(STEEPEST)))
     tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
     hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
     waiting = less8(zero, one)
@@ -109,13 +109,13 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
         part_x, part_y = column - side * tile_x + part_x, row - side * tile_y + part_y
         tile_to_x = select8(right, side - part_x, part_x) * gain_x
         tile_to_y = select8(down, side - part_y, part_y) * gain_y
-        if runs[run, 0] - runs[run, 1] < _SHORT:  # walked through without a look at tiles
+        if runs[run, 0] - runs[run, 1] < SHORT:  # walked through without a look at tiles
             tile_to_x = tile_to_y = length
         below = never  # the nearest surface under the ray in the pixel before
         passed, marching = zero, waiting
         while True:
             seeking = marching
-            while runs[run, 0] - runs[run, 1] >= _SHORT and any8(seeking):
+            while runs[run, 0] - runs[run, 1] >= SHORT and any8(seeking):
                 end = min8(min8(tile_to_x, tile_to_y), length)
                 first = (front - end - lowest) * per_bin
                 last = (front - passed - lowest) * per_bin
@@ -211,12 +211,12 @@ def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):  # type: 
         Whether all rays came to rest; if not, ``hits`` is of no use.
     """
     height, width, layers = size
-    zero, close = broadcast8(_ZERO), broadcast8(_CLOSE)
+    zero, close = broadcast8(_ZERO), broadcast8(CLOSE)
     last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
     stretch = max8(abs8(u), abs8(v))
     start_x, start_y = x + begin_x, y + begin_y
     depth, _ = gather_pairs8(cells, y, x, width, 2 * layers, 0)
-    for _ in range(_LOOKS):
+    for _ in range(LOOKS):
         column, row = floor8(start_x - u * depth), floor8(start_y - v * depth)
         column = min8(max8(column, zero), last_x)
         row = min8(max8(row, zero), last_y)

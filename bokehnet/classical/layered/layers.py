@@ -121,12 +121,14 @@ def split_picture(
     del own
     with parallel_region:
         _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, mixed.is_front, hidden, behind)
-    deepest, beyond = occluded_background(hidden, behind, reach)
     sharp[mixed.rows, mixed.columns] = mixed.near
-    found = [(image, sharp), (hidden, behind), (deepest, beyond)]
-    with parallel_region:
-        if not _hide_again(sharp, behind, beyond):
-            found.pop()
+    found = [(image, sharp), (hidden, behind)]
+    hides = behind < sharp - DISCONTINUITY_THRESHOLD
+    if hides.any():
+        deepest, beyond = occluded_background(hidden, behind, reach, hides)
+        with parallel_region:
+            if _hide_again(sharp, behind, beyond):
+                found.append((deepest, beyond))
     colors = np.empty((*sharp.shape, len(found), 3), np.float32)
     depths, coverage = (np.empty((*sharp.shape, len(found)), np.float32) for _ in range(2))
     with parallel_region:

@@ -211,6 +211,7 @@ def occluded_background(
     image: npt.NDArray[np.floating[Any]],
     defocus: npt.NDArray[np.floating[Any]],
     max_coc_radius: int | None = None,
+    wanted: npt.NDArray[np.bool_] | None = None,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Guess what stands behind each foreground, as far inwards from its edge as rays can see.
 
@@ -227,6 +228,7 @@ def occluded_background(
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         max_coc_radius: Half-width in pixels of the surroundings that a light outshines; default: the largest
             radius.
+        wanted: Pixels that count, (H, W); behind others only the means are found. Default: all count.
 
     Returns:
         Colours (H, W, 3) and defocus (H, W). Where nothing is hidden they equal the inputs.
@@ -253,6 +255,8 @@ def occluded_background(
         _carry_inwards(defocus, stepped, steps, reached)
         _fill(image, defocus, lights, steps, reached.any(0), colors, depths, distances)
     del steps
+    if wanted is not None:
+        distances[~wanted] = 0
     ys, xs = np.nonzero(distances)
     smooth_colors, smooth_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
     with parallel_region:

@@ -23,14 +23,14 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import broadcast8, floor8
 from bokehnet.kernels import njit
 
-__all__ = ["coverage_at", "with_slopes"]
+__all__ = ["LEVELS", "PER_SLOPE", "STEPS", "coverage_at", "with_slopes"]
 
 # Slope, per pixel, where half is covered, times 4: that of a Blackman-Harris filter 1.5 pixels wide.
 _STEEPNESS = 7.4
 
 # Levels of coverage; steps of a slope, per axis, and how many make a slope of 1 per pixel.
-_LEVELS, _STEPS, _PER_SLOPE = 1024, 64, 16
-_WHOLE = _LEVELS * _STEPS * _STEPS
+LEVELS, STEPS, PER_SLOPE = 1024, 64, 16
+_WHOLE = LEVELS * STEPS * STEPS
 
 # Sobel sums below which no side is told to be covered more than the others.
 _UNDECIDED = 0.2
@@ -53,7 +53,7 @@ def _share(defocus, coverage, y, x, own, unknown):  # type: ignore[no-untyped-de
 @njit(cache=True, parallel=True)
 def _with_slopes(defocus, coverage, result):  # type: ignore[no-untyped-def]
     height, width, layers = defocus.shape
-    middle = _STEPS // 2
+    middle = STEPS // 2
     for y in prange(height):
         for x in range(width):
             for layer in range(layers):
@@ -75,11 +75,11 @@ def _with_slopes(defocus, coverage, result):  # type: ignore[no-untyped-def]
                 slope = 0.0
                 if length > _UNDECIDED:
                     hard = max(most - least, 0.0) ** 3
-                    slope = _PER_SLOPE * _STEEPNESS * hard * own * (1.0 - own) / length
-                level = min(int(own * _LEVELS), _LEVELS - 1)
-                across = min(max(int(round(slope * right)) + middle, 0), _STEPS - 1)
-                along = min(max(int(round(slope * down)) + middle, 0), _STEPS - 1)
-                result[y, x, layer] = ((level * _STEPS + across) * _STEPS + along) / _WHOLE
+                    slope = PER_SLOPE * _STEEPNESS * hard * own * (1.0 - own) / length
+                level = min(int(own * LEVELS), LEVELS - 1)
+                across = min(max(int(round(slope * right)) + middle, 0), STEPS - 1)
+                along = min(max(int(round(slope * down)) + middle, 0), STEPS - 1)
+                result[y, x, layer] = ((level * STEPS + across) * STEPS + along) / _WHOLE
 
 
 def with_slopes(defocus: np.ndarray, coverage: np.ndarray) -> np.ndarray:
@@ -110,11 +110,11 @@ def coverage_at(coverage, x, y):  # type: ignore[no-untyped-def]
     Returns:
         Lanes; below 0 or above 1 beyond the boundary's soft rim.
     """
-    steps, middle = broadcast8(np.float32(_STEPS)), broadcast8(np.float32(_STEPS // 2))
-    per_step = broadcast8(np.float32(1.0 / _STEPS))
+    steps, middle = broadcast8(np.float32(STEPS)), broadcast8(np.float32(STEPS // 2))
+    per_step = broadcast8(np.float32(1.0 / STEPS))
     code = coverage * broadcast8(np.float32(_WHOLE))
     upper = floor8(code * per_step)
     level = floor8(upper * per_step)
     across, along = upper - level * steps - middle, code - upper * steps - middle
-    slope = (across * x + along * y) * broadcast8(np.float32(1.0 / _PER_SLOPE))
-    return (level + broadcast8(np.float32(0.5))) * broadcast8(np.float32(1.0 / _LEVELS)) + slope
+    slope = (across * x + along * y) * broadcast8(np.float32(1.0 / PER_SLOPE))
+    return (level + broadcast8(np.float32(0.5))) * broadcast8(np.float32(1.0 / LEVELS)) + slope

@@ -25,13 +25,23 @@ from bokehnet.classical.simd.float8 import (
 )
 from bokehnet.kernels import njit
 
-__all__ = ["BACK_GROUP", "COLORED", "FRONT_GROUP", "GROUPS", "PLAIN", "SHARP_GROUP", "add_light", "sum_light"]
+__all__ = [
+    "BACK_GROUP",
+    "COLORED",
+    "FILTERED_RADIUS",
+    "FRONT_GROUP",
+    "GROUPS",
+    "PLAIN",
+    "SHARP_GROUP",
+    "add_light",
+    "sum_light",
+]
 
 GROUPS, PLAIN, COLORED = 3, 6, 8
 FRONT_GROUP, SHARP_GROUP, BACK_GROUP = 0, 1, 2
 
 # Discs of at least this radius change so slowly that their rays may be averaged with the 8 neighbours'.
-_FILTERED_RADIUS = 4.0
+FILTERED_RADIUS = 4.0
 
 
 @njit(cache=True, forceinline=True)
@@ -55,7 +65,7 @@ def add_light(totals, numbers, blur, depth, shares, colors, weight, disocclusion
         weight: Mean of ``shares``.
         disocclusion_weight: Weight of what no picture shows.
     """
-    zero, large = broadcast8(np.float32(0)), broadcast8(np.float32(_FILTERED_RADIUS**2))
+    zero, large = broadcast8(np.float32(0)), broadcast8(np.float32(FILTERED_RADIUS**2))
     sharp, front = less8(blur, large), less8(zero, depth)
     back = and_not8(and_not8(less8(zero, large), sharp), front)
     for group, member in enumerate((and_not8(front, sharp), sharp, back)):

@@ -40,7 +40,7 @@ from bokehnet.classical.simd.float8 import (
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import cats_eye_shift
 
-__all__ = ["SETS", "fair_stride", "march"]
+__all__ = ["SETS", "fair_stride", "march", "scramble"]
 
 # Rows worked at a time, so that the sums stay small.
 _STRIP = 192
@@ -53,7 +53,7 @@ _GOLDEN = 0.6180339887498949
 
 
 @njit(cache=True)
-def _scramble(x, y, seed):  # type: ignore[no-untyped-def]
+def scramble(x, y, seed):  # type: ignore[no-untyped-def]
     """A hash of a pixel, 0 up to 2^32."""
     whole = np.uint64(0xFFFFFFFF)
     h = np.uint64(x) * np.uint64(0x9E3779B1) ^ np.uint64(y) * np.uint64(0x85EBCA77)
@@ -133,7 +133,7 @@ def _march(  # type: ignore[no-untyped-def]
                 for x in range(tile_column * TILE, min(width, (tile_column + 1) * TILE)):
                     if not rays_mask[y, x]:
                         continue
-                    hashed = _scramble(x, y + above, seed)
+                    hashed = scramble(x, y + above, seed)
                     chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
                     first_chance = broadcast8(np.float32(hashed / 4294967296.0))
                     shift_x, shift_y = cats_eye_shift(
@@ -230,6 +230,7 @@ def march(
     usual: int,
     sample_counts: SampleCounts = counts_by_variance,
     progress: Callable[[float], None] | None = None,
+    send: Callable[..., None] | None = None,
 ) -> None:
     """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
 
@@ -253,7 +254,9 @@ def march(
         usual: See :class:`bokehnet.classical.layered.sample_counts.FirstPass`.
         sample_counts: Tells how many rays each pixel sends.
         progress: Called with the share of the pixels that is done, 0 to 1.
+        send: Sends the rays, in place of the kernel of this module, with its arguments.
     """
+    send = send or _march
     height, width = rays_mask.shape
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
@@ -273,9 +276,9 @@ def march(
             if last > new:
                 fresh, rows = sums[new - first :], slice(new, last)
                 counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
-                _march(*arrays, *how, new, 0, counts, fresh)
+                send(*arrays, *how, new, 0, counts, fresh)
                 found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
-                _march(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
+                send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
             known, kept = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
             if progress is not None and done is not None:

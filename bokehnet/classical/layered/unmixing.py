@@ -16,7 +16,16 @@ the colours where they are textured.
 Neighbours know more of a surface the more of it they show, which is not known before they are parted. So all
 pixels are parted again, some rounds long, each from the colours that the round before found in the 3x3
 pixels around, weighted by the square of the share that those pixels show of the surface: what Jacobi's
-iteration does for least squares that tie neighbours together. The first shares stay what is assumed.
+iteration does for least squares that tie neighbours together.
+
+The first shares know an edge to a pixel of the map. What the rounds made of them tells where inside the
+pixel it runs, noisily; edges go on, so all pixels around that show the same two surfaces say together how far
+it lies towards the farther one, ``d``, by least squares with a prior that holds it:
+
+    minimise  sum w (a - a0 - g d)^2 + doubt d^2,   g = 4 a0 (1 - a0),
+
+g being how fast a share changes with the place of the edge, and w falling off with the distance and growing
+with how much both colours differ. Shares start from ``a0 + g d`` from then on, and are surer.
 
 Light is not negative; what that cuts off is given to the other side, so
 that the two surfaces add up to the picture.
@@ -59,6 +68,13 @@ class _Prior(NamedTuple):
         unseen: Weight, beside the square of its share, of a surface that a pixel shows little of.
         relative: Colours vary by at least this part of themselves,
         least: and by this much.
+        edge_window: Half the width of the window in which edges are placed together, pixels.
+        edge_square: Squared deviation of its weights.
+        edge_contrast: Squared difference of colours at which a pixel's word counts half.
+        edge_doubt: Weight of an edge that stays where the map has it.
+        edge_slope: Least slope of a share.
+        placed_spread: As ``share_spread``, once edges are placed.
+        placed_rounds: As ``rounds``, from then on.
     """
 
     share_spread: float
@@ -70,6 +86,13 @@ class _Prior(NamedTuple):
     unseen: float
     relative: float
     least: float
+    edge_window: int
+    edge_square: float
+    edge_contrast: float
+    edge_doubt: float
+    edge_slope: float
+    placed_spread: float
+    placed_rounds: int
 
 
 PRIOR = _Prior(
@@ -82,6 +105,13 @@ PRIOR = _Prior(
     unseen=0.1,
     relative=0.02,
     least=1e-4,
+    edge_window=2,
+    edge_square=4.0,
+    edge_contrast=1e-3,
+    edge_doubt=0.18,
+    edge_slope=0.02,
+    placed_spread=0.07,
+    placed_rounds=4,
 )
 
 # Bit of sides beside those of discontinuities: pixels that are known to be mixed, and their weight.
@@ -277,6 +307,45 @@ def _unmix_again(image, defocus, spared, index, places, shares, colors, surfaces
         )
 
 
+@njit(cache=True)
+def _edge_slope(share):  # type: ignore[no-untyped-def]
+    """How fast a share changes with the place of its edge."""
+    return max(4.0 * share * (1.0 - share), PRIOR.edge_slope)
+
+
+@njit(cache=True, parallel=True)
+def _place_edges(index, places, first, colors, surfaces, shares):  # type: ignore[no-untyped-def]
+    """Fill shares and their spreads (N, 2) with what all parted pixels around say of the edge."""
+    height, width = index.shape
+    for i in prange(len(places)):
+        y, x = places[i, 0], places[i, 1]
+        shares[i, 0], shares[i, 1] = first[i, 0], first[i, 1]
+        if first[i, 1] == 0.0:
+            continue
+        moved, total = 0.0, PRIOR.edge_doubt
+        for v in range(max(0, y - PRIOR.edge_window), min(height, y + PRIOR.edge_window + 1)):
+            for u in range(max(0, x - PRIOR.edge_window), min(width, x + PRIOR.edge_window + 1)):
+                j = index[v, u]
+                if j < 0:
+                    continue
+                same = True
+                for side in range(2):
+                    if abs(surfaces[j, side] - surfaces[i, side]) > DISCONTINUITY_THRESHOLD:
+                        same = False
+                if not same:
+                    continue
+                difference = 0.0
+                for c in range(3):
+                    difference += (colors[j, 0, c] - colors[j, 1, c]) ** 2
+                weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.edge_square)
+                weight *= difference / (difference + PRIOR.edge_contrast)
+                slope = _edge_slope(first[j, 0])
+                moved += weight * slope * (surfaces[j, 2] - first[j, 0])
+                total += weight * slope * slope
+        shares[i, 0] = min(max(first[i, 0] + _edge_slope(first[i, 0]) * moved / total, 0.0), 1.0)
+        shares[i, 1] = PRIOR.placed_spread
+
+
 def unmix(
     image: np.ndarray,
     defocus: np.ndarray,
@@ -311,15 +380,19 @@ def unmix(
         order = np.searchsorted(places @ (width, 1), held.rows.astype(np.int64) * width + held.columns)
         told[order] = np.stack([held.near, held.far, held.coverage], axis=-1)
     weights = np.maximum(pixel_filter.weights(), LEAST_WEIGHT)
-    shares, index = np.empty((len(places), 2)), np.full(defocus.shape, -1, np.int32)
+    index = np.full(defocus.shape, -1, np.int32)
     index[places[:, 0], places[:, 1]] = np.arange(len(places))
     colors, new_colors = (np.empty((len(places), 2, 3)) for _ in range(2))
     surfaces, new_surfaces = (np.empty((len(places), 4)) for _ in range(2))
+    shares, placed = (np.empty((len(places), 2)) for _ in range(2))
     with parallel_region:
         _unmix(image, defocus, weights, spared, sides, places, told, shares, colors, surfaces)
-        around = (image, defocus, spared, index, places, shares)
-        for _ in range(PRIOR.rounds):
-            _unmix_again(*around, colors, surfaces, new_colors, new_surfaces)
+        around = (image, defocus, spared, index, places)
+        for number in range(PRIOR.rounds + PRIOR.placed_rounds):
+            if number == PRIOR.rounds:
+                _place_edges(index, places, shares, colors, surfaces, placed)
+                shares = placed
+            _unmix_again(*around, shares, colors, surfaces, new_colors, new_surfaces)
             colors, surfaces, new_colors, new_surfaces = new_colors, new_surfaces, colors, surfaces
     colors, surfaces = colors.astype(np.float32), surfaces.astype(np.float32)
     return MixedPixels(

@@ -54,7 +54,7 @@ from bokehnet.classical.simd.float8 import (
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["scatter_backward", "scatter_forward"]
+__all__ = ["lay_out", "scatter_backward", "scatter_forward"]
 
 # Channels of a pixel in these kernels.
 CHANNELS = 4
@@ -344,6 +344,11 @@ def _lattices(
             coarse_values[1:-1, 1:-1][places] = values[y::2, x::2][places] / 4
             coarse_defocus[1:-1, 1:-1][places] = lattice[places] / 2
             yield y, x, places, coarse_values, coarse_defocus, every_second(view, x - 2, y - 2)
+
+
+def lay_out(aperture: Aperture, radius: float) -> None:
+    """Make the tables of an opening for discs of up to ``radius`` pixels, before a picture needs them."""
+    share_table(aperture, shape_table(aperture, radius, "float32"))
 
 
 def _scatter(values: np.ndarray, defocus: np.ndarray, aperture: Aperture, view: View) -> np.ndarray:

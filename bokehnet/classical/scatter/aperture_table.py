@@ -21,13 +21,16 @@ from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.simd.float8 import LANES, ORDER
 from bokehnet.optics.aperture import Aperture, transmission
 
-__all__ = ["LARGEST_TABLE", "STEP", "ShapeTable", "shape_table"]
+__all__ = ["KEPT", "LARGEST_TABLE", "STEP", "ShapeTable", "shape_table"]
 
 # Pixels between two radii of the radius table.
 STEP = 0.25
 
 # Largest radius of a radius table (10 MB in float32 for each side of the focus that differs).
 LARGEST_TABLE = 64
+
+# Openings whose tables are kept: those of all presets, and a few more.
+KEPT = 10
 
 # Cells along each side of the running sums, and samples along each side of a cell.
 _CELLS, _SAMPLES = 512, 2
@@ -112,7 +115,7 @@ def _radius_table(sums: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray,
 def shape_table(aperture: Aperture, radius: float, dtype: str) -> ShapeTable:
     """Return a table that reaches ``radius`` or ``LARGEST_TABLE`` in numbers of ``dtype``; no cat's-eye.
 
-    The last two are kept. A larger one that is there serves for a smaller radius.
+    Those of the last openings are kept. A larger one that is there serves for a smaller radius.
     """
     limit = 8
     while limit < min(radius, LARGEST_TABLE):
@@ -125,7 +128,7 @@ def shape_table(aperture: Aperture, radius: float, dtype: str) -> ShapeTable:
     return kept[0]
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=KEPT)
 def _kept_table(aperture: Aperture, dtype: str) -> list[ShapeTable]:
     """Return the place of the largest table made so far."""
     return []

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bokehnet.classical.scatter.aperture_table import STEP, ShapeTable
+from bokehnet.classical.scatter.aperture_table import KEPT, STEP, ShapeTable
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.simd.float8 import LANES, broadcast8, indices8, load8, overlap8, sum8
 from bokehnet.kernels import njit
@@ -205,7 +205,7 @@ def share_table(aperture: Aperture, table: ShapeTable) -> np.ndarray:
     return kept[0]
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=KEPT)
 def _kept_shares(aperture: Aperture, dtype: str) -> list[np.ndarray]:
     """Return the place of the largest table made so far."""
     return []

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from bokehnet.classical.base import Place
 from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE
 from bokehnet.classical.scatter.cats_eye import View, every_second, make_view
 from bokehnet.classical.scatter.operators import scatter_operator
@@ -26,11 +27,11 @@ __all__ = ["scatter_sums"]
 
 
 class _Lens(NamedTuple):
-    """What stays the same on all levels: the opening (None for a disc), its operator, the picture's size."""
+    """What stays the same on all levels: the opening (None for a disc), its operator, the picture's place."""
 
     shape: Aperture | None
     operator: ScatterOperator
-    full_shape: tuple[int, int]
+    place: Place
 
 
 def _blocks(picture: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -120,9 +121,9 @@ def _scatter_near_and_far(values: Tensor, defocus: Tensor, lens: _Lens, view: Vi
 
 def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tensor:
     """Scatter all levels, from this one on, whose pixels are ``scale`` pixels of the whole picture wide."""
-    view = (
-        make_view(lens.shape.cats_eye, lens.full_shape, scale) if lens.shape and lens.shape.cats_eye else None
-    )
+    view, (left, top, full_width, full_height) = None, lens.place
+    if lens.shape and lens.shape.cats_eye:
+        view = make_view(lens.shape.cats_eye, (full_height, full_width), scale, (left, top))
     merges = _merges(values.detach(), defocus.detach(), lens.operator)
     if not merges.any():
         return _scatter_near_and_far(values, defocus, lens, view)
@@ -136,7 +137,9 @@ def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tens
 
 
 @not_compiled  # sizes depend on the data
-def scatter_sums(values: Tensor, defocus: Tensor, aperture: Aperture | None = None) -> Tensor:
+def scatter_sums(
+    values: Tensor, defocus: Tensor, aperture: Aperture | None = None, place: Place | None = None
+) -> Tensor:
     """Scatter values over shapes and add up, where the tensors are.
 
     Args:
@@ -145,6 +148,7 @@ def scatter_sums(values: Tensor, defocus: Tensor, aperture: Aperture | None = No
         defocus: Signed blur radius in pixels, + in front of focus, (H, W), of the same dtype and device,
             up to ``LARGEST_RADIUS``.
         aperture: Shape of the lens opening; default a plain disc.
+        place: Where the pixels lie in the shown picture, for a cat's-eye; default: all of it is there.
 
     Returns:
         Sums (H, W, C), the same bits every time, once differentiable in both tensors.
@@ -161,5 +165,5 @@ def scatter_sums(values: Tensor, defocus: Tensor, aperture: Aperture | None = No
             shown=f"{values.dtype} and {defocus.dtype}",
         )
     shape = None if aperture is None or aperture.is_disc else aperture
-    height, width = defocus.shape
-    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), (height, width)), 1.0)
+    place = place or Place.whole(defocus.shape[0], defocus.shape[1])
+    return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), place), 1.0)

@@ -96,7 +96,12 @@ def _mean(colors: Tensor, weights: Tensor, pixel: Tensor) -> tuple[Tensor, Tenso
 
 
 def _part(
-    pixel: Tensor, front: Tensor, back: Tensor, share: Tensor, variances: tuple[Tensor, Tensor]
+    pixel: Tensor,
+    front: Tensor,
+    back: Tensor,
+    share: Tensor,
+    share_spread: float,
+    variances: tuple[Tensor, Tensor],
 ) -> tuple[Tensor, Tensor, Tensor]:
     """The most probable colours (N, 3) and share (N, 1), of means, a first share and variances (N, 1)."""
 
@@ -105,7 +110,7 @@ def _part(
         return own, other, share * own + (1.0 - share) * other
 
     own, other, spread = weights(share)
-    shift = PRIOR.share_spread**2
+    shift = share_spread**2
     difference = front - back
     error = pixel - share * front - (1.0 - share) * back
     along = (difference * error).sum(1, keepdim=True)
@@ -127,14 +132,14 @@ def _part(
 
 
 def _part_means(
-    pixel: Tensor, means: list[Tensor], variances: list[Tensor], share: Tensor
+    pixel: Tensor, means: list[Tensor], variances: list[Tensor], share: Tensor, share_spread: float
 ) -> tuple[Tensor, Tensor, Tensor]:
     """As :func:`_part`, of variances (N,) that are below 0 where there was nothing to average."""
     alone = ((variances[0] < 0) | (variances[1] < 0))[:, None]  # nothing tells the two apart
     front, back = (torch.where(alone, pixel, mean) for mean in means)
     least = PRIOR.least**2 + PRIOR.relative**2 * (front**2 + back**2).sum(1, keepdim=True) / 3.0
     both = [torch.where(alone, 1.0, variance[:, None]) + least for variance in variances]
-    return _part(pixel, front, back, share, (both[0], both[1]))
+    return _part(pixel, front, back, share, share_spread, (both[0], both[1]))
 
 
 def _shown(
@@ -153,6 +158,23 @@ def _shown(
     shown = torch.where(is_parted[..., None], shown, colors)
     part = torch.where(in_front, share[number, 0], 1.0 - share[number, 0])
     return shown, whole + (in_front | behind) * (part * part + PRIOR.unseen)
+
+
+def _placed(
+    first: Tensor, others: Tensor, falloff: Tensor, parted: tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
+) -> Tensor:
+    """First shares (N,) moved to where parted pixels around, of numbers ``others``, say that the edge is."""
+    near, far, front, back, share = parted
+    slope = (4.0 * first * (1.0 - first)).clamp(min=PRIOR.edge_slope)
+    number = others.clamp(min=0)
+    same = others >= 0
+    for surface in (near, far):
+        same = same & ((surface[number] - surface[:, None]).abs() <= DISCONTINUITY_THRESHOLD)
+    apart = ((front - back) ** 2).sum(1)
+    weight = falloff * same * (apart / (apart + PRIOR.edge_contrast))[number] * slope[number]
+    moved = (weight * (share[:, 0] - first)[number]).sum(1)
+    shift = moved / ((weight * slope[number]).sum(1) + PRIOR.edge_doubt)
+    return (first + slope * shift).clamp(0.0, 1.0)
 
 
 def unmix(
@@ -211,7 +233,8 @@ def unmix(
         mean, variance = _mean(colors, usable * is_there, pixel)
         means.append(mean)
         variances.append(variance)
-    front, back, parted = _part_means(pixel, means, variances, first[:, None])
+    spread = PRIOR.share_spread
+    front, back, parted = _part_means(pixel, means, variances, first[:, None], spread)
 
     index = torch.full(mixed.shape, -1, device=rows.device)
     index[places] = torch.arange(len(rows), device=rows.device)
@@ -219,14 +242,19 @@ def unmix(
     others, around, colors = close.of(index), close.of(depth), close.of(light)
     falloff = torch.exp(-(close.offsets**2).sum(0) / PRIOR.near_square).to(image.dtype)
     usable = (close.inside & close.of(kept)) * falloff
-    for _ in range(PRIOR.rounds if len(rows) else 0):
+    for number in range(PRIOR.rounds + PRIOR.placed_rounds if len(rows) else 0):
+        if number == PRIOR.rounds:
+            wide = _Windows(places, PRIOR.edge_window, height, width)
+            far_off = torch.exp(-(wide.offsets**2).sum(0) / PRIOR.edge_square).to(image.dtype)
+            found = near, far, front, back, parted
+            first, spread = _placed(first, wide.of(index), wide.inside * far_off, found), PRIOR.placed_spread
         means, variances = [], []
         for surface in (near, far):
             shown, weight = _shown(surface[:, None], others, around, colors, (near, far, front, back, parted))
             mean, variance = _mean(shown, usable * weight, pixel)
             means.append(mean)
             variances.append(variance)
-        front, back, parted = _part_means(pixel, means, variances, first[:, None])
+        front, back, parted = _part_means(pixel, means, variances, first[:, None], spread)
 
     def put(values: Tensor, found: Tensor) -> Tensor:
         return values.index_put(places, found).movedim(-1, 1)

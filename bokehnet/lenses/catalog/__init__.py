@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.files.reading import LENS_FILES, import_lens
+from bokehnet.lenses.files.reading import LENS_FILES, import_lens, is_lens_file
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
 from bokehnet.lenses.transfer_file import read_transfer
@@ -14,11 +14,22 @@ from bokehnet.lenses.transfer_file import read_transfer
 __all__ = ["catalog_names", "find_prescription", "load_lens"]
 
 _FOLDER = Path(__file__).parent
+# Rounds in which groups and the entrance pupil, from which distances count, find their places.
+_FLOATS = 4
 
 
-def catalog_names() -> list[str]:
-    """Names of the lenses in the catalog, in alphabetical order."""
-    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+def catalog_names(mirrors: bool = True) -> list[str]:
+    """Names of the lenses in the catalog, in alphabetical order.
+
+    Args:
+        mirrors: With those that have mirrors, whose middle is dark: they cannot be stopped down.
+    """
+    names = sorted(path.stem for path in _FOLDER.glob("*.toml"))
+    return names if mirrors else [name for name in names if not _has_mirrors(name)]
+
+
+def _has_mirrors(name: str) -> bool:
+    return any(row.mirror for row in read_prescription(_FOLDER / f"{name}.toml").surfaces)
 
 
 def find_prescription(name: str | Path) -> Prescription:
@@ -33,7 +44,7 @@ def find_prescription(name: str | Path) -> Prescription:
     suffix = Path(name).suffix.lower()
     if suffix == ".npz":
         return read_transfer(name).prescription
-    if suffix in LENS_FILES:
+    if is_lens_file(name):
         return import_lens(name).prescription
     if suffix != ".toml":
         endings = ", ".join(LENS_FILES)
@@ -79,6 +90,9 @@ def load_lens(
         prescription = prescription.scaled(
             focal_length / PrescriptionLens(prescription=prescription).focal_length
         )
+    for _ in range(_FLOATS if prescription.floating else 0):  # the pupil moves with the groups
+        front = PrescriptionLens(prescription=prescription).front_vertex
+        prescription = prescription.focused(max(focus_distance - front, 1e-9))
     return PrescriptionLens(
         prescription=prescription, f_number=f_number, focus_distance=focus_distance, focusing=focusing
     )

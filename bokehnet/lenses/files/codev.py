@@ -11,7 +11,7 @@ from pathlib import Path
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.glasses import GlassCatalogues
 from bokehnet.lenses.files.media import medium_of
-from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
+from bokehnet.lenses.files.structure import FileLens, FilePosition, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
 from bokehnet.optics.glass import Glass, TableGlass
 
@@ -44,7 +44,7 @@ _REFUSED = {
     "NSS",
     "GRT",
 }
-_REFUSED |= {"SPS", "BEN", "DAR", "RET", "DEC", "HOE", "REFL", "DOE", "HCT"}
+_REFUSED |= {"SPS", "BEN", "DAR", "RET", "DEC", "HOE", "DOE", "HCT"}
 
 
 def read_codev(path: Path, catalogues: GlassCatalogues) -> FileLens:
@@ -124,14 +124,43 @@ class _State:
         elif key == "REF":
             self.primary = int(number(words[0])) - 1
         elif key in ("ZOO", "ZOOM"):
-            lens.said.append("the first zoom position")
-            lens.skip(key)
+            self.zoom(line, words)
         elif key in ("SO", "SI", "S") or re.fullmatch(r"S\d+", key):
             self.surface(line, key, words)
         elif lens.surfaces and self.of_surface(line, key, words):
             return
         else:
             lens.skip(key)
+
+    def zoom(self, line: int, words: list[str]) -> None:
+        """Take how many positions there are, or a distance or the aperture in each of them."""
+        lens, what = self.lens, words[0].upper() if words else ""
+        if len(words) == 1 and what.isdigit():
+            lens.positions = [FilePosition() for _ in range(int(what))]
+        elif what == "THI" and len(words) > 2:
+            row = words[1].upper().lstrip("S")
+            numbers = [number(word) for word in words[2:]]
+            self.each_position(line, numbers)
+            for one, thickness in zip(lens.positions, numbers, strict=False):
+                one.thickness[int(row) if row else 0] = thickness
+        elif what in _APERTURES and len(words) > 1:
+            numbers = [number(word) for word in words[1:]]
+            self.each_position(line, numbers)
+            for one, value in zip(lens.positions, numbers, strict=False):
+                one.aperture = value
+        else:
+            lens.skip(f"ZOO {what}".strip())
+
+    def each_position(self, line: int, numbers: list[float]) -> None:
+        """Refuse a list that has not a number for each position."""
+        count = len(self.lens.positions)
+        if len(numbers) != count:
+            fail(
+                self.lens.path,
+                line,
+                "ZOO",
+                f"expected a number for each of {count} positions, got {len(numbers)}",
+            )
 
     def of_private(self, key: str, words: list[str]) -> None:
         """Take a line of the private catalogue: PWL and wavelengths, then names and indices, END."""
@@ -151,17 +180,19 @@ class _State:
         """Take a new row: radius or curvature, thickness, glass."""
         lens = self.lens
         bend = number(words[0]) if words else 0.0
-        medium = None
+        medium, mirror = None, False
         if len(words) > 2:
             name = words[2]
-            if name.upper() in self.private:
+            if name.upper() == "REFL":
+                medium, mirror = lens.surfaces[-1].medium if lens.surfaces else None, True
+            elif name.upper() in self.private:
                 medium = self.private[name.upper()]
             else:
                 glass, _, maker = name.partition("_")
                 medium = medium_of(lens, line, key, glass, self.catalogues, maker=maker)
         thickness = number(words[1]) if len(words) > 1 else 0.0
         self.bends.append(bend)
-        lens.surfaces.append(FileSurface(line=line, thickness=thickness, medium=medium))
+        lens.surfaces.append(FileSurface(line=line, thickness=thickness, medium=medium, mirror=mirror))
 
     def of_surface(self, line: int, key: str, words: list[str]) -> bool:
         """Take a command of the last surface; False where it says nothing that counts."""
@@ -170,8 +201,10 @@ class _State:
             at = int(words[0].upper().lstrip("S")) if words else len(lens.surfaces) - 1
             lens.surfaces[at].stop = True
         elif key in ("CIR", "CIX"):
-            if len(words) == 1:  # with more words it is an edge or a hole
+            if len(words) == 1:
                 surface.semi_diameter = number(words[0])
+            elif words[0].upper() in ("OBS", "HOL"):  # else it is an edge
+                surface.inner_radius = number(words[-1])
         elif key == "K":
             surface.conic = number(words[-1])
         elif len(key) == 1 and key in _POWERS:

@@ -39,12 +39,10 @@ def medium_of(
         vd: Abbe number that it tells; 0 is no dispersion.
 
     Raises:
-        LensError: Nobody knows the glass, or it is a mirror.
+        LensError: Nobody knows the glass.
     """
     if name.upper() in _AIR:
         return None
-    if name.upper() in ("MIRROR", "REFL"):
-        fail(lens.path, line, key, "expected lenses alone, got a mirror, which no lens here has")
     found = catalogues.find(name, maker)
     if found is not None:
         return found

@@ -48,6 +48,8 @@ def read_optiland(path: Path, catalogues: GlassCatalogues) -> FileLens:
             key = f"surfaces[{number}]"
             after = places[number + 1] if number + 1 < len(surfaces) else places[number]
             lens.surfaces.append(_surface(lens, key, surface, after - places[number], catalogues))
+            if lens.surfaces[-1].mirror:
+                lens.surfaces[-1].medium = lens.surfaces[-2].medium
         key = "aperture"
         aperture = data["aperture"]
         lens.aperture = (_APERTURES.get(aperture["type"], ""), float(aperture["value"]))
@@ -85,14 +87,16 @@ def _surface(
         fail(lens.path, 0, f"{key}.geometry", f"expected one of {', '.join(_SHAPES)}, got {shape}")
     if any(float(place.get(turn, 0.0)) != 0 for turn in ("x", "y", "rx", "ry")):
         fail(lens.path, 0, f"{key}.cs", "expected surfaces about one axis, got a shift or a tilt")
-    if surface.get("is_reflective"):
-        fail(lens.path, 0, key, "expected lenses alone, got a mirror, which no lens here has")
     if surface.get("surface_type") == "paraxial" or surface.get("type") == "ParaxialSurface":
         fail(lens.path, 0, key, "expected glass, got a paraxial lens")
+    mirror = bool(surface.get("is_reflective") or surface.get("interaction_model", {}).get("is_reflective"))
     radius = float(geometry.get("radius", math.inf))
     powers = (
         tuple(float(power) for power in geometry.get("coefficients", ())) if shape == "EvenAsphere" else ()
     )
+    medium = None  # behind a mirror, the one in front
+    if not mirror:
+        medium = _medium(lens, f"{key}.material_post", surface["material_post"], catalogues)
     aperture = surface.get("aperture") or {}
     outer = aperture.get("r_max") if isinstance(aperture, dict) else None
     return FileSurface(
@@ -100,8 +104,10 @@ def _surface(
         thickness=thickness,
         conic=float(geometry.get("conic", 0.0) or 0.0),
         aspheric=powers,
-        medium=_medium(lens, f"{key}.material_post", surface["material_post"], catalogues),
+        medium=medium,
+        mirror=mirror,
         semi_diameter=None if outer is None else float(outer),
+        inner_radius=float(aperture.get("r_min") or 0.0) if isinstance(aperture, dict) else 0.0,
         stop=bool(surface.get("is_stop", False)),
         comment=str(surface.get("comment") or ""),
     )

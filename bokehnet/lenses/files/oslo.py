@@ -95,6 +95,8 @@ def _take(lens: FileLens, catalogues: GlassCatalogues, line: int, key: str, word
         surface.semi_diameter = number(told[0]) if told else None
     elif key == "AST":
         lens.surfaces[int(words[0]) if words else -1].stop = True
+    elif key in ("RFL", "RFH"):
+        surface.mirror, surface.medium = True, lens.surfaces[-2].medium
     elif key == "AIR":
         surface.medium = None
     elif key == "GLA":

@@ -85,8 +85,9 @@ def _surface(lens: FileLens, key: str, entry: dict[str, Any], profiles: dict[str
     if _kind(entry) not in ("Surface", ""):
         fail(lens.path, 0, key, f"expected a surface, got {_kind(entry)}, which has no shape")
     told = _inside(entry)
-    if told.get("interact_mode", "transmit") not in ("transmit", "dummy"):
-        fail(lens.path, 0, key, "expected lenses alone, got a mirror, which no lens here has")
+    mode = told.get("interact_mode", "transmit")
+    if mode not in ("transmit", "dummy", "reflect"):
+        fail(lens.path, 0, key, f"expected a surface that refracts or reflects, got {mode}")
     if told.get("decenter") or told.get("phase_element"):
         fail(lens.path, 0, key, "expected surfaces of one axis that refract, got something else")
     profile = told.get("profile") or profiles.get(str(told.get("profile_id")))
@@ -97,17 +98,29 @@ def _surface(lens: FileLens, key: str, entry: dict[str, Any], profiles: dict[str
     shape = _inside(profile)
     curvature = float(shape.get("cv", 0.0))
     powers = _numbers(shape.get("coefs", [])) if _kind(profile).endswith("Polynomial") else []
+    odd: list[float] = []
     if _kind(profile) == "RadialPolynomial":
-        if any(powers[0::2]):
-            fail(lens.path, 0, f"{key}.profile", "expected even powers of the height, got odd ones")
-        powers = powers[1::2]
+        if any(powers[:1]):
+            fail(lens.path, 0, f"{key}.profile", "expected a surface without a tip, got a power of 1")
+        powers, odd = powers[1::2], powers[2::2]
     size = told.get("max_aperture")
     return FileSurface(
         radius=1 / curvature if curvature else math.inf,
         conic=float(shape.get("cc", shape.get("ec", 1.0) - 1)),
         aspheric=tuple(powers),
+        odd=tuple(odd),
         semi_diameter=float(size) if size else None,
+        inner_radius=_obstructed(told.get("clear_apertures") or []),
+        mirror=mode == "reflect",
         comment=str(told.get("label") or ""),
+    )
+
+
+def _obstructed(apertures: list[Any]) -> float:
+    """Radius of what is dark in the middle, in the unit of the file."""
+    told = [_inside(one) for one in apertures]
+    return max(
+        (float(one["radius"]) for one in told if one.get("is_obscuration") and "radius" in one), default=0.0
     )
 
 

@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import NoReturn
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.prescription_file import Prescription, SurfaceRow
+from bokehnet.lenses.prescription_file import FocusRow, Prescription, SurfaceRow
 from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
 from bokehnet.optics.glass import D_LINE, Glass
 
-__all__ = ["FileLens", "FileSurface", "fail", "to_prescription"]
+__all__ = ["FARTHEST", "FileLens", "FilePosition", "FileSurface", "fail", "to_prescription"]
 
 # Clear apertures that a file leaves open are those of Gaussian rays to the corner, and so much more; and no
 # surface is wider than this share of its radius.
 _WIDER, _WIDEST = 1.05, 0.98
-_FARTHEST = 1e9  # mm; objects beyond are at infinity
+FARTHEST = 1e9  # mm; objects beyond are at infinity
 _FIELD = 10.0  # degrees, where a file tells none
 
 
@@ -37,7 +37,10 @@ class FileSurface:
         medium: Behind it; None is air.
         conic: Conic constant.
         aspheric: Coefficients of the height to the powers 2, 4, 6, ...
+        odd: Those to the powers 3, 5, 7, ...
         semi_diameter: Half of the clear aperture; None where the file does not tell.
+        inner_radius: Rays nearer to the axis are stopped.
+        mirror: Whether it reflects; files count distances against the light behind an odd number of mirrors.
         stop: Whether the aperture stop is here.
         comment: What the file calls it.
     """
@@ -48,14 +51,30 @@ class FileSurface:
     medium: Glass | None = None
     conic: float = 0.0
     aspheric: tuple[float, ...] = ()
+    odd: tuple[float, ...] = ()
     semi_diameter: float | None = None
+    inner_radius: float = 0.0
+    mirror: bool = False
     stop: bool = False
     comment: str = ""
 
     @property
     def is_plane(self) -> bool:
         """Whether it bends no light in one medium."""
-        return math.isinf(self.radius) and not any(self.aspheric)
+        return math.isinf(self.radius) and not any((*self.aspheric, *self.odd)) and not self.mirror
+
+
+@dataclass(kw_only=True)
+class FilePosition:
+    """One position of a zoom, or of groups that move to focus; what it does not tell is that of the file.
+
+    Attributes:
+        thickness: By the number of the row; 0 is the distance of the object.
+        aperture: The number of the lens's ``aperture``.
+    """
+
+    thickness: dict[int, float] = dataclasses.field(default_factory=dict)
+    aperture: float | None = None
 
 
 @dataclass(kw_only=True)
@@ -71,6 +90,7 @@ class FileLens:
             the object of the file, ("object_na", sine), ("image_na", sine) or ("stop", 0.0): the stop's own
             clear aperture.
         field: ("angle", degrees) from the axis, ("image", height) or ("object", height); the largest.
+        positions: Of a zoom, or of groups that move to focus; none where nothing moves.
         wavelength: That focus and pupils are told for, nm.
         said: What the reader has to say, a sentence each.
         skipped: Commands that say nothing of the geometry and were passed over, and how often.
@@ -82,6 +102,7 @@ class FileLens:
     millimetres: float = 1.0
     aperture: tuple[str, float] | None = None
     field: tuple[str, float] | None = None
+    positions: list[FilePosition] = dataclasses.field(default_factory=list)
     wavelength: float = D_LINE
     said: list[str] = dataclasses.field(default_factory=list)
     skipped: dict[str, int] = dataclasses.field(default_factory=dict)
@@ -90,6 +111,34 @@ class FileLens:
         """Count a command that was passed over."""
         self.skipped[command] = self.skipped.get(command, 0) + 1
 
+    def at(self, position: int) -> "FileLens":
+        """The lens with its groups in a position, counted from 1.
+
+        Raises:
+            LensError: There are not so many.
+        """
+        if not 1 <= position <= max(len(self.positions), 1):
+            count = len(self.positions)
+            fail(
+                self.path,
+                0,
+                "position",
+                f"expected 1 to {count}, got {position}"
+                if count > 1
+                else f"expected none, as nothing moves, got {position}",
+            )
+        if not self.positions:
+            return self
+        told = self.positions[position - 1]
+        surfaces = [
+            replace(surface, thickness=told.thickness.get(row, surface.thickness))
+            for row, surface in enumerate(self.surfaces)
+        ]
+        aperture = self.aperture
+        if aperture is not None and told.aperture is not None:
+            aperture = (aperture[0], told.aperture)
+        return replace(self, surfaces=surfaces, aperture=aperture, said=list(self.said))
+
 
 def fail(path: Path, line: int, key: str, problem: str) -> NoReturn:
     """Raise a ``LensError`` that names file, line and key."""
@@ -97,19 +146,17 @@ def fail(path: Path, line: int, key: str, problem: str) -> NoReturn:
 
 
 def to_prescription(lens: FileLens) -> Prescription:
-    """Return the prescription that a lens file describes, in mm.
+    """Return the prescription that a lens file describes, in mm, as it stands in its surfaces.
+
+    Positions that differ in the distance of their object are how the groups stand when it is focused there.
 
     Raises:
         LensError: Nothing is there to be a lens, it does not focus, or a row cannot be.
     """
     path = lens.path
-    if len(lens.surfaces) < 4:
-        fail(
-            path,
-            0,
-            "surfaces",
-            f"expected two or more between object and image, got {len(lens.surfaces) - 2}",
-        )
+    between = len(lens.surfaces) - 2
+    if between < 1 or (between < 2 and not lens.surfaces[1].mirror):
+        fail(path, 0, "surfaces", f"expected two or more between object and image, got {max(between, 0)}")
     object_distance = lens.surfaces[0].thickness * lens.millimetres
     rows = _rows(lens)
     stop = next(i for i, row in enumerate(rows) if row.stop)
@@ -125,6 +172,8 @@ def to_prescription(lens: FileLens) -> Prescription:
     pupil = abs(radius * gauss.entrance_per_stop)
     slope = _field_slope(lens, focal_length, object_distance, gauss)
     rows = _with_clear_apertures(lens, rows, gauss, pupil, slope)
+    distances = [one.thickness.get(0, lens.surfaces[0].thickness) for one in lens.positions]
+    floating = len(distances) > 1 and len(set(distances)) == len(distances)
     prescription = Prescription(
         name=lens.name or path.stem,
         source=f"{path.name}{': ' + '; '.join(lens.said) if lens.said else ''}",
@@ -133,22 +182,33 @@ def to_prescription(lens: FileLens) -> Prescription:
         image_radius=abs(focal_length) * slope,
         surfaces=tuple(rows),
         design_wavelength=lens.wavelength,
+        floating=_floating(lens, distances) if floating else (),
     )
     if (problem := prescription.problem()) is not None:
         fail(path, 0, *problem.split(": ", 1))
     return prescription
 
 
+def _floating(lens: FileLens, distances: Sequence[float]) -> tuple[FocusRow, ...]:
+    """How the groups stand for each distance of the object, nearest first."""
+    found = []
+    for distance, position in sorted(zip(distances, range(1, len(distances) + 1), strict=True)):
+        away = distance * lens.millimetres
+        gaps = tuple(row.thickness for row in _rows(lens.at(position)))
+        found.append(FocusRow(distance=away if away < FARTHEST else math.inf, thicknesses=gaps))
+    return tuple(found)
+
+
 def _rows(lens: FileLens) -> list[SurfaceRow]:
     """Rows in mm with one plane for the stop; planes that bend nothing are left out."""
-    unit, inner = lens.millimetres, lens.surfaces[1:-1]
+    unit, inner = lens.millimetres, _seen_in_mirrors(lens.surfaces[1:-1])
     if not any(surface.stop for surface in inner):
         lens.said.append("no stop is told: it is put on the first surface")
         inner[0].stop = True
     rows: list[SurfaceRow] = []
     before: Glass | None = None
     for surface in inner:
-        bends = not surface.is_plane or surface.medium != before
+        bends = not surface.is_plane or surface.medium != before or surface.inner_radius > 0
         stands = surface.thickness * unit
         if not math.isfinite(stands):
             fail(lens.path, surface.line, "thickness", f"expected a number, got {surface.thickness:g}")
@@ -158,8 +218,10 @@ def _rows(lens: FileLens) -> list[SurfaceRow]:
         plane = SurfaceRow(stop=True, thickness=0.0, semi_diameter=1.0, comment=surface.comment)
         if surface.stop and not bends:
             rows.append(replace(_in(plane, before), thickness=stands))
-        elif surface.stop and before is None and surface.medium is not None:
-            rows += [plane, row]
+        elif surface.stop and (
+            surface.mirror or surface.inner_radius or (before is None and surface.medium is not None)
+        ):
+            rows += [_in(plane, before), row]
         elif surface.stop:
             rows += [replace(row, thickness=0.0), replace(_in(plane, surface.medium), thickness=stands)]
         elif bends:
@@ -169,8 +231,27 @@ def _rows(lens: FileLens) -> list[SurfaceRow]:
         before = surface.medium
     for row, surface in ((row, surface) for row in rows for surface in inner if row.thickness < 0):
         if not row.stop and surface.thickness * unit == row.thickness:
-            fail(lens.path, surface.line, "thickness", f"expected 0 or more, got {surface.thickness:g}")
+            way = "along the light" if any(one.mirror for one in inner) else "to the next surface"
+            fail(lens.path, surface.line, "thickness", f"expected 0 or more {way}, got {surface.thickness:g}")
     return rows
+
+
+def _seen_in_mirrors(surfaces: Sequence[FileSurface]) -> list[FileSurface]:
+    """The surfaces with radii and distances along the light: turned behind every mirror."""
+    turn, seen = 1.0, []
+    for surface in surfaces:
+        shape = turn
+        turn = -turn if surface.mirror else turn
+        seen.append(
+            replace(
+                surface,
+                radius=shape * surface.radius if math.isfinite(surface.radius) else math.inf,
+                aspheric=tuple(shape * a for a in surface.aspheric),
+                odd=tuple(shape * a for a in surface.odd),
+                thickness=turn * surface.thickness + 0.0,
+            )
+        )
+    return seen
 
 
 def _row(surface: FileSurface, medium: Glass | None, unit: float) -> SurfaceRow:
@@ -183,7 +264,12 @@ def _row(surface: FileSurface, medium: Glass | None, unit: float) -> SurfaceRow:
             aspheric=tuple(a * unit ** (-1 - 2 * i) for i, a in enumerate(surface.aspheric))
             if any(surface.aspheric)
             else (),
+            odd=tuple(a * unit ** (-2 - 2 * i) for i, a in enumerate(surface.odd))
+            if any(surface.odd)
+            else (),
             semi_diameter=known * unit if known is not None and known > 0 else math.nan,
+            mirror=surface.mirror,
+            inner_radius=surface.inner_radius * unit,
             comment=surface.comment,
         ),
         medium,
@@ -240,7 +326,7 @@ def _stop_radius(
 
 def _image_slope(gauss: ParaxialLens, focal_length: float, object_distance: float) -> float:
     """Slope at the image, over 1 mm of radius of the entrance pupil, of light from the object on the axis."""
-    if abs(object_distance) > _FARTHEST:
+    if abs(object_distance) > FARTHEST:
         return 1 / abs(focal_length)
     to_pupil = object_distance + float(gauss.entrance.position)
     to_plane = object_distance + float(gauss.cardinal.front_principal)
@@ -275,12 +361,12 @@ def _with_clear_apertures(
         gap = (surface.vertex - place) / index
         marginal, chief = ((y + gap * nu, nu) for y, nu in (marginal, chief))
         place, index = surface.vertex, surface.behind
-        power = float((surface.behind - surface.before) * surface.vertex_curvature)
+        power = float(surface.power)
         needed = _WIDER * (abs(float(marginal[0])) + abs(float(chief[0])))
         marginal, chief = ((y, nu - power * y) for y, nu in (marginal, chief))
         size = row.semi_diameter
         if math.isnan(size):
-            size, guessed = max(needed, 1e-6), guessed + 1
+            size, guessed = max(needed, 1.01 * row.inner_radius, 1e-6), guessed + 1
         if not row.stop and (1 + row.conic) > 0:
             size = min(size, _WIDEST * abs(row.radius) / math.sqrt(1 + row.conic))
         found.append(replace(row, semi_diameter=size))

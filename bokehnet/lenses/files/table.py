@@ -3,7 +3,7 @@
 The first row that is no remark names the columns: R (radius; 0, inf or empty is a plane), d (to the next), n
 (index at the d line; empty or 1 is air), V (Abbe number), and, where they are known, D (diameter of the clear
 aperture), K (conic constant) and A4, A6, ... (powers of the height). A row of the stop has ``stop`` in place
-of a radius. Remarks tell the rest::
+of a radius, and one of a mirror has ``mirror`` in place of an index. Remarks tell the rest::
 
     # name = Petzval
     # f_number = 2.0
@@ -41,6 +41,8 @@ def read_table(path: Path, catalogues: GlassCatalogues) -> FileLens:
         elif stripped:
             cells = dict(zip(names, (cell.strip() for cell in next(csv.reader([stripped]))), strict=False))
             lens.surfaces.append(_row(path, line, cells, catalogues))
+            if lens.surfaces[-1].mirror:
+                lens.surfaces[-1].medium = lens.surfaces[-2].medium
     if len(lens.surfaces) < 3:
         fail(path, 0, "R", "expected a header with R, d, n, V and two surfaces or more, got none")
     lens.surfaces.append(FileSurface())
@@ -86,7 +88,8 @@ def _row(path: Path, line: int, cells: dict[str, str], catalogues: GlassCatalogu
         except ValueError:
             fail(path, line, key, f"expected a number, got {text[:40]!r}")
 
-    stop = cells.get("R", "").lower() == "stop"
+    stop, mirror = cells.get("R", "").lower() == "stop", cells.get("N", "").lower() == "mirror"
+    cells = {**cells, "N": ""} if mirror else cells
     radius = math.inf if stop else value("R", math.inf)
     index, abbe, glass = value("N", 1.0), value("V", 0.0), cells.get("GLASS", "")
     powers = {int(key[1:]): value(key, 0.0) for key in cells if key.startswith("A")}
@@ -103,4 +106,5 @@ def _row(path: Path, line: int, cells: dict[str, str], catalogues: GlassCatalogu
         aspheric=aspheric if any(aspheric) else (),
         semi_diameter=value("DIAMETER", 0.0) / 2 or None,
         stop=stop,
+        mirror=mirror,
     )

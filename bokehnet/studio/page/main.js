@@ -10,7 +10,7 @@ const $ = (id) => document.getElementById(id);
 const [stage, sheet, result, before, over, marks] = ["stage", "sheet", "result", "before", "over", "marks"].map($);
 
 const now = { state: null, facts: {}, tool: "focus", cursor: null, path: null, loupe: false, beforeOf: "" };
-let pending = null, running = null, first = false;
+let pending = null, running = null, first = false, held = false;
 
 // ---- previews: one on its way, the last request wins
 
@@ -43,7 +43,7 @@ async function render({ changes, preset, begun, kind }) {
   say("", "wrong");
   const size = { width: result.width, height: result.height };
   try {
-    for await (const found of frames("preview", { changes, preset, ...size }, control.signal)) {
+    for await (const found of frames("preview", { changes, preset, held, ...size }, control.signal)) {
       if (control.signal.aborted) return;
       const { header } = found;
       if (header.stage === "progress") showProgress(header.share);
@@ -377,6 +377,10 @@ function toggleLoupe() {
 }
 $("loupe-button").addEventListener("click", toggleLoupe);
 
+// While a slider is dragged the next change is near.
+addEventListener("pointerdown", (event) => (held = event.target.type === "range"), true);
+for (const end of ["pointerup", "pointercancel", "blur"]) addEventListener(end, () => (held = false), true);
+
 // ---- keyboard
 
 stage.addEventListener("keydown", (event) => {
@@ -405,7 +409,7 @@ document.addEventListener("keydown", (event) => {
     }
     return;
   }
-  const tools = { f: "focus", 1: "nearer", 2: "farther", 3: "same", 4: "sharp" };
+  const tools = { f: "focus", 1: "nearer", 2: "farther", 3: "same", 4: "sharp", 5: "hidden" };
   const overlays = { d: "depth", p: "focus", c: "confidence" };
   if (tools[key]) pick(tools[key]);
   else if (overlays[key]) {

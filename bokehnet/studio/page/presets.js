@@ -48,6 +48,7 @@ export function refreshPresets() {
         draw(canvas, found);
         drawn.add(name);
       } catch {
+        if (mine !== turn) return; // given up
         canvas.width = canvas.width; // a look that does not go with this picture stays empty
       }
     }

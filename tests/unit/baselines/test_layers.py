@@ -46,8 +46,9 @@ def test_main_pass_is_what_the_theses_write(two_layers):
     nearest, largest = dilated_tiles(coc, 16)
     rings = 3 if two_layers else 4
     taps, shape = sayg.ring_taps(rings), outline(Aperture())
+    ways, table = np.full(largest.shape, rings), sayg.tap_table(rings)
     result = np.empty((24, 28, 4), np.float32)
-    sayg._main(light, coc, nearest, largest, 16, taps, rings, shape, 2.0, two_layers, result)
+    sayg._main(light, coc, nearest, largest, 16, ways, table, shape, 2.0, two_layers, result)
     for y, x in ((12, 14), (9, 16), (15, 11)):
         reach, first = largest[y // 16, x // 16], nearest[y // 16, x // 16]
         fore, back = np.zeros(4), np.zeros(4)
@@ -76,11 +77,11 @@ def test_tans_sum_does_not_depend_on_the_layers():
     light = rng.random((20, 20, 3)).astype(np.float32)
     coc = rng.uniform(-3, 3, (20, 20)).astype(np.float32)
     nearest, largest = dilated_tiles(coc, 16)
-    taps, shape = sayg.ring_taps(4), outline(Aperture())
+    ways, table, shape = np.full(largest.shape, 4), sayg.tap_table(4), outline(Aperture())
     results = []
     for fade in (0.1, 50.0):
         result = np.empty((20, 20, 4), np.float32)
-        sayg._main(light, coc, nearest, largest, 16, taps, 4, shape, fade, False, result)
+        sayg._main(light, coc, nearest, largest, 16, ways, table, shape, fade, False, result)
         results.append(result[..., :3])
     assert np.allclose(*results, atol=1e-5)
 
@@ -104,6 +105,24 @@ def test_tiles_know_the_nearest_and_the_most_blurred_around():
     far[0, 0] = 70
     assert dilated_tiles(far, 32)[1][3, 0] == 70  # further than a tile
     assert dilated_tiles(far, 32)[1][4, 0] == 0
+
+
+@pytest.mark.parametrize("method", [jimenez, tan])
+def test_tiles_of_one_depth_lose_nothing_by_the_cheap_way(method):
+    """Where all have one blur all weights are the same; the blur asks for as many rings as are published."""
+    image = np.random.default_rng(2).random((96, 128, 3)).astype(np.float32)
+    rings = 3 if method is jimenez else 4
+    defocus = np.full((96, 128), 2.0 * rings - 0.5, np.float32)
+    defocus[:, 64:] = 0
+    whole, cheap = (method(image, defocus, by_tile=way) for way in (False, True))
+    assert np.abs(whole - cheap)[:, :32].max() < 1e-5
+    assert np.array_equal(cheap[:, 96:], image[:, 96:])
+
+
+def test_tiles_are_told_apart():
+    nearest = np.array([0.3, 4.0, 4.0, 30.0])
+    farthest = np.array([-0.3, 3.9, -2.0, 29.0])
+    assert sayg.tile_ways(nearest, farthest, np.abs(nearest)).tolist() == [0, -4, 4, -8]
 
 
 def test_a_median_takes_single_bright_pixels_away():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines.mesh_views import MeshObject, Picture, draw, level_of_detail, render_views
-from bokehnet.baselines.subsample_blur import n_buffers, radius_bounds, subsample_blur
+from bokehnet.baselines.n_buffers import n_buffers, radius_bounds
+from bokehnet.baselines.subsample_blur import subsample_blur
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import ThinLens
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from bokehnet.baselines.height_field import first_between, walk_corners
 from bokehnet.baselines.lommel_functions import bessel_orders, lommel_intensity
 
 
@@ -120,3 +121,34 @@ def test_004_2_2_and_its_listing_are_turned_by_half_an_edge():
 def test_004_the_grey_of_its_vignette_is_too_bright():
     grey = np.full(3, 0.4)
     assert np.linalg.norm(grey) == pytest.approx(math.sqrt(3) * 0.4)
+
+
+def test_001_4_2_1_leaves_a_pixel_on_the_other_side():
+    """A way from (0, 0) that reaches the upper edge of its pixel before the right one goes upwards."""
+    end, corner, sign = np.array([1.0, 2.0]), np.array([1.0, 1.0]), np.array([1.0, 1.0])
+    normal = np.array([-sign[1], sign[0]])
+    x, y = -corner, end - corner
+    side = x[0] * y[1] - x[1] * y[0]
+    printed = (sign + normal) / 2 if side > 0 else (sign - normal) / 2
+    assert end[0] / end[1] < 1  # at y = 1 the way is still left of x = 1
+    assert printed.tolist() == [1, 0]
+    z = np.full((2, 1, 1), 0.5)
+    z[0] = 2.0
+    found = walk_corners(z, np.ones((2, 1), np.int64), (0.0, 0.0, 0.0), (1.0, 2.0, 0.9), 0.0)
+    assert found == (1, 0, 0)
+
+
+def test_001_algorithm_2_leaves_out_every_second_layer():
+    depths, near, far = [0.1, 0.5, 0.9], 0.4, 0.6
+
+    def printed(step):
+        i = 0
+        while i < len(depths) and depths[i] <= far:
+            if near < depths[i] <= far:
+                return i
+            i += step
+        return -1
+
+    z = np.array(depths).reshape(1, 1, 3)
+    right = first_between(z, np.array([[3]]), 0, 0, near, far)
+    assert (printed(2), printed(1), right) == (-1, 1, 1)

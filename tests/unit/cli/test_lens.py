@@ -95,7 +95,7 @@ def test_a_file_of_another_program_is_imported_and_used(cli, tmp_path):
 
 
 def test_an_import_that_fails_writes_nothing(cli, tmp_path):
-    (tmp_path / "a.zmx").write_text(ZMX.replace("N-BK7", "MIRROR"))
+    (tmp_path / "a.zmx").write_text(ZMX.replace("N-BK7 0 0 1.5168 64.17", "UNOBTAINIUM 0 0 1.5 40"))
     outcome = cli("lens", "import", tmp_path / "a.zmx", "-o", tmp_path / "a.toml")
     assert (outcome.code, outcome.out) == (1, "")
     assert "line 12: GLAS" in outcome.err

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from bokehnet.io.image import read_image, write_image, write_map
+from bokehnet.rendering.memory import least_memory
+from bokehnet.rendering.settings import RenderSettings
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other units of peak memory")
 
@@ -49,3 +51,15 @@ def test_the_program_stays_within_its_bound(large, name):
     assert peak_of("render", name, *options, *refine, "-o", "out.exr", "--max-memory", "910M") < 910 * 2**20
     error = read_image("out.exr") - read_image("whole.exr")
     assert -10 * np.log10(np.mean(error**2) + 1e-20) > 60
+
+
+@pytest.mark.slow
+def test_the_least_is_enough_for_networks(large):
+    """Near squares all over, so that both networks look at, and correct, all of the picture."""
+    near = np.kron(np.arange(40 * 25).reshape(40, 25) % 2, np.ones((120, 120)))
+    write_map("squares.png", 0.1 + 0.8 * near)
+    told = {"input": {"disparity": "squares.png"}, "camera": {"blur": 20}, "focus": {"value": 0.3}}
+    least = least_memory(RenderSettings().updated(told), "fast", 3000, 4800)
+    words = ("--disparity", "squares.png", "--blur", "20", "--focus", "0.3", "--engine", "fast")
+    repair = ("--repair-disparity", "on", "--max-memory", str(least))
+    assert peak_of("render", "photo.png", *words, *repair, "-o", "out.png") <= least

@@ -66,6 +66,20 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     assert np.abs(whole - disparity).max() > 0.1
 
 
+def test_the_networks_memory_is_given_back_before_the_map_is_enlarged(untrained, monkeypatch):
+    """What the network sees last is 64 pixels wide, half the picture."""
+    for name, side in (("_LARGEST_SIDE", 40), ("_NETWORK_SIDE", 80)):
+        monkeypatch.setattr(disparity_repair, name, side)
+    monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: True)
+    repair, order = DisparityRepair(untrained[0]), []
+    run, give_back, enlarge = repair._run, repair._give_back, disparity_repair.align_steps
+    monkeypatch.setattr(repair, "_run", lambda image, *a: order.append(image.shape[2]) or run(image, *a))
+    monkeypatch.setattr(repair, "_give_back", lambda: order.append("given back") or give_back())
+    monkeypatch.setattr(disparity_repair, "align_steps", lambda *a: order.append("enlarged") or enlarge(*a))
+    repair(*scene(128, 128))
+    assert order == [32, 64, "given back", "enlarged"]
+
+
 @pytest.mark.parametrize(("scale", "offset"), [(37.0, 0.0), (0.01, -3.0)])
 def test_unit_and_offset_do_not_matter(untrained, scale, offset):
     image, disparity = scene(64, 80)

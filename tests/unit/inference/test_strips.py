@@ -8,7 +8,7 @@ import pytest
 from bokehnet.classical.base import ALIGNED, Place
 from bokehnet.errors import ParameterError
 from bokehnet.inference.engine import Engine
-from bokehnet.inference.strips import BYTES_PER_PIXEL, StripAccumulator, cut_strips
+from bokehnet.inference.strips import BYTES_PER_PIXEL, StripAccumulator, cut_strips, working_memory
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.lens_response import LensResponse
@@ -37,6 +37,22 @@ def test_strips_cover_every_row_once():
         assert strip.first == 0 or strip.wanted.start >= 20
         assert strip.last == 1000 or strip.last - strip.first - strip.wanted.stop >= 20
         assert (strip.last - strip.first) <= 600
+
+
+@pytest.mark.parametrize(
+    ("reach", "most"),
+    [(39, 1.0), (98, 1.5), (138, 2.0), (403, None)],
+)
+def test_a_large_picture_takes_little_memory_where_that_costs_little(reach, most):
+    """24 megapixels: so many GiB; few rows are looked at twice."""
+    height, width = 5475, 4380
+    memory = working_memory(height, width, reach, "rays")
+    assert (memory and memory / 2**30) == most
+    if memory is not None:
+        strips = [*cut_strips(height, width, reach, "rays", memory)]
+        assert max(s.last - s.first for s in strips) * width * BYTES_PER_PIXEL["rays"] <= memory
+        assert sum(s.last - s.first for s in strips) < 1.4 * height
+    assert working_memory(1350, 1080, reach, "rays") is None
 
 
 GLASS = AberrationSliders(coma=3.0, field_curvature=2.0).aberration_map()

@@ -81,7 +81,7 @@ def test_single_terms_are_those_of_the_map():
         ("wavelength,coma\n500\n", ["line 2: expected 2 numbers, found 1"]),
         ("wavelength,coma\n500,1\n400,1\n", ["wavelength: expected rising numbers"]),
         ("# rim = 1\nwavelength,coma\n500,1\n", ["line 1: rim: expected a shift and a radius, got '1'"]),
-        ("# rim = 1, -2\nwavelength,coma\n500,1\n", ["rim", "a radius above 0"]),
+        ("# rim = 1, 0\nwavelength,coma\n500,1\n", ["rim", "a radius other than 0"]),
         ("wavelength,zernike_5\n500,1\n", ["zernike_5", "symmetric about the field"]),
         ("wavelength,zernike_28\n500,1\n", ["zernike_28", "seventh order"]),
         ("wavelength,image_f_400\n500,1\n", ["image_f_400: expected three powers"]),

@@ -118,7 +118,7 @@ def test_a_picture_in_tiles_is_the_whole_one(folder, address, page):
 def test_a_click_focuses_there(folder, address, page):
     page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}")
     rendered(page)
-    page.locator("canvas").click(position={"x": 5, "y": 5})
+    page.locator("#result").click(position={"x": 5, "y": 5})
     page.wait_for_function(f"document.querySelector('[name=focus]').value != '{FOCUS}'")
     focus = float(page.input_value("[name=focus]"))
     there = read_disparity(folder / "disparity.png")[5, 5]
@@ -140,3 +140,32 @@ def test_a_broken_photo_is_told_and_the_next_one_works(folder, address, page):
     page.fill("[name=K]", str(BLUR))
     page.click("button")
     page.wait_for_function("/ in /.test(document.querySelector('#status').textContent)", timeout=200_000)
+
+
+@pytest.mark.slow
+def test_a_drag_shows_a_quick_picture_and_the_renderers_after_it(folder, address, page):
+    """Authority for the quick one: it is nearer to the package's picture than the sharp photo is."""
+    page.goto(f"{address}/?photo=photo.png&disparity=disparity.png&K=0&focus={FOCUS}")
+    rendered(page)
+    page.evaluate(
+        """(K) => {
+            document.querySelector("[name=K]").value = K;
+            document.querySelector("[name=K]").dispatchEvent(new Event("input", { bubbles: true }));
+        }""",
+        BLUR,
+    )
+    page.wait_for_function("window.previews > 0", timeout=60_000)
+    shown = page.evaluate(
+        """() => {
+            const quick = document.querySelector("#preview"), copy = document.createElement("canvas");
+            [copy.width, copy.height] = [110, 83];
+            copy.getContext("2d").drawImage(quick, 0, 0, 110, 83);
+            return [...copy.getContext("2d").getImageData(0, 0, 110, 83).data];
+        }"""
+    )
+    found = np.array(shown, np.float32).reshape(83, 110, 4)[..., :3] / 255
+    sharp = linear_to_srgb(read_image(folder / "photo.png"))
+    assert decibels(found, wanted(folder, FOCUS)) > decibels(sharp, wanted(folder, FOCUS)) + 3
+    page.wait_for_function("document.querySelector('#preview').hidden", timeout=200_000)
+    (folder / "saved.png").write_bytes(rendered(page)[1])
+    assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50

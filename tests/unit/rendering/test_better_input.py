@@ -337,3 +337,24 @@ def test_path_traced_scenes_gain(shared, scene, shot, least):
     renderer = BokehRenderer("rays", aperture=known.aperture)
     found = renderer.render(read_scene(folder / "image_4x.exr", settings), settings).bokeh
     assert compare(found, known.truth, known.defocus)["edge_psnr"] > least
+
+
+def test_a_matte_leaves_alone_what_the_map_tells_as_well():
+    """Two surfaces behind one front keep their depths, and pixels all front or all back keep theirs."""
+    disparity = np.full((20, 24), 0.9, np.float32)
+    disparity[:10, 12:], disparity[10:, 12:] = 0.1, 0.5
+    matte = np.zeros((20, 24), np.float32)
+    matte[:, :12], matte[:, 12] = 1, 0.3
+    found = matte_surfaces(matte, disparity)
+    assert found.columns.tolist() == [12] * 20
+    np.testing.assert_array_equal(found.near, np.float32(0.9))
+    np.testing.assert_array_equal(found.far, disparity[:, 12])
+
+
+def test_a_matte_moves_an_edge_that_the_map_has_elsewhere():
+    disparity = np.where(np.arange(24) < 10, 0.9, 0.1).astype(np.float32)[None].repeat(5, 0)
+    matte = np.where(np.arange(24) < 12, 1, 0).astype(np.float32)[None].repeat(5, 0)
+    found = matte_surfaces(matte, disparity)
+    assert sorted(set(found.columns.tolist())) == [10, 11]
+    np.testing.assert_array_equal(found.coverage, 1)
+    np.testing.assert_allclose(found.near, 0.9, rtol=1e-6)

@@ -184,7 +184,7 @@ VALID = [
             "grain": 3200, "grain_size": 2,
             "grain_mono": True, "grain_seed": 9,
         },
-        "engine": {"name": "hybrid", "weights": "nets", "max_memory": 2**31},
+        "engine": {"name": "hybrid", "weights": "nets", "max_memory": 2**31, "device": "auto"},
         "output": {
             "save_maps": "maps/ü", "color_space": "prophoto", "bits": "16", "quality": 80,
             "subsampling": "4:2:0", "dither": "off", "expected_error": "on",
@@ -509,6 +509,7 @@ def test_choices_are_those_of_the_rooms_below():
         "lens.focusing": {"sharpest", "paraxial"},
         "color.dispersion": set(DISPERSIONS),
         "engine.name": {*ENGINES, *BASELINES},
+        "engine.device": {"cpu", "cuda", "auto"},
         "output.color_space": set(COLOR_SPACE_NAMES),
         "output.bits": set(map(str, typing.get_args(Bits))),
         "output.subsampling": set(SUBSAMPLINGS),

@@ -334,6 +334,16 @@ def test_sharp_follows_the_focus_and_goes_last():
         assert painted(FLAT, GREY, [sharp, nearer], focus)[20, 30] == np.float32(focus)
 
 
+def test_hidden_takes_the_depth_of_the_farthest_surface_around_the_stroke():
+    values = FLAT.copy()
+    values[:, :28] = 0.2
+    stroke = Stroke(effect="hidden", points=((0.5, 0.5),), radius=0.1)
+    result = painted(values, GREY, [stroke])
+    assert (result[16:24, 28:34] == np.float32(0.2)).all()
+    assert (result[:, 40:] == 0.5).all()
+    assert set(np.unique(result)) == {np.float32(0.2), np.float32(0.5)}
+
+
 def test_a_brush_that_heeds_edges_stops_at_them():
     image = GREY.copy()
     image[:, 32:] = 0.9

@@ -69,10 +69,27 @@ def literal(image, defocus, sides, pixel_filter):
                 weighted.append((w, image[v, u]))
         return moments(weighted)
 
+    def place_edges(parted):
+        slopes = np.maximum(4 * shares * (1 - shares), PRIOR.edge_slope)
+        placed = shares.copy()
+        for y, x in parted:
+            rows, said, weights = [], [], []
+            for v, u, w in around(y, x, PRIOR.edge_window, PRIOR.edge_square):
+                if (v, u) in parted:
+                    share, front, back = parted[v, u]
+                    apart = (front - back) @ (front - back)
+                    rows.append(slopes[v, u])
+                    said.append(share - shares[v, u])
+                    weights.append(w * apart / (apart + PRIOR.edge_contrast))
+            root = np.sqrt([*weights, PRIOR.edge_doubt])
+            shift = np.linalg.lstsq(root[:, None] * [[r] for r in (*rows, 1)], root * (*said, 0))[0][0]
+            placed[y, x] = min(max(shares[y, x] + slopes[y, x] * shift, 0.0), 1.0)
+        return placed
+
     def part(y, x, front, front_variance, back, back_variance):
         least = PRIOR.least**2 + PRIOR.relative**2 * (front @ front + back @ back) / 3
         share = float(shares[y, x])
-        prior = np.diag([PRIOR.share_spread**2] + 3 * [front_variance + least] + 3 * [back_variance + least])
+        prior = np.diag([spread**2] + 3 * [front_variance + least] + 3 * [back_variance + least])
         row = np.hstack([(front - back)[:, None], share * np.eye(3), (1 - share) * np.eye(3)])
         error = image[y, x] - share * front - (1 - share) * back
         moved = prior @ row.T @ np.linalg.solve(row @ prior @ row.T, error)
@@ -83,8 +100,11 @@ def literal(image, defocus, sides, pixel_filter):
         return share, front + weights[0] * error, back + weights[1] * error
 
     places = [(int(y), int(x)) for y, x in np.argwhere(sides)]
+    spread = PRIOR.share_spread
     parted = {place: part(*place, *first_look(*place, 0), *first_look(*place, 1)) for place in places}
-    for _ in range(PRIOR.rounds):
+    for number in range(PRIOR.rounds + PRIOR.placed_rounds):
+        if number == PRIOR.rounds:
+            shares, spread = place_edges(parted), PRIOR.placed_spread
         found = {p: (*look_again(*p, 0, parted), *look_again(*p, 1, parted)) for p in places}
         parted = {place: part(*place, *means) for place, means in found.items()}
     return parted

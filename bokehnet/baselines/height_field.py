@@ -1,0 +1,134 @@
+"""Where a ray meets layers of depth whose pixels are squares of one depth: both walks of thesis 001, 4.2.
+
+A ray goes over the picture from pixel to pixel. In each it has a depth where it comes in and one where it
+goes out, and it meets the first layer between the two. Pixel i lies between i and i + 1, z grows away from
+the camera, layers of a pixel lie in that order, and the values at the border go on beyond it.
+
+``walk_corners`` asks at each pixel on which side of its corner the ray's end lies, and may step across the
+corner; ``walk_edges`` asks which of two edges comes next. Both visit the same pixels, but for corners that a
+ray hits. Rays that are nearly upright slip between two squares of a slope: so a ray goes a little farther
+than its pixel.
+
+Source: thesis 001, 4.2.1 and 4.2.2; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
+Eurographics 1987. As printed the first takes the wrong one of two edges, and both a wrong pixel, see
+``docs/theses.md``.
+"""
+
+import math
+
+from bokehnet.kernels import njit
+
+__all__ = ["first_between", "walk_corners", "walk_edges"]
+
+# Distance from an edge that counts as on it, and length of a step along an axis that counts as none, pixels.
+_ON_EDGE, _NO_STEP = 1e-9, 1e-9
+
+
+@njit(cache=True)
+def first_between(z, count, row, column, near, far):  # type: ignore[no-untyped-def]
+    """The first layer of a pixel with ``near < z <= far``; -1 for none.
+
+    Args:
+        z: Depths of the layers, (H, W, L).
+        count: How many a pixel has, (H, W).
+        row: Of the pixel; beyond the border the last one counts.
+        column: Likewise.
+        near: Depth at which a ray comes in.
+        far: And goes out.
+    """
+    row = min(max(row, 0), z.shape[0] - 1)
+    column = min(max(column, 0), z.shape[1] - 1)
+    for layer in range(count[row, column]):
+        if z[row, column, layer] > far:
+            break
+        if z[row, column, layer] > near:
+            return layer
+    return -1
+
+
+@njit(cache=True)
+def _cell(place, towards):  # type: ignore[no-untyped-def]
+    """Pixel of a place; on an edge the one on the side that ``towards`` points to."""
+    low = int(math.floor(place))
+    return low - 1 if towards < 0.0 and place - low < _ON_EDGE else low
+
+
+@njit(cache=True)
+def _last_cell(place, step, first):  # type: ignore[no-untyped-def]
+    """Pixel where a way ends that began in ``first``: on an edge the one that it comes from."""
+    last = _cell(place, -step)
+    return last if (last - first) * step >= 0.0 else first
+
+
+@njit(cache=True)
+def walk_edges(z, count, start, end, slack):  # type: ignore[no-untyped-def]
+    """Follow a ray from edge to edge: 4.2.2.
+
+    Args:
+        z: Depths of the layers, (H, W, L).
+        count: How many a pixel has, (H, W).
+        start: Column, row and depth.
+        end: The same, farther away.
+        slack: How far beyond a pixel the ray goes in depth.
+
+    Returns:
+        Row, column and layer; layer -1 if it meets nothing.
+    """
+    x0, y0, z0 = start
+    dx, dy, dz = end[0] - x0, end[1] - y0, end[2] - z0
+    step_x, step_y = 1 if dx >= 0.0 else -1, 1 if dy >= 0.0 else -1
+    column, row = _cell(x0, dx), _cell(y0, dy)
+    last_column, last_row = _last_cell(end[0], dx, column), _last_cell(end[1], dy, row)
+    dx = dx if abs(dx) > _NO_STEP else step_x * _NO_STEP
+    dy = dy if abs(dy) > _NO_STEP else step_y * _NO_STEP
+    next_x, next_y = (column + max(step_x, 0) - x0) / dx, (row + max(step_y, 0) - y0) / dy
+    entry = z0
+    for _ in range(abs(last_column - column) + abs(last_row - row)):
+        right = row == last_row or (column != last_column and next_x < next_y)
+        leave = z0 + min(next_x if right else next_y, 1.0) * dz
+        layer = first_between(z, count, row, column, entry, leave + slack)
+        if layer >= 0:
+            return row, column, layer
+        if right:
+            column, next_x = column + step_x, next_x + step_x / dx
+        else:
+            row, next_y = row + step_y, next_y + step_y / dy
+        entry = leave
+    return row, column, first_between(z, count, row, column, entry, end[2] + slack)
+
+
+@njit(cache=True)
+def walk_corners(z, count, start, end, slack):  # type: ignore[no-untyped-def]
+    """Follow a ray by the side of each pixel's nearest corner on which its end lies: 4.2.1.
+
+    Arguments and result are those of :func:`walk_edges`.
+    """
+    x0, y0, z0 = start
+    dx, dy, dz = end[0] - x0, end[1] - y0, end[2] - z0
+    sign_x, sign_y = (dx > 0.0) - (dx < 0.0), (dy > 0.0) - (dy < 0.0)
+    column, row = _cell(x0, dx), _cell(y0, dy)
+    last_column, last_row = _last_cell(end[0], dx, column), _last_cell(end[1], dy, row)
+    corner_x, corner_y = column + max(sign_x, 0), row + max(sign_y, 0)
+    x, y, entry = x0, y0, z0
+    while column != last_column or row != last_row:
+        if column == last_column:
+            next_x, next_y = 0, sign_y
+        elif row == last_row:
+            next_x, next_y = sign_x, 0
+        else:
+            side = (x - corner_x) * (end[1] - corner_y) - (y - corner_y) * (end[0] - corner_x)
+            side *= sign_x * sign_y
+            next_x, next_y = sign_x * (side >= 0.0), sign_y * (side <= 0.0)
+        if next_x != 0 and next_y != 0:
+            x, y = float(corner_x), float(corner_y)
+        elif next_x != 0:
+            y, x = y - dy * (x - corner_x) / dx, float(corner_x)
+        else:
+            x, y = x - dx * (y - corner_y) / dy, float(corner_y)
+        leave = z0 + ((x - x0) * dz / dx if abs(dx) > abs(dy) else (y - y0) * dz / dy)
+        layer = first_between(z, count, row, column, entry, leave + slack)
+        if layer >= 0:
+            return row, column, layer
+        column, row, corner_x, corner_y = column + next_x, row + next_y, corner_x + next_x, corner_y + next_y
+        entry = leave
+    return row, column, first_between(z, count, row, column, entry, end[2] + slack)

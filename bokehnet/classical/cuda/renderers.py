@@ -1,0 +1,22 @@
+"""The classical renderers on a CUDA device, by name."""
+
+from functools import partial
+
+from bokehnet.classical.base import ClassicalRenderer
+from bokehnet.classical.cuda.march import CudaMarch
+from bokehnet.classical.rays_renderer import Device, render_rays
+from bokehnet.classical.scatter_renderer import render_scatter
+from bokehnet.classical.torch.device_scatter import scatter_on
+
+__all__ = ["make_on_cuda"]
+
+
+def make_on_cuda(classical: str) -> ClassicalRenderer:
+    """Return the classical renderer of that name, ``rays`` or ``scatter``, on the CUDA device.
+
+    Rays run there as they do here, and so does the scatter; layers, means over windows and bright lights are
+    computed on the CPU.
+    """
+    if classical == "scatter":
+        return partial(render_scatter, scattered=scatter_on("cuda"))
+    return partial(render_rays, device=Device(scatter_on("cuda"), CudaMarch()))

@@ -1,0 +1,55 @@
+"""The scatter of arrays on a device of torch: NumPy in and out. Needs torch."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+
+from bokehnet.classical.base import Place, check_inputs
+from bokehnet.classical.scatter.disc_scatter import LARGEST_RADIUS
+from bokehnet.classical.torch.pyramid_levels import scatter_sums
+from bokehnet.optics.aperture import Aperture
+
+__all__ = ["scatter_on", "why_no_cuda"]
+
+
+def why_no_cuda() -> str | None:
+    """Why torch can use no CUDA device here, in a few words; None where it can."""
+    if torch.version.cuda is None and torch.version.hip is None:
+        return f"a torch without CUDA, {torch.__version__}"
+    try:
+        torch.zeros(1, device="cuda")
+    except (AssertionError, RuntimeError) as error:
+        return str(error).splitlines()[0]
+    return None
+
+
+def scatter_on(device: str) -> Callable[..., Any]:
+    """Return what :func:`bokehnet.classical.scatter_renderer.scatter` is, computed on a device of torch.
+
+    Args:
+        device: Such as ``cuda``. On ``cpu`` it computes by the same operations, slowly: for tests.
+
+    Examples:
+        >>> picture = np.random.default_rng(0).random((9, 12, 3), np.float32)
+        >>> bokeh = scatter_on("cpu")(picture, np.full((9, 12), 3, np.float32))
+        >>> bokeh.shape, bokeh.dtype
+        ((9, 12, 3), dtype('float32'))
+    """
+
+    def scatter(
+        image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None, place: Place | None = None
+    ) -> np.ndarray:
+        light, radii = check_inputs(image, defocus)
+        with torch.no_grad():
+            there = torch.from_numpy(light).to(device)
+            blur = torch.from_numpy(radii).to(there).clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
+            values = torch.cat([there, torch.ones_like(there[..., :1])], -1)
+            sums = scatter_sums(values, blur, aperture, place)
+            weight = sums[..., -1:]
+            lit = weight > 0
+            bokeh = torch.where(lit, sums[..., :-1] / torch.where(lit, weight, 1.0), there)
+        return bokeh.cpu().numpy()
+
+    return scatter

@@ -1,0 +1,71 @@
+"""Where an engine computes: on the CPU, or on a CUDA device where there is one."""
+
+from importlib import import_module
+
+from bokehnet.checks import check_choice, require_extra
+from bokehnet.classical.base import CLASSICAL_RENDERERS, ClassicalRenderer, make_classical
+from bokehnet.errors import MissingExtraError, ParameterError
+from bokehnet.onnx_session import CPU, load_onnxruntime
+
+__all__ = ["DEVICES", "device_of", "make_on", "providers_on"]
+
+DEVICES = ("cpu", "cuda", "auto")
+
+_PROVIDER = "CUDAExecutionProvider"
+
+
+def device_of(device: str, classical: str) -> str:
+    """Return ``cpu`` or ``cuda`` for what was asked for.
+
+    Args:
+        device: One of ``DEVICES``; ``auto`` is the CUDA device where it can be used, else the CPU.
+        classical: The classical renderer; methods of the literature compute on the CPU alone.
+
+    Raises:
+        ParameterError: ``cuda`` where there is no such device, or not for this renderer.
+        MissingExtraError: ``cuda`` without the packages that it needs.
+
+    Examples:
+        >>> device_of("cpu", "rays"), device_of("auto", "jimenez")
+        ('cpu', 'cpu')
+    """
+    check_choice("device", device, DEVICES)
+    if device == "cpu":
+        return device
+    reason: Exception | None = None
+    if classical not in CLASSICAL_RENDERERS:
+        reason = _refused(f"cpu for {classical}, which knows no other")
+    else:
+        try:
+            require_extra("torch", "cuda")
+            why = import_module("bokehnet.classical.torch.device_scatter").why_no_cuda()
+            if classical == "rays":
+                why = why or import_module("bokehnet.classical.cuda.march").why_no_rays()
+            if why:
+                reason = _refused(f"a CUDA device that can be used; found {why}")
+        except MissingExtraError as error:
+            reason = error
+    if reason is None:
+        return "cuda"
+    if device == "auto":
+        return "cpu"
+    raise reason
+
+
+def _refused(expected: str) -> ParameterError:
+    return ParameterError("engine.device", expected, "cuda", "use --device cpu, or auto, which does so")
+
+
+def make_on(device: str, classical: str) -> ClassicalRenderer:
+    """Return a classical renderer that computes on ``cpu`` or ``cuda``."""
+    if device == "cpu":
+        return make_classical(classical)
+    renderer: ClassicalRenderer = import_module("bokehnet.classical.cuda.renderers").make_on_cuda(classical)
+    return renderer
+
+
+def providers_on(device: str) -> tuple[str, ...]:
+    """Execution providers of networks there: CUDA's where ONNX Runtime has it, else the CPU's."""
+    if device == "cuda" and _PROVIDER in load_onnxruntime().get_available_providers():
+        return (_PROVIDER, *CPU)
+    return CPU

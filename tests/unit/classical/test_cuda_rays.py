@@ -1,0 +1,135 @@
+"""The rays as a device follows them. Authority: the kernel for eight rays at once, on the CPU."""
+
+import os
+import subprocess
+import sys
+
+import numba
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the extra cuda")
+
+from bokehnet.classical.cuda.march import why_no_rays
+from bokehnet.classical.cuda.ray_walk import GROUP_RAYS, make_march
+from bokehnet.classical.cuda.renderers import make_on_cuda
+from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs
+from bokehnet.classical.layered.ray_accumulators import GROUPS, PLAIN
+from bokehnet.classical.layered.ray_marching import SETS
+from bokehnet.classical.rays_renderer import Device, render_rays
+from bokehnet.classical.torch.device_scatter import scatter_on, why_no_cuda
+from bokehnet.optics.aperture import Aperture, cats_eye_shift
+
+no_cuda = pytest.mark.skipif(bool(why_no_cuda() or why_no_rays()), reason="needs a CUDA device")
+
+
+def scene(height: int = 72, width: int = 88) -> tuple[np.ndarray, np.ndarray]:
+    """A near disc and a near bar before a slope that leans into the distance."""
+    rng = np.random.default_rng(3)
+    image = (0.05 + 0.6 * rng.random((height, width, 3))).astype(np.float32)
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    defocus = -3 - 0.12 * x
+    defocus[np.hypot(x - 30, y - 34) < 14] = 9
+    defocus[50:58] = 4.5
+    return image, defocus.astype(np.float32)
+
+
+class CpuMarch:
+    """The walk of a device compiled for the CPU, pixel by pixel."""
+
+    def __init__(self) -> None:
+        self.march = make_march(numba.njit)
+        shift, self.runs = numba.njit(cats_eye_shift), bin_runs
+        self.shift = shift
+
+    def __call__(
+        self, colors, cells, rays_mask, bins, points, chances, weights, lens, cats_eye, place, seed, above,
+        first, before, counts, sums,
+    ):  # fmt: skip
+        assert lens is None
+        tiles = bins.held, np.float32(bins.low), np.float32(1 / bins.thickness)
+        totals, looks = np.empty((GROUPS, PLAIN), np.float32), np.empty((3, GROUP_RAYS), np.float32)
+        runs = np.empty((BINS // 2, 2))
+        for y, x in np.argwhere(rays_mask[first : first + len(sums)]):
+            row, column = (first + y) // TILE, x // TILE
+            sent = counts[row - first // TILE, column]
+            if sent <= before:
+                continue
+            count = self.runs(bins.bits[row, column], bins.low, bins.thickness, runs)
+            shift = self.shift(cats_eye, x + place[0], first + y + above + place[1], place[2], place[3])
+            pattern = (points.shape[1] // SETS, seed, above, cats_eye, *shift)
+            self.march(
+                x, first + y, colors, cells, tiles, runs, count, bool(bins.smooth[row, column]), points,
+                chances, weights, pattern, sums[y, x], totals, looks, before, sent,
+            )  # fmt: skip
+
+
+def decibels(found: np.ndarray, wanted: np.ndarray) -> float:
+    return float(-10 * np.log10(np.mean((found.astype(float) - wanted) ** 2) + 1e-30))
+
+
+@pytest.fixture(scope="module")
+def on_cpu() -> Device:
+    return Device(scatter_on("cpu"), CpuMarch())
+
+
+@pytest.mark.parametrize(
+    "aperture",
+    [Aperture(), Aperture(blades=6), Aperture(cats_eye=0.8)],
+    ids=["disc", "blades", "cat's-eye"],
+)
+def test_the_walk_of_one_ray_gives_the_picture_of_eight_at_once(on_cpu, aperture):
+    image, defocus = scene()
+    wanted = render_rays(image, defocus, aperture)
+    found = render_rays(image, defocus, aperture, device=on_cpu)
+    assert (wanted.disocclusion_weight > 0).any()
+    assert decibels(found.bokeh, wanted.bokeh) > 60
+    assert decibels(found.disocclusion_weight, wanted.disocclusion_weight) > 60
+
+
+def test_long_rays_that_pass_tiles_in_one_step_give_it_too(on_cpu):
+    """Blur over more than 16 pixels of defocus, and a smooth slope alone, whose surface is looked at."""
+    image, defocus = scene()
+    slope = np.tile(np.linspace(-6, 6, image.shape[1], dtype=np.float32), (image.shape[0], 1))
+    slope[:6] = 30
+    for radii in (4 * defocus, slope):
+        wanted = render_rays(image, radii).bokeh
+        assert decibels(render_rays(image, radii, device=on_cpu).bokeh, wanted) > 60
+
+
+SIMULATED = """
+import numpy as np
+from bokehnet.classical.cuda.march import CudaMarch
+from tests.unit.classical.test_cuda_rays import Device, decibels, render_rays, scatter_on, scene
+image, defocus = (array[28:52, 16:48].copy() for array in scene())
+wanted = render_rays(image, 0.5 * defocus, rays_share=0.125).bokeh
+device = Device(scatter_on("cpu"), CudaMarch())
+found = render_rays(image, 0.5 * defocus, rays_share=0.125, device=device).bokeh
+print(decibels(found, wanted))
+"""
+
+
+@pytest.mark.slow
+def test_the_kernel_runs_in_numbas_simulator_of_a_device():
+    """It follows the launch: blocks, local arrays, and what goes to the device and back."""
+    told = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", SIMULATED],
+        env=told,
+        capture_output=True,
+        text=True,
+        timeout=500,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert float(done.stdout) > 60
+
+
+@pytest.mark.gpu
+@no_cuda
+@pytest.mark.parametrize("name", ["rays", "scatter"])
+def test_a_device_gives_the_picture_of_the_cpu(name):
+    from bokehnet.classical.base import make_classical
+
+    image, defocus = scene(300, 400)
+    wanted = make_classical(name)(image, defocus).bokeh
+    assert decibels(make_on_cuda(name)(image, defocus).bokeh, wanted) > 60
