@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from bokehnet.cli.lens_copy import copy
 from bokehnet.cli.lens_fit import fit
 from bokehnet.cli.lens_tables import aberrations, preset, transfer
 from bokehnet.cli.options import QuickGroup
@@ -206,6 +207,7 @@ def _write_sheet(lenses: list[Any], output: Path) -> None:
         tell(1, 1)
 
 
+lens.command()(copy)
 lens.command()(fit)
 lens.command()(aberrations)
 lens.command()(preset)

@@ -97,7 +97,9 @@ def fit_aberration_map(
     """Reduce a lens, as it is focused and stopped down, to its aberration map.
 
     Args:
-        lens: The lens; its ``pupil_sampling`` does not matter.
+        lens: The lens; its ``pupil_sampling`` does not matter. Of a copy whose elements stand off the axis
+            this is the map with all of them on it, as no map of these invariants holds more; how its plane of
+            focus leans, :func:`bokehnet.lenses.misalignment.focus_lean` tells.
         half_diagonal: Of the picture, mm on the sensor; None is the radius that the lens is made for.
         distortion: Keep the distortion of the picture and of its pupils in the map.
         wavelengths: Nanometres; the design wavelength joins them. Empty leaves dispersion out.
@@ -108,6 +110,7 @@ def fit_aberration_map(
     Raises:
         LensError: The picture is larger than what the lens lights, or its middle rays cross.
     """
+    lens = lens.centred
     frame, rays, field, aim = _prepare(lens, half_diagonal, distortion)
     design = lens.prescription.design_wavelength
     all_wavelengths = sorted({design, *wavelengths})

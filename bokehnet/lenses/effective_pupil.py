@@ -6,7 +6,7 @@ other point of the sensor is one of these, turned about the axis.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,8 @@ _COARSE, _FINE = 48, 96
 _SEARCH = 2.5
 # Ellipses are larger than what was found by this factor, because of the grid and of other wavelengths.
 _MARGIN = 1.01
+# Directions from which a lens is looked at that is not symmetric.
+_AROUND = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -96,8 +98,9 @@ def find_effective_pupil(
     field = np.linspace(0, sensor_radius, _FIELDS)[:, None, None]
     size = _SEARCH * abs(exit_pupil.radius)
     boxes = np.tile([-size, size, size], (_FIELDS, 1))
-    boxes, _ = _narrow(surfaces, exit_pupil, distance, field, boxes, _COARSE)
-    boxes, rims = _narrow(surfaces, exit_pupil, distance, field, boxes, _FINE)
+    ways = _seen_from_around(surfaces)
+    boxes, _ = _narrow(ways, exit_pupil, distance, field, boxes, _COARSE)
+    boxes, rims = _narrow(ways, exit_pupil, distance, field, boxes, _FINE)
     ellipses = np.zeros((_FIELDS, 3))
     for i, (box, rim) in enumerate(zip(boxes, rims, strict=True)):
         if np.isfinite(box).all():
@@ -109,8 +112,28 @@ def find_effective_pupil(
     return EffectivePupil(steepest=steepest, ellipses=ellipses)
 
 
+def _seen_from_around(surfaces: Sequence[Surface]) -> list[list[Surface]]:
+    """The lens as points in several directions of the sensor see it, and in a mirror; once if it is centred.
+
+    What passes is then looked for in one half of the pupil, for points along one radius.
+    """
+    if all(surface.centred for surface in surfaces):
+        return [list(surfaces)]
+    ways = []
+    for angle in 2 * np.pi * np.arange(_AROUND) / _AROUND:
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        for side in (1, -1):
+            seen = []
+            for surface in surfaces:
+                (x, y), (about_x, about_y) = turn @ surface.shift[:2], turn @ surface.tilt
+                shift = (float(x), side * float(y), surface.shift[2])
+                seen.append(replace(surface, shift=shift, tilt=(side * float(about_x), float(about_y))))
+            ways.append(seen)
+    return ways
+
+
 def _narrow(
-    surfaces: Sequence[Surface],
+    ways: Sequence[Sequence[Surface]],
     exit_pupil: Pupil,
     distance: float,
     field: np.ndarray,
@@ -119,15 +142,19 @@ def _narrow(
 ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Bound what passes in boxes (fields, 3) of lowest u, highest u, highest v, by ``count``^2 rays.
 
-    The lens is symmetric in v. Boxes get one cell more all round; one where nothing passes becomes NaN. The
-    rims are columns u and the highest v, of the outer sides of the cells.
+    In ``ways`` is the lens as :func:`_seen_from_around` has it, all together symmetric in v. Boxes get one
+    cell more all round; one where nothing passes becomes NaN. The rims are columns u and the highest v, of
+    the outer sides of the cells.
     """
     steps = (np.arange(count) + 0.5) / count
     low, high, top = (boxes[:, i, None, None] for i in range(3))
     u = (low + (high - low) * steps[:, None]) * np.ones((1, 1, count))
     v = top * steps * np.ones((1, count, 1))
     start = (field, 0 * field, exit_pupil.position + distance)
-    passes = trace(surfaces, beam_between(start, (u, v, exit_pupil.position)), backwards=True).passes
+    beam = beam_between(start, (u, v, exit_pupil.position))
+    passes = np.zeros(u.shape, bool)
+    for surfaces in ways:
+        passes |= trace(surfaces, beam, backwards=True).passes
     passes &= np.isfinite(u)
     narrowed, rims = np.full_like(boxes, np.nan), []
     for i, inside in enumerate(passes):

@@ -14,6 +14,7 @@ from bokehnet.lenses.depth_of_field import depth_of_field
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.surface_trace import Surface, trace
 from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
+from bokehnet.optics.sampling import ring_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,13 +44,8 @@ def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings:
     Returns:
         (rays, 2), mm from the ideal image.
     """
-    # 6 k rays on ring k, in the middle of the area that they stand for: sums over rays are means over area.
-    number = np.arange(rings) + 1
-    radii = np.repeat(number / math.sqrt(rings * (rings + 1)), 6 * number)
-    angles = np.concatenate([np.arange(6 * k) / (6 * k) for k in range(1, rings + 1)]) * 2 * np.pi
     # Real pupils are larger than Gaussian optics has them; the rays that are too many are clipped.
-    pupil = 1.5 * lens.thick.pupil_radius * radii
-    origin = np.stack([pupil * np.cos(angles), pupil * np.sin(angles)], -1)
+    origin = 1.5 * lens.thick.pupil_radius * ring_points(rings)
     ideal = np.array([-sensor_radius, 0.0])
     slope = -ideal / lens.sensor_distance - origin / lens.focus_distance
     xy, passes = lens.trace_to_sensor(Rays(origin=origin, slope=slope), wavelength)

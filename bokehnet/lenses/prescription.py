@@ -103,7 +103,7 @@ class PrescriptionLens:
             direction = (sine, nothing, -np.sqrt(1 - sine * sine))
             start = (nothing, nothing, nothing + self.sensor_position)
             passes = trace(
-                [replace(surface, inner_radius=0.0) for surface in self.surfaces],
+                [replace(surface, inner_radius=0.0) for surface in self.centred.surfaces],
                 Beam(position=start, direction=direction, fill=nothing, stop_fill=nothing),
                 backwards=True,
             ).passes
@@ -123,6 +123,13 @@ class PrescriptionLens:
     def surfaces(self) -> tuple[Surface, ...]:
         """Surfaces with the iris as it is set, at the design wavelength."""
         return self.prescription.trace_surfaces(self.prescription.design_wavelength, self.stop_radius)
+
+    @cached_property
+    def centred(self) -> "PrescriptionLens":
+        """The lens with all its surfaces on the axis; itself, where they are."""
+        if self.prescription.centred:
+            return self
+        return replace(self, prescription=self.prescription.with_surfaces_centred())
 
     @cached_property
     def paraxial(self) -> ParaxialLens:
@@ -161,7 +168,9 @@ class PrescriptionLens:
         """How far behind :attr:`gaussian_focus` the sensor stands, mm; below 0 for undercorrected lenses."""
         if self.focusing == "paraxial":
             return 0.0
-        return focus_shift(self.surfaces, self.paraxial.entrance, self.focus_distance, self.gaussian_focus)
+        return focus_shift(
+            self.centred.surfaces, self.paraxial.entrance, self.focus_distance, self.gaussian_focus
+        )
 
     @property
     def sensor_distance(self) -> float:

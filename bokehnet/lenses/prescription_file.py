@@ -45,6 +45,8 @@ from bokehnet.optics.glass import (
 __all__ = ["FocusRow", "Prescription", "SurfaceRow", "read_prescription"]
 
 _MEDIA = ("glass", "abbe", "sellmeier", "schott", "formula", "table")
+# Degrees by which a surface can be turned; more is no fault of a copy.
+_STEEPEST = 45.0
 _Six = tuple[float, float, float, float, float, float]
 
 
@@ -74,6 +76,9 @@ class SurfaceRow:
             above 0 have their centre where the light goes.
         inner_radius: Rays nearer to the axis than this are stopped, mm: by the back of another mirror, or a
             hole.
+        shift: How far the vertex stands off its place on the axis, x, y and along the light, mm; of one copy
+            of a lens, as :mod:`bokehnet.lenses.tolerances` puts it together.
+        tilt: Degrees about axes along x and y by which the surface is turned about its vertex.
         comment: What the source calls the surface.
     """
 
@@ -92,6 +97,8 @@ class SurfaceRow:
     table: TableGlass | None = None
     mirror: bool = False
     inner_radius: float = 0.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)
     comment: str = ""
 
     def problem(self, in_front: Glass | None) -> str | None:
@@ -112,6 +119,13 @@ class SurfaceRow:
         if not 0 <= self.inner_radius < self.semi_diameter or (self.stop and self.inner_radius):
             limit = "0, at a stop," if self.stop else f"0 to less than {self.semi_diameter:g}"
             return f"inner_radius: expected {limit}, got {self.inner_radius:g}"
+        for key in ("shift", "tilt"):
+            value = getattr(self, key)
+            if not all(map(math.isfinite, value)) or (self.stop and any(value)):
+                where = "nothing, at a stop, which stays on the axis" if self.stop else "finite numbers"
+                return f"{key}: expected {where}, got {list(value)}"
+        if max(map(abs, self.tilt)) >= _STEEPEST:
+            return f"tilt: expected less than {_STEEPEST:g} degrees, got {list(self.tilt)}"
         if self.stop and self.mirror:
             return "mirror: expected a stop of its own beside the mirror, got both in one"
         if self.abbe is not None and not (self.abbe[0] > 1 and self.abbe[1] > 0):
@@ -224,6 +238,16 @@ class Prescription:
         )
         return dataclasses.replace(self, surfaces=surfaces)
 
+    @property
+    def centred(self) -> bool:
+        """Whether all surfaces stand on the axis."""
+        return not any(any(row.shift) or any(row.tilt) for row in self.surfaces)
+
+    def with_surfaces_centred(self) -> "Prescription":
+        """Return the lens with every surface on the axis."""
+        rows = (dataclasses.replace(row, shift=(0.0, 0.0, 0.0), tilt=(0.0, 0.0)) for row in self.surfaces)
+        return dataclasses.replace(self, surfaces=tuple(rows))
+
     def scaled(self, factor: float) -> "Prescription":
         """Return the lens with every length multiplied by ``factor``."""
         surfaces = tuple(
@@ -233,6 +257,7 @@ class Prescription:
                 semi_diameter=factor * row.semi_diameter,
                 inner_radius=factor * row.inner_radius,
                 radius=factor * row.radius,
+                shift=(factor * row.shift[0], factor * row.shift[1], factor * row.shift[2]),
                 aspheric=tuple(a * factor ** (-1 - 2 * i) for i, a in enumerate(row.aspheric)),
                 odd=tuple(a * factor ** (-2 - 2 * i) for i, a in enumerate(row.odd)),
             )
@@ -276,6 +301,8 @@ class Prescription:
                     odd=row.odd,
                     mirror=row.mirror,
                     inner_radius=row.inner_radius,
+                    shift=row.shift,
+                    tilt=(math.radians(row.tilt[0]), math.radians(row.tilt[1])),
                 )
             )
             before, vertex = behind, vertex + row.thickness

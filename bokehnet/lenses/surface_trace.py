@@ -6,12 +6,13 @@ rays miss a surface, are totally reflected or clipped they are marked and go on 
 number stays finite and so do the gradients; what the marks say has no gradient.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["Beam", "Met", "Surface", "beam_between", "meet", "pass_surface", "trace"]
+__all__ = ["Beam", "Met", "Surface", "beam_between", "meet", "pass_surface", "trace", "turned"]
 
 Met = tuple[tuple[Array, Array, Array], tuple[Array, Array, Array], Array]
 """Points x, y, t; normals of any length towards the sensor; which rays meet the surface."""
@@ -42,6 +43,9 @@ class Surface:
         odd: Those to the powers 3, 5, 7, ..., mm^-2, mm^-4, ...
         mirror: Whether it reflects; the index is the same on both sides then.
         inner_radius: Rays nearer to the axis are stopped, mm.
+        shift: How far its vertex stands from its place on the axis, x, y, t, mm.
+        tilt: How it is turned about its vertex: radians about axes along x and y, together one turn about
+            the sum of both as vectors.
     """
 
     vertex: Array
@@ -55,11 +59,32 @@ class Surface:
     odd: tuple[float, ...] = ()
     mirror: bool = False
     inner_radius: float = 0.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def centred(self) -> bool:
+        """Whether it stands where it should."""
+        return not any(self.shift) and not any(self.tilt)
 
     def seen_from_behind(self) -> "Surface":
-        """The same with the axis turned about its vertex."""
+        """The same with the axis turned about its place on it."""
         aspheric, odd = (tuple(-a for a in powers) for powers in (self.aspheric, self.odd))
-        return replace(self, curvature=-self.curvature, aspheric=aspheric, odd=odd)
+        (x, y, t), (about_x, about_y) = self.shift, self.tilt
+        return replace(
+            self,
+            curvature=-self.curvature,
+            aspheric=aspheric,
+            odd=odd,
+            shift=(x, y, -t),
+            tilt=(-about_x, -about_y),
+        )
+
+    def into(self, position: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        """Places x, y, t in the frame of the surface, whose vertex is at :attr:`vertex` there."""
+        x, y, t = (value - moved for value, moved in zip(position, self.shift, strict=True))
+        x, y, t = turned((x, y, t - self.vertex), (-self.tilt[0], -self.tilt[1]))
+        return x, y, t + self.vertex
 
     @property
     def index_after(self) -> Array:
@@ -179,13 +204,14 @@ def pass_surface(surface: Surface, beam: Beam, sign: float, met: Met | None = No
     if surface.mirror and sign < 0:  # from behind, where its turned shape is seen
         surface = surface.seen_from_behind()
     (x, y, t), normal, hits = meet(surface, beam, sign) if met is None else met
+    own = t
     if surface.mirror:
         direction, refracted = _reflect(beam.direction, normal, sign)
         t = 2 * surface.vertex - t
     else:
         ratio = surface.before / surface.behind if sign > 0 else surface.behind / surface.before
         direction, refracted = _refract(beam.direction, normal, ratio, sign)
-    height = _height(x, y)
+    height = _height(x, y) if surface.centred else _height(*surface.into((x, y, own))[:2])
     fill = xp.maximum(beam.fill, height / surface.semi_diameter)
     if surface.inner_radius > 0:
         fill = xp.maximum(fill, surface.inner_radius / xp.where(height > 0, height, _GRAZING + 0 * height))
@@ -205,6 +231,8 @@ def meet(surface: Surface, beam: Beam, sign: float) -> Met:
         The points x, y, t, mm; the normals there, of any length, towards the sensor; and which rays meet it.
         The others are left in the plane of its vertex.
     """
+    if not surface.centred:
+        return _meet_moved(surface, beam, sign)
     c, conic = surface.curvature, surface.conic
     dx, dy, dt = beam.direction
     xp = array_namespace(dt)
@@ -229,6 +257,36 @@ def meet(surface: Surface, beam: Beam, sign: float) -> Met:
     else:
         normal = (-c * x, -c * y, 1 - c * (1 + conic) * t)
     return (x, y, surface.vertex + t), normal, hits
+
+
+def _meet_moved(surface: Surface, beam: Beam, sign: float) -> Met:
+    """What :func:`meet` says of a surface off its place: rays are moved into its frame, and back."""
+    back = (-surface.tilt[0], -surface.tilt[1])
+    there = replace(beam, position=surface.into(beam.position), direction=turned(beam.direction, back))
+    own = replace(surface, shift=(0.0, 0.0, 0.0), tilt=(0.0, 0.0))
+    (x, y, t), normal, hits = meet(own, there, sign)
+    x, y, t = turned((x, y, t - surface.vertex), surface.tilt)
+    right, down, along = surface.shift
+    return (x + right, y + down, t + along + surface.vertex), turned(normal, surface.tilt), hits
+
+
+def turned(vector: tuple[Array, Array, Array], turn: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Vectors x, y, t turned about an axis across the optical one; ``turn`` is that axis times the angle.
+
+    Source:
+        Rodrigues' formula: ``v cos + (k x v) sin + k (k.v) (1 - cos)``.
+    """
+    angle = math.hypot(*turn)
+    if angle == 0:
+        return vector
+    (x, y, t), kx, ky = vector, turn[0] / angle, turn[1] / angle
+    cosine, sine = math.cos(angle), math.sin(angle)
+    along = (kx * x + ky * y) * (1 - cosine)
+    return (
+        x * cosine + ky * t * sine + kx * along,
+        y * cosine - kx * t * sine + ky * along,
+        t * cosine + (kx * y - ky * x) * sine,
+    )
 
 
 def _meet_asphere(

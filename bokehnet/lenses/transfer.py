@@ -128,6 +128,10 @@ def _monomials(variables: Sequence[Array], degree: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _make_table(prescription: Prescription, degree: int, dispersive: bool) -> TransferTable:
+    if not prescription.centred:
+        raise LensError(
+            f"{prescription.name}: elements stand off the axis, which no invariants of rays can tell"
+        )
     lens = PrescriptionLens(prescription=prescription)
     ellipses = lens.effective_pupil.ellipses
     pupil_radius = 1.1 * float((np.abs(ellipses[:, 0]) + ellipses[:, 1:].max(axis=1)).max())

@@ -6,7 +6,7 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["disc_from_square", "halton", "rotate_points", "sobol"]
+__all__ = ["disc_from_square", "halton", "ring_points", "rotate_points", "sobol"]
 
 # Binary digits of a point that follow the sequence; what comes after them is random.
 _DIGITS = 16
@@ -88,6 +88,18 @@ def rotate_points(points: Array, shift: Array) -> Array:
     """
     moved = points + shift
     return moved - array_namespace(moved).floor(moved)
+
+
+def ring_points(rings: int) -> np.ndarray:
+    """Return points of the unit disc, (3 rings (rings + 1), 2), symmetric about its middle.
+
+    6 k of them stand on ring k, in the middle of the area that they stand for: means over them are means over
+    the area.
+    """
+    number = np.arange(rings) + 1
+    radii = np.repeat(number / math.sqrt(rings * (rings + 1)), 6 * number)
+    angles = np.concatenate([np.arange(6 * k) / (6 * k) for k in number]) * 2 * np.pi
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles)], -1)
 
 
 def disc_from_square(points: Array) -> Array:

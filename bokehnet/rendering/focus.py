@@ -52,6 +52,8 @@ class FocusedLens:
         plane: From a disparity, where it turns, to the plane that stays sharp and the blur; None where it
             does not lean.
         window: Where the map's pixels lie in the shown picture.
+        lean: Signed blur per length of the picture from its middle, to the right and down, that one copy of a
+            lens adds, as :func:`bokehnet.lenses.misalignment.focus_lean` has it.
 
     Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -67,6 +69,7 @@ class FocusedLens:
     camera: LensNumbers | None
     plane: Callable[[float], tuple[FocusPlane, float]] | None
     window: Window
+    lean: tuple[float, float] = (0.0, 0.0)
 
     @property
     def distance(self) -> float | None:
@@ -92,6 +95,18 @@ class FocusedLens:
 
     def aberration_map(self) -> AberrationMap | None:
         """Return what a plane of focus that leans does to the rays; None where it does not lean."""
+        leaning = self._plane_aberrations()
+        if not any(self.lean):
+            return leaning
+        own = plane_aberration_map(self._own_plane, 1.0)
+        return own if leaning is None else leaning + own
+
+    @property
+    def _own_plane(self) -> FocusPlane:
+        """Of a copy of a lens, in pixels of blur."""
+        return FocusPlane.around(_middle(self.window), 0.0, (-self.lean[0], -self.lean[1]))
+
+    def _plane_aberrations(self) -> AberrationMap | None:
         if self.plane is None:
             return None
         plane, blur = self.plane(self.near)
@@ -121,6 +136,9 @@ class FocusedLens:
             else:
                 pitch = self.camera.sensor_width / self.window.display_width
                 defocus = defocus_map(disparity, _thin_lens(self.camera, focus), pitch)
+            if any(self.lean):
+                corner = (self.window.x, self.window.y)
+                defocus = defocus + plane_defocus(np.zeros_like(disparity), 1.0, self._own_plane, corner)
         return defocus
 
 

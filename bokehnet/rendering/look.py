@@ -16,6 +16,7 @@ from bokehnet.io.window import Window
 from bokehnet.lenses.aberration_cache import cached_aberration_map
 from bokehnet.lenses.aberration_table import parse_aberration_table
 from bokehnet.lenses.catalog import load_lens
+from bokehnet.lenses.misalignment import focus_lean
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.relative_illumination import relative_illumination
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
@@ -39,6 +40,7 @@ from bokehnet.rendering.settings import (
 )
 
 __all__ = [
+    "copy_lean",
     "lens_of_picture",
     "make_aperture",
     "make_effects",
@@ -241,6 +243,8 @@ def prescription_lens(
             f_number=f_number if settings.f_number is None else settings.f_number,
             focus_distance=distance,
             focusing=settings.focusing or "sharpest",
+            copy_to_copy=settings.copy_to_copy,
+            copy_seed=settings.copy_seed or 0,
         )
     except LensError as error:
         hint = "; `lens.f_number` sets it for the lens alone" if "f-number" in str(error) else ""
@@ -299,7 +303,26 @@ def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window
         return ()
     lens, half_diagonal = glass
     reach = lens.prescription.image_radius if half_diagonal is None else half_diagonal
-    return tuple(float(light) for light in np.maximum(relative_illumination(lens, reach), _DARKEST))
+    light = relative_illumination(lens.centred, reach)
+    return tuple(float(share) for share in np.maximum(light, _DARKEST))
+
+
+def copy_lean(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, float]:
+    """Return how the focus leans in one copy of a lens, blur per length to the right and down; 0 without one.
+
+    Arguments and errors are those of :func:`picture_aberrations`.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> copy_lean(LensSettings(name="petzval"), focused, window)
+        (0.0, 0.0)
+        >>> right, down = copy_lean(LensSettings(name="petzval", copy_to_copy=5), focused, window)
+        >>> 1e-4 < abs(right) + abs(down) < 1e-2
+        True
+    """
+    glass = lens_of_picture(settings, focused, window)
+    return (0.0, 0.0) if glass is None else focus_lean(glass[0])
 
 
 def lens_of_picture(

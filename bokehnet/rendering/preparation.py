@@ -12,6 +12,7 @@ from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.rendering.edge_knowledge import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
+from bokehnet.rendering.look import copy_lean
 from bokehnet.rendering.odd_blur import odd_blur
 from bokehnet.rendering.scene import FocusedScene, Scene, check_nothing_to_mend, fitted_map, is_exact
 from bokehnet.rendering.settings import RAY_ENGINES, RenderSettings
@@ -70,6 +71,7 @@ def prepare(
     else:
         depth, fine = replace(scene.depth, values=values), in_fine_pixels(settings, scene.supersampled)
         lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
+        lens = replace(lens, lean=copy_lean(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
         notes += odd_blur(scene.depth, ends, lens, values)

@@ -10,7 +10,7 @@ OPTIONS = {
         --aberration-table
         --aberrations --aperture-image --aperture-rotation --astigmatism --axial-fringe --axial-map
         --blade-curvature --blades --blur --blur-from --blur-to --cats-eye
-        --channel --coma --cos4 --depth --depth-unit --device --disc-grain
+        --channel --coma --copy-seed --copy-to-copy --cos4 --depth --depth-unit --device --disc-grain
         --disc-grain-seed --disparity --disparity-range --dispersion --distortion --distortion-brown
         --engine --equaliser --f-number --f-number-from --f-number-to --field-curvature
         --focal-length --focus --focus-at --focus-distance --focus-from --focus-plane
@@ -46,6 +46,7 @@ OPTIONS = {
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json --lights --in-front --residual
         --theory --degree --one-colour --sharp --disparity
+        --copy-to-copy --seed --copies --decentre --tilt --spacing
     """,
     "models": """
         --get

@@ -9,6 +9,7 @@ from bokehnet.errors import LensError
 from bokehnet.lenses.files.reading import LENS_FILES, import_lens, is_lens_file
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
+from bokehnet.lenses.tolerances import Tolerances, assembled
 from bokehnet.lenses.transfer_file import read_transfer
 
 __all__ = ["catalog_names", "find_prescription", "load_lens"]
@@ -62,6 +63,8 @@ def load_lens(
     f_number: float | None = None,
     focus_distance: float = math.inf,
     focusing: Literal["sharpest", "paraxial"] = "sharpest",
+    copy_to_copy: float = 0.0,
+    copy_seed: int = 0,
 ) -> PrescriptionLens:
     """Make a lens from the catalog or from a file.
 
@@ -72,6 +75,9 @@ def load_lens(
         f_number: None is fully open.
         focus_distance: mm from the entrance pupil.
         focusing: What focus means, as :class:`PrescriptionLens` has it.
+        copy_to_copy: How far elements stand off their places: so many times the default
+            :class:`bokehnet.lenses.tolerances.Tolerances`; 0 is the design.
+        copy_seed: Which copy.
 
     Raises:
         LensError: There is no such lens, or it cannot do this.
@@ -80,6 +86,8 @@ def load_lens(
     if Path(name).suffix.lower() == ".npz":
         if focal_length is not None:
             raise LensError(f"{name}: a transfer table is of one focal length: make it of the scaled lens")
+        if copy_to_copy:
+            raise LensError(f"{name}: a transfer table holds no elements that could be moved: take the lens")
         return dataclasses.replace(
             read_transfer(name), f_number=f_number, focus_distance=focus_distance, focusing=focusing
         )
@@ -90,6 +98,8 @@ def load_lens(
         prescription = prescription.scaled(
             focal_length / PrescriptionLens(prescription=prescription).focal_length
         )
+    if copy_to_copy:
+        prescription = assembled(prescription, Tolerances() * copy_to_copy, copy_seed)
     for _ in range(_FLOATS if prescription.floating else 0):  # the pupil moves with the groups
         front = PrescriptionLens(prescription=prescription).front_vertex
         prescription = prescription.focused(max(focus_distance - front, 1e-9))

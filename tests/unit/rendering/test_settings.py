@@ -167,6 +167,7 @@ VALID = [
         "lens": {
             "name": "double_gauss", "aberrations": "seidel", "f_number": 4, "distortion": True,
             "focusing": "paraxial", "vignetting": False, "table": "t.csv",
+            "copy_to_copy": 2.5, "copy_seed": 7,
             "spherical": 3, "coma": -3, "astigmatism": 1e-3, "field_curvature": 100,
         },
         "color": {
@@ -376,6 +377,8 @@ def test_numbers_of_other_kinds_become_pythons_own():
         ({"aperture": {"grain_seed": 0}}, "aperture.grain_seed"),
         ({"lens": {"aberrations": "traced"}}, "lens.aberrations"),
         ({"lens": {"f_number": 2}}, "lens.f_number"),
+        ({"lens": {"copy_to_copy": 1}}, "lens.copy_to_copy"),
+        ({"lens": {"name": "petzval", "copy_seed": 1}}, "lens.copy_seed"),
         ({"lens": {"focusing": "paraxial"}}, "lens.focusing"),
         ({"lens": {"distortion": True}}, "lens.distortion"),
         ({"color": {"axial_map": "linear", "lateral": 1}}, "color.axial_map"),
