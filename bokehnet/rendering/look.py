@@ -243,7 +243,7 @@ def prescription_lens(
             f_number=f_number if settings.f_number is None else settings.f_number,
             focus_distance=distance,
             focusing=settings.focusing or "sharpest",
-            copy_to_copy=settings.copy_to_copy,
+            copy_to_copy=settings.copy_to_copy or 0.0,
             copy_seed=settings.copy_seed or 0,
         )
     except LensError as error:

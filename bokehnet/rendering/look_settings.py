@@ -139,8 +139,8 @@ class LensSettings(Group):
         "With --lens or --spherical: focus where blur is least (sharpest, default), or where rays near the "
         "axis meet (paraxial).",
     )
-    copy_to_copy: float = setting(
-        0.0,
+    copy_to_copy: float | None = setting(
+        None,
         "With --lens: elements off their places, as in one copy of a lens, 0 (as designed) to 10; at 1 by up "
         "to 0.02 mm and degrees. The focus leans and gaps change; bokehnet lens copy tells more.",
         low=0,
