@@ -9,7 +9,7 @@ import typer
 
 from bokehnet.cli.lens_copy import copy
 from bokehnet.cli.lens_fit import fit
-from bokehnet.cli.lens_tables import aberrations, preset, transfer
+from bokehnet.cli.lens_tables import aberrations, preset, profile, transfer
 from bokehnet.cli.options import QuickGroup
 from bokehnet.errors import ParameterError
 
@@ -211,6 +211,7 @@ lens.command()(copy)
 lens.command()(fit)
 lens.command()(aberrations)
 lens.command()(preset)
+lens.command()(profile)
 lens.command()(transfer)
 
 

@@ -1,7 +1,8 @@
-"""``bokehnet lens aberrations``, ``preset`` and ``transfer``: lenses as tables, looks and look-ups."""
+"""``bokehnet lens aberrations``, ``preset``, ``profile``, ``transfer``: lenses as tables, looks, look-ups."""
 
 import dataclasses
 import math
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,7 +10,7 @@ import typer
 
 from bokehnet.errors import ConfigError, ParameterError
 
-__all__ = ["aberrations", "preset", "transfer"]
+__all__ = ["aberrations", "preset", "profile", "transfer"]
 
 _Name = Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")]
 _Focal = Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")]
@@ -124,6 +125,49 @@ def transfer(
     for row in rows:
         zone = f"{row.zone[0]:.1f} to {row.zone[1]:.1f}"
         typer.echo(f"  {zone}{row.rms:9.3g}{row.largest:14.3g}{100 * row.differ:17.2g} %")
+
+
+def profile(
+    name: _Name,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Store the texture here, .npz, with its lens.")
+    ] = None,
+    rows: Annotated[int, typer.Option(help="Distances of the image in the texture, 2 to 4096.")] = 64,
+    columns: Annotated[int, typer.Option(help="Radii in the texture, 2 to 4096.")] = 64,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+) -> None:
+    """Trace the profile texture of a lens, compare it with its aberration map, store it."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.lenses.profile_comparison import compare_profiles
+    from bokehnet.lenses.profile_file import write_profile
+
+    for flag, count in (("--rows", rows), ("--columns", columns)):
+        if not 2 <= count <= 4096:
+            raise ParameterError(flag, expected="2 to 4096", got=count)
+    if output is not None:
+        if output.suffix.lower() != ".npz":
+            raise ParameterError("--output", expected="a file that ends in .npz", got=str(output))
+        check_target(output, error=ConfigError)
+    lens = _load(name, focal, f_number, focus)
+    with progress("tracing", counted=False) as report:
+        report(0, 1)
+        texture, kinds = compare_profiles(lens, rows=rows, columns=columns)
+        report(1, 1)
+    if output is not None:
+        write_atomic(
+            output, lambda path: _store(partial(write_profile, texture), lens, path), error=ConfigError
+        )
+    typer.echo(f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}")
+    typer.echo(f"  {'':<16}   bytes  made in, s  a blur in, ms  error on the axis  at 0.5  at 0.9")
+    for kind in kinds:
+        near, half, far = kind.errors
+        typer.echo(
+            f"  {kind.name:<16}{kind.bytes:8d}{kind.made:12.2f}{1000 * kind.blur:15.0f}"
+            f"{near:19.4f}{half:8.4f}{far:8.4f}"
+        )
 
 
 def _store(write: Any, lens: Any, path: Path) -> None:

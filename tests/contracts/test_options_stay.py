@@ -46,7 +46,7 @@ OPTIONS = {
         --f-number --focal --focus --plot --psf-sheet --paraxial
         --output -o --glasses --json --lights --in-front --residual
         --theory --degree --one-colour --sharp --disparity
-        --copy-to-copy --seed --copies --decentre --tilt --spacing
+        --rows --columns --copy-to-copy --seed --copies --decentre --tilt --spacing
     """,
     "models": """
         --get

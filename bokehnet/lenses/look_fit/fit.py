@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.errors import LensError
-from bokehnet.lenses.look_fit.blade_test import blades_are_told
 from bokehnet.lenses.look_fit.disc_model import LOOK, Look, draw_disc, edge_depth
 from bokehnet.lenses.look_fit.discs import Disc
 from bokehnet.lenses.look_fit.least_squares import Solution, solve
@@ -26,8 +25,6 @@ _BLADES = (0, 5, 6, 7, 8, 9, 10, 11)
 _DARK = 0.65
 # Light from which a photograph is clipped, and blades must leave this share less than a round opening does.
 _CLIPPED, _WORTH = 0.985, 0.985
-# Blocks of a disc whose residuals hang together.
-_SECTORS = 16
 # Blades whose edges lie less than this many pixels within the circle are a round opening.
 _SHALLOW = 0.1
 # Discs of which so many times as much is left as of the middle one are given up.
@@ -190,8 +187,6 @@ def fit_look(
     best = min(costs, key=lambda count: costs[count][0])
     if 0 in costs and costs[best][0] > _WORTH * costs[0][0]:
         best = 0
-    if best and 0 in costs and not _told(few, *costs[best], costs[0][0], size, side):
-        best = 0
     _, look, places = costs[best]
     given, left = discs, {n: math.sqrt(cost[0] / sum(w.light.size for w in few)) for n, cost in costs.items()}
     discs, rough = _placed(grey, look, places, discs, size, side)
@@ -221,34 +216,6 @@ def fit_look(
         others=left,
         drawn=_drawn(image, problem, look, places, discs),
     )
-
-
-def _told(
-    windows: Sequence[_Window],
-    cost: float,
-    look: Look,
-    places: np.ndarray,
-    round_cost: float,
-    size: tuple[int, int],
-    side: int,
-) -> bool:
-    """Whether discs tell blades by their direction."""
-    turned = dataclasses.replace(look, rotation=look.rotation + 180 / look.blades)
-    best, other = (
-        np.concatenate(
-            [
-                _Problem([], one, windows, size, side).one(one, p, w) ** 2
-                for p, w in zip(places, windows, strict=True)
-            ]
-        )
-        for one in (look, turned)
-    )
-    blocks = []
-    for number, (place, window) in enumerate(zip(places, windows, strict=True)):
-        angle = np.arctan2(window.y - place[1], window.x - place[0])
-        sector = np.floor((angle / (2 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
-        blocks.append(number * _SECTORS + sector)
-    return blades_are_told(best, other, round_cost - cost, np.concatenate(blocks))
 
 
 def _placed(

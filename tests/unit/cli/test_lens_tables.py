@@ -1,5 +1,6 @@
-"""``bokehnet lens aberrations``, ``preset`` and ``transfer``."""
+"""``bokehnet lens aberrations``, ``copy``, ``preset``, ``profile`` and ``transfer``."""
 
+import json
 import re
 
 import numpy as np
@@ -63,9 +64,69 @@ def test_a_transfer_function_is_stored_and_is_a_lens_then(cli, tmp_path):
     assert "99.98" in shown.out
 
 
+def test_a_copy_is_a_lens_file_and_one_side_of_its_picture_is_softer(cli, tmp_path):
+    outcome = cli(
+        "lens", "copy", "petzval", "--copy-to-copy", 10, "--seed", 3, "-o", tmp_path / "c.toml", "--json"
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+    design, copy = json.loads(outcome.out)
+    assert design["image_lean"] == [0, 0]
+    assert np.hypot(*copy["image_lean"]) > 0.05  # degrees
+    assert "shift = [" in (tmp_path / "c.toml").read_text()
+    told = cli("lens", "copy", "petzval", "--copies", 3, "--tilt", 0)
+    assert [line.split("  ")[0] for line in told.out.splitlines()[2:]] == [
+        "design",
+        "copy 0",
+        "copy 1",
+        "copy 2",
+    ]
+    # A wall in focus: the design leaves it sharp as far as its field is flat, and even; the copy leans.
+    rng = np.random.default_rng(0)
+    write_image(tmp_path / "in.exr", np.repeat(rng.uniform(0, 1, (32, 48, 1)), 3, -1).astype(np.float32))
+    write_image(tmp_path / "z.exr", np.full((32, 48, 3), 0.5, np.float32))
+    common = ["render", tmp_path / "in.exr", "--disparity", tmp_path / "z.exr", "--blur", 10, "--focus", 0.5]
+    seen = {}
+    for number, lens in enumerate(
+        (["petzval"], [tmp_path / "c.toml"], ["petzval", "--copy-to-copy", 10, "--copy-seed", 3])
+    ):
+        maps = tmp_path / f"maps{number}"
+        outcome = cli(*common, "--lens", *lens, "--save-maps", maps, "-o", tmp_path / f"{number}.exr")
+        assert outcome.code == 0, outcome.err
+        seen[number] = read_image(maps / "defocus.exr")[..., 0]
+    assert np.abs(seen[0]).max() == 0
+    np.testing.assert_allclose(seen[1], seen[2], atol=1e-6)
+    assert seen[1].max() > 0 > seen[1].min()
+    assert abs(float(seen[1].mean())) < 1e-6
+
+
+def test_a_profile_texture_is_compared_and_stored(cli, tmp_path, no_bar, monkeypatch):
+    from bokehnet.lenses import profile_comparison
+    from bokehnet.lenses.profile_file import read_profile
+
+    whole = profile_comparison.compare_profiles
+    monkeypatch.setattr(
+        profile_comparison, "compare_profiles", lambda lens, **told: whole(lens, **told, rays=300)
+    )
+    path = tmp_path / "p.npz"
+    outcome = cli("lens", "profile", "petzval", "--focus", 3, "--rows", 9, "--columns", 16, "-o", path)
+    assert outcome.code == 0, outcome.err
+    assert re.search(r"aberration map +\d+ +\d", outcome.out)
+    assert re.search(r"profile texture +\d+ +\d", outcome.out)
+    texture, lens = read_profile(path)
+    assert texture.light.shape == (9, 16)
+    assert lens.focus_distance == 3000
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["copy", "petzval", "-o", "a.csv"], "--output: expected a file that ends in .toml"),
+        (["copy", "petzval", "--copies", "2", "-o", "a.toml"], "--output: expected one copy"),
+        (["copy", "petzval", "--copies", "0"], "--copies: expected 1 to 1000, got 0"),
+        (["copy", "petzval", "--copy-to-copy", "-1"], "--copy-to-copy: expected 0 or more, got -1"),
+        (["copy", "petzval", "--tilt", "nan"], "tilt: expected"),
+        (["profile", "petzval", "--rows", "1"], "--rows: expected 2 to 4096, got 1"),
+        (["profile", "petzval", "-o", "a.png"], "--output: expected a file that ends in .npz"),
         (["preset", "petzval", "-o", "a.txt"], "--output: expected a file that ends in .toml, got 'a.txt'"),
         (["transfer", "petzval", "-o", "a.csv"], "--output: expected a file that ends in .npz"),
         (["transfer", "petzval", "--degree", "20"], "--degree: expected 1 to 8, got 20"),
