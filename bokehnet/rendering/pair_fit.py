@@ -15,7 +15,6 @@ from bokehnet.checks import check_rank
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.errors import LensError, ShapeError
-from bokehnet.lenses.look_fit.blade_test import blades_are_told
 from bokehnet.lenses.look_fit.disc_model import LOOK, Look, edge_depth
 from bokehnet.lenses.look_fit.least_squares import Solution, solve
 from bokehnet.optics.aperture import Aperture
@@ -30,8 +29,6 @@ _STARTS, _STEPS, _FEW_STEPS = 3, 12, 4
 _BLADES = (0, 5, 6, 7, 8, 9)
 # Blades must leave this share less than a round opening does, and lie so many pixels within the circle.
 _WORTH, _SHALLOW = 0.985, 0.1
-# Pixels of a block whose residuals hang together.
-_BLOCK = 16
 # Least share of pixels that no edge reaches, below which all are taken; light from which it is clipped.
 _ALONE, _CLIPPED = 0.05, 0.985
 _SHAPE = ("curvature", "rotation", "spherical_profile", "obstruction", "cats_eye")
@@ -208,8 +205,6 @@ def _best_look(pair: _Pair, blur: float, focus: float, blades: Sequence[int]) ->
     best = min(found, key=lambda number: found[number][0])
     if best and 0 in blades and found[best][0] > _WORTH * found[0][0]:
         best = 0
-    if best and 0 in blades and not _told(pair, *found[best], found[0][0]):
-        best = 0
     names = [*even, "obstruction"] + (["curvature", "rotation"] if best else [])
     _, blur, focus, look = found[best]
     solution, blur, focus, look = pair.fit(
@@ -230,18 +225,6 @@ def _best_look(pair: _Pair, blur: float, focus: float, blades: Sequence[int]) ->
         drawn=pair.draw(blur, focus, look),
         taken=pair.taken,
     )
-
-
-def _told(pair: _Pair, cost: float, blur: float, focus: float, look: Look, round_cost: float) -> bool:
-    """Whether the picture tells blades by their direction."""
-    turned = dataclasses.replace(look, rotation=look.rotation + 180 / look.blades)
-    best, other = (
-        ((np.sqrt(pair.draw(blur, focus, one)) - pair.root) ** 2).sum(-1)[pair.taken]
-        for one in (look, turned)
-    )
-    rows, columns = np.nonzero(pair.taken)
-    blocks = (rows // _BLOCK) * (pair.taken.shape[1] // _BLOCK + 1) + columns // _BLOCK
-    return blades_are_told(best, other, round_cost - cost, blocks)
 
 
 def _pooled(values: np.ndarray, factor: int) -> np.ndarray:
