@@ -23,6 +23,7 @@ from bokehnet.io.output_format import (
 )
 from bokehnet.io.png import compressed_profile, text_chunk
 from bokehnet.io.row_blocks import Progress, cut_row_blocks
+from bokehnet.io.whole_picture import WHOLE_EXTENSIONS, Coding, encode_whole
 
 __all__ = ["store_picture"]
 
@@ -99,11 +100,16 @@ def store_picture(
         attributes["ICCProfile"] = profile
     if alpha is not None and not isinstance(chosen, str):
         attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight as they stand
+    values = _stored_values(image, alpha, source, target, chosen, wanted.dither, extension)
+    if extension in WHOLE_EXTENSIONS:
+        coding = Coding(bits=int(chosen), quality=wanted.quality, subsampling=wanted.subsampling, icc=profile)
+        encode_whole(path, (height, width, len(channels)), values, coding, metadata, progress)
+        return
     encode(
         path,
         (height, width, len(channels)),
         dtype_of(chosen),
-        _stored_values(image, alpha, source, target, chosen, wanted.dither, extension),
+        values,
         channels,
         attributes,
         chunks=_png_chunks(target, profile, metadata),
