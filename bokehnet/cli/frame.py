@@ -16,6 +16,7 @@ from bokehnet.inference.engine import Progress
 from bokehnet.inference.memory import keep_freed
 from bokehnet.io.image import check_writable
 from bokehnet.io.in_place import check_not_over
+from bokehnet.io.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.rendering.depth_source import tells_distances
 from bokehnet.rendering.focus import check_focus
 from bokehnet.rendering.frame_names import frame_path, is_pattern
@@ -54,6 +55,13 @@ class FrameJob:
         check_focus(self.settings)
         check_writable(self.output)
         check_output(self.output, self.settings.output)
+        if self.settings.engine.max_memory is not None and self.output.suffix.lower() in WHOLE_EXTENSIONS:
+            raise ParameterError(
+                "engine.max_memory",
+                "none for AVIF and HEIC, whose encoders hold whole pictures",
+                self.settings.engine.max_memory,
+                "leave it out, or write .jpg, .png or .tif",
+            )
         try:
             read, fine = input_files(self.settings).values(), self.settings.input.supersampled > 1
             check_not_over(self.output, self.image, read, reduced=fine)

@@ -4,6 +4,7 @@ The part is encoded anew, from its other channels as they are stored and the new
 set into a copy of the file. Headers and all other parts, deep ones too, are copied byte by byte.
 """
 
+import os
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -174,9 +175,11 @@ def _kind(attributes: Mapping[str, Attribute]) -> str:
 
 def _copy_chunk(file: BinaryIO, offset: int, kind: str, output: BinaryIO) -> None:
     """Copy one chunk, without the number of its part."""
-    file.seek(offset)
     layout = _CHUNK_HEADS[kind]
-    head = file.read(struct.calcsize(layout))
+    head = b""
+    if offset < os.fstat(file.fileno()).st_size:  # a damaged table names places where no file can go on
+        file.seek(offset)
+        head = file.read(struct.calcsize(layout))
     if len(head) < struct.calcsize(layout):
         raise OSError(f"the source ends before its chunk at byte {offset}")
     fields = struct.unpack(layout, head)

@@ -93,22 +93,22 @@ def write_image(
 ) -> None:
     """Write a scene-linear picture atomically; the extension picks the format.
 
-    ``.png``, ``.jpg``, ``.tif``, ``.webp`` and ``.jxl`` are clipped to [0, 1], encoded and rounded. ``.exr``
-    is linear half with ZIP compression, clipped to +-65504. ``.hdr`` is linear, negative values become 0;
-    ``.pfm`` is linear.
+    ``.png``, ``.jpg``, ``.tif``, ``.webp``, ``.jxl``, ``.avif`` (extra ``avif``) and ``.heic`` (extra
+    ``heif``) are clipped to [0, 1], encoded and rounded. ``.exr`` is linear half with ZIP compression,
+    clipped to +-65504. ``.hdr`` is linear, negative values become 0; ``.pfm`` is linear.
 
-    With ``alpha``, PNG, TIFF and WebP hold straight colours, which are divided by alpha in linear light,
-    EXR and PFM premultiplied ones; JPEG, JPEG XL and HDR hold the picture over black.
+    With ``alpha``, PNG, TIFF, WebP, AVIF and HEIC hold straight colours, which are divided by alpha in linear
+    light, EXR and PFM premultiplied ones; JPEG, JPEG XL and HDR hold the picture over black.
 
     Args:
         path: Where the picture goes; one of ``IMAGE_EXTENSIONS``.
         image: Scene-linear Rec.709, (H, W, 3), finite; premultiplied where there is alpha.
         alpha: Coverage, (H, W), 0 to 1, finite.
-        quality: Of JPEG, WebP and JPEG XL, 1 to 100; WebP of 100 is without loss.
-        bits: Per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for EXR.
-            None takes the first of these.
+        quality: Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP of 100 is without loss.
+        bits: Per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for EXR,
+            8 or 10 for HEIC. None takes the first of these.
         color_space: Of the file, with a profile that tells it unless it is sRGB; "keep" is sRGB, too.
-        subsampling: Of the colours of a JPEG.
+        subsampling: Of the colours of JPEG, AVIF and HEIC.
         dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
         beside: Further channels of an EXR file, (H, W) by name, finite.
 

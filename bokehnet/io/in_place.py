@@ -9,7 +9,7 @@ from bokehnet.io.pixels import ImageFile
 
 __all__ = ["check_not_over"]
 
-_LOSSY = (".jpg", ".jpeg", ".webp", ".hdr")
+_LOSSY = (".jpg", ".jpeg", ".webp", ".hdr", ".avif", ".heic", ".heif")
 
 
 def check_not_over(output: Path, picture: Path, others: Iterable[Path], *, reduced: bool = False) -> None:

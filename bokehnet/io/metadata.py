@@ -18,6 +18,7 @@ from bokehnet.io.exif import (
     refreshed_exif,
 )
 from bokehnet.io.jpeg import APP1, APP2, icc_segments, insert_segments, jpeg_segments
+from bokehnet.io.jxl import jxl_boxes, jxl_with
 from bokehnet.io.png import png_chunks, png_text
 from bokehnet.io.webp import webp_chunks, webp_with
 from bokehnet.io.xmp import STANDARD_XMP, refreshed_xmp
@@ -66,19 +67,20 @@ class Metadata:
 
 
 def read_metadata(path: Path, file_format: str) -> Metadata:
-    """Read what a JPEG, PNG, TIFF or WebP file tells besides its pixels; nothing of other formats.
+    """Read what a JPEG, PNG, TIFF, WebP or JPEG XL file tells besides its pixels; nothing of other formats.
 
     Metadata that are damaged are left out, which is told: they do not spoil a picture.
 
     Args:
         path: The file.
-        file_format: ``"jpeg"``, ``"png"``, ``"tiff"``, ``"webp"`` or another one.
+        file_format: ``"jpeg"``, ``"png"``, ``"tiff"``, ``"webp"``, ``"jpegxl"`` or another one.
     """
     readers: dict[str, Callable[[Path], Metadata]] = {
         "jpeg": _of_jpeg,
         "png": _of_png,
         "tiff": _of_tiff,
         "webp": _of_webp,
+        "jpegxl": _of_jxl,
     }
     return checked(path, readers[file_format](path)) if file_format in readers else Metadata()
 
@@ -133,6 +135,11 @@ def _of_webp(path: Path) -> Metadata:
     return Metadata(exif=chunks.get(b"EXIF"), xmp=chunks.get(b"XMP "))
 
 
+def _of_jxl(path: Path) -> Metadata:
+    boxes = jxl_boxes(path)
+    return Metadata(exif=boxes.get(b"Exif"), xmp=boxes.get(b"xml "))
+
+
 def _of_tiff(path: Path) -> Metadata:
     with _mapped(path) as data:
         if bytes(data[:4]) not in _TIFF_STARTS:  # more than 4 GB: directories of another kind
@@ -153,11 +160,11 @@ def add_metadata(path: Path, width: int, height: int, metadata: Metadata, icc: b
     PNG files get theirs while they are written.
 
     Args:
-        path: JPEG, WebP or TIFF file.
+        path: JPEG, WebP, JPEG XL or TIFF file.
         width: Of the picture.
         height: Of the picture.
         metadata: Refreshed for this picture.
-        icc: Colour profile; that of a TIFF is there already.
+        icc: Colour profile; that of a TIFF and of a JPEG XL is there already.
     """
     exif, xmp = metadata.exif, metadata.xmp
     extension = path.suffix.lower()
@@ -167,6 +174,8 @@ def add_metadata(path: Path, width: int, height: int, metadata: Metadata, icc: b
         path.write_bytes(insert_segments(path.read_bytes(), segments + (icc_segments(icc) if icc else [])))
     elif extension in (".tif", ".tiff"):
         _add_to_tiff(path, exif, xmp)
+    elif extension == ".jxl" and (exif or xmp):
+        path.write_bytes(jxl_with(path.read_bytes(), exif=exif, xmp=xmp))
     elif extension == ".webp" and (exif or xmp or icc):
         path.write_bytes(webp_with(path.read_bytes(), width, height, icc=icc, exif=exif, xmp=xmp))
 

@@ -12,6 +12,7 @@ from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.color_space import COLOR_SPACES, LINEAR_REC709, SRGB, ColorSpace
 from bokehnet.io.icc import make_profile
 from bokehnet.io.transfer import LINEAR
+from bokehnet.io.whole_picture import WHOLE_EXTENSIONS, check_encoder
 
 __all__ = [
     "COLOR_SPACE_NAMES",
@@ -46,14 +47,16 @@ _BITS: dict[str, tuple[Bits, ...]] = {
     ".hdr": (),
     ".pfm": ("float",),
     ".jxl": (8, 16, "half", "float"),
+    ".avif": (8,),
+    ".heic": (8, 10),
+    ".heif": (8, 10),
 }
 IMAGE_EXTENSIONS = tuple(_BITS)
 
 # Written only where the installed OpenImageIO has them, by the name of its part.
 _OPTIONAL = {".jxl": "jpegxl"}
-_NEVER_HERE = {".avif": "AVIF", ".heic": "HEIC", ".heif": "HEIF"}
 
-_SECOND_NAMES = (".jpeg", ".tiff")
+_SECOND_NAMES = (".jpeg", ".tiff", ".heif")
 _WITHOUT_PROFILE = (".hdr", ".pfm")
 
 
@@ -65,8 +68,8 @@ class OutputFormat:
         color_space: ``"keep"`` for that of the picture's file, or one of ``COLOR_SPACE_NAMES``.
         bits: Of each channel, or the type of floating-point values; None takes those of the picture's file
             where the format has them.
-        quality: Of JPEG, WebP and JPEG XL, 1 to 100; WebP of 100 is without loss.
-        subsampling: Of the colours of a JPEG.
+        quality: Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP of 100 is without loss.
+        subsampling: Of the colours of JPEG, AVIF and HEIC.
         dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
 
     Raises:
@@ -91,6 +94,7 @@ def check_format(path: Path, wanted: OutputFormat) -> None:
 
     Raises:
         ImageFileError: The extension is unknown, or not written here.
+        MissingExtraError: An extra brings its encoder.
         ParameterError: The format has no such bits, or cannot tell the colour space.
     """
     extension = check_extension(path, IMAGE_EXTENSIONS)
@@ -111,19 +115,23 @@ def check_format(path: Path, wanted: OutputFormat) -> None:
 
 
 def check_extension(path: Path, extensions: tuple[str, ...]) -> str:
-    """Return the extension, lower case, or raise ``ImageFileError`` unless it can be written here."""
+    """Return the extension, lower case, or raise unless it can be written here.
+
+    Raises:
+        ImageFileError: The extension is unknown, or what is installed does not write it.
+        MissingExtraError: An extra brings its encoder.
+    """
     extension = path.suffix.lower()
-    if extension in _NEVER_HERE or (
-        extension in extensions and _OPTIONAL.get(extension, "png") not in _parts()
-    ):
-        name = _NEVER_HERE.get(extension, "JPEG XL")
-        raise ImageFileError(
-            f"{path}: {name} is not written by the installed OpenImageIO {oiio.__version__}; "
-            "write .png, .jpg or .webp"
-        )
     if extension not in extensions:
         known = ", ".join(extensions)
         raise ImageFileError(f"{path}: unknown extension {path.suffix!r}, expected one of {known}")
+    if extension in WHOLE_EXTENSIONS:
+        check_encoder(path)
+    elif _OPTIONAL.get(extension, "png") not in _parts():
+        raise ImageFileError(
+            f"{path}: JPEG XL is not written by the installed OpenImageIO {oiio.__version__}; "
+            "write .png, .jpg or .webp"
+        )
     return extension
 
 
@@ -197,4 +205,4 @@ def _way_to(bits: Any) -> str:
 
 def dtype_of(bits: Bits) -> Any:
     """Return the type of stored values."""
-    return {8: np.uint8, 16: np.uint16, "half": np.float16, "float": np.float32}[bits]
+    return {8: np.uint8, 10: np.uint16, 16: np.uint16, "half": np.float16, "float": np.float32}[bits]

@@ -23,6 +23,7 @@ from bokehnet.io.output_format import (
 )
 from bokehnet.io.png import compressed_profile, text_chunk
 from bokehnet.io.row_blocks import Progress, cut_row_blocks
+from bokehnet.io.whole_picture import WHOLE_EXTENSIONS, Coding, encode_whole
 
 __all__ = ["store_picture"]
 
@@ -105,6 +106,10 @@ def store_picture(
         attributes["ICCProfile"] = profile
     if alpha is not None and not isinstance(chosen, str):
         attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight as they stand
+    if extension in WHOLE_EXTENSIONS:
+        coding = Coding(bits=int(chosen), quality=wanted.quality, subsampling=wanted.subsampling, icc=profile)
+        encode_whole(path, (height, width, len(channels)), stored, coding, metadata, progress)
+        return
     encode(
         path,
         (height, width, len(channels)),

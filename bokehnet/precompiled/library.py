@@ -7,8 +7,9 @@ import json
 import os
 import pickle
 import platform
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -38,6 +39,9 @@ PROCESSORS = ("x86-64-v4", "x86-64-v3")
 
 # Of tables and of the way in which arguments are handed over; a library of another one is left alone.
 FORMAT = 1
+
+# How an array lies, in its description.
+_LAYOUT = re.compile(r"(?<=\[\d)[CFA](?=r?\])")
 
 # What a kernel says of itself when it ends: all is well, also where it returns nothing.
 _FINE = (0, -2)
@@ -98,6 +102,8 @@ def digest(source: str) -> str:
 def find(name: str, description: str) -> MachineCode | None:
     """Machine code of a kernel for arguments of these types, if the package has it for this machine.
 
+    Code for arrays of any strides serves contiguous ones, too.
+
     Args:
         name: Full name of the kernel.
         description: Of its arguments, from :func:`bokehnet.precompiled.arguments.describe`.
@@ -107,12 +113,30 @@ def find(name: str, description: str) -> MachineCode | None:
         return None
     library, table = opened
     kernel = table["kernels"].get(name)
-    if kernel is None or description not in kernel["entries"]:
+    described = _fitting(description, kernel["entries"]) if kernel is not None else None
+    if kernel is None or described is None:
         return None
     if any(digest(source) != table["sources"][source] for source in kernel["sources"]):
         return None
-    symbol, returned = kernel["entries"][description]
-    return _machine_code(library, name, symbol, c_types(description), returned)
+    symbol, returned = kernel["entries"][described]
+    return _machine_code(library, name, symbol, c_types(described), returned)
+
+
+def _fitting(description: str, entries: Iterable[str]) -> str | None:
+    """The entry for these types, or one that takes arrays of any strides where these are contiguous.
+
+    A list of places that is empty or holds one is contiguous however it was made, one of many is not.
+    """
+    if description in entries:
+        return description
+    layouts = _LAYOUT.findall(description)
+    for entry in entries:
+        taken = _LAYOUT.findall(entry)
+        if _LAYOUT.sub("", entry) == _LAYOUT.sub("", description) and all(
+            there in (here, "A") for here, there in zip(layouts, taken, strict=True)
+        ):
+            return entry
+    return None
 
 
 @functools.cache

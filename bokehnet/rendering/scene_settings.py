@@ -394,10 +394,13 @@ class OutputSettings(Group):
         "8, 10, 16, half or float for each channel, as the format can; default: as the picture's file.",
     )
     quality: int = setting(
-        95, "Of JPEG, WebP and JPEG XL, 1 to 100; default 95. WebP of 100 is without loss.", low=1, high=100
+        95,
+        "Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; default 95. WebP of 100 is without loss.",
+        low=1,
+        high=100,
     )
     subsampling: SubsamplingName = setting(
-        "4:4:4", "Of a JPEG's colours: 4:4:4 (full, the default), 4:2:2 or 4:2:0."
+        "4:4:4", "Of the colours of JPEG, AVIF and HEIC: 4:4:4 (full, the default), 4:2:2 or 4:2:0."
     )
     dither: Switch = setting(
         "on", "on (default) or off: rounding to 8 bits spreads its error, so that slopes show no bands."

@@ -1,6 +1,7 @@
 """Photographs in wide colours, read and written back, as LittleCMS shows them."""
 
 import io
+import sys
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
@@ -8,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image, ImageCms
 
-from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.errors import ImageFileError, MissingExtraError, ParameterError
 from bokehnet.io.color import linear_to_srgb
 from bokehnet.io.color_space import COLOR_SPACES
 from bokehnet.io.frame import read_frame, write_frame
@@ -273,11 +274,12 @@ def test_jpeg_xl_where_it_is_there(tmp_path, bits, wanted):
     assert_allclose(read_image(tmp_path / "a.jxl"), image, atol=0.01 if bits == 8 else 1e-3)
 
 
-def test_what_a_format_cannot_be_is_refused_in_one_line(tmp_path):
+def test_what_a_format_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     image = np.zeros((4, 4, 3))
     for name, options, reason in (
         ("a.jpg", {"bits": 16}, r"bits: expected 8 for \.jpg, got 16; write \.png or \.tif"),
-        ("a.png", {"bits": 10}, r"bits: expected 8 or 16 for \.png, got 10; no format"),
+        ("a.png", {"bits": 10}, r"bits: expected 8 or 16 for \.png, got 10; write \.heic"),
+        ("a.avif", {"bits": 10}, r"bits: expected 8 for \.avif, got 10; write \.heic"),
         ("a.tif", {"bits": "half"}, r"expected 8 or 16 or float for \.tif, got half; write \.exr"),
         ("a.hdr", {"bits": 16}, "the format has its own"),
         ("a.hdr", {"color_space": "display-p3"}, "color_space: expected keep or srgb"),
@@ -286,8 +288,9 @@ def test_what_a_format_cannot_be_is_refused_in_one_line(tmp_path):
     ):
         with pytest.raises(ParameterError, match=reason):
             write_image(tmp_path / name, image, **options)
-    for name, what in (("a.avif", "AVIF"), ("a.heic", "HEIC")):
-        with pytest.raises(ImageFileError, match=f"{what} is not written by the installed OpenImageIO"):
+    for name, extra in (("a.avif", "avif"), ("a.heic", "heif")):
+        monkeypatch.setitem(sys.modules, "PIL" if extra == "avif" else "pillow_heif", None)
+        with pytest.raises(MissingExtraError, match=rf"{name}: to write .*'bokehnet\[{extra}\]', or write"):
             write_image(tmp_path / name, image)
     write_image(tmp_path / "a.exr", image)
     frame = read_frame(tmp_path / "a.exr")

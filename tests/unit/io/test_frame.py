@@ -137,6 +137,18 @@ def test_other_parts_are_copied_byte_by_byte(tmp_path):
         assert_array_equal(read_channels(tmp_path / "out.exr", 1)[name][1], read_channels(source, 1)[name][1])
 
 
+def test_a_chunk_that_lies_beyond_every_file_is_told(tmp_path):
+    source = write_exr(tmp_path / "in.exr", beauty(), {"channels": {"P.X": ("float", values())}})
+    headers, data = read_headers(source), bytearray(source.read_bytes())
+    first = struct.unpack("<i", headers.parts[0]["chunkCount"].data)[0]
+    struct.pack_into("<Q", data, headers.end + 8 * first, 2**64 - 2)
+    source.write_bytes(data)
+    frame = read_frame(source)
+    with pytest.raises(ImageFileError, match="the source ends before its chunk"):
+        write_frame(tmp_path / "out.exr", frame, frame.image)
+    assert not (tmp_path / "out.exr").exists()
+
+
 def chunks(path):
     """Return the bytes of all chunks of a multi-part file by part, after "OpenEXR File Layout"."""
     headers, data = read_headers(path), path.read_bytes()

@@ -12,13 +12,14 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter.disc_table import disc_table
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.optics.aperture import Aperture
 from bokehnet.precompiled import library
 from bokehnet.precompiled.arguments import describe, flatten
-from bokehnet.precompiled.kernel import record_calls
+from bokehnet.precompiled.kernel import Kernel, record_calls
 from bokehnet.precompiled.results import result_reader
 
 HERE = Path(library.__file__).parent
@@ -48,6 +49,27 @@ def test_a_kernel_is_found_for_its_types_alone(anew):
     assert library.find(NAME, ARRAYS) is not None
     assert library.find(NAME, "(f8[2C])") is None
     assert library.find("bokehnet.nowhere.kernel", ARRAYS) is None
+
+
+def test_contiguous_arrays_run_code_that_was_made_for_any_strides():
+    entries = ["(i8[1A],f4[2C],i8)", "(f8[1C])"]
+    assert library._fitting("(i8[1C],f4[2C],i8)", entries) == entries[0]
+    assert library._fitting("(i8[1A],f4[2A],i8)", entries) is None
+    assert library._fitting("(i8[2C],f4[2C],i8)", entries) is None
+    assert library._fitting("(i8[1Cr],f4[2C],i8)", entries) is None
+    assert library._fitting("(i8[1C],f4[2C],f8)", entries) is None
+
+
+@pytest.mark.parametrize("many", [0, 1, 2])
+def test_a_picture_with_any_number_of_hidden_pixels_is_left_to_nobody_else(many, monkeypatch):
+    found = []
+    monkeypatch.setattr(Kernel, "dispatcher", property(lambda self: found.append(self.name)))
+    image, defocus = np.full((24, 24, 3), 0.5, np.float32), np.zeros((24, 24), np.float32)
+    wanted = np.zeros(defocus.shape, np.bool_)
+    defocus[8:16, 8:16] = 6
+    wanted[8, 8 : 8 + many] = True
+    occluded_background(image, defocus, wanted=wanted)
+    assert found == []
 
 
 def test_a_changed_source_goes_to_the_compiler(anew, monkeypatch):
