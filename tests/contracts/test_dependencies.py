@@ -1,4 +1,4 @@
-"""Files that name what the package needs agree. Authority: pyproject.toml, and the metadata of what is installed."""
+"""Files that name what the package needs agree. Authority: pyproject.toml, metadata of what is installed."""
 
 import re
 import tomllib
