@@ -46,7 +46,7 @@ def application(settings: ServiceSettings, replicas: int = 1) -> Any:
     Raises:
         MissingExtraError: Ray Serve is not installed.
     """
-    require_extra("ray.serve", "serve,cluster")
+    require_extra("ray.serve", "serve-cluster")
     from ray import serve
 
     def build() -> Any:

@@ -7,7 +7,7 @@ import torch
 from bokehnet.rendering.result import LEVELS_SHOWN
 
 from .host import told
-from .render_nodes import FOCUS, RenderNode, common_widgets, optional_widgets, scenes_of, settings_of
+from .render_nodes import FOCUS, CommonInputs, RenderNode, common_widgets, optional_widgets
 
 
 class BokehExpectedError(RenderNode):
@@ -31,27 +31,15 @@ class BokehExpectedError(RenderNode):
         }
 
     def render(
-        self,
-        image: torch.Tensor,
-        disparity: torch.Tensor,
-        blur: float,
-        engine: str,
-        repair: str,
-        invert: bool,
-        focus_value: float,
-        white: float,
-        focus: dict[str, Any] | None = None,
-        matte: torch.Tensor | None = None,
-        look: dict[str, dict[str, Any]] | None = None,
-        settings_json: str = "",
+        self, focus_value: float, white: float, focus: dict[str, Any] | None = None, **common: Any
     ) -> tuple[torch.Tensor, float, torch.Tensor]:
         """Return the errors, 1 at ``white`` levels, their mean in levels, and the pictures."""
         with told():
-            focused = focus or {"value": focus_value}
-            plain = settings_of({"blur": blur}, engine, repair, focused, look, settings_json)
-            settings = [plain.updated({"output": {"expected_error": "on"}})] * len(image)
+            given = CommonInputs(**common)
+            plain = given.settings(focus or {"value": focus_value})
+            settings = [plain.updated({"output": {"expected_error": "on"}})] * len(given.image)
             pictures, levels = [], []
-            for shown, result in self.results(scenes_of(image, disparity, matte, invert), settings):
+            for shown, result in self.results(given.scenes(), settings):
                 pictures.append(shown)
                 levels.append(torch.from_numpy(result.expected_error))
             every = torch.stack(levels)

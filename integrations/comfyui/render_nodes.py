@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,11 +23,10 @@ __all__ = [
     "BLUR",
     "FOCUS",
     "BokehRender",
+    "CommonInputs",
     "RenderNode",
     "common_widgets",
     "optional_widgets",
-    "scenes_of",
-    "settings_of",
 ]
 
 _ENGINES = ["rays", "scatter", "hybrid", "fast", "neural"]
@@ -67,28 +67,57 @@ def optional_widgets() -> dict[str, Any]:
     }
 
 
-def settings_of(
-    camera: dict[str, Any],
-    engine: str,
-    repair: str,
-    focus: dict[str, Any],
-    look: dict[str, dict[str, Any]] | None,
-    settings_json: str,
-) -> RenderSettings:
-    """Settings of the widgets, over them the look, over that the text."""
-    try:
-        table = json.loads(settings_json or "{}")
-    except ValueError as error:
-        raise ConfigError(f"settings_json: expected JSON, found an error: {error}") from error
-    if not isinstance(table, dict):
-        raise ConfigError(f"settings_json: expected an object, found {type(table).__name__}")
-    said = {
-        "camera": camera,
-        "engine": {"name": engine},
-        "depth": {"repair": repair},
-        "focus": focus,
-    }
-    return RenderSettings().updated(merged(said, look or {}, settings_from_table(table, "settings_json")))
+@dataclass(frozen=True, kw_only=True)
+class CommonInputs:
+    """What :func:`common_widgets` and :func:`optional_widgets` give a node: pictures, maps and how to render.
+
+    Args:
+        image: IMAGE, (frames, H, W, 3), sRGB.
+        disparity: IMAGE or MASK, one map for all pictures or one for each.
+        blur: Radius in pixels per unit of disparity.
+        engine: Its name.
+        repair: Of the map: auto, on or off.
+        invert: Whether near is dark in the map.
+        matte: MASK, one for all pictures or one for each.
+        look: Changes that a Bokeh Lens / Preset node makes to the settings.
+        settings_json: Further changes, by groups.
+    """
+
+    image: torch.Tensor
+    disparity: torch.Tensor
+    blur: float
+    engine: str
+    repair: str
+    invert: bool
+    matte: torch.Tensor | None = None
+    look: dict[str, dict[str, Any]] | None = None
+    settings_json: str = ""
+
+    def settings(self, focus: dict[str, Any] | None) -> RenderSettings:
+        """Settings of the widgets, over them the look, over that the text.
+
+        Args:
+            focus: Fields of the group ``focus``; None leaves focus and blur to a pull.
+        """
+        try:
+            table = json.loads(self.settings_json or "{}")
+        except ValueError as error:
+            raise ConfigError(f"settings_json: expected JSON, found an error: {error}") from error
+        if not isinstance(table, dict):
+            raise ConfigError(f"settings_json: expected an object, found {type(table).__name__}")
+        said: dict[str, Any] = {"engine": {"name": self.engine}, "depth": {"repair": self.repair}}
+        if focus is not None:
+            said |= {"camera": {"blur": self.blur}, "focus": focus}
+        text = settings_from_table(table, "settings_json")
+        return RenderSettings().updated(merged(said, self.look or {}, text))
+
+    def scenes(self) -> Iterator[Scene]:
+        """Give each picture with its map, stretched to 0..1 by itself, and its matte."""
+        count = len(self.image)
+        every = (light(self.image), frames_of_map(maps(self.disparity), count), mattes(self.matte, count))
+        for number, (picture, values, cover) in enumerate(zip(*every, strict=True)):
+            source = RelativeDisparity(map=values, invert=self.invert)
+            yield make_scene(picture, source, number=number, matte=cover)
 
 
 def _line(report: RenderReport) -> str:
@@ -98,17 +127,6 @@ def _line(report: RenderReport) -> str:
     if report.repair_reason:
         line += f", map {'repaired' if report.repaired else 'as it is'} ({report.repair_reason})"
     return line
-
-
-def scenes_of(
-    image: torch.Tensor, disparity: torch.Tensor, matte: torch.Tensor | None, invert: bool
-) -> Iterator[Scene]:
-    """Give each picture with its map, stretched to 0..1 by itself, and its matte."""
-    count = len(image)
-    given = zip(light(image), frames_of_map(maps(disparity), count), mattes(matte, count), strict=True)
-    for number, (picture, values, cover) in enumerate(given):
-        source = RelativeDisparity(map=values, invert=invert)
-        yield make_scene(picture, source, number=number, matte=cover)
 
 
 class RenderNode:
@@ -160,22 +178,10 @@ class BokehRender(RenderNode):
         }
 
     def render(
-        self,
-        image: torch.Tensor,
-        disparity: torch.Tensor,
-        blur: float,
-        engine: str,
-        repair: str,
-        invert: bool,
-        focus_value: float,
-        focus: dict[str, Any] | None = None,
-        matte: torch.Tensor | None = None,
-        look: dict[str, dict[str, Any]] | None = None,
-        settings_json: str = "",
+        self, focus_value: float, focus: dict[str, Any] | None = None, **common: Any
     ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
         """Return the pictures, where they can be wrong, their light unclipped, and what was decided."""
         with told():
-            settings = settings_of(
-                {"blur": blur}, engine, repair, focus or {"value": focus_value}, look, settings_json
-            )
-            return self.frames(scenes_of(image, disparity, matte, invert), [settings] * len(image))
+            given = CommonInputs(**common)
+            settings = given.settings(focus or {"value": focus_value})
+            return self.frames(given.scenes(), [settings] * len(given.image))

@@ -19,7 +19,7 @@ from bokehnet.rendering.settings import RenderSettings
 from bokehnet.rendering.shot import Shot, SteadyDepth, decide_shot
 
 from .host import frames_of_map, light, maps, mattes, told
-from .render_nodes import BLUR, FOCUS, RenderNode, common_widgets, optional_widgets, settings_of
+from .render_nodes import BLUR, FOCUS, CommonInputs, RenderNode, common_widgets, optional_widgets
 
 
 @dataclass(frozen=True)
@@ -64,38 +64,28 @@ class BokehVideo(RenderNode):
         }
 
     def render(
-        self,
-        image: torch.Tensor,
-        disparity: torch.Tensor,
-        blur: float,
-        engine: str,
-        repair: str,
-        invert: bool,
-        focus_from: float,
-        focus_to: float,
-        blur_to: float,
-        steady: str = "on",
-        matte: torch.Tensor | None = None,
-        look: dict[str, dict[str, Any]] | None = None,
-        settings_json: str = "",
+        self, focus_from: float, focus_to: float, blur_to: float, steady: str = "on", **common: Any
     ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
         """Return as Bokeh Render does, frame by frame."""
         with told():
-            if invert:
-                raise ParameterError("invert", "false for a shot, whose maps are taken as stored", invert)
-            count, given = len(image), maps(disparity)
+            given = CommonInputs(**common)
+            if given.invert:
+                raise ParameterError(
+                    "invert", "false for a shot, whose maps are taken as stored", given.invert
+                )
+            count, values = len(given.image), maps(given.disparity)
             if count == 1:
-                still = {"value": focus_from}
-                every = [settings_of({"blur": blur}, engine, repair, still, look, settings_json)]
+                every = [given.settings({"value": focus_from})]
             else:
-                said = settings_of({}, engine, repair, {}, look, settings_json)
+                said = given.settings(None)
                 pulls = SequenceSettings(
-                    focus_from=focus_from, focus_to=focus_to, blur_from=blur, blur_to=blur_to
+                    focus_from=focus_from, focus_to=focus_to, blur_from=given.blur, blur_to=blur_to
                 )
                 pull = make_pull(tuple(range(count)), pulls, metric=False)
                 every = [settings_at_frame(said, frame, pull) for frame in range(count)]
-            frames = _Frames(image, frames_of_map(given, count), mattes(matte, count), every)
-            moving = steady == "on" and min(count, len(given)) > 1
+            covers = mattes(given.matte, count)
+            frames = _Frames(given.image, frames_of_map(values, count), covers, every)
+            moving = steady == "on" and min(count, len(values)) > 1
             with tempfile.TemporaryDirectory(dir=_own_folder()) as folder:
                 shot = decide_shot(frames, self._renderer, folder=Path(folder), steady=moving, begin=_heard)
                 return self.frames(frames.scenes(range(count), shot), every, shot.plan)

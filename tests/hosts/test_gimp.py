@@ -3,18 +3,14 @@
 ``BOKEHNET_GIMP`` names GIMP's console program, where it is not on the path.
 """
 
-import json
 import os
 import shutil
 import stat
-import subprocess
-import sys
 
-import numpy as np
 import pytest
 
-from bokehnet.io.image import read_image, write_image
 from tests.conftest import ROOT
+from tests.hosts.photo_editor import OPTIONS, Task
 
 NAMES = ("gimp-console-3.0", "gimp-console-3.2")
 GIMP = os.environ.get("BOKEHNET_GIMP") or next(filter(None, map(shutil.which, NAMES)), None)
@@ -38,45 +34,29 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def gimp(tmp_path, folder):
-    """Render a picture by its depth layer; return what the plug-in told."""
-    rng = np.random.default_rng(1)
-    disparity = np.zeros((60, 80, 3), np.float32)
-    disparity[:, 30:50] = 1
-    picture = np.kron(rng.random((10, 10, 3), dtype=np.float32), np.ones((6, 8, 1), np.float32))
-    write_image(tmp_path / "photo.png", picture)
-    write_image(tmp_path / "disparity.png", disparity)
-    program = tmp_path / "bokehnet"
-    program.write_text(
-        f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m bokehnet "$@"\n', encoding="utf-8"
-    )
-    program.chmod(0o755)
+def task(tmp_path):
+    return Task(tmp_path)
 
-    def run(options="--blur 6 --focus 1 --repair-disparity off", depth="depth", command=program):
-        (tmp_path / "task.json").write_text(json.dumps([str(command), options, depth]), encoding="utf-8")
-        environment = {"GIMP3_DIRECTORY": str(folder), "BOKEHNET_TASK": str(tmp_path)}
+
+@pytest.fixture
+def gimp(task, folder):
+    """Render a picture by its depth layer; return what the plug-in told."""
+
+    def run(options=OPTIONS, depth="depth", command=None):
+        environment = {"GIMP3_DIRECTORY": str(folder), "BOKEHNET_TASK": str(task.folder)}
         code = f"exec(open({str(ROOT / 'tests/hosts/gimp_child.py')!r}).read())"
         words = [GIMP, "-i", "-d", "-f", "--batch-interpreter=python-fu-eval", "-b", code, "--quit"]
-        done = subprocess.run(
-            words, env={**os.environ, **environment}, capture_output=True, text=True, timeout=300
-        )
-        assert (tmp_path / "told.json").exists(), done.stdout + done.stderr
-        return json.loads((tmp_path / "told.json").read_text(encoding="utf-8"))
+        return task.run(words, {**os.environ, **environment}, options, depth, command)
 
     return run
 
 
-def test_the_result_is_a_layer_and_is_what_the_command_line_makes(gimp, cli, tmp_path):
+def test_the_result_is_a_layer_and_is_what_the_command_line_makes(gimp, task, cli):
     told = gimp()
     assert told["status"] == "success", told
     assert told["layers"] == ["bokeh", "depth", "Background"]
     assert all(told["visible"])
-    lens = ["--blur", "6", "--focus", "1", "--repair-disparity", "off", "--dither", "off"]
-    words = ["--disparity", tmp_path / "disparity.png", *lens, "-o", tmp_path / "command.png"]
-    assert cli("render", tmp_path / "photo.png", *words).code == 0
-    found, wanted = read_image(tmp_path / "gimp.png"), read_image(tmp_path / "command.png")
-    assert np.abs(found - wanted).max() < 0.02  # the plug-in's file has dither
-    assert np.abs(found - read_image(tmp_path / "photo.png")).max() > 0.1
+    task.check(task.folder / "gimp.png", cli)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""GIMP 3 plug-in: the blur of a real lens, from a layer with the depth. Run in GIMP 3.0.4 without a window.
+"""GIMP 3 plug-in: the blur of a real lens, from a layer with the depth. Run in GIMP 3.0.4.
 
 Copy the folder ``bokehnet`` with this executable file into GIMP's folder ``plug-ins``. **Filters > Blur >
 bokehnet** renders what the image shows by its layer named *depth*, near is bright, and adds the result as a

@@ -40,7 +40,7 @@ def replicas() -> list[int]:
 def test_two_replicas_share_the_work_and_a_killed_one_loses_nothing(tmp_path):
     ray = pytest.importorskip("ray", reason="needs the extra cluster")
     serve = pytest.importorskip(
-        "ray.serve", reason="needs Ray Serve: pip install 'ray[serve]'", exc_type=ImportError
+        "ray.serve", reason="needs Ray Serve: pip install 'bokehnet[serve-cluster]'", exc_type=ImportError
     )
     write_scene(tmp_path, 240, 320)
     files = {

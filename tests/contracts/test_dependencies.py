@@ -1,0 +1,67 @@
+"""Files that name what the package needs agree. Authority: pyproject.toml, metadata of what is installed."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, requires
+
+import pytest
+
+from tests.conftest import ROOT
+
+requirements = pytest.importorskip("packaging.requirements", reason="needs packaging, which pytest brings")
+yaml = pytest.importorskip("yaml", reason="needs PyYAML, which the extra docs brings")
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+AT_CONDA = {"openimageio": "py-openimageio"}  # what conda-forge calls it
+
+
+def canonical(name: str) -> str:
+    """A name as PEP 503 compares it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def own_requires(extras: set[str]) -> Iterator[str]:
+    yield from PROJECT["dependencies"]
+    for extra in extras:
+        yield from PROJECT["optional-dependencies"][extra]
+
+
+def installed_by(extra: str) -> set[str]:
+    """All that an extra brings, as far as it is installed here, by the metadata of what is."""
+    found: set[str] = set()
+    open_ends, known = [("bokehnet", frozenset({extra}))], set()
+    while open_ends:
+        name, extras = end = open_ends.pop()
+        if end in known:
+            continue
+        known.add(end)
+        try:
+            wanted = own_requires(set(extras)) if name == "bokehnet" else requires(name) or []
+        except PackageNotFoundError:
+            continue
+        found.add(name)
+        for line in map(requirements.Requirement, wanted):
+            given = [{"extra": each} for each in ("", *extras)]
+            if line.marker is None or any(map(line.marker.evaluate, given)):
+                open_ends.append((canonical(line.name), frozenset(line.extras)))
+    return found - {"bokehnet"}
+
+
+def test_the_constraints_name_all_that_the_development_environment_holds():
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    named = {canonical(line.split("==")[0]) for line in lines if not line.startswith("#")}
+    needed = installed_by("dev")
+    assert {"numpy", "pytest", "starlette"} <= needed
+    assert sorted(needed - named) == []
+
+
+def test_the_conda_recipe_needs_what_the_package_needs():
+    recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
+    wanted = {f"python {PROJECT['requires-python']}"}
+    for line in map(requirements.Requirement, PROJECT["dependencies"]):
+        wanted.add(f"{AT_CONDA.get(canonical(line.name), canonical(line.name))} {line.specifier}")
+    assert set(recipe["requirements"]["run"]) == wanted
+    assert f"python {PROJECT['requires-python']}" in recipe["requirements"]["host"]
+    (script,) = PROJECT["scripts"].items()
+    assert recipe["build"]["python"]["entry_points"] == [" = ".join(script)]
