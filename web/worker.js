@@ -15,6 +15,9 @@ const AROUND = 43;
 // Largest side of the picture that the page shows; the saved one has all pixels.
 const SHOWN = 1600;
 
+// Codes of 255 by which a picture by WebGPU may differ from that by WebAssembly.
+const FAITHFUL = 2;
+
 let session;
 let photo;
 let disparity;
@@ -69,12 +72,53 @@ function show(whole, x, y, width, height) {
   shown.getContext("2d").drawImage(whole, x, y, width, height, ...to);
 }
 
-/** Load the network: on a graphics card by WebGPU where the page asks for it and the browser can, else here. */
-async function load(model, webgpu) {
-  const adapter = webgpu ? await navigator.gpu?.requestAdapter() : null;
-  globalThis.ort = await import(`${RUNTIME}/ort.${adapter ? "webgpu" : "wasm"}.min.mjs`);
-  postMessage({ provider: adapter ? "webgpu" : "wasm" });
-  return ort.InferenceSession.create(model, { executionProviders: adapter ? ["webgpu", "wasm"] : ["wasm"] });
+/** Whether there is a graphics card by WebGPU; one that software imitates counts only where it is asked for. */
+async function hasCard(provider) {
+  if (provider === "wasm") return false;
+  const adapter = await navigator.gpu?.requestAdapter().catch(() => null);
+  return Boolean(adapter) && (provider === "webgpu" || !adapter.info?.isFallbackAdapter);
+}
+
+/** A small picture by a network, and the milliseconds of its second time. */
+async function tried(network) {
+  const [width, height] = [48, 32];
+  const [colors, near] = [new ImageData(width, height), new ImageData(width, height)];
+  for (let i = 0; i < colors.data.length; i++) {
+    colors.data[i] = (i * 7919) % 251;
+    near.data[i] = (i / 4) % width < 20 ? 60 : 200;
+  }
+  const numbers = { K: 6, focus: 0.24 };
+  await renderBokeh(network, colors, near, numbers);
+  const begun = performance.now();
+  const { data } = await renderBokeh(network, colors, near, numbers);
+  return { data, took: performance.now() - begun };
+}
+
+/**
+ * Load the network. WebGPU does the work where a card is there, gives the picture that WebAssembly gives, and is
+ * quicker in a trial (however quick, where the page asks for it); else WebAssembly does.
+ */
+async function load(model, provider) {
+  const card = await hasCard(provider);
+  globalThis.ort = await import(`${RUNTIME}/ort.${card ? "all" : "wasm"}.min.mjs`);
+  const create = (name) => ort.InferenceSession.create(model, { executionProviders: [name], logSeverityLevel: 3 });
+  const sure = create("wasm");
+  let why = provider === "wasm" ? "" : "This browser has no graphics card by WebGPU";
+  if (card) {
+    try {
+      const quick = await create("webgpu"), [there, here] = [await tried(quick), await tried(await sure)];
+      const apart = Math.max(...there.data.map((code, i) => Math.abs(code - here.data[i])));
+      if (apart <= FAITHFUL && (provider === "webgpu" || there.took < here.took)) {
+        postMessage({ provider: "webgpu", why: "" });
+        return quick;
+      }
+      why = apart > FAITHFUL ? "By WebGPU the picture would be another" : "WebGPU would be slower";
+    } catch (error) {
+      why = `WebGPU cannot do it (${error.message ?? error})`;
+    }
+  }
+  postMessage({ provider: "wasm", why });
+  return sure;
 }
 
 const pause = () => new Promise((resolve) => setTimeout(resolve));
@@ -113,10 +157,10 @@ async function render(id, numbers) {
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
 }
 
-async function answer({ id, model, webgpu, canvas, open, focusAt, numbers }) {
+async function answer({ id, model, provider, canvas, open, focusAt, numbers }) {
   try {
     if (canvas) shown = canvas;
-    if (model) session = load(model, webgpu);
+    if (model) session = load(model, provider);
     if (open) {
       photo = await pixels(open.photo);
       disparity = await pixels(open.disparity, photo);
