@@ -214,7 +214,9 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder, empty before")
     parser.add_argument("--python", action="append", help="interpreter to try the wheel with; repeatable")
-    parser.add_argument("--web", action="store_true", help="make the page for the browser there, nothing else")
+    parser.add_argument(
+        "--web", action="store_true", help="make the page for the browser there, nothing else"
+    )
     parser.add_argument("--pinned", action="store_true", help="depth networks without pins are an error")
     given = parser.parse_args()
     out = given.out.resolve()

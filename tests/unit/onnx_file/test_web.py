@@ -204,7 +204,7 @@ def test_a_host_without_headers_gets_threads(folder, page):
 
 @pytest.mark.slow
 def test_where_webgpu_is_asked_for_the_picture_is_the_packages(folder, address):
-    """On the card that Chromium imitates by software: what draws another picture in the trial is not taken."""
+    """On the card that Chromium imitates by software, which is not taken if it draws another picture."""
     query = f"photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}&provider=webgpu"
     with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
         page.goto(f"{address}/?{query}")
