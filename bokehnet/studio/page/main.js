@@ -1,11 +1,10 @@
 // The page: what is open, what is asked for, and what the hand does.
 
 import { Told, frame, frames, get, post, space, upload } from "./api.js";
-import { contextOf, draw, histogram, mark, painted } from "./canvas.js";
+import { contextOf, draw, histogram, mark } from "./canvas.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
 import { makeQuick, showQuick } from "./quick.js";
 import { showPresets, refreshPresets, stopPresets } from "./presets.js";
-import { ringByTouch } from "./touch.js";
 
 const $ = (id) => document.getElementById(id);
 const [stage, sheet, result, before, over, marks] = ["stage", "sheet", "result", "before", "over", "marks"].map($);
@@ -74,6 +73,15 @@ async function render({ changes, preset, begun, kind }) {
       pump();
     }
   }
+}
+
+/** Do something once what was drawn is on the screen, so that it does not wait for this. */
+function painted(then) {
+  requestAnimationFrame(() => {
+    const channel = new MessageChannel();
+    channel.port1.onmessage = then;
+    channel.port2.postMessage(0);
+  });
 }
 
 function taken({ settings, version }) {
@@ -273,7 +281,7 @@ function ring(steps, event) {
 }
 
 sheet.addEventListener("pointerdown", (event) => {
-  if (event.button !== 0 || !event.isPrimary) return;
+  if (event.button !== 0) return;
   now.cursor = null;
   if (now.tool === "focus") {
     focusAt(place(event), event);
@@ -284,7 +292,6 @@ sheet.addEventListener("pointerdown", (event) => {
   mark(marks, marked());
 });
 sheet.addEventListener("pointermove", (event) => {
-  if (!event.isPrimary) return;
   if (now.path && now.path.length < 1900) {
     now.path.push(place(event));
     mark(marks, marked());
@@ -305,11 +312,6 @@ stage.addEventListener("wheel", (event) => {
   event.preventDefault();
   ring(-Math.sign(event.deltaY), event);
 }, { passive: false });
-
-ringByTouch(stage, (steps, event) => {
-  now.path = null; // what the first finger may have begun to paint
-  ring(steps, event);
-});
 
 async function stroke(told) {
   now.state = { ...now.state, ...(await post("stroke", { stroke: told })) };
