@@ -30,20 +30,28 @@ ROOT = Path(__file__).resolve().parents[1]
 # What a repository has and a release does not: its own automation and what git is told to leave out.
 NOT_RELEASED = (".ci/", ".gitignore")
 
-# Files of examples/web that a server hands out, and the list of what they need.
+# Files of web/ that a server hands out, and the list of what they need.
 WEB = (
     "index.html",
     "page.js",
     "worker.js",
     "bokeh.js",
     "preview.js",
+    "isolate.js",
     "serve.py",
     "package.json",
     "README.md",
 )
 
-# Of ONNX Runtime, what the page loads, of 130 MB of variants.
-RUNTIME = ("ort.wasm.min.mjs", "ort-wasm-simd-threaded.mjs", "ort-wasm-simd-threaded.wasm")
+# Of ONNX Runtime, what the page loads, of 130 MB of variants: WebAssembly alone, and with WebGPU.
+RUNTIME = (
+    "ort.wasm.min.mjs",
+    "ort-wasm-simd-threaded.mjs",
+    "ort-wasm-simd-threaded.wasm",
+    "ort.all.min.mjs",
+    "ort-wasm-simd-threaded.jsep.mjs",
+    "ort-wasm-simd-threaded.jsep.wasm",
+)
 
 
 def fail(message: str) -> NoReturn:
@@ -131,24 +139,28 @@ def build_docs(out: Path, version: str) -> Path:
         return zipped(Path(folder), out / f"bokehnet-{version}-docs.zip")
 
 
+def make_web(folder: Path) -> None:
+    """Make what a web server needs for ``web/``: the page, its network, a picture, ONNX Runtime."""
+    for name in WEB:
+        shutil.copy(ROOT / "web" / name, folder)
+    for source in sorted((ROOT / "bokehnet/assets").glob("demo*.png")):
+        shutil.copy(source, folder)
+    (folder / ".nojekyll").touch()  # else GitHub's pages leave node_modules out
+    runtime = Path("node_modules/onnxruntime-web/dist")
+    (folder / runtime).mkdir(parents=True)
+    with tempfile.TemporaryDirectory() as fetched:
+        shutil.copy(folder / "package.json", fetched)
+        run("npm", "install", "--ignore-scripts", "--no-audit", "--no-fund", folder=Path(fetched))
+        for each in RUNTIME:
+            shutil.copy(Path(fetched) / runtime / each, folder / runtime)
+    run(sys.executable, "-m", "bokehnet", "export", "-o", folder / "fast.onnx")
+
+
 def bundle_web(out: Path, version: str) -> Path:
-    """Make what a web server needs for ``examples/web``: the page, its network, a picture, ONNX Runtime."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for source in sorted((ROOT / "examples/web").iterdir()):
-            if source.name in WEB:
-                shutil.copy(source, folder)
-        for source in sorted((ROOT / "bokehnet/assets").glob("demo*.png")):
-            shutil.copy(source, folder)
-        runtime = Path("node_modules/onnxruntime-web/dist")
-        (folder / runtime).mkdir(parents=True)
-        with tempfile.TemporaryDirectory() as fetched:
-            shutil.copy(folder / "package.json", fetched)
-            run("npm", "install", "--ignore-scripts", "--no-audit", "--no-fund", folder=Path(fetched))
-            for each in RUNTIME:
-                shutil.copy(Path(fetched) / runtime / each, folder / runtime)
-        run(sys.executable, "-m", "bokehnet", "export", "-o", folder / "fast.onnx")
-        return zipped(folder, out / f"bokehnet-{version}-web.zip")
+    """Pack the page for the browser."""
+    with tempfile.TemporaryDirectory() as folder:
+        make_web(Path(folder))
+        return zipped(Path(folder), out / f"bokehnet-{version}-web.zip")
 
 
 def zipped(folder: Path, archive: Path) -> Path:
@@ -202,12 +214,18 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder, empty before")
     parser.add_argument("--python", action="append", help="interpreter to try the wheel with; repeatable")
+    parser.add_argument(
+        "--web", action="store_true", help="make the page for the browser there, nothing else"
+    )
     parser.add_argument("--pinned", action="store_true", help="depth networks without pins are an error")
     given = parser.parse_args()
     out = given.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
         fail(f"--out: expected an empty folder, found files in {out}; give another one")
+    if given.web:
+        make_web(out)
+        return
     version, unpinned = check_versions(), unpinned_models()
     if unpinned and given.pinned:
         fail(f"depth networks: expected pins, found none of {', '.join(unpinned)}; run benchmarks.pin_models")

@@ -2,7 +2,7 @@
 
     python -m benchmarks.web_page FOLDER [--photo 21.jpg] [--disparity 21.png] [--K 54] [--focus 0.4]
 
-``FOLDER`` is a copy of examples/web with its packages and ``fast.onnx``, as its README says, and with the
+``FOLDER`` is made by ``python -m benchmarks.release --web --out FOLDER`` (see web/README.md) and holds the
 photograph and its disparity. Needs playwright and Chromium. WebAssembly
 alone, as where there is no graphics card.
 """

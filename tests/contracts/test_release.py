@@ -58,12 +58,10 @@ def test_networks_without_pins_are_told_and_can_be_an_error(tmp_path, monkeypatc
 
 
 def test_the_pages_files_are_those_that_the_bundle_names():
-    there = {path.name for path in (ROOT / "examples/web").iterdir()}
+    there = {path.name for path in (ROOT / "web").iterdir()}
     assert set(release.WEB) <= there
-    linked = (ROOT / "examples/web/index.html").read_text(encoding="utf-8")
-    linked += "".join(
-        (ROOT / f"examples/web/{name}").read_text(encoding="utf-8") for name in release.WEB[1:4]
-    )
+    linked = (ROOT / "web/index.html").read_text(encoding="utf-8")
+    linked += "".join((ROOT / f"web/{name}").read_text(encoding="utf-8") for name in release.WEB[1:4])
     wanted = set(re.findall(r"\"(?:\./)?([\w-]+\.js)\"", linked))
     assert wanted <= set(release.WEB)
     assert {"page.js", "worker.js", "bokeh.js"} <= wanted

@@ -1,4 +1,4 @@
-"""The example for the browser, in headless Chromium. Authority: the renderer of the package."""
+"""The page for the browser, in headless Chromium. Authority: the renderer of the package."""
 
 import base64
 import functools
@@ -8,6 +8,7 @@ import runpy
 import shutil
 import subprocess
 import threading
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -32,42 +33,61 @@ def program(*names):
     return found
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """The example with its packages, the renderer, a photo and its disparity."""
-    npm = program("npm")
-    shutil.copytree(ROOT / "examples/web", tmp_path, dirs_exist_ok=True)
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory):
+    """The page with its packages and the renderer."""
+    npm, made = program("npm"), tmp_path_factory.mktemp("web")
+    shutil.copytree(ROOT / "web", made, dirs_exist_ok=True)
     words = [npm, "install", "--no-audit", "--no-fund", "--ignore-scripts"]
-    installed = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=200, check=False)
+    installed = subprocess.run(words, cwd=made, capture_output=True, text=True, timeout=200, check=False)
     if installed.returncode:
         pytest.skip(f"npm cannot install onnxruntime-web here: {installed.stderr.strip()[:200]}")
-    (tmp_path / "fast.onnx").write_bytes(build_model().SerializeToString())
+    (made / "fast.onnx").write_bytes(build_model().SerializeToString())
+    return made
+
+
+@pytest.fixture
+def folder(packages, tmp_path):
+    """The page with a photo and its disparity."""
+    shutil.copytree(packages, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("node_modules"))
+    (tmp_path / "node_modules").symlink_to(packages / "node_modules")
     disparity = steps(83, 110, 1)
     write_image(tmp_path / "photo.png", picture(83, 110))
     write_map(tmp_path / "disparity.png", (disparity - disparity.min()) / np.ptp(disparity))
     return tmp_path
 
 
-@pytest.fixture
-def address(folder):
-    """Where the example's own server has it."""
-    handler = runpy.run_path(str(folder / "serve.py"))["Handler"]
+def served(folder, handler):
+    """A server of this folder."""
     server = http.server.ThreadingHTTPServer(("localhost", 0), functools.partial(handler, directory=folder))
     threading.Thread(target=server.serve_forever, daemon=True).start()
+    return server
+
+
+@pytest.fixture
+def address(folder):
+    """Where the page's own server has it."""
+    server = served(folder, runpy.run_path(str(folder / "serve.py"))["Handler"])
     yield f"http://localhost:{server.server_port}"
     server.shutdown()
 
 
-@pytest.fixture
-def page(address):
-    """A page of headless Chromium that counts the tasks which keep it from answering."""
+@contextmanager
+def opened(*words):
+    """A page of headless Chromium, begun with further words."""
     playwright = pytest.importorskip("playwright.sync_api")
     chromium = program("chromium", "chromium-browser", "google-chrome")
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page(accept_downloads=True)
-        yield page
+        browser = started.chromium.launch(executable_path=chromium, args=["--no-sandbox", *words])
+        yield browser.new_page(accept_downloads=True)
         browser.close()
+
+
+@pytest.fixture
+def page():
+    """A page of headless Chromium."""
+    with opened() as found:
+        yield found
 
 
 def rendered(page):
@@ -169,3 +189,37 @@ def test_a_drag_shows_a_quick_picture_and_the_renderers_after_it(folder, address
     page.wait_for_function("document.querySelector('#preview').hidden", timeout=200_000)
     (folder / "saved.png").write_bytes(rendered(page)[1])
     assert decibels(linear_to_srgb(read_image(folder / "saved.png")), wanted(folder, FOCUS)) > 50
+
+
+@pytest.mark.slow
+def test_a_host_without_headers_gets_threads(folder, page):
+    """Authority: the browser, which says whether memory may be shared between threads."""
+    server = served(folder, http.server.SimpleHTTPRequestHandler)
+    try:
+        page.goto(f"http://localhost:{server.server_port}/")
+        page.wait_for_function("crossOriginIsolated && document.body.dataset.provider", timeout=60_000)
+    finally:
+        server.shutdown()
+
+
+@pytest.mark.slow
+def test_where_webgpu_is_asked_for_the_picture_is_the_packages(folder, address):
+    """On the card that Chromium imitates by software, which is not taken if it draws another picture."""
+    query = f"photo=photo.png&disparity=disparity.png&K={BLUR}&focus={FOCUS}&provider=webgpu"
+    with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
+        page.goto(f"{address}/?{query}")
+        page.wait_for_function("document.body.dataset.provider", timeout=100_000)
+        told = page.inner_text("#told")
+        assert (page.evaluate("document.body.dataset.provider") == "webgpu") == ("WebGPU" not in told)
+        (folder / "saved.png").write_bytes(rendered(page)[1])
+    found = linear_to_srgb(read_image(folder / "saved.png"))
+    assert decibels(found, wanted(folder, FOCUS)) > 50
+
+
+@pytest.mark.slow
+def test_a_card_that_software_imitates_is_left_alone_and_told(folder, address):
+    with opened("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader") as page:
+        page.goto(address)
+        page.wait_for_function("document.body.dataset.provider", timeout=60_000)
+        assert page.evaluate("document.body.dataset.provider") == "wasm"
+        assert "WebAssembly does the work" in page.inner_text("#told")

@@ -15,6 +15,9 @@ const AROUND = 43;
 // Largest side of the picture that the page shows; the saved one has all pixels.
 const SHOWN = 1600;
 
+// Codes of 255 by which a picture by WebGPU may differ from that by WebAssembly.
+const FAITHFUL = 2;
+
 let session;
 let photo;
 let disparity;
@@ -69,12 +72,59 @@ function show(whole, x, y, width, height) {
   shown.getContext("2d").drawImage(whole, x, y, width, height, ...to);
 }
 
-/** Load the network: on a graphics card by WebGPU where the page asks for it and the browser can, else here. */
-async function load(model, webgpu) {
-  const adapter = webgpu ? await navigator.gpu?.requestAdapter() : null;
-  globalThis.ort = await import(`${RUNTIME}/ort.${adapter ? "webgpu" : "wasm"}.min.mjs`);
-  postMessage({ provider: adapter ? "webgpu" : "wasm" });
-  return ort.InferenceSession.create(model, { executionProviders: adapter ? ["webgpu", "wasm"] : ["wasm"] });
+/** Whether there is a graphics card by WebGPU; one that software imitates counts only where it is asked for. */
+async function hasCard(provider) {
+  if (provider === "wasm") return false;
+  const adapter = await navigator.gpu?.requestAdapter().catch(() => null);
+  return Boolean(adapter) && (provider === "webgpu" || !adapter.info?.isFallbackAdapter);
+}
+
+/** Codes of a small picture by a network, and the milliseconds that it took. */
+async function tried(network) {
+  const [width, height] = [48, 32];
+  const [colors, near] = [new ImageData(width, height), new ImageData(width, height)];
+  for (let i = 0; i < colors.data.length; i++) {
+    colors.data[i] = (i * 7919) % 251;
+    near.data[i] = (i / 4) % width < 20 ? 60 : 200;
+  }
+  const numbers = { K: 6, focus: 0.24 };
+  const begun = performance.now();
+  const { data } = await renderBokeh(network, colors, near, numbers);
+  return { data, took: performance.now() - begun };
+}
+
+/** Why a network by WebGPU is not taken, by a trial against the one by WebAssembly; "" where it is. */
+async function against(quick, sure, anySpeed) {
+  const there = (await tried(quick)).data, here = (await tried(sure)).data;
+  if (there.some((code, i) => Math.abs(code - here[i]) > FAITHFUL)) return "By WebGPU the picture would be another";
+  const slower = async () => (await tried(quick)).took > (await tried(sure)).took; // the first time says nothing
+  return !anySpeed && (await slower()) ? "WebGPU would be slower" : "";
+}
+
+/**
+ * Load the network. WebGPU does the work where a card is there, gives the picture that WebAssembly gives, and is
+ * quicker in a trial (however quick, where the page asks for it); else WebAssembly does.
+ */
+async function load(model, provider) {
+  const card = await hasCard(provider);
+  globalThis.ort = await import(`${RUNTIME}/ort.${card ? "all" : "wasm"}.min.mjs`);
+  const create = (name) => ort.InferenceSession.create(model, { executionProviders: [name], logSeverityLevel: 3 });
+  const sure = await create("wasm");
+  let why = provider === "wasm" ? "" : "This browser has no graphics card by WebGPU";
+  if (card) {
+    try {
+      const quick = await create("webgpu");
+      why = await against(quick, sure, provider === "webgpu");
+      if (!why) {
+        postMessage({ provider: "webgpu", why });
+        return quick;
+      }
+    } catch (error) {
+      why = `WebGPU cannot do it (${error.message ?? error})`;
+    }
+  }
+  postMessage({ provider: "wasm", why });
+  return sure;
 }
 
 const pause = () => new Promise((resolve) => setTimeout(resolve));
@@ -113,10 +163,10 @@ async function render(id, numbers) {
   postMessage({ done: await whole.convertToBlob({ type: "image/png" }), id, seconds });
 }
 
-async function answer({ id, model, webgpu, canvas, open, focusAt, numbers }) {
+async function answer({ id, model, provider, canvas, open, focusAt, numbers }) {
   try {
     if (canvas) shown = canvas;
-    if (model) session = load(model, webgpu);
+    if (model) session = load(model, provider);
     if (open) {
       photo = await pixels(open.photo);
       disparity = await pixels(open.disparity, photo);

@@ -9,6 +9,21 @@ const save = document.querySelector("#save");
 const result = document.querySelector("#result");
 const quick = document.querySelector("#preview");
 const given = new URLSearchParams(location.search);
+
+/** Say what this browser gives less than all. */
+function tell(line) {
+  told.append(`${line} `);
+}
+
+// Threads need two headers; where the host does not send them, isolate.js adds them, once it has the page.
+if (!crossOriginIsolated && navigator.serviceWorker && !sessionStorage.getItem("isolating")) {
+  sessionStorage.setItem("isolating", "yes"); // once, lest the page loads for ever
+  await navigator.serviceWorker.register("isolate.js").then(() => navigator.serviceWorker.ready, () => null);
+  location.reload();
+  await new Promise(() => {});
+}
+if (!crossOriginIsolated) tell("This browser gives the page no threads: one core does all the work.");
+
 const worker = new Worker("worker.js", { type: "module" });
 const previewer = new Worker("preview.js", { type: "module" });
 
@@ -26,7 +41,7 @@ function begin(target, canvas, more = {}) {
   const theirs = canvas.transferControlToOffscreen();
   target.postMessage({ canvas: theirs, ...more }, [theirs]);
 }
-begin(worker, result, { model: given.get("model") ?? "fast.onnx", webgpu: given.get("provider") === "webgpu" });
+begin(worker, result, { model: given.get("model") ?? "fast.onnx", provider: given.get("provider") ?? "auto" });
 begin(previewer, quick);
 
 const numbers = () =>
@@ -64,8 +79,10 @@ function showSliders() {
 }
 
 worker.onmessage = ({ data }) => {
-  if (data.provider) document.body.dataset.provider = data.provider;
-  else if (data.opened) {
+  if (data.provider) {
+    document.body.dataset.provider = data.provider;
+    if (data.why) tell(`${data.why}: WebAssembly does the work, on the processor.`);
+  } else if (data.opened) {
     opened = { ...opened, ...data.opened };
     const { width, height, photo, disparity } = opened;
     const small = Math.min(1, SMALL / Math.max(width, height));
@@ -102,7 +119,7 @@ previewer.onmessage = ({ data }) => {
     window.preview = data;
     quick.hidden = bar.hidden && !resting;
   }
-  if (data.error) told.textContent = `No quick picture while you drag: ${data.error}`;
+  if (data.error) tell(`No quick picture while you drag: ${data.error}.`);
 };
 
 result.addEventListener("click", (event) => {
@@ -125,8 +142,6 @@ form.addEventListener("submit", (event) => {
   else if (opened) render();
   else status.textContent = "Choose a photo and its disparity first.";
 });
-
-if (!crossOriginIsolated) told.textContent = "This server does not send the headers for threads: one core does all the work.";
 
 if (given.has("photo") && given.has("disparity")) {
   for (const name of ["K", "focus", "gamma"]) if (given.has(name)) form.elements[name].value = given.get(name);
