@@ -190,7 +190,7 @@ def _main(  # type: ignore[no-untyped-def]
                         before[c] += light[row, column, c]
                     continue
                 radius = abs(coc[row, column])
-                ring = table[rings - 1, index, 1] * rings
+                ring = math.floor(table[rings - 1, index, 1] * rings + 0.5)  # a third times 3 is above 1
                 weight = spread_weight(ring, radius * rings / reach) * sample_alpha(radius)
                 far = presort(first - coc[row, column], fade)
                 for c in range(3):
