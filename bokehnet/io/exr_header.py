@@ -4,6 +4,7 @@ The decoder renames and drops some attributes; here none is touched. Nothing of 
 """
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -19,6 +20,7 @@ __all__ = [
     "is_exr",
     "read_headers",
     "sub_sampled",
+    "with_channels",
 ]
 
 Value = float | str | tuple[float, ...]
@@ -93,26 +95,34 @@ def channel_list(channels: Attribute) -> dict[str, int]:
         ValueError: the list is damaged, or names a type that there is not.
     """
     kinds: dict[str, int] = {}
-    rest = channels.data
-    while name := rest[: rest.index(b"\0")]:
-        rest = rest[len(name) + 1 :]
+    for name, rest in _entries(channels):
         kind = int.from_bytes(rest[:4], "little")
         if len(rest) < 16 or kind > 2:
             raise ValueError(f"channel {name!r} is of type {kind}")
         kinds[name.decode("latin-1")] = kind
-        rest = rest[16:]  # type, linearity and two sampling rates
     return kinds
+
+
+def _entries(channels: Attribute) -> Iterator[tuple[bytes, bytes]]:
+    """Name of each channel, and its type, linearity and two sampling rates, 16 bytes."""
+    rest = channels.data
+    while name := rest[: rest.index(b"\0")]:
+        rest = rest[len(name) + 1 :]
+        yield name, rest[:16]
+        rest = rest[16:]
+
+
+def with_channels(channels: Attribute, others: Attribute) -> Attribute:
+    """A list with the channels of another one that it does not have, in the order of their names."""
+    merged = {**dict(_entries(others)), **dict(_entries(channels))}
+    data = b"".join(name + b"\0" + merged[name] for name in sorted(merged))
+    return Attribute(channels.kind, data + b"\0")
 
 
 def sub_sampled(channels: Attribute) -> list[str]:
     """Return the channels that do not have a value for every pixel, such as chroma."""
-    found, rest = [], channels.data
-    while name := rest[: rest.index(b"\0")]:
-        rest = rest[len(name) + 1 :]
-        if rest[8:16] != struct.pack("<2i", 1, 1):
-            found.append(name.decode("latin-1"))
-        rest = rest[16:]
-    return found
+    whole = struct.pack("<2i", 1, 1)
+    return [name.decode("latin-1") for name, rest in _entries(channels) if rest[8:16] != whole]
 
 
 def channel_sizes(channels: Attribute) -> dict[str, int]:

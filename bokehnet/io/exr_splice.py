@@ -5,7 +5,7 @@ set into a copy of the file. Headers and all other parts, deep ones too, are cop
 """
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,7 +14,7 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.exr_header import Attribute, ExrHeaders, channel_sizes, read_headers
+from bokehnet.io.exr_header import Attribute, ExrHeaders, channel_sizes, read_headers, with_channels
 from bokehnet.io.pixels import ImageFile, Part
 
 __all__ = ["write_replaced"]
@@ -41,7 +41,7 @@ def write_replaced(
         target: an empty file, overwritten; a second one beside it is needed for a while.
         source: an open EXR file.
         part: of ``source``.
-        replaced: float32 by name of the channel.
+        replaced: float32 by name of the channel; names that the part does not have are added, as float.
 
     Raises:
         OSError: the target cannot be written, or the source changes meanwhile.
@@ -60,16 +60,20 @@ def _encode_part(
     donor: Path, source: ImageFile, part: Part, replaced: Mapping[str, NDArray[np.float32]]
 ) -> None:
     """Write one part as a file of its own, a band of rows after the other."""
-    spec = _donor_spec(source, part)
+    added = [name for name in replaced if name not in part.channels]
+    names = (*part.channels, *added)
+    spec = _donor_spec(source, part, added)
     output = oiio.ImageOutput.create(str(donor))
     if output is None or not output.open(str(donor), spec):
         raise OSError(output.geterror() if output else oiio.geterror())
     left, right = spec.x, spec.x + spec.width
     for rows in source.bands(part):
         values = source.read_stored(part, rows)
+        if added:
+            values = np.dstack([values, *(replaced[name][rows] for name in added)])
         for name, channel in replaced.items():
-            index = part.channels.index(name)
-            clipped = part.formats[index] == "half"
+            index = names.index(name)
+            clipped = name not in added and part.formats[index] == "half"
             new = np.clip(channel[rows], -_LARGEST_HALF, _LARGEST_HALF) if clipped else channel[rows]
             values[..., index] = new
         top, bottom = spec.y + rows.start, spec.y + rows.stop
@@ -85,12 +89,12 @@ def _encode_part(
         raise OSError(problem or output.geterror())
 
 
-def _donor_spec(source: ImageFile, part: Part) -> oiio.ImageSpec:
+def _donor_spec(source: ImageFile, part: Part, added: Sequence[str]) -> oiio.ImageSpec:
     """Describe the part alone. Whole numbers go through the encoder as the bits of floats."""
     stored = source.spec(part)
-    formats = ["half" if name == "half" else "float" for name in part.formats]
-    spec = oiio.ImageSpec(part.width, part.height, len(part.channels), formats[0])
-    spec.channelnames = part.channels
+    formats = ["half" if name == "half" else "float" for name in part.formats] + ["float"] * len(added)
+    spec = oiio.ImageSpec(part.width, part.height, len(formats), formats[0])
+    spec.channelnames = (*part.channels, *added)
     if len(set(formats)) > 1:  # else the encoder takes the type of all
         spec.channelformats = tuple(oiio.TypeDesc(name) for name in formats)
     spec.x, spec.y = stored.x, stored.y
@@ -110,6 +114,7 @@ def _splice(target: Path, path: Path, headers: ExrHeaders, index: int, donor: Pa
     """Copy the file at ``path`` with the chunks of ``donor`` as those of the part ``index``."""
     new = read_headers(donor)
     attributes = dict(headers.parts[index])
+    attributes["channels"] = with_channels(attributes["channels"], new.parts[0]["channels"])
     if channel_sizes(new.parts[0]["channels"]) != channel_sizes(attributes["channels"]):
         raise OSError("the encoder cannot keep the channels as they are")
     for name in _OF_THE_ENCODING:

@@ -1,5 +1,6 @@
 """A picture with all that its file holds besides, and the way back into such a file."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from bokehnet.io.encode import check_readable
 from bokehnet.io.exr_splice import write_replaced
 from bokehnet.io.file_color import file_color_space
 from bokehnet.io.heif import is_heif, read_heif
-from bokehnet.io.image import check_writable
+from bokehnet.io.image import check_beside, check_writable
 from bokehnet.io.metadata import Metadata, read_metadata
 from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
@@ -153,6 +154,7 @@ def write_frame(
     alpha: NDArray[Any] | None = None,
     wanted: OutputFormat | None = None,
     progress: Progress | None = None,
+    beside: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
     """Write ``bokeh`` in the place of the picture of ``frame``, atomically.
 
@@ -173,6 +175,8 @@ def write_frame(
         alpha: its coverage, (H, W), 0 to 1; None keeps that of the frame.
         wanted: what the file is to be like.
         progress: is told how far it is, by several threads.
+        beside: further channels of an EXR file, (H, W) by name, finite. In the place of a picture they
+            stand in its layer, and in place of channels of their names.
 
     Raises:
         ImageFileError: unknown extension, the file cannot be written, or the frame's own file has changed.
@@ -187,8 +191,9 @@ def write_frame(
         check_map("alpha", alpha)
         check_same_size("the frame", frame.image, "its alpha", alpha)
     check_frame_format(path, frame, wanted)
+    check_beside(path, bokeh, beside)
     if frame._origin is not None and path.suffix.lower() == ".exr":
-        _write_back(path, frame._origin, bokeh, alpha, progress)
+        _write_back(path, frame._origin, bokeh, alpha, beside or {}, progress)
         return
     alpha = frame.alpha if alpha is None else alpha
     shown = None if alpha is None else frame.window.shown(alpha)
@@ -202,6 +207,7 @@ def write_frame(
         metadata=frame.metadata,
         origin=frame.path,
         progress=progress,
+        beside={name: frame.window.shown(channel) for name, channel in (beside or {}).items()},
     )
 
 
@@ -236,9 +242,10 @@ def _write_back(
     origin: _Origin,
     bokeh: NDArray[Any],
     alpha: NDArray[Any] | None,
+    beside: Mapping[str, NDArray[Any]],
     progress: Progress | None,
 ) -> None:
-    """Write the frame's EXR file with other colours."""
+    """Write the frame's EXR file with other colours, and channels beside them."""
     picture = origin.picture
     formats = dict(zip(picture.part.channels, picture.part.formats, strict=True))
     if whole := [name for name in picture.colours if formats[name] == "uint"]:
@@ -252,6 +259,8 @@ def _write_back(
             expected = f"None, as the picture in {origin.path} has no alpha channel"
             raise ParameterError("alpha", expected, alpha, "leave `alpha` out")
         replaced[picture.alpha] = np.asarray(alpha, np.float32)
+    layer = picture.colours[0].rpartition(".")[0]
+    added = {f"{layer}.{name}" if layer else name: np.asarray(it, np.float32) for name, it in beside.items()}
     with ImageFile(origin.path, part_of(progress, 0, 2)) as source:
         state = origin.path.stat()
         if (state.st_size, state.st_mtime_ns) != (origin.size, origin.changed):
@@ -259,9 +268,9 @@ def _write_back(
         part = picture.part
 
         def fill(temporary: Path) -> None:
-            write_replaced(temporary, source, part, replaced)
+            write_replaced(temporary, source, part, replaced | added)
             check_readable(temporary, part.index, part_of(progress, 1, 2))
 
         # Room for the file and for its part once more: encoders do not survive a full disk.
-        own = part.width * part.height * len(part.channels) * 4
+        own = part.width * part.height * (len(part.channels) + len(added)) * 4
         write_atomic(path, fill, room=2 * (own * 3 // 2 + 2**16) + state.st_size)

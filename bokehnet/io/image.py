@@ -1,5 +1,6 @@
 """Pictures: files to scene-linear arrays and back."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.checks import check_image, check_map, check_same_size
+from bokehnet.errors import ParameterError
 from bokehnet.io.atomic import check_target
 from bokehnet.io.color_space import LINEAR_REC709, ColorSpace, convert
 from bokehnet.io.dither import quantise
@@ -30,6 +32,7 @@ from bokehnet.io.store import store_picture
 __all__ = [
     "IMAGE_EXTENSIONS",
     "MAP_EXTENSIONS",
+    "check_beside",
     "check_writable",
     "read_image",
     "write_image",
@@ -86,6 +89,7 @@ def write_image(
     color_space: Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
     subsampling: Subsampling = "4:4:4",
     dither: bool = True,
+    beside: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
     """Write a scene-linear picture atomically; the extension picks the format.
 
@@ -106,6 +110,7 @@ def write_image(
         color_space: Of the file, with a profile that tells it unless it is sRGB; "keep" is sRGB, too.
         subsampling: Of the colours of a JPEG.
         dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
+        beside: Further channels of an EXR file, (H, W) by name, finite.
 
     Raises:
         ImageFileError: Unknown extension, or the file cannot be written.
@@ -121,7 +126,8 @@ def write_image(
     if alpha is not None:
         check_map("alpha", alpha)
         check_same_size("the picture", image, "alpha", alpha)
-    store_picture(path, image, alpha, wanted)
+    check_beside(path, image, beside)
+    store_picture(path, image, alpha, wanted, beside=beside)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:
@@ -151,6 +157,20 @@ def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> 
             return quantise(np.clip(values[rows], 0, 1), 8)
 
         encode(path, values.shape, np.uint8, grey, ("Y",), {})
+
+
+def check_beside(path: Path, image: NDArray[Any], beside: Mapping[str, NDArray[Any]] | None) -> None:
+    """Raise unless channels can be written beside a picture.
+
+    Raises:
+        ShapeError: They are of another size.
+        ParameterError: NaN or infinity, or the format has no such channels.
+    """
+    for name, channel in (beside or {}).items():
+        if path.suffix.lower() != ".exr":
+            raise ParameterError("beside", "nothing, as only EXR has further channels", name, "write an .exr")
+        check_map(name, channel)
+        check_same_size("the picture", image, name, channel)
 
 
 def check_writable(path: Path | str, extensions: tuple[str, ...] = IMAGE_EXTENSIONS) -> None:

@@ -1,6 +1,6 @@
 """Light to the stored values of a file: primaries, curve, bits, alpha, profile and metadata."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -49,6 +49,7 @@ def store_picture(
     metadata: Metadata | None = None,
     origin: Path | None = None,
     progress: Progress | None = None,
+    beside: Mapping[str, Array] | None = None,
 ) -> None:
     """Write a picture atomically; its arrays and its format are checked already.
 
@@ -62,6 +63,7 @@ def store_picture(
         metadata: That it came with.
         origin: File that it came in, for messages.
         progress: Is told how far it is, by several threads.
+        beside: Further channels of an EXR file, (H, W) by name.
 
     Raises:
         ImageFileError: The file cannot be written, or cannot hold the picture.
@@ -79,6 +81,10 @@ def store_picture(
         is_srgb = None if target == source else target == SRGB
         metadata = metadata.refreshed(origin or path, width, height, is_srgb=is_srgb)
     channels = ("Y",) if target.grey else ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
+    stored = _stored_values(image, alpha, source, target, chosen, wanted.dither, extension)
+    if beside:
+        stored = _with_channels(stored, tuple(beside.values()))
+        channels = (*channels, *beside)
     attributes: dict[str, Any] = {}
     if extension == ".exr":
         attributes["compression"] = "zip"
@@ -103,7 +109,7 @@ def store_picture(
         path,
         (height, width, len(channels)),
         dtype_of(chosen),
-        _stored_values(image, alpha, source, target, chosen, wanted.dither, extension),
+        stored,
         channels,
         attributes,
         chunks=_png_chunks(target, profile, metadata),
@@ -146,6 +152,11 @@ def _stored_values(
         return quantise(values, int(bits), top=top)
 
     return floating if isinstance(bits, str) else whole
+
+
+def _with_channels(stored: Callable[[slice], Array], others: Sequence[Array]) -> Callable[[slice], Array]:
+    """The rows that ``stored`` gives, with those of others, (H, W), behind."""
+    return lambda rows: np.dstack([stored(rows), *(other[rows] for other in others)])
 
 
 def _grey_or_coloured(space: ColorSpace, image: Array, alpha: Array | None, extension: str) -> ColorSpace:

@@ -107,7 +107,8 @@ class RenderResult:
         """Write the picture as ``output`` says, atomically; the extension picks the format.
 
         In the place of the picture in an EXR file, all else in the file stays; see
-        :func:`bokehnet.io.frame.write_frame`.
+        :func:`bokehnet.io.frame.write_frame`. Where ``output.expected_error`` is on, EXR files have it as a
+        channel of that name, in 8-bit levels.
 
         Args:
             path: Where it goes.
@@ -117,12 +118,14 @@ class RenderResult:
             ImageFileError: Unknown extension, or the file cannot be written.
             ParameterError: The format cannot be as ``output`` says.
         """
-        wanted = make_output_format(self.output)
+        wanted, beside = make_output_format(self.output), {}
+        if self.output.expected_error == "on" and Path(path).suffix.lower() == ".exr":
+            beside = {} if self.expected_error is None else {"expected_error": self.expected_error}
         with about("output"):
             if self.frame is None:
-                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted))
+                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted), beside=beside)
             else:
-                write_frame(path, self.frame, self.bokeh, self.alpha, wanted, progress)
+                write_frame(path, self.frame, self.bokeh, self.alpha, wanted, progress, beside)
 
     def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
         """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.

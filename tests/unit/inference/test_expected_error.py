@@ -1,5 +1,7 @@
 """What error is to be expected of the rays: where it is told, and that it tells something."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -8,12 +10,26 @@ from scipy.stats import spearmanr
 from bokehnet.errors import ParameterError
 from bokehnet.inference.engine import Engine
 from bokehnet.inference.expected_error import _enlarged
+from bokehnet.io.channels import read_channels
 from bokehnet.io.color import linear_to_srgb
 from bokehnet.pyramid import crop_to, upsample2
 from bokehnet.rendering.look import make_lens_response
 from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.settings import ColorSettings, LensSettings
+from bokehnet.rendering.settings import ColorSettings, LensSettings, OutputSettings
 from tests.unit.inference.test_coarse_to_fine import picture
+
+
+def test_an_exr_holds_it_as_a_channel_where_that_is_asked_for(tmp_path):
+    image, defocus = picture(31, 43, 5)
+    told = BokehRenderer("rays").render(image, defocus, expected_error=True)
+    told.save(tmp_path / "plain.exr")
+    asked = replace(told, output=OutputSettings(expected_error="on"))
+    asked.save(tmp_path / "told.exr")
+    asked.save(tmp_path / "told.png")
+    assert set(read_channels(tmp_path / "plain.exr").channels) == set("RGB")
+    stored = read_channels(tmp_path / "told.exr").channels
+    assert set(stored) == {*"RGB", "expected_error"}
+    assert_allclose(stored["expected_error"], told.expected_error, rtol=1e-3)  # half
 
 
 @pytest.mark.parametrize("engine", ["rays", "hybrid"])

@@ -229,6 +229,38 @@ def test_a_grey_picture_and_a_layer_are_written_back(tmp_path):
         assert_array_equal(new[f"spec.{c}"][1], channels[f"spec.{c}"][1])
 
 
+@pytest.mark.parametrize("compression", ["none", "zip", "piz", "dwaa:45"])
+@pytest.mark.parametrize("layout", [{}, {"tile_width": 32, "tile_height": 16}], ids=["whole", "tiles"])
+def test_channels_are_added_beside_the_picture(tmp_path, compression, layout):
+    """In the middle of the names, where decoders seek them; written again they take their own place."""
+    part = beauty(attributes={"compression": compression}, **layout)
+    source = write_exr(tmp_path / "in.exr", part)
+    frame, doubt = read_frame(source), values(30)
+    write_frame(tmp_path / "out.exr", frame, frame.image * 2, beside={"doubt": doubt})
+    old, new = read_channels(source), read_channels(tmp_path / "out.exr")
+    assert set(new) - set(old) == {"doubt"}
+    assert new["doubt"][0] == "float"
+    for name in ("Z", "ViewLayer.CryptoObject00.r"):
+        assert_array_equal(new[name][1], old[name][1])
+    if compression != "dwaa:45":
+        assert_array_equal(read_image(tmp_path / "out.exr"), frame.image * 2)
+        assert_array_equal(new["doubt"][1], doubt)
+    again = read_frame(tmp_path / "out.exr")
+    write_frame(tmp_path / "out.exr", again, again.image, beside={"doubt": 2 * doubt})
+    assert list(read_channels(tmp_path / "out.exr")) == list(new)
+    if compression != "dwaa:45":
+        assert_array_equal(read_channels(tmp_path / "out.exr")["doubt"][1], 2 * doubt)
+
+
+def test_channels_beside_a_layer_stand_in_it_and_other_parts_stay(tmp_path):
+    layer = {f"beauty.{c}": ("half", values()) for c in "RGB"}
+    parts = [{"channels": {"Z": ("float", values(9))}}, {"channels": layer}]
+    frame = read_frame(write_exr(tmp_path / "in.exr", *parts))
+    write_frame(tmp_path / "out.exr", frame, frame.image, beside={"doubt": values(3)})
+    assert set(read_spec(tmp_path / "out.exr", 1).channelnames) == {*layer, "beauty.doubt"}
+    assert set(read_spec(tmp_path / "out.exr", 0).channelnames) == {"Z"}
+
+
 def test_the_part_that_is_called_beauty_is_the_picture(tmp_path):
     parts = [{"channels": {c: ("half", np.full(SIZE, level)) for c in "RGB"}} for level in (0.25, 0.5)]
     parts[1]["attributes"] = {"oiio:subimagename": "beauty"}
@@ -305,6 +337,16 @@ def test_wrong_arguments_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(ImageFileError, match=r"unknown extension '\.bmp'"):
         write_frame(tmp_path / "out.bmp", frame, frame.image)
     assert os.listdir(tmp_path) == ["in.exr"]
+
+
+def test_only_exr_has_channels_beside_the_picture(tmp_path, store):
+    frame = read_frame(store("in.png", np.full((*SIZE, 3), 99, np.uint8)))
+    with pytest.raises(ParameterError, match=r"beside: expected nothing, as only EXR .* write an \.exr"):
+        write_frame(tmp_path / "out.tif", frame, frame.image, beside={"doubt": values()})
+    write_frame(tmp_path / "out.exr", frame, frame.image, beside={"doubt": values()})
+    assert set(read_channels(tmp_path / "out.exr")) == {"R", "G", "B", "doubt"}
+    with pytest.raises(ShapeError):
+        write_frame(tmp_path / "out.exr", frame, frame.image, beside={"doubt": values()[1:]})
 
 
 def test_colours_in_whole_numbers_cannot_hold_light(tmp_path):
