@@ -17,11 +17,13 @@ Eurographics 1987, for the walk along the pixels. Risers and coverage are ours.
 """
 
 import numpy as np
+from numba import prange
 
 from bokehnet.classical.layered.defocus_bins import BINS, TILE
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.pixel_boundaries import coverage_at, with_slopes
+from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.bits8 import meets8
 from bokehnet.classical.simd.float8 import (
     LANES,
@@ -41,7 +43,17 @@ from bokehnet.classical.simd.float8 import (
 )
 from bokehnet.kernels import njit
 
-__all__ = ["BELOW_ONE", "CLOSE", "LOOKS", "SHORT", "STEEPEST", "intersect", "intersect_smooth", "layer_cells"]
+__all__ = [
+    "BELOW_ONE",
+    "CLOSE",
+    "HIDES_NOTHING",
+    "LOOKS",
+    "SHORT",
+    "STEEPEST",
+    "intersect",
+    "intersect_smooth",
+    "layer_cells",
+]
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
@@ -52,14 +64,33 @@ SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles p
 STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
 # The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
 LOOKS, CLOSE = 8, np.float32(0.25)
+# Coverage of a layer behind which a ray need not look for others at that pixel.
+HIDES_NOTHING = np.float32(2)
+
+
+@njit(cache=True, parallel=True)
+def _mark_last(cells):  # type: ignore[no-untyped-def]
+    """Give ``HIDES_NOTHING`` to layers that cover their pixel and have no other depth behind them there."""
+    height, width, layers = cells.shape[:3]
+    for y in prange(height):
+        for x in range(width):
+            for layer in range(layers - 2, -1, -1):
+                own, behind = cells[y, x, layer], cells[y, x, layer + 1]
+                if behind[1] < 1.0 or own[1] < 1.0 or own[0] != behind[0]:
+                    break
+                own[1] = HIDES_NOTHING
 
 
 def layer_cells(layers: Layers) -> np.ndarray:
     """Defocus and coverage side by side, (H, W, L, 2), so that a look at a pixel reads one place.
 
-    Coverage tells how it changes inside its pixel, see :mod:`bokehnet.classical.layered.pixel_boundaries`.
+    Coverage tells how it changes inside its pixel, see :mod:`bokehnet.classical.layered.pixel_boundaries`;
+    where nothing more can be met behind a layer it is ``HIDES_NOTHING``.
     """
-    return np.stack([layers.defocus, with_slopes(layers.defocus, layers.coverage)], axis=-1)
+    cells = np.stack([layers.defocus, with_slopes(layers.defocus, layers.coverage)], axis=-1)
+    with parallel_region:
+        _mark_last(cells)
+    return cells
 
 
 @njit(cache=True)
@@ -91,6 +122,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     height, width, layers = size
     occupied, tile_rows, tile_columns, low, scale = tiles
     zero, one, threshold = broadcast8(_ZERO), broadcast8(_ONE), broadcast8(_THRESHOLD)
+    hides_nothing = broadcast8(HIDES_NOTHING)
     half, below_one = broadcast8(_HALF), broadcast8(BELOW_ONE)
     never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(low))
     per_bin, last_bin = broadcast8(np.float32(scale)), broadcast8(_LAST_BIN)
@@ -163,6 +195,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                 under = never
                 for layer in range(layers):
                     depth, cover = gather_pairs8(cells, inside_y, inside_x, width, 2 * layers, 2 * layer)
+                    hides = less8(cover, hides_nothing)
                     beneath = less8(depth, leave)
                     under = select8(beneath, max8(under, depth), under)
                     partly = and8(less8(zero, cover), less8(cover, one))
@@ -184,6 +217,8 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                     hit_depth = select8(hit, depth, hit_depth)
                     walking, marching = and_not8(walking, hit), and_not8(marching, hit)
                     waiting = and_not8(waiting, hit)
+                    if layer + 1 < layers and not any8(and8(walking, hides)):
+                        break
                 below, entry = select8(walking, under, below), leave
                 walking = and8(walking, less8(gone, within))
                 if not any8(walking):

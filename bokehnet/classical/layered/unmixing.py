@@ -114,6 +114,14 @@ PRIOR = _Prior(
     placed_rounds=4,
 )
 
+# The same weights, by rows and columns from the middle; of the 3x3 pixels one after the other.
+_WINDOW = np.exp(-np.add.outer(*2 * [np.arange(PRIOR.window + 1) ** 2]) / PRIOR.square)
+_EDGE_WINDOW = np.exp(-np.add.outer(*2 * [np.arange(PRIOR.edge_window + 1) ** 2]) / PRIOR.edge_square)
+_NEAR_WINDOW = np.exp(-np.add.outer(*2 * [np.arange(-1, 2) ** 2]).ravel() / PRIOR.near_square)
+
+# What a pixel shows of a surface of its neighbour: nothing, it alone, or it as its nearer or farther one.
+_NOTHING, _WHOLLY, _NEAR_SIDE, _FAR_SIDE = range(4)
+
 # Bit of sides beside those of discontinuities: pixels that are known to be mixed, and their weight.
 HELD, _KNOWN_MIXED = 4, 1e-3
 
@@ -177,7 +185,7 @@ def mean_color(image, defocus, spared, sides, y, x, depth, color):  # type: igno
         for u in range(max(0, x - PRIOR.window), min(width, x + PRIOR.window + 1)):
             if spared[v, u] or abs(defocus[v, u] - depth) > DISCONTINUITY_THRESHOLD:
                 continue
-            weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.square)
+            weight = _WINDOW[abs(v - y), abs(u - x)]
             if sides[v, u] != 0:
                 weight *= _KNOWN_MIXED if sides[v, u] & HELD else PRIOR.mixed
             total += weight
@@ -190,39 +198,50 @@ def mean_color(image, defocus, spared, sides, y, x, depth, color):  # type: igno
     return max(square / total - (color * color).sum(), 0.0) / 3.0
 
 
-@njit(cache=True)
-def _parted_mean(image, defocus, spared, index, colors, surfaces, y, x, depth, color):  # type: ignore[no-untyped-def]
-    """As :func:`mean_color`, of the 3x3 pixels around as far as they are parted."""
+@njit(cache=True, parallel=True)
+def _find_kin(index, defocus, spared, places, surfaces, kin):  # type: ignore[no-untyped-def]
+    """Fill ``kin``, (N, 2, 9): what the 3x3 pixels around show of the nearer and the farther surface."""
     height, width = defocus.shape
-    total = square = 0.0
-    color[:] = 0.0
-    for v in range(max(0, y - 1), min(height, y + 2)):
-        for u in range(max(0, x - 1), min(width, x + 2)):
-            if spared[v, u]:
-                continue
-            weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.near_square)
-            i = index[v, u]
-            if i < 0:
-                if abs(defocus[v, u] - depth) > DISCONTINUITY_THRESHOLD:
+    for i in prange(len(places)):
+        for k in range(9):
+            v, u = places[i, 0] + k // 3 - 1, places[i, 1] + k % 3 - 1
+            for side in range(2):
+                kin[i, side, k] = _NOTHING
+                if not (0 <= v < height and 0 <= u < width) or spared[v, u]:
                     continue
-                side = 0
-            else:
-                if abs(surfaces[i, 0] - depth) <= DISCONTINUITY_THRESHOLD:
-                    side, share = 0, surfaces[i, 2]
-                elif abs(surfaces[i, 1] - depth) <= DISCONTINUITY_THRESHOLD:
-                    side, share = 1, 1.0 - surfaces[i, 2]
-                else:
-                    continue
-                weight *= share * share + PRIOR.unseen
-            total += weight
-            for c in range(3):
-                shown = np.float64(image[v, u, c]) if i < 0 else colors[i, side, c]
-                color[c] += weight * shown
-                square += weight * shown * shown
+                j = index[v, u]
+                if j < 0:
+                    if abs(defocus[v, u] - surfaces[i, side]) <= DISCONTINUITY_THRESHOLD:
+                        kin[i, side, k] = _WHOLLY
+                elif abs(surfaces[j, 0] - surfaces[i, side]) <= DISCONTINUITY_THRESHOLD:
+                    kin[i, side, k] = _NEAR_SIDE
+                elif abs(surfaces[j, 1] - surfaces[i, side]) <= DISCONTINUITY_THRESHOLD:
+                    kin[i, side, k] = _FAR_SIDE
+
+
+@njit(cache=True)
+def _parted_mean(image, index, kin, colors, surfaces, y, x, color):  # type: ignore[no-untyped-def]
+    """As :func:`mean_color`, of the 3x3 pixels around as far as they are parted; ``kin``, (9,), of a side."""
+    total = square = red = green = blue = 0.0
+    for k in range(9):
+        if kin[k] == _NOTHING:
+            continue
+        v, u = y + k // 3 - 1, x + k % 3 - 1
+        weight = _NEAR_WINDOW[k]
+        if kin[k] == _WHOLLY:
+            r, g, b = np.float64(image[v, u, 0]), np.float64(image[v, u, 1]), np.float64(image[v, u, 2])
+        else:
+            i, side = index[v, u], kin[k] - _NEAR_SIDE
+            share = 1.0 - surfaces[i, 2] if side else surfaces[i, 2]
+            weight *= share * share + PRIOR.unseen
+            r, g, b = colors[i, side, 0], colors[i, side, 1], colors[i, side, 2]
+        total += weight
+        red, green, blue = red + weight * r, green + weight * g, blue + weight * b
+        square += weight * (r * r + g * g + b * b)
     if total == 0.0:
         return -1.0
-    color /= total
-    return max(square / total - (color * color).sum(), 0.0) / 3.0
+    color[0], color[1], color[2] = red / total, green / total, blue / total
+    return max(square / total - (color[0] ** 2 + color[1] ** 2 + color[2] ** 2), 0.0) / 3.0
 
 
 @njit(cache=True)
@@ -294,13 +313,12 @@ def _unmix(image, defocus, weights, spared, sides, places, held, shares, colors,
 
 
 @njit(cache=True, parallel=True)
-def _unmix_again(image, defocus, spared, index, places, shares, colors, surfaces, new_colors, new_surfaces):  # type: ignore[no-untyped-def]
+def _unmix_again(image, index, kin, places, shares, colors, surfaces, new_colors, new_surfaces):  # type: ignore[no-untyped-def]
     """Fill the new colours and surfaces from those around; ``shares`` and their spreads, (N, 2)."""
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
-        found = (image, defocus, spared, index, colors, surfaces, y, x)
-        front_variance = _parted_mean(*found, surfaces[i, 0], new_colors[i, 0])
-        back_variance = _parted_mean(*found, surfaces[i, 1], new_colors[i, 1])
+        front_variance = _parted_mean(image, index, kin[i, 0], colors, surfaces, y, x, new_colors[i, 0])
+        back_variance = _parted_mean(image, index, kin[i, 1], colors, surfaces, y, x, new_colors[i, 1])
         new_surfaces[i] = surfaces[i]
         new_surfaces[i, 2] = _part_means(
             image[y, x], new_colors[i], shares[i, 0], shares[i, 1], front_variance, back_variance
@@ -337,7 +355,7 @@ def _place_edges(index, places, first, colors, surfaces, shares):  # type: ignor
                 difference = 0.0
                 for c in range(3):
                     difference += (colors[j, 0, c] - colors[j, 1, c]) ** 2
-                weight = np.exp(-((v - y) * (v - y) + (u - x) * (u - x)) / PRIOR.edge_square)
+                weight = _EDGE_WINDOW[abs(v - y), abs(u - x)]
                 weight *= difference / (difference + PRIOR.edge_contrast)
                 slope = _edge_slope(first[j, 0])
                 moved += weight * slope * (surfaces[j, 2] - first[j, 0])
@@ -385,9 +403,11 @@ def unmix(
     colors, new_colors = (np.empty((len(places), 2, 3)) for _ in range(2))
     surfaces, new_surfaces = (np.empty((len(places), 4)) for _ in range(2))
     shares, placed = (np.empty((len(places), 2)) for _ in range(2))
+    kin = np.empty((len(places), 2, 9), np.uint8)
     with parallel_region:
         _unmix(image, defocus, weights, spared, sides, places, told, shares, colors, surfaces)
-        around = (image, defocus, spared, index, places)
+        _find_kin(index, defocus, spared, places, surfaces, kin)
+        around = (image, index, kin, places)
         for number in range(PRIOR.rounds + PRIOR.placed_rounds):
             if number == PRIOR.rounds:
                 _place_edges(index, places, shares, colors, surfaces, placed)

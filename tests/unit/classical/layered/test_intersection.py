@@ -69,7 +69,7 @@ def meet_one(
                     under = max(under, depth)
                     continue
                 cover = float(packed[row, column, layer])
-                riser = cover == 1 and depth - below <= DISCONTINUITY_THRESHOLD
+                riser = cover >= 1 and depth - below <= DISCONTINUITY_THRESHOLD
                 if cover > 0 and (depth <= entry or riser):
                     if cover < 1:
                         away_x = x + begin_x - u * depth - column_there - 0.5
