@@ -2,7 +2,9 @@
 
 Three scenes are drawn from seeds, a room, a place in the open and a table, whose triangles Embree meets. The
 truth is 1024 rays a pixel, the full count 64. Hybrids may send 35 % of that; below each stand full rays in
-the processor time that it took. Edge PSNR is that of :mod:`train.metrics`.
+the processor time that it took. The last hybrid sets out from our rays through the picture, and sends rays
+into the scene where :mod:`bokehnet.inference.expected_error` expects these to err. Edge PSNR is that of
+:mod:`train.metrics`.
 """
 
 import argparse
@@ -14,6 +16,7 @@ import numpy as np
 from bokehnet.baselines.ray_mask import normals_of_depth
 from bokehnet.baselines.selective_rays import SelectiveResult, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.inference.engine import Engine
 from bokehnet.optics.sample_allocation import neyman
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.baked_scene import BakedScene, View
@@ -34,13 +37,22 @@ _FAR = 1e7
 
 _SCENES = {"room": ((0, 1, 0), 3), "open": ((0, 0, 1), 5), "table": ((1, 0, 0), 2)}
 
-# Name, mask, rule, post-process, most rays a frame, frames.
+# Expected error, 8-bit levels, from which on a pixel sends rays, and from which on as many as it may.
+_LEAST_ERROR, _FULL_ERROR = 1.0, 4.0
+
+# What each hybrid is asked for.
+_OURS = {"mask": "reach", "rule": "ours", "post_process": scatter}
 _HYBRIDS = {
     "hybrid, as published": {"mask": "sobel", "rule": "tan"},
+    "hybrid, by tile": {"mask": "sobel", "rule": "tan", "by_tile": True},
     "hybrid, our mask": {"mask": "reach", "rule": "tan"},
-    "hybrid, ours": {"mask": "reach", "rule": "ours", "post_process": scatter},
-    "hybrid, ours, neyman": {"mask": "reach", "rule": "ours", "post_process": scatter, "allocation": neyman},
+    "hybrid, ours": _OURS,
+    "hybrid, ours, by tile": _OURS | {"by_tile": True},
+    "hybrid, ours, neyman": _OURS | {"allocation": neyman},
+    "hybrid, expected error": {"mask": "expected", "rule": "ours", "allocation": neyman},
 }
+_POST = {"hybrid, as published": "tan", "hybrid, by tile": "tan, by tile", "hybrid, ours": "scatter"}
+_POST |= {"hybrid, expected error": "rays through the picture"}
 
 
 def _callback(scene: BakedScene, gain: float, bound: float):  # type: ignore[no-untyped-def]
@@ -54,6 +66,15 @@ def _callback(scene: BakedScene, gain: float, bound: float):  # type: ignore[no-
         return gain * colors, np.where(hit, found["tfar"], bound), hit
 
     return trace_rays
+
+
+def _on_rays(engine: Engine, image: np.ndarray, defocus: np.ndarray) -> dict:
+    """The picture's own rays as post-process, and a mask of how far off they may be."""
+    made = engine.render(image, defocus, expected_error=True)
+    assert made.expected_error is not None
+    share = np.clip(made.expected_error / _FULL_ERROR, 0, 1)
+    share[made.expected_error < _LEAST_ERROR] = 0
+    return {"mask": share, "post_process": lambda image, defocus: made.bokeh}
 
 
 def compared(places: tuple[float, float, float], seed: int) -> list[tuple[str, float, float, float]]:
@@ -81,19 +102,21 @@ def compared(places: tuple[float, float, float], seed: int) -> list[tuple[str, f
     def row(name: str, picture: np.ndarray, rays: float, seconds: float) -> None:
         rows.append((name, compare(picture, truth, defocus)["edge_psnr"], rays, seconds))
 
-    trace_rays = _callback(scene, gain, _FAR)
+    trace_rays, engine = _callback(scene, gain, _FAR), Engine("rays")
     for name, options in _HYBRIDS.items():
 
         def hybrid(frames: int = 8, options: dict = options) -> SelectiveResult:
             given = options | {"frames": frames, "most": 8, "budget": _BUDGET}
+            if options["mask"] == "expected":
+                given |= _on_rays(engine, image.astype(np.float32), defocus)
             return selective_rays(image, depth, normals, trace_rays, lens, config.pixel_pitch, **given)
 
         hybrid(1)
         begun = process_time()
         made = hybrid()
         seconds = process_time() - begun
-        if options["mask"] == "sobel" or options["rule"] == "ours":
-            row("scatter alone" if rows else "post-process", made.post_process, 0, 0)
+        if name in _POST:
+            row(f"{_POST[name]}, alone", made.post_process, 0, 0)
         row(name, made.bokeh, float(made.rays.mean()), seconds)
         begun = process_time()
         scene.render(lens, view(4))
@@ -112,7 +135,7 @@ def main() -> None:
         for label, score, rays, seconds in compared(places, seed):
             share = rays / _FULL
             print(
-                f"{name:8s}{label:24s}{score:8.2f} dB{rays:8.1f} rays{share:8.1%}{seconds:8.2f} s", flush=True
+                f"{name:8s}{label:32s}{score:8.2f} dB{rays:8.1f} rays{share:8.1%}{seconds:8.2f} s", flush=True
             )
 
 

@@ -1,15 +1,18 @@
 """Where a hybrid of rasteriser and rays sends its rays: the published edge mask, and one of ours.
 
 Source: Tan et al., "A hybrid system for real-time rendering of depth of field effect in games", 2022, as
-thesis 000 gives it, 5.0.2 and 5.1.2 (eqs. 5.8 to 5.10).
+thesis 000 gives it, 5.0.2 and 5.1.2 (eqs. 5.8 to 5.10), and what it leaves for later, 6.0.1.
 """
 
 import numpy as np
 
-from bokehnet.checks import check_choice
+from bokehnet.baselines.scatter_as_you_gather import TILE, tile_ways
+from bokehnet.baselines.tiles import dilated_tiles
+from bokehnet.checks import check_choice, check_same_size
 from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.errors import ParameterError
 
-__all__ = ["MASKS", "gaussian", "normals_of_depth", "ray_mask", "sobel_magnitude"]
+__all__ = ["MASKS", "gaussian", "in_mixed_tiles", "normals_of_depth", "ray_mask", "sobel_magnitude"]
 
 MASKS = ("sobel", "sobel-depth", "reach")
 
@@ -70,8 +73,24 @@ def normals_of_depth(depth: np.ndarray, slope_per_pixel: float) -> np.ndarray:
     return np.where((normal * place).sum(-1, keepdims=True) > 0, -normal, normal)
 
 
+def in_mixed_tiles(defocus: np.ndarray) -> np.ndarray:
+    """Pixels of tiles that hold several depths, (H, W) bool.
+
+    Where a tile and those whose blur reaches it have one depth, within a tenth of the blur, nothing hides
+    anything, and where nothing is blurred rays bring nothing: there the post-process will do.
+
+    Args:
+        defocus: Signed blur radius in pixels, (H, W).
+    """
+    half = np.asarray(defocus) / 2
+    nearest, largest = dilated_tiles(half, TILE)
+    mixed = tile_ways(nearest, -dilated_tiles(-half, TILE)[0], largest) > 0
+    height, width = half.shape
+    return np.asarray(np.repeat(np.repeat(mixed, TILE, 0), TILE, 1)[:height, :width])
+
+
 def ray_mask(
-    kind: str, normals: np.ndarray, depth: np.ndarray, defocus: np.ndarray, scale: float = 1.0
+    kind: str | np.ndarray, normals: np.ndarray, depth: np.ndarray, defocus: np.ndarray, scale: float = 1.0
 ) -> np.ndarray:
     """Share of the most rays of a pixel that it asks for, (H, W), 0 to 1.
 
@@ -83,15 +102,21 @@ def ray_mask(
     else: there only can the post-process be wrong about what hides what.
 
     Args:
-        kind: One of ``MASKS``.
+        kind: One of ``MASKS``, or shares of one's own, (H, W), as an expected error gives them.
         normals: Of length 1, (H, W, 3).
         depth: (H, W).
         defocus: Signed blur radius in pixels, (H, W).
         scale: The published s.
 
     Raises:
-        ParameterError: Another kind.
+        ParameterError: Another kind, or shares outside 0 to 1.
+        ShapeError: Shares of another size.
     """
+    if isinstance(kind, np.ndarray):
+        check_same_size("defocus", defocus, "mask", kind)
+        if not ((kind >= 0) & (kind <= 1)).all():
+            raise ParameterError("mask", "shares from 0 to 1", shown=f"{kind.min():g} to {kind.max():g}")
+        return np.asarray(kind, np.float64)
     check_choice("mask", kind, MASKS)
     if kind == "reach":
         return np.asarray(geometric_error_map(defocus) > 0, np.float64)

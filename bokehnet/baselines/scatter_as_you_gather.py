@@ -25,6 +25,7 @@ from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
 __all__ = [
+    "TILE",
     "jimenez",
     "median_of_nine",
     "presort",
@@ -37,7 +38,7 @@ __all__ = [
 ]
 
 # Side of a tile at full size, pixels.
-_TILE = 32
+TILE = 32
 
 # By tile: the most rings, their distance in pixels of half the size, and the range of defocus in a tile, part
 # of its largest blur, that is still one depth.
@@ -190,7 +191,7 @@ def _main(  # type: ignore[no-untyped-def]
                         before[c] += light[row, column, c]
                     continue
                 radius = abs(coc[row, column])
-                ring = table[rings - 1, index, 1] * rings
+                ring = math.floor(table[rings - 1, index, 1] * rings + 0.5)  # a third times 3 is above 1
                 weight = spread_weight(ring, radius * rings / reach) * sample_alpha(radius)
                 far = presort(first - coc[row, column], fade)
                 for c in range(3):
@@ -226,21 +227,21 @@ def _render(
     check_above("fade", fade, 0)
     image, defocus, aperture = check_baseline(name, "outline", image, defocus, aperture)
     coc = extreme_of_four(defocus, largest=False) / np.float32(2)  # the farthest, in pixels of half the size
-    nearest, largest = dilated_tiles(coc, _TILE // 2)
+    nearest, largest = dilated_tiles(coc, TILE // 2)
     ways = np.full(largest.shape, kind.rings)
     if by_tile:
-        ways = tile_ways(nearest, -dilated_tiles(-coc, _TILE // 2)[0], largest)
+        ways = tile_ways(nearest, -dilated_tiles(-coc, TILE // 2)[0], largest)
     light = np.empty((*coc.shape, 3), np.float32)
     blurred = np.empty((*coc.shape, 4), np.float32)
     with parallel_region:
-        _prefilter(image, defocus, coc, 2 * largest, _TILE // 2, kind.prefilter, light)
+        _prefilter(image, defocus, coc, 2 * largest, TILE // 2, kind.prefilter, light)
         table, shape = tap_table(_MOST_RINGS if by_tile else kind.rings), outline(aperture)
         _main(
             light,
             coc,
             nearest,
             largest,
-            _TILE // 2,
+            TILE // 2,
             ways,
             table,
             shape,
@@ -252,7 +253,7 @@ def _render(
     full = doubled(blurred, *defocus.shape)
     # In focus: pixels whose blur is smaller than the diagonal of one, unless a foreground covers them.
     covered = np.clip(full[..., 3], 0, 1)
-    before = np.repeat(np.repeat(nearest, _TILE, 0), _TILE, 1)[: len(defocus), : defocus.shape[1]]
+    before = np.repeat(np.repeat(nearest, TILE, 0), TILE, 1)[: len(defocus), : defocus.shape[1]]
     covered = np.where(before > math.sqrt(0.5), covered, 0)
     share = np.maximum(np.clip((np.abs(defocus) - math.sqrt(0.5)) / math.sqrt(0.5), 0, 1), covered)
     return np.asarray(image + share[..., None] * (full[..., :3] - image), np.float32)

@@ -15,10 +15,11 @@ of full size. What the last frame brought is taken over by :mod:`bokehnet.baseli
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from bokehnet.baselines.ray_mask import gaussian, ray_mask
+from bokehnet.baselines.ray_mask import gaussian, in_mixed_tiles, ray_mask
 from bokehnet.baselines.reprojection import History
 from bokehnet.baselines.scatter_as_you_gather import tan
 from bokehnet.checks import check_above, check_choice, check_same_size, check_whole
@@ -174,12 +175,13 @@ def selective_rays(
     lens: LensModel,
     pixel_pitch: float,
     *,
-    mask: str = "sobel",
+    mask: str | np.ndarray = "sobel",
     rule: str = "tan",
+    by_tile: bool = False,
     most: int = 5,
     frames: int = 8,
     budget: float | None = None,
-    post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] = tan,
+    post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     specular: np.ndarray | None = None,
     allocation: Allocation | None = None,
     history: History | None = None,
@@ -195,13 +197,15 @@ def selective_rays(
         lens: A perfect one, focused.
         pixel_pitch: mm.
         mask: Which pixels send rays: ``sobel``, ``sobel-depth`` or ``reach``, see
-            :mod:`bokehnet.baselines.ray_mask`.
+            :mod:`bokehnet.baselines.ray_mask`; or what share of the most each may send, (H, W), 0 to 1.
         rule: ``tan``: as published. ``ours``: rays go where they are noisy and the post-process
             is seen to err, and the result is the mixture of both that errs least.
+        by_tile: Tiles of one depth send no rays (:func:`bokehnet.baselines.ray_mask.in_mixed_tiles`), and
+            Tan's post-process treats each tile as it needs.
         most: Rays of a pixel a frame, from 1 up.
         frames: Accumulated of a scene that stands still, from 1 up.
         budget: Rays of a pixel over all frames, in the mean of the picture, that are not to be passed.
-        post_process: Blurs a picture by its defocus in pixels.
+        post_process: Blurs a picture by its defocus in pixels; default: Tan's.
         specular: Pixels whose lights take the post-process, as published, (H, W) bool.
         allocation: With ``ours``, from the second frame on: which pixels send the rays of a frame, by how
             much their noise shows in the mixture (:mod:`bokehnet.optics.sample_allocation`). None: each as
@@ -222,8 +226,11 @@ def selective_rays(
         check_same_size("image", image, name, array)
     defocus = np.asarray(lens.coc_radius(1 / np.asarray(depth, np.float64)) / pixel_pitch, np.float32)
     size = defocus.shape
-    post = post_process(np.asarray(image, np.float32), defocus)
+    blurred = post_process or partial(tan, by_tile=by_tile)
+    post = blurred(np.asarray(image, np.float32), defocus)
     wanted = ray_mask(mask, normals, depth, defocus).ravel()
+    if by_tile:
+        wanted = wanted * in_mixed_tiles(defocus).ravel()
     focus = float(1 / _disparity_in_focus(lens))
     moments, rng = _Moments(defocus.size), np.random.default_rng(seed)
     if history is not None:

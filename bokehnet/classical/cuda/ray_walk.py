@@ -13,7 +13,7 @@ import numpy as np
 
 from bokehnet.classical.layered.defocus_bins import BINS, TILE
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
-from bokehnet.classical.layered.intersection import CLOSE, LOOKS, SHORT, STEEPEST
+from bokehnet.classical.layered.intersection import BELOW_ONE, CLOSE, LOOKS, SHORT, STEEPEST
 from bokehnet.classical.layered.pixel_boundaries import LEVELS, PER_SLOPE, STEPS
 from bokehnet.classical.layered.ray_accumulators import FILTERED_RADIUS, PLAIN
 from bokehnet.classical.layered.ray_marching import SETS, scramble
@@ -143,14 +143,17 @@ def make_march(jit: Callable[[Callable[..., Any]], Any]) -> Any:
                         if depth < leave:
                             under = max(under, depth)
                             continue
-                        if entry < depth and depth - below > _THRESHOLD:
+                        partly = cover > _ZERO and cover < _ONE
+                        if entry < depth and (partly or depth - below > _THRESHOLD):
                             continue
-                        if cover > _ZERO and cover < _ONE:
+                        if partly:
                             away_x = x + _HALF - u * depth - column - _HALF
                             away_y = y + _HALF - v * depth - row - _HALF
-                            cover = coverage(cover, away_x, away_y)
+                            cover = max(coverage(cover, away_x, away_y), _ZERO)
                         if chance < cover:
                             return inside_y, inside_x, layer, depth
+                        if partly:
+                            chance = min((chance - cover) / (_ONE - cover), BELOW_ONE)
                     below, entry = under, leave
                     walking = bool(gone < within)
                     if to_x < to_y:

@@ -5,6 +5,8 @@ straight line of pixels. A layer whose defocus the ray crosses inside a pixel is
 neighbouring pixels a layer is one surface, a riser, when its defocus differs by no more than
 ``DISCONTINUITY_THRESHOLD``; else there is a depth discontinuity, through which rays pass behind the nearer
 surface and meet what lies hidden there.
+A surface that covers its pixel in part has no riser: rays that come in behind it have passed it already, and
+blades of grass one behind the other, a little apart in depth, are no wall.
 
 Where nothing is hidden and no depth discontinuity is near, a layer is one smooth surface, and the place where
 a ray meets it is found in a few looks: :func:`intersect_smooth`.
@@ -42,6 +44,7 @@ from bokehnet.classical.simd.float8 import (
 from bokehnet.kernels import njit
 
 __all__ = [
+    "BELOW_ONE",
     "CLOSE",
     "HIDES_NOTHING",
     "LOOKS",
@@ -55,6 +58,7 @@ __all__ = [
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 _NEVER = np.float32(-1e30)
+BELOW_ONE = np.float32(1 - 2**-24)  # the largest chance
 _SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
 SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles pay
 STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
@@ -109,7 +113,9 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
         begin_y: The same from its upper side.
         u: Where the rays meet the pupil, aperture coordinate along x, lanes.
         v: Along y.
-        chance: A surface is met where this is below its coverage at that place of the pixel, lanes.
+        chance: A surface is met where this is below its coverage c at that place of the pixel, lanes, 0 up to
+            1. Behind it (chance - c) / (1 - c) decides, so that each surface is met by its own coverage,
+            whatever those before it have.
         hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
     """
@@ -117,7 +123,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     occupied, tile_rows, tile_columns, low, scale = tiles
     zero, one, threshold = broadcast8(_ZERO), broadcast8(_ONE), broadcast8(_THRESHOLD)
     hides_nothing = broadcast8(HIDES_NOTHING)
-    half = broadcast8(_HALF)
+    half, below_one = broadcast8(_HALF), broadcast8(BELOW_ONE)
     never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(low))
     per_bin, last_bin = broadcast8(np.float32(scale)), broadcast8(_LAST_BIN)
     last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
@@ -192,14 +198,19 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                     hides = less8(cover, hides_nothing)
                     beneath = less8(depth, leave)
                     under = select8(beneath, max8(under, depth), under)
-                    through_discontinuity = and8(less8(entry, depth), less8(threshold, depth - below))
                     partly = and8(less8(zero, cover), less8(cover, one))
+                    apart = select8(partly, zero - never, depth - below)
+                    through_discontinuity = and8(less8(entry, depth), less8(threshold, apart))
+                    crossed = and_not8(and_not8(walking, beneath), through_discontinuity)
+                    hit = and8(crossed, less8(chance, cover))
                     if any8(partly):
                         away_x = x + begin_x - u * depth - column - half
                         away_y = y + begin_y - v * depth - row - half
-                        cover = select8(partly, coverage_at(cover, away_x, away_y), cover)
-                    hit = and8(walking, less8(chance, cover))
-                    hit = and_not8(and_not8(hit, beneath), through_discontinuity)
+                        cover = select8(partly, max8(coverage_at(cover, away_x, away_y), zero), cover)
+                        hit = and8(crossed, less8(chance, cover))
+                        rest = divide8(chance - cover, one - min8(cover, below_one))
+                        missed = and_not8(and8(crossed, partly), hit)
+                        chance = select8(missed, min8(rest, below_one), chance)
                     hit_row = select8(hit, inside_y, hit_row)
                     hit_column = select8(hit, inside_x, hit_column)
                     hit_layer = select8(hit, broadcast8(np.float32(layer)), hit_layer)

@@ -56,8 +56,9 @@ def test_main_pass_is_what_the_theses_write(two_layers):
             row = math.floor(y + place * reach * math.sin(angle) + 0.5)
             column = math.floor(x + place * reach * math.cos(angle) + 0.5)
             r = abs(coc[row, column])
-            spread = saturate(rings / reach * r - place * rings + 1)
-            spread = spread**4 if place * rings <= 1 else spread
+            ring = round(place * rings)
+            spread = saturate(rings / reach * r - ring + 1)
+            spread = spread**4 if ring <= 1 else spread
             alpha = spread / (math.pi * max(r * r, 0.5))
             behind = smoothstep((first - coc[row, column]) / 2)
             fore += alpha * (1 - behind) * np.append(light[row, column], 1)

@@ -1,5 +1,7 @@
 """What all baselines have in common, and that engines render with them."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,28 @@ from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.lens_response import LensResponse
 
 NAMES = [*BASELINES]
+
+# Which test of this folder writes each method out, pixel by pixel.
+ORACLES = {
+    "gather_basic": "test_gathers.test_basic_gather_is_the_first_listing_with_its_mean_mended",
+    "gather_spiral": "test_gathers.test_advanced_gather_is_the_second_listing",
+    "gather_bokeh": "test_gathers.test_bokeh_gather_is_its_description",
+    "gather_passes": "test_oracles.test_multi_pass_gather_is_two_planes_laid_over_what_is_sharp",
+    "jimenez": "test_oracles.test_scatter_as_you_gather_is_its_passes_one_after_the_other",
+    "tan": "test_oracles.test_scatter_as_you_gather_is_its_passes_one_after_the_other",
+    "abadie": "test_oracles.test_abadie_is_two_gathered_layers_with_sprites",
+    "diffusion": "test_oracles.test_diffusion_solves_its_system_for_all_rows_then_all_columns",
+    "overlap": "test_filters.test_overlap_filter_is_its_equation_column_by_column_then_row_by_row",
+    "low_rank": "test_filters.test_low_rank_at_full_rank_spreads_the_image_of_the_opening",
+    "lommel": "test_oracles.test_lommel_spreads_the_spot_of_each_channels_wavelength",
+    "rectangle": "test_spreading.test_rectangle_spreads_squares_of_the_discs_area",
+    "perimeter": "test_spreading.test_perimeter_spreads_the_whole_image_of_the_opening",
+    "hybrid_spreading": "test_oracles."
+    "test_hybrid_spreading_takes_outlines_where_a_pixel_stands_out_and_squares_elsewhere",
+    "lens_spreading": "test_oracles.test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs",
+    "image_rays": "test_oracles.test_image_rays_meet_the_first_square_of_all",
+    "bokehme_scatter": "test_spreading.test_the_published_scatter_is_its_double_loop",
+}
 
 
 def scene(height=33, width=41):
@@ -77,6 +101,15 @@ def test_what_a_method_does_not_know_is_refused(name):
         else:
             with pytest.raises(ParameterError, match=rf"^aperture: expected .*{name}"):
                 method(image, defocus, aperture)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_method_has_a_slow_oracle(name):
+    file, function = ORACLES[name].split(".")
+    test = getattr(import_module(f"{__package__}.{file}"), function)
+    given = [mark.args[1] for mark in getattr(test, "pytestmark", [])]
+    assert name in test.__code__.co_names or any(name in row for rows in given for row in rows)
+    assert "wanted" in test.__code__.co_varnames or "sums" in test.__code__.co_varnames
 
 
 def test_baselines_stand_beside_the_engines():

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from bokehnet.baselines.ray_mask import normals_of_depth, ray_mask, sobel_magnitude
+from bokehnet.baselines.ray_mask import in_mixed_tiles, normals_of_depth, ray_mask, sobel_magnitude
 from bokehnet.baselines.reprojection import History
+from bokehnet.baselines.scatter_as_you_gather import tan
 from bokehnet.baselines.selective_rays import lens_rays, selective_rays, traced
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses import ThinLens
@@ -215,3 +216,39 @@ def test_rays_go_where_noise_shows_and_no_budget_is_passed():
     assert spread.rays.max() <= 8 * 6
     near = spread.rays > 0
     assert rms(spread.bokeh[near], exact[near]) < 1.05 * rms(even.bokeh[near], exact[near])
+
+
+def test_tiles_of_one_depth_send_no_rays_and_take_the_cheap_way():
+    """Far from a step, normals that turn are an edge to the published mask, but hide nothing."""
+    defocus = np.full((96, 160), 4.0, np.float32)
+    defocus[:, :16] = -6
+    mixed = in_mixed_tiles(defocus)
+    assert mixed[:, :32].all()
+    assert not mixed[:, 64:].any()
+    assert not in_mixed_tiles(np.zeros((40, 40), np.float32)).any()
+    image, depth, normals = pinhole()
+    wide = np.tile(image, (1, 4, 1))
+    depth, normals = np.full(wide.shape[:2], FAR / 2), np.tile(normals, (1, 4, 1))
+    normals[:, 60:] = [1, 0, 0]
+    whole, cheap = (
+        selective_rays(wide, depth, normals, trace_rays, LENS, PITCH, by_tile=way) for way in (False, True)
+    )
+    assert whole.rays.max() > 0
+    assert cheap.rays.max() == 0
+    assert np.array_equal(cheap.bokeh, tan(wide, whole_defocus(depth), by_tile=True))
+
+
+def whole_defocus(depth):
+    return (LENS.coc_radius(1 / depth) / PITCH).astype(np.float32)
+
+
+def test_a_mask_of_ones_own_says_who_sends_rays():
+    image, depth, normals = pinhole()
+    share = np.zeros(depth.shape)
+    share[:, WIDTH // 2 - 4 : WIDTH // 2 + 4] = 1
+    sent = selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share).rays
+    assert np.array_equal(sent > 0, share > 0)
+    with pytest.raises(ParameterError, match=r"^mask: expected shares from 0 to 1"):
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=2 * share)
+    with pytest.raises(ShapeError, match="mask"):
+        selective_rays(image, depth, normals, trace_rays, LENS, PITCH, mask=share[1:])

@@ -82,6 +82,25 @@ def test_a_steep_slope_does_not_leak():
     np.testing.assert_allclose(got[:, 5:20], 0.2, rtol=1e-4)
 
 
+@pytest.mark.parametrize("gap", [0.4, 5.0])
+def test_veils_one_behind_the_other_let_through_what_each_leaves(gap):
+    """Authority: "over". Blades of grass, a third of each pixel, close to each other or not."""
+    _, defocus = half_plane(6.0, -6.0)
+    depths = np.float32([6.0, 6.0 - gap, 6.0 - 2 * gap, -6.0])
+    shares = np.float32([1 / 3, 1 / 3, 1 / 3, 1])
+    colors = np.float32([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]])
+    rng = np.random.default_rng(3)
+    sway = rng.uniform(-0.15, 0.15, (SIZE, SIZE, 1)).astype(np.float32)  # no two pixels at the same depth
+    layers = Layers(
+        colors=np.broadcast_to(colors, (SIZE, SIZE, 4, 3)),
+        defocus=depths + sway,
+        coverage=np.broadcast_to(shares, (SIZE, SIZE, 4)),
+    )
+    through = np.cumprod([1, *(1 - shares[:-1])])
+    got = rays(np.zeros((SIZE, SIZE, 3), np.float32), defocus, layers=layers)[24:-24, EDGE - 4 : EDGE + 4]
+    assert np.abs(got.mean(axis=(0, 1)) - (through * shares) @ colors).max() < 0.03
+
+
 def test_true_layers_show_what_really_stands_behind():
     radius = 14.0
     image, defocus = half_plane(radius, 0.0)

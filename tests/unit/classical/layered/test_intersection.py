@@ -67,12 +67,15 @@ def meet_one(
                 depth = float(layers.defocus[row, column, layer])
                 if depth < leave:
                     under = max(under, depth)
-                elif depth <= entry or depth - below <= DISCONTINUITY_THRESHOLD:
-                    cover = float(packed[row, column, layer])
-                    if 0 < cover < 1:
+                    continue
+                cover = float(packed[row, column, layer])
+                riser = cover >= 1 and depth - below <= DISCONTINUITY_THRESHOLD
+                if cover > 0 and (depth <= entry or riser):
+                    if cover < 1:
                         away_x = x + begin_x - u * depth - column_there - 0.5
-                        cover = inside(cover, away_x, y + begin_y - v * depth - row_there - 0.5)
+                        cover = max(inside(cover, away_x, y + begin_y - v * depth - row_there - 0.5), 0.0)
                     if chance >= cover:
+                        chance = (chance - cover) / (1 - cover)
                         continue
                     return row, column, layer
             below = under
