@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.measurement import scene
 from benchmarks.quality import Engine, print_header, print_scores, score
-from bokehnet.classical.layered import layers
+from bokehnet.classical.layered import mixed_pixels
 from bokehnet.classical.layered.edge_spread import estimate_filter
 from bokehnet.classical.layered.unmixing import MixedPixels
 from bokehnet.classical.rays_renderer import rays
@@ -41,12 +41,12 @@ def _part_nothing(*_: object) -> MixedPixels:
 @contextmanager
 def without_unmixing() -> Iterator[None]:
     """Rays take every pixel for one surface."""
-    kept = layers.unmix, layers.part_lights
-    layers.unmix = layers.part_lights = _part_nothing
+    kept = mixed_pixels.unmix, mixed_pixels.part_lights
+    mixed_pixels.unmix = mixed_pixels.part_lights = _part_nothing
     try:
         yield
     finally:
-        layers.unmix, layers.part_lights = kept
+        mixed_pixels.unmix, mixed_pixels.part_lights = kept
 
 
 def pictures(large: bool) -> dict[str, tuple[np.ndarray, np.ndarray]]:

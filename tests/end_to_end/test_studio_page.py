@@ -62,6 +62,31 @@ def test_the_wheel_turns_the_focus_ring(page, settle):
     assert float(page.locator("#focus").input_value()) == pytest.approx(0.01)
 
 
+def test_two_fingers_turn_the_focus_ring(browser, studio):
+    """Authority: the map, whose wall is farthest, 0; 61 pixels further apart are five steps of 0.01."""
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    page = context.new_page()
+    page.goto(studio.address)
+    page.wait_for_selector("body[data-settled]")
+    hand, (x, y) = context.new_cdp_session(page), at(page, 0.1, 0.1)
+
+    def touch(kind: str, *places: tuple[float, float]) -> None:
+        points = [{"x": left, "y": top, "id": number} for number, (left, top) in enumerate(places)]
+        hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", (x, y))
+    touch("touchEnd")
+    until(page, "document.querySelector('#command').textContent.includes('--focus-at 18,12')")
+    touch("touchStart", (x, y))
+    touch("touchStart", (x, y), (x + 80, y))
+    for further in range(85, 141, 5):
+        touch("touchMove", (x, y), (x + further, y))
+    touch("touchMove", (x, y), (x + 141, y))
+    touch("touchEnd")
+    until(page, "Math.abs(document.querySelector('#focus').value - 0.05) < 0.006")
+    context.close()
+
+
 def test_keys_move_the_cursor_and_focus(page, settle):
     page.focus("#stage")
     for _ in range(3):

@@ -81,3 +81,12 @@ export function mark(canvas, { focus, cursor, path, radius }) {
     context.stroke();
   }
 }
+
+/** Do something once what was drawn is on the screen, so that it does not wait for this. */
+export function painted(then) {
+  requestAnimationFrame(() => {
+    const channel = new MessageChannel();
+    channel.port1.onmessage = then;
+    channel.port2.postMessage(0);
+  });
+}

@@ -1,15 +1,18 @@
 // The page: what is open, what is asked for, and what the hand does.
 
 import { Told, frame, frames, get, post, space, upload } from "./api.js";
-import { contextOf, draw, histogram, mark } from "./canvas.js";
+import { contextOf, draw, histogram, mark, painted } from "./canvas.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
 import { makeQuick, showQuick } from "./quick.js";
 import { showPresets, refreshPresets, stopPresets } from "./presets.js";
+import { ringByTouch } from "./touch.js";
 
 const $ = (id) => document.getElementById(id);
 const [stage, sheet, result, before, over, marks] = ["stage", "sheet", "result", "before", "over", "marks"].map($);
 
-const now = { state: null, facts: {}, tool: "focus", cursor: null, path: null, loupe: false, beforeOf: "" };
+const now = {
+  state: null, facts: {}, tool: "focus", cursor: null, path: null, tap: null, turned: null, loupe: false, beforeOf: "",
+};
 let pending = null, running = null, first = false, held = false;
 
 // ---- previews: one on its way, the last request wins
@@ -19,7 +22,7 @@ function ask({ changes = {}, preset, event } = {}) {
   if (!now.state?.open) return;
   pending ??= { changes: {}, begun: event?.timeStamp ?? performance.now(), kind: event?.type ?? "other" };
   for (const [group, fields] of Object.entries(changes)) {
-    if (group === "focus") pending.changes.focus = {};
+    if (group === "focus") [pending.changes.focus, now.turned] = [{}, null];
     pending.changes[group] = { ...pending.changes[group], ...fields };
   }
   if (preset !== undefined) pending.preset = preset;
@@ -75,15 +78,6 @@ async function render({ changes, preset, begun, kind }) {
   }
 }
 
-/** Do something once what was drawn is on the screen, so that it does not wait for this. */
-function painted(then) {
-  requestAnimationFrame(() => {
-    const channel = new MessageChannel();
-    channel.port1.onmessage = then;
-    channel.port2.postMessage(0);
-  });
-}
-
 function taken({ settings, version }) {
   const redraw = now.state.version !== version;
   now.state.settings = settings;
@@ -96,6 +90,7 @@ function taken({ settings, version }) {
 }
 
 function settled() {
+  if (!pending) now.turned = null;
   document.body.dataset.settled = String(Number(document.body.dataset.settled ?? 0) + 1);
   showCommand();
   refreshPresets();
@@ -268,23 +263,25 @@ function focusAt(point, event) {
 }
 
 function ring(steps, event) {
-  const facts = now.facts;
-  if (!now.state?.open || facts.focus_disparity == null) return;
+  if (!now.state?.open || now.facts.focus_disparity == null) return;
+  const from = now.turned ?? now.facts.focus_disparity; // pictures of earlier steps may be still to come
   if (now.state.kind === "metric") {
-    const dioptres = Math.max((1000 * facts.focus_disparity) * 1.04 ** steps, 1e-3);
+    const dioptres = Math.max(1000 * from * 1.04 ** steps, 1e-3);
     ask({ changes: { focus: { distance: 1 / dioptres } }, event });
-    facts.focus_disparity = dioptres / 1000;
+    now.turned = dioptres / 1000;
   } else {
-    facts.focus_disparity = Math.min(Math.max(facts.focus_disparity + 0.01 * steps, 0), 1);
-    ask({ changes: { focus: { value: Number(facts.focus_disparity.toFixed(4)) } }, event });
+    const turned = Math.min(Math.max(from + 0.01 * steps, 0), 1);
+    ask({ changes: { focus: { value: Number(turned.toFixed(4)) } }, event });
+    now.turned = turned;
   }
 }
 
 sheet.addEventListener("pointerdown", (event) => {
-  if (event.button !== 0) return;
+  if (event.button !== 0 || !event.isPrimary) return;
   now.cursor = null;
   if (now.tool === "focus") {
-    focusAt(place(event), event);
+    if (event.pointerType === "touch") now.tap = place(event); // a second finger may follow
+    else focusAt(place(event), event);
     return;
   }
   sheet.setPointerCapture(event.pointerId);
@@ -292,19 +289,22 @@ sheet.addEventListener("pointerdown", (event) => {
   mark(marks, marked());
 });
 sheet.addEventListener("pointermove", (event) => {
+  if (!event.isPrimary) return;
   if (now.path && now.path.length < 1900) {
     now.path.push(place(event));
     mark(marks, marked());
   } else if (now.loupe) lookAt(place(event));
 });
 sheet.addEventListener("pointerup", safely(async (event) => {
+  if (now.tap && event.isPrimary) focusAt(now.tap, event);
+  now.tap = null;
   if (!now.path) return;
   const { path, radius } = marked();
   now.path = null;
   await stroke({ effect: now.tool, points: path, radius, edges: $("brush-edges").checked });
 }));
 sheet.addEventListener("pointercancel", () => {
-  now.path = null;
+  now.path = now.tap = null;
   mark(marks, marked());
 });
 stage.addEventListener("wheel", (event) => {
@@ -312,6 +312,11 @@ stage.addEventListener("wheel", (event) => {
   event.preventDefault();
   ring(-Math.sign(event.deltaY), event);
 }, { passive: false });
+
+ringByTouch(stage, (steps, event) => {
+  now.path = now.tap = null; // what the first finger may have begun
+  ring(steps, event);
+});
 
 async function stroke(told) {
   now.state = { ...now.state, ...(await post("stroke", { stroke: told })) };
