@@ -2,18 +2,14 @@
 
 import dataclasses
 import math
-import tomllib
-import zipfile
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 
-from bokehnet.config import build_config
-from bokehnet.errors import ConfigError, LensError
+from bokehnet.errors import LensError
+from bokehnet.lenses.lens_archive import opened_archive, write_archive
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.prescription_file import Prescription
-from bokehnet.lenses.prescription_toml import prescription_toml
 from bokehnet.lenses.profile_texture import ProfileTexture
 
 __all__ = ["read_profile", "write_profile"]
@@ -24,10 +20,10 @@ _KIND = "lens profile texture 1"
 def write_profile(texture: ProfileTexture, lens: PrescriptionLens, file: Path | IO[bytes]) -> None:
     """Write a texture and the lens it was traced of, as it is focused and stopped down, as .npz."""
     arrays = {item.name: getattr(texture, item.name) for item in dataclasses.fields(ProfileTexture)}
-    np.savez_compressed(
+    write_archive(
         file,
-        kind=_KIND,
-        prescription=prescription_toml(lens.prescription),
+        _KIND,
+        lens.prescription,
         f_number=math.nan if lens.f_number is None else lens.f_number,
         focus_distance=lens.focus_distance,
         focusing=lens.focusing,
@@ -41,28 +37,16 @@ def read_profile(path: str | Path) -> tuple[ProfileTexture, PrescriptionLens]:
     Raises:
         LensError: The file is missing or damaged, or holds something else.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            if str(file["kind"]) != _KIND:
-                raise LensError(f"{path}: expected a {_KIND}, found {str(file['kind'])[:60]!r}")
-            texture = ProfileTexture(
-                planes=np.asarray(file["planes"], float),
-                reach=np.asarray(file["reach"], float),
-                light=np.asarray(file["light"], np.float32),
-                image_gap=float(file["image_gap"]),
-            )
-            prescription = build_config(
-                tomllib.loads(str(file["prescription"])), Prescription, f"{path}: prescription"
-            )
-            f_number, distance = float(file["f_number"]), float(file["focus_distance"])
-            focusing = str(file["focusing"])
-    except OSError as error:
-        raise LensError(f"cannot read profile texture {path}: {error.strerror or error}") from error
-    except (EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise LensError(f"{path}: expected a {_KIND}, found something else: {error}") from error
-    except ConfigError as error:
-        raise LensError(str(error)) from error
-    problem = prescription.problem() or _problem(texture)
+    with opened_archive(path, _KIND, "profile texture") as (file, prescription):
+        texture = ProfileTexture(
+            planes=np.asarray(file["planes"], float),
+            reach=np.asarray(file["reach"], float),
+            light=np.asarray(file["light"], np.float32),
+            image_gap=float(file["image_gap"]),
+        )
+        f_number, distance = float(file["f_number"]), float(file["focus_distance"])
+        focusing = str(file["focusing"])
+    problem = _problem(texture)
     if focusing not in ("sharpest", "paraxial"):
         problem = f"focusing: expected sharpest or paraxial, got {focusing[:60]!r}"
     if problem is not None:

@@ -2,8 +2,6 @@
 
 import dataclasses
 import math
-import tomllib
-import zipfile
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,11 +9,9 @@ from typing import IO
 
 import numpy as np
 
-from bokehnet.config import build_config
-from bokehnet.errors import ConfigError, LensError
+from bokehnet.errors import LensError
+from bokehnet.lenses.lens_archive import opened_archive, write_archive
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.lenses.prescription_file import Prescription
-from bokehnet.lenses.prescription_toml import prescription_toml
 from bokehnet.lenses.transfer import TransferLens, TransferTable
 from bokehnet.optics.sampling import disc_from_square, halton
 
@@ -48,10 +44,10 @@ def write_transfer(lens: TransferLens, file: Path | IO[bytes]) -> None:
     """Write the table of a lens and its prescription, as .npz; iris and focus are not part of it."""
     table = lens.table
     numbers = {name: getattr(table, name) for name in _NUMBERS}
-    np.savez_compressed(
+    write_archive(
         file,
-        kind=_KIND,
-        prescription=prescription_toml(lens.prescription),
+        _KIND,
+        lens.prescription,
         degree=lens.degree,
         dispersive=lens.dispersive,
         coefficients=table.coefficients,
@@ -65,28 +61,16 @@ def read_transfer(path: str | Path) -> TransferLens:
     Raises:
         LensError: The file is missing or damaged, or holds something else.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            if str(file["kind"]) != _KIND:
-                raise LensError(f"{path}: expected a {_KIND}, found {str(file['kind'])[:60]!r}")
-            table = TransferTable(
-                coefficients=np.asarray(file["coefficients"], float),
-                **{name: float(file[name]) for name in _NUMBERS},
-            )
-            prescription = build_config(
-                tomllib.loads(str(file["prescription"])), Prescription, f"{path}: prescription"
-            )
-            degree, dispersive = int(file["degree"]), bool(file["dispersive"])
-    except OSError as error:
-        raise LensError(f"cannot read lens {path}: {error.strerror or error}") from error
-    except (EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise LensError(f"{path}: expected a {_KIND}, found something else: {error}") from error
-    except ConfigError as error:
-        raise LensError(str(error)) from error
-    problem = prescription.problem()
+    problem = None
+    with opened_archive(path, _KIND, "lens") as (file, prescription):
+        table = TransferTable(
+            coefficients=np.asarray(file["coefficients"], float),
+            **{name: float(file[name]) for name in _NUMBERS},
+        )
+        degree, dispersive = int(file["degree"]), bool(file["dispersive"])
     rows = math.comb(degree + 3 + dispersive, degree) if 0 <= degree <= 12 else 0
     shape = table.coefficients.shape
-    if problem is None and (len(shape) != 2 or shape[0] < 5 or shape[1] != rows):
+    if len(shape) != 2 or shape[0] < 5 or shape[1] != rows:
         problem = f"coefficients: expected {rows} columns for degree {degree}, got {shape}"
     if problem is None and not all(map(np.isfinite, [table.coefficients.sum(), table.sensor])):
         problem = "coefficients: expected finite numbers"
