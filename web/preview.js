@@ -71,7 +71,7 @@ function compiled(kind, text) {
 }
 
 function begin() {
-  gl = canvas.getContext("webgl2", { antialias: false, alpha: false });
+  gl = canvas.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
   if (!gl) throw new Error("this browser has no WebGL 2");
   const program = gl.createProgram();
   gl.attachShader(program, compiled(gl.VERTEX_SHADER, CORNERS));

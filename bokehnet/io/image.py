@@ -84,7 +84,7 @@ def write_image(
     image: NDArray[Any],
     *,
     alpha: NDArray[Any] | None = None,
-    quality: int = 98,
+    quality: int = 97,
     bits: Bits | None = None,
     color_space: Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
     subsampling: Subsampling = "4:4:4",

@@ -78,7 +78,7 @@ class OutputFormat:
 
     color_space: str = "keep"
     bits: Bits | None = None
-    quality: int = 98
+    quality: int = 97
     subsampling: Subsampling = "4:4:4"
     dither: bool = True
 

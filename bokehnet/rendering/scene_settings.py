@@ -394,8 +394,8 @@ class OutputSettings(Group):
         "8, 10, 16, half or float for each channel, as the format can; default: as the picture's file.",
     )
     quality: int = setting(
-        98,
-        "Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; default 98. WebP of 100 is without loss.",
+        97,
+        "Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; default 97. WebP of 100 is without loss.",
         low=1,
         high=100,
     )
