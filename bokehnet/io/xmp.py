@@ -9,7 +9,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
-from xml.sax.saxutils import escape, quoteattr
 
 from bokehnet.errors import ImageFileError
 
@@ -164,6 +163,8 @@ def _strip(element: Element) -> None:
 
 def _written(root: Element, prefixes: Mapping[str, str]) -> str:
     """An element as text, its namespaces under the prefixes that they had."""
+    from xml.sax.saxutils import escape, quoteattr  # here: it loads what fetches files from the network
+
     used = dict(prefixes)
 
     def short(name: str) -> str:
