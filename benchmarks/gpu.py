@@ -4,11 +4,16 @@ Renders a picture by each engine there and on this machine's cores, and prints t
 agree. Then it times forward and backward of the torch operations, counts the bytes that they move through
 memory, and sets the rate beside the card's peak and beside that of a plain copy on it. The numba kernels
 render the same picture on this machine's cores in the same run: the sums must agree. Without a CUDA device
-it says so; ``--device cpu`` then shows that the command works, on a small picture.
+it says so, and how far what a device would do agrees with the CPU: the scatter by torch on the CPU, the
+rays in numba's simulator of a device, on a picture of a few pixels. ``--device cpu`` shows that the rest of
+the command works, on a small picture.
 """
 
 import argparse
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -165,6 +170,24 @@ def measure_engines(width: int, height: int, blur: float, device: str, repeats: 
         )
 
 
+def simulate(width: int, height: int, blur: float) -> None:
+    """Print how far pictures by a device's own code agree with the CPU's, in a simulator of a device."""
+    from bokehnet.classical.cuda.march import CudaMarch
+    from bokehnet.classical.rays_renderer import Device, render_rays
+    from bokehnet.classical.scatter_renderer import scatter
+    from bokehnet.classical.torch.device_scatter import scatter_on
+
+    image, radii = scene(width, height, blur)
+    device = Device(scatter_on("cpu"), CudaMarch())
+    wanted = {"scatter": scatter(image, radii), "rays": render_rays(image, radii, rays_share=0.125).bokeh}
+    simulated = render_rays(image, radii, rays_share=0.125, device=device).bokeh
+    found = {"scatter": device.scatter(image, radii), "rays": simulated}
+    for name, picture in found.items():
+        error = float(np.sqrt(np.mean((picture - wanted[name]) ** 2)))
+        told = -20 * math.log10(max(error, 1e-12))
+        print(f"{name:8s}by the device's code, simulated: {width}x{height}, agrees to {told:.0f} dB")
+
+
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -172,13 +195,20 @@ def main() -> None:
     parser.add_argument("--blur", type=float, default=60.0, help="largest radius, pixels")
     parser.add_argument("--device", default="cuda")
     parser.add_argument("--repeats", type=int, default=20)
+    parser.add_argument("--simulated", action="store_true", help="what is printed where there is no device")
     arguments = parser.parse_args()
+    if arguments.simulated:
+        simulate(32, 24, 6.0)
+        return
     device = torch.device(arguments.device)
     if device.type == "cuda" and not torch.cuda.is_available():
         print(
             f"There is no CUDA device here (torch {torch.__version__} finds none): nothing was measured. "
-            "--device cpu --size 480 270 --blur 15 shows that the command works."
+            "--device cpu --size 480 270 --blur 15 shows that the command works.",
+            flush=True,
         )
+        words = [sys.executable, "-W", "ignore", "-m", "benchmarks.gpu", "--simulated"]
+        subprocess.run(words, env=os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}, check=True)
         return
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU"
     width, height = arguments.size

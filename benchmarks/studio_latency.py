@@ -26,6 +26,7 @@ import OpenImageIO as oiio  # noqa: N813
 from playwright.sync_api import Page, sync_playwright
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "real"
+KINDS = ("click", "slider", "preset")
 STAGES = ("draft", "scatter", "final")
 WORDS = {"draft": "first", "scatter": "screen", "final": "engine"}
 _PAUSE = 300  # milliseconds of a hand between two clicks
@@ -107,7 +108,7 @@ def told(times: list[float]) -> str:
     return f"{np.percentile(times, 50):6.0f} {np.percentile(times, 95):6.0f}"
 
 
-def measure(picture: Path, disparity: Path, clicks: int, browser: Any) -> None:
+def measure(picture: Path, disparity: Path, clicks: int, browser: Any, kinds: tuple[str, ...]) -> None:
     """Measure one picture and print its table."""
     words = [sys.executable, "-m", "bokehnet", "studio", "--no-browser", str(picture)]
     blur = 0.05 * oiio.ImageBuf(str(picture)).spec().width
@@ -132,7 +133,7 @@ def measure(picture: Path, disparity: Path, clicks: int, browser: Any) -> None:
             "[document.querySelector('#result').width, document.querySelector('#result').height]"
         )
         print(f"{picture.name}: preview {size[0]}x{size[1]}; milliseconds, p50 and p95")
-        for kind in ("click", "slider", "preset"):
+        for kind in kinds:
             act(page, kind, 3, rng, "scatter")  # warm
             found = act(page, kind, clicks, rng, "scatter")
             last = act(page, kind, 3, rng, "final")["final"] if kind == "click" else []
@@ -154,6 +155,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=SHARED)
     parser.add_argument("--clicks", type=int, default=30)
     parser.add_argument("--only", choices=("small", "large"))
+    parser.add_argument("--kind", choices=KINDS, help="only this; default all three")
     given = parser.parse_args()
     sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as folder:
@@ -165,7 +167,7 @@ def main() -> None:
         ]
         for name, (picture, disparity) in {"small": small, "large": large}.items():
             if given.only in (None, name):
-                measure(picture, disparity, given.clicks, browser)
+                measure(picture, disparity, given.clicks, browser, (given.kind,) if given.kind else KINDS)
         browser.close()
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 

@@ -15,10 +15,26 @@ function tell(line) {
   told.append(`${line} `);
 }
 
+/** Say beside a control what is wrong with it; "" where nothing is. */
+function blame(name, line) {
+  document.querySelector(`[data-fault="${name}"]`).textContent = line;
+}
+
+function fail(line) {
+  bar.hidden = true;
+  status.textContent = `Failed: ${line}`;
+}
+
+if (!result.transferControlToOffscreen) {
+  fail("this browser cannot draw beside the page (OffscreenCanvas), as those since 2023 can");
+  throw new Error(status.textContent);
+}
+
 // Threads need two headers; where the host does not send them, isolate.js adds them, once it has the page.
 if (!crossOriginIsolated && navigator.serviceWorker && !sessionStorage.getItem("isolating")) {
   sessionStorage.setItem("isolating", "yes"); // once, lest the page loads for ever
-  await navigator.serviceWorker.register("isolate.js").then(() => navigator.serviceWorker.ready, () => null);
+  const there = navigator.serviceWorker.register("isolate.js").then(() => navigator.serviceWorker.ready, () => null);
+  await Promise.race([there, new Promise((resolve) => setTimeout(resolve, 5000))]); // some browsers never answer
   location.reload();
   await new Promise(() => {});
 }
@@ -33,6 +49,7 @@ const SMALL = 640;
 
 let asked = 0;
 let opened = null;
+let opening = null;
 let ready = false;
 let resting = 0;
 window.previews = 0;
@@ -44,12 +61,21 @@ function begin(target, canvas, more = {}) {
 begin(worker, result, { model: given.get("model") ?? "fast.onnx", provider: given.get("provider") ?? "auto" });
 begin(previewer, quick);
 
-const numbers = () =>
-  Object.fromEntries(["K", "focus", "gamma"].map((name) => [name, Number(form.elements[name].value)]));
+const NUMBERS = ["K", "focus", "gamma"];
+const numbers = () => Object.fromEntries(NUMBERS.map((name) => [name, Number(form.elements[name].value)]));
+
+/** Whether all numbers are within their bounds; what is not is told beside its control. */
+function sound() {
+  for (const name of NUMBERS) {
+    const { validity, validationMessage, value, min, max } = form.elements[name];
+    blame(name, validity.valid ? "" : value === "" ? `expected a number from ${min} to ${max}` : validationMessage);
+  }
+  return NUMBERS.every((name) => form.elements[name].validity.valid);
+}
 
 /** Ask for the picture by the numbers in the form; what was asked for before is given up. */
 function render() {
-  if (!opened) return;
+  if (!opened || !sound()) return;
   clearTimeout(resting);
   resting = 0;
   worker.postMessage({ id: ++asked, numbers: numbers() });
@@ -61,17 +87,18 @@ function render() {
 
 /** Show a quick picture, and ask for the renderer's once the hand rests. */
 function follow() {
-  if (!opened) return;
+  if (!sound() || !opened) return;
   if (ready) previewer.postMessage({ numbers: numbers() });
   clearTimeout(resting);
   resting = setTimeout(render, REST);
 }
 
+/** Open files; the picture that is there stays until both are read. */
 function open(photo, disparity) {
-  opened = { photo, disparity };
-  ready = false;
-  worker.postMessage({ open: opened });
-  render();
+  for (const name of ["photo", "disparity"]) blame(name, "");
+  opening = { photo, disparity };
+  status.textContent = "Opening ...";
+  worker.postMessage({ open: opening });
 }
 
 function showSliders() {
@@ -83,11 +110,13 @@ worker.onmessage = ({ data }) => {
     document.body.dataset.provider = data.provider;
     if (data.why) tell(`${data.why}: WebAssembly does the work, on the processor.`);
   } else if (data.opened) {
-    opened = { ...opened, ...data.opened };
+    opened = { ...opening, ...data.opened };
+    ready = false;
     const { width, height, photo, disparity } = opened;
     const small = Math.min(1, SMALL / Math.max(width, height));
     const size = { width: Math.round(width * small), height: Math.round(height * small) };
     previewer.postMessage({ open: { photo, disparity, ...size, full: width } });
+    render();
   } else if (data.focus !== undefined) {
     form.elements.focus.value = data.focus.toFixed(3);
     showSliders();
@@ -101,16 +130,18 @@ worker.onmessage = ({ data }) => {
     save.hidden = false;
     bar.hidden = quick.hidden = true;
     status.textContent = `${opened.width}x${opened.height} in ${data.seconds.toFixed(1)} s`;
+  } else if (data.told) {
+    tell(data.told);
   } else if (data.error) {
-    bar.hidden = true;
-    status.textContent = `Failed: ${data.error}`;
+    if (data.of) {
+      blame(data.of, data.error);
+      opening = null;
+    }
+    fail(data.error);
   }
 };
 
-worker.onerror = (event) => {
-  bar.hidden = true;
-  status.textContent = `Failed: ${event.message || "the browser cannot run module workers"}`;
-};
+worker.onerror = (event) => fail(event.message || "the browser cannot run module workers");
 
 previewer.onmessage = ({ data }) => {
   if (data.ready) ready = true;
@@ -138,7 +169,7 @@ form.addEventListener("input", ({ target }) => {
 form.addEventListener("submit", (event) => {
   event.preventDefault();
   const [photo, disparity] = ["photo", "disparity"].map((name) => form.elements[name].files[0]);
-  if (photo && disparity) open(photo, disparity);
+  if (photo && disparity && (photo !== opening?.photo || disparity !== opening?.disparity)) open(photo, disparity);
   else if (opened) render();
   else status.textContent = "Choose a photo and its disparity first.";
 });

@@ -4,9 +4,11 @@ import { renderBokeh } from "./bokeh.js";
 
 const RUNTIME = "./node_modules/onnxruntime-web/dist";
 
-// Largest side of a tile without what it sees around itself, and steps in which both grow: the network halves
-// the picture a few times, and each tile must be halved where the whole would be.
+// Largest side of a tile without what it sees around itself, the least to which it goes where memory is short,
+// and steps in which both grow: the network halves the picture a few times, and each tile must be halved where
+// the whole would be.
 const TILE = 1024;
+const LEAST = 128;
 const STEP = 64;
 
 // Pixels that the network looks around itself, beyond the blur.
@@ -23,6 +25,7 @@ let photo;
 let disparity;
 let shown;
 let latest = 0;
+let tile = TILE;
 let turn = Promise.resolve();
 
 /** Pixels of an image file, scaled to `size` where that is given. */
@@ -57,7 +60,7 @@ function mostBlurred({ K, focus }) {
 }
 
 /** Side of the tiles of a picture of that length: all about alike. */
-const side = (length) => STEP * Math.ceil(length / Math.ceil(length / TILE) / STEP);
+const side = (length) => STEP * Math.ceil(length / Math.ceil(length / tile) / STEP);
 
 /** Give the page's canvas its size. */
 function fit({ width, height }) {
@@ -106,6 +109,7 @@ async function against(quick, sure, anySpeed) {
  * quicker in a trial (however quick, where the page asks for it); else WebAssembly does.
  */
 async function load(model, provider) {
+  if (!globalThis.WebAssembly) throw new Error("this browser has no WebAssembly, by which the network runs");
   const card = await hasCard(provider);
   globalThis.ort = await import(`${RUNTIME}/ort.${card ? "all" : "wasm"}.min.mjs`);
   const create = (name) => ort.InferenceSession.create(model, { executionProviders: [name], logSeverityLevel: 3 });
@@ -125,6 +129,34 @@ async function load(model, provider) {
   }
   postMessage({ provider: "wasm", why });
   return sure;
+}
+
+/** Whether an error says that there is too little memory: of the browser, of WebAssembly, or of the runtime. */
+const isMemory = (error) =>
+  error instanceof RangeError || /memory|alloc|too large|^\d+$/i.test(String(error?.message ?? error));
+
+/** Render, in smaller tiles where there is too little memory for large ones. */
+async function renderWithin(id, numbers) {
+  for (;;) {
+    try {
+      return await render(id, numbers);
+    } catch (error) {
+      if (!isMemory(error)) throw error;
+      if (tile <= LEAST) throw new Error("too little memory in this browser; try less blur or a smaller photo");
+      tile /= 2;
+      postMessage({ told: `Too little memory for large tiles: they are ${tile} pixels wide now, which takes longer.` });
+    }
+  }
+}
+
+/** Pixels of what a control gave; an error tells which. */
+async function decoded(of, blob, size) {
+  try {
+    return await pixels(blob, size);
+  } catch (error) {
+    const why = isMemory(error) ? "too large for this browser's memory" : "no picture that this browser can read";
+    throw Object.assign(new Error(`the ${of}: ${why}`), { of });
+  }
 }
 
 const pause = () => new Promise((resolve) => setTimeout(resolve));
@@ -166,10 +198,10 @@ async function render(id, numbers) {
 async function answer({ id, model, provider, canvas, open, focusAt, numbers }) {
   try {
     if (canvas) shown = canvas;
-    if (model) session = load(model, provider);
+    if (model) (session = load(model, provider)).catch((error) => postMessage({ error: error.message ?? String(error) }));
     if (open) {
-      photo = await pixels(open.photo);
-      disparity = await pixels(open.disparity, photo);
+      const one = await decoded("photo", open.photo);
+      [photo, disparity] = [one, await decoded("disparity", open.disparity, one)];
       fit(photo);
       postMessage({ opened: { width: photo.width, height: photo.height } });
     }
@@ -177,9 +209,9 @@ async function answer({ id, model, provider, canvas, open, focusAt, numbers }) {
       const at = Math.round(focusAt.y * (photo.height - 1)) * photo.width + Math.round(focusAt.x * (photo.width - 1));
       postMessage({ focus: disparity.data[4 * at] / 255 });
     }
-    if (numbers && photo && id === latest) await render(id, numbers);
+    if (numbers && photo && id === latest) await renderWithin(id, numbers);
   } catch (error) {
-    postMessage({ error: error.message ?? String(error), id });
+    postMessage({ error: error.message ?? String(error), id, of: error.of });
   }
 }
 

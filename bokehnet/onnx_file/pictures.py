@@ -17,6 +17,12 @@ def pad_to_multiple(g: Graph, x: Value, multiple: Value | int, mode: str = "edge
         mode: "edge" repeats the last ones, "constant" adds zeros.
     """
     multiple = g.sizes(multiple)
+    if mode == "edge":  # not by Pad, which onnxruntime-web 1.30 gets wrong with WebGPU
+        for axis in (-2, -1):
+            side = g.op("Shape", x, dtype=np.int64).cut(0, axis, END if axis == -1 else -1)
+            length = (side + multiple - 1) // multiple * multiple
+            x = x.take(g.minimum(g.count_up(length), side - 1), axis)
+        return x
     shape = g.op("Shape", x, dtype=np.int64)
     sides = shape.cut(0, -2, END)
     missing = (multiple - sides % multiple) % multiple

@@ -105,7 +105,7 @@ def _answered(handler: Handler) -> Handler:
                 {"error": f"expected another request: {type(error).__name__}", "path": ""}, 400
             )
         except Exception as error:  # a fault of ours is told, and the page goes on
-            return JSONResponse({"error": f"failed by a fault: {type(error).__name__}: {error}"}, 500)
+            return JSONResponse({"error": _fault(error)}, 500)
 
     return answer
 
@@ -113,6 +113,11 @@ def _answered(handler: Handler) -> Handler:
 def _told(error: BokehnetError, status: int) -> Response:
     path = error.parameter if isinstance(error, ParameterError) else ""
     return JSONResponse({"error": " ".join(str(error).split()), "path": path}, status)
+
+
+def _fault(error: Exception) -> str:
+    """One line of what no check of ours foresaw."""
+    return " ".join(f"failed by a fault: {type(error).__name__}: {error}".split())
 
 
 async def _json(request: Request) -> dict[str, Any]:
@@ -334,6 +339,8 @@ class _Api:
                 yield _line(stage="cancelled")
             except BokehnetError as error:
                 yield _line(stage="error", error=" ".join(str(error).split()))
+            except Exception as error:  # a fault of ours is told, and the page goes on
+                yield _line(stage="error", error=_fault(error))
             finally:
                 cancel.set()
 

@@ -1,9 +1,12 @@
 """The studio as a hand meets it, in a browser."""
 
+import os
 import shlex
+import signal
 import socket
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -264,6 +267,34 @@ def test_only_this_machine_can_reach_the_studio(studio):
     assert [one for one in listening if one.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
     with socket.create_connection(("127.0.0.1", port)):
         pass
+
+
+def helpers(process) -> list[int]:
+    """The processes in which a studio does what takes long, as Linux tells them."""
+    try:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    except OSError:
+        pytest.skip("needs /proc")
+    return [int(one) for one in children if b"spawn_main" in Path(f"/proc/{one}/cmdline").read_bytes()]
+
+
+def test_a_render_that_crashes_is_told_and_the_next_one_works(page, files, studio, pixels, settle):
+    """The process of the engine is stopped, then killed, once the quick picture is there."""
+    working = helpers(studio.process)
+    assert working
+    for one in working:
+        os.kill(one, signal.SIGSTOP)
+    page.evaluate("() => { delete document.body.dataset.stage; }")
+    put(page, "#focus", 1)
+    until(page, "document.body.dataset.stage === 'scatter'")
+    quick = pixels(page)
+    for one in working:
+        os.kill(one, signal.SIGKILL)
+    until(page, "document.querySelector('#wrong').textContent.includes('died')")
+    assert (pixels(page) == quick).all()
+    settle(page, lambda: put(page, "#focus", 0))
+    assert page.locator("#wrong").inner_text() == ""
+    assert np.abs(pixels(page)[..., :3] - rendered(files)).max() <= 1
 
 
 def test_a_studio_that_is_killed_in_mid_render_is_told(browser, files):

@@ -33,14 +33,18 @@ async function checked(response) {
   throw new Told(found.error || `the studio answered ${response.status}`, found.path || "");
 }
 
-async function reached(address, options) {
+const STOPPED = "The studio has stopped. Start it again, and reload the page with its new address.";
+
+/** What the network gives; where it gives nothing any more, the studio has stopped. */
+async function arrived(given) {
   try {
-    return await fetch(address, options);
+    return await given;
   } catch (error) {
-    if (error.name === "AbortError") throw error;
-    throw new Told("The studio has stopped. Start it again, and reload the page with its new address.");
+    throw error.name === "AbortError" ? error : new Told(STOPPED);
   }
 }
+
+const reached = (address, options) => arrived(fetch(address, options));
 
 export async function get(name) {
   return (await checked(await reached(`api/${name}`))).json();
@@ -66,7 +70,7 @@ export async function* frames(name, body, signal) {
   let parts = [], held = 0;
   const take = async (count) => {
     while (held < count) {
-      const { done, value } = await reader.read();
+      const { done, value } = await arrived(reader.read());
       if (done) return null;
       parts.push(value);
       held += value.length;
@@ -87,10 +91,11 @@ export async function* frames(name, body, signal) {
     const size = await take(4);
     if (!size) return;
     const told = await take(new DataView(size.buffer).getUint32(0, true));
-    if (!told) throw new Told("The studio has stopped. Start it again, and reload the page with its new address.");
+    if (!told) throw new Told(STOPPED);
     const header = JSON.parse(new TextDecoder().decode(told));
     const pixels = header.bytes ? await take(header.bytes) : null;
-    if (header.bytes && !pixels) throw new Told("The studio has stopped in mid-picture. Start it again.");
+    if (header.bytes && !pixels) throw new Told(STOPPED);
+    if (header.stage === "error") throw new Told(header.error);
     yield { header, pixels };
   }
 }

@@ -50,7 +50,6 @@ async function render({ changes, preset, begun, kind }) {
       if (control.signal.aborted) return;
       const { header } = found;
       if (header.stage === "progress") showProgress(header.share);
-      else if (header.stage === "error") throw new Told(header.error);
       else if (header.bytes) {
         draw(result, found);
         const fresh = !first;

@@ -108,6 +108,21 @@ def test_a_refinement_that_nobody_wants_returns_at_once(opened):
     assert opened.fine.run(answer_at_once) == 42
 
 
+def test_a_fault_in_mid_render_is_told_and_the_next_picture_works(client, opened, frames, monkeypatch):
+    whole = type(opened.previews).stages
+
+    def broken(*given, **named):
+        yield next(whole(opened.previews, *given[1:], **named))
+        raise ZeroDivisionError("a fault\nof ours")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(opened.previews), "stages", broken)
+        found = frames(client.post("api/preview", json=ASKED).content)
+    assert found[0][1] is not None
+    assert found[-1][0]["error"] == "failed by a fault: ZeroDivisionError: a fault of ours"
+    assert frames(client.post("api/preview", json=ASKED).content)[-1][0]["stage"] == "final"
+
+
 def wait_for_long(*, report):
     for step in range(400):
         time.sleep(0.01)
