@@ -16,7 +16,7 @@ from bokehnet.inference.disparity_edges import (
     repair_soft_edges,
     soft_edge_fraction,
 )
-from bokehnet.inference.disparity_tiles import BLOCK, FRUGAL_TILE, HALO, TILE, repair_tiles
+from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
@@ -125,8 +125,8 @@ class RepairedMap:
 
 
 def network_memory(height: int, width: int) -> int:
-    """Bytes that the network takes while it looks at a picture of that size and is to be frugal."""
-    return _NETWORK_BYTES * min(height * width, FRUGAL_TILE)
+    """Bytes that the network takes while it looks at a picture of that size."""
+    return _NETWORK_BYTES * min(height * width, TILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,17 +159,16 @@ class _Work:
     Args:
         shapes: Of the picture at each size, (3, H, W), the largest first.
         progress: Is told of it.
-        tile: Most pixels that the network sees at once.
 
     Attributes:
         last_look: How many sizes are smaller than the largest one at which the network looks.
         is_large: Whether there are several sizes.
     """
 
-    def __init__(self, shapes: Sequence[tuple[int, ...]], progress: Progress | None, tile: int) -> None:
+    def __init__(self, shapes: Sequence[tuple[int, ...]], progress: Progress | None) -> None:
         smallest = len(shapes) - 1
         looks = [max(shape) <= _NETWORK_SIDE or at == smallest for at, shape in enumerate(shapes)]
-        self.tile, self.last_look, self.is_large = tile, smallest - looks.index(True), smallest > 0
+        self.last_look, self.is_large = smallest - looks.index(True), smallest > 0
         self._costs = [
             height * width * (_COSTLY if look else 1)
             for look, (_, height, width) in zip(looks, shapes, strict=True)
@@ -214,7 +213,6 @@ class DisparityRepair:
         disparity: npt.NDArray[np.floating],
         mode: RepairMode = "on",
         progress: Progress | None = None,
-        frugal: bool = False,
         plan: RepairPlan | None = None,
     ) -> RepairedMap:
         """Move the edges of a map to where the picture has them, and say whether it was done.
@@ -230,7 +228,6 @@ class DisparityRepair:
             mode: "on"; "auto" returns the map as it is where nearly all of its steps stand right already;
                 "off" always does.
             progress: Called with (steps done, steps in all); what it raises ends the repair.
-            frugal: Whether it takes less memory and up to a sixth more time.
             plan: What the shot has decided; "auto" follows it. Default: all is decided by this map.
 
         Raises:
@@ -265,7 +262,7 @@ class DisparityRepair:
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=right)
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
-        work = _Work([x.shape for x in sizes], progress, FRUGAL_TILE if frugal else TILE)
+        work = _Work([x.shape for x in sizes], progress)
         if plan is None:
             shift, smallest = self._edge_bias(sizes, start, span, work)
         else:
@@ -393,7 +390,7 @@ class DisparityRepair:
         height, width = disparity.shape
         disparity = pad_to_multiple(disparity, BLOCK)
         result, votes = disparity.copy(), np.zeros(4)
-        tiles = [*repair_tiles(_step_sizes(disparity) > STEP * span, work.tile)]
+        tiles = [*repair_tiles(_step_sizes(disparity) > STEP * span, TILE)]
         for done, tile in enumerate(tiles):
             work.report(number, done / len(tiles))
             rows, columns = tile

@@ -5,7 +5,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-__all__ = ["BLOCK", "FRUGAL_TILE", "HALO", "TILE", "repair_tiles"]
+__all__ = ["BLOCK", "HALO", "TILE", "repair_tiles"]
 
 # The network halves its input three times.
 BLOCK = 8
@@ -14,10 +14,9 @@ BLOCK = 8
 # size, seven at a quarter, five at an eighth.
 HALO = 112
 
-# Most pixels that the network sees at once, halos and all; and where memory is bounded. What halos share is
-# seen twice.
-TILE = 1600 * 1000
-FRUGAL_TILE = 1000 * 1000
+# Most pixels that the network sees at once, halos and all; what halos share is seen twice. Tiles of 1.6
+# million pixels take 0.3 GB more and are no quicker, those of 0.6 million cost a sixth more time.
+TILE = 1000 * 1000
 
 # Tiles along a side at most: parts of 256 pixels of the largest maps that the network sees.
 _MOST = 8

@@ -59,8 +59,7 @@ def prepare(
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
     elif settings.depth.repair != "off" and not is_exact(scene):
-        frugal = settings.engine.max_memory is not None
-        found = repairer().repair(scene.image, values, settings.depth.repair, report, frugal, plan)
+        found = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
         values, repaired, reason = found.disparity, found.repaired, found.reason
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
     if known is None and matte is not None and not is_exact(scene):

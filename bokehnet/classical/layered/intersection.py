@@ -202,14 +202,14 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                     apart = select8(partly, zero - never, depth - below)
                     through_discontinuity = and8(less8(entry, depth), less8(threshold, apart))
                     crossed = and_not8(and_not8(walking, beneath), through_discontinuity)
-                    hit = and8(crossed, less8(chance, cover))
-                    if any8(partly):
+                    hit, veiled = and8(crossed, less8(chance, cover)), and8(crossed, partly)
+                    if any8(veiled):
                         away_x = x + begin_x - u * depth - column - half
                         away_y = y + begin_y - v * depth - row - half
                         cover = select8(partly, max8(coverage_at(cover, away_x, away_y), zero), cover)
                         hit = and8(crossed, less8(chance, cover))
                         rest = divide8(chance - cover, one - min8(cover, below_one))
-                        missed = and_not8(and8(crossed, partly), hit)
+                        missed = and_not8(veiled, hit)
                         chance = select8(missed, min8(rest, below_one), chance)
                     hit_row = select8(hit, inside_y, hit_row)
                     hit_column = select8(hit, inside_x, hit_column)

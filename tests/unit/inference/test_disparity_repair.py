@@ -60,8 +60,8 @@ def test_tiles_give_the_same_map_as_the_whole(untrained, monkeypatch):
     image, disparity = scene(320, 400)
     repair = DisparityRepair(untrained[0])
     whole = repair(image, disparity)
-    monkeypatch.setattr(disparity_repair, "FRUGAL_TILE", 288 * 288)
-    near = np.abs(repair.repair(image, disparity, frugal=True).disparity - whole)
+    monkeypatch.setattr(disparity_repair, "TILE", 288 * 288)
+    near = np.abs(repair(image, disparity) - whole)
     assert_allclose(near, 0, atol=1e-5)
     assert np.abs(whole - disparity).max() > 0.1
 
