@@ -17,6 +17,8 @@ from bokehnet.raytrace.tracer import Accumulation
 from bokehnet.scenes import SceneJob, read_scene
 from train.metrics import encode, psnr
 
+WAYS = ("even", "by variance", "views")
+
 _CONFIGS = Path(__file__).parents[1] / "configs"
 
 
@@ -24,14 +26,17 @@ def _score(film: Accumulation, shown: np.ndarray) -> float:
     return psnr((encode(film.bokeh.numpy()) - shown) ** 2)
 
 
-def _pictures(job: SceneJob, samples: int) -> dict[str, Accumulation]:
-    """The picture of ``samples`` a pixel by each way to send them; seeds differ from the truth's."""
+def _picture(job: SceneJob, samples: int, way: str) -> Accumulation:
+    """The picture of ``samples`` a pixel by a way to send them; seeds differ from the truth's."""
+    if way == "views":
+        return replace(job, render=replace(job.render, method="accumulation")).tracer().render(samples)
     tracer = job.tracer()
+    if way == "even":
+        return tracer.render(samples)
     adaptive = tracer.begin()
     while adaptive.samples < samples:
         adaptive = advance_adaptive(tracer, adaptive)
-    views = replace(job, render=replace(job.render, method="accumulation")).tracer()
-    return {"even": tracer.render(samples), "by variance": adaptive, "views": views.render(samples)}
+    return adaptive
 
 
 def main() -> None:
@@ -42,6 +47,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, nargs="+", default=[32, 64, 256])
     parser.add_argument("--truth", type=int, default=4096)
     parser.add_argument("--scenes", nargs="+", default=["balls", "cards"])
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--lens", default=None, help="of the catalog, in place of the scene's")
     arguments = parser.parse_args()
     size = {"camera.width": arguments.width, "camera.height": arguments.height}
@@ -53,7 +59,7 @@ def main() -> None:
         truth = replace(job, render=replace(job.render, seed=2)).tracer().render(arguments.truth)
         shown = encode(truth.bokeh.numpy())
         for samples in arguments.samples:
-            found = {label: _score(film, shown) for label, film in _pictures(job, samples).items()}
+            found = {way: _score(_picture(job, samples, way), shown) for way in arguments.ways}
             told = "".join(f"{label:>14s} {value:.2f}" for label, value in found.items())
             print(f"{name:8s}{samples:6d} samples{told} dB", flush=True)
 

@@ -10,8 +10,9 @@ __all__ = ["FAULTS", "faults"]
 # Name of a fault, and what is measured, in per cent; 0 is best.
 FAULTS = {
     "leak": "light from behind focus on what stands sharp before it, mean over the blur's radius",
-    "outline": "RMS error of the profile of a blurred foreground's edge",
+    "outline": "RMS error of the profile of a blurred foreground's edge: what it hides is missing",
     "disc": "light of a small lamp that does not fall where its disc lies, of all that arrives",
+    "ringing": "by how much its disc grows brighter again outwards, ring by ring, of its right level",
     "light": "light of that lamp that is lost (below 0) or gained",
     "colour": "change of its colour inside the disc, channel over sum, mean",
 }
@@ -57,6 +58,17 @@ def disc_of_lamp() -> np.ndarray:
     return np.asarray(lamp / lamp.sum())
 
 
+def ringing(disc: np.ndarray, level: float) -> float:
+    """Sum of all rises of a disc's mean brightness from ring to ring outwards, of ``level``.
+
+    Rings are a pixel wide around the middle of ``disc``, (97, 97), up to twice the blur's radius.
+    """
+    y, x = np.mgrid[-48:49, -48:49]
+    ring = np.rint(np.hypot(x, y)).astype(np.int64).ravel()
+    profile = np.bincount(ring, disc.ravel()) / np.bincount(ring)
+    return float(np.clip(np.diff(profile[: 2 * _RADIUS + 1]), 0, None).sum() / level)
+
+
 def _lamp(method: Method) -> dict[str, float]:
     image = np.zeros((97, 97, 3), np.float32)
     colour = np.array([30.0, 20.0, 10.0])
@@ -67,6 +79,7 @@ def _lamp(method: Method) -> dict[str, float]:
     shares = found[inside] / grey[inside][:, None]
     return {
         "disc": 50 * float(np.abs(grey / grey.sum() - wanted).sum()),
+        "ringing": 100 * ringing(grey / grey.sum(), float(wanted.max())),
         "light": 100 * float(grey.sum() / (9 * colour.sum()) - 1),
         "colour": 100 * float(np.abs(shares - colour / colour.sum()).mean()),
     }

@@ -1,10 +1,11 @@
 """Every method of four theses on one ruler: ``python -m benchmarks.theses [FOLDER] [--engine NAME]``.
 
-Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), its memory
-and its flicker on a pan of our own (:mod:`benchmarks.pan`), and its
+Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), its time and
+memory, its flicker on a pan of our own (:mod:`benchmarks.pan`), and its
 scores on the path-traced scenes in FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default
-``../shared/cycles``): PSNR within the blur's reach of a step in depth, over all pixels, FLIP, and seconds.
-Methods that know only discs render discs where a shot has blades.
+``../shared/cycles``): PSNR within the blur's reach of a step in depth, over all pixels, FLIP, and seconds;
+then all of it as one table (:mod:`benchmarks.theses_table`), which ``--table JSON ...`` prints of runs that
+were kept. Methods that know only discs render discs where a shot has blades.
 """
 
 import argparse
@@ -16,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.fault_probes import FAULTS, faults
-from benchmarks.measurement import extra_memory, scene
+from benchmarks.measurement import extra_memory, median_seconds, scene
 from benchmarks.pan import flicker, pan
+from benchmarks.theses_table import Found, merged, table
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.errors import ParameterError
@@ -87,25 +89,35 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=Path("../shared/cycles"))
     parser.add_argument("--engine", action="append", choices=METHODS, help="default: all")
     parser.add_argument("--shots", type=int, default=None, help="of each scene, at most")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--costs", action="store_true", help="memory and flicker alone")
+    parser.add_argument("--json", type=Path, help="keep the figures")
+    parser.add_argument("--table", type=Path, nargs="+", metavar="JSON", help="print kept figures")
+    parser.add_argument("--faults", action="store_true", help="faults alone")
+    parser.add_argument("--costs", action="store_true", help="time, memory and flicker alone")
     parser.add_argument("--timings", action="store_true", help="repeat the theses' tables of times")
     arguments = parser.parse_args()
     if arguments.timings:
         print_timings()
         return
-    methods = {name: render_with(name) for name in arguments.engine or METHODS}
-    if arguments.costs:
-        print_costs(methods)
+    if arguments.table:
+        kept = [json.loads(path.read_text(encoding="utf-8")) for path in arguments.table]
+        print(table(merged(kept), METHODS))
         return
-    found = {"faults": print_faults(methods), "costs": print_costs(methods), "scenes": {}}
-    for name in SCENES:
-        folder = arguments.folder / name
-        if not (folder / "scene.json").exists():
-            print(f"\n{name}: skipped, as {folder} holds no scene.json")
-            continue
-        found["scenes"][name] = print_scene(folder, methods, arguments.shots)
-    print_means(found["scenes"])
+    methods = {name: render_with(name) for name in arguments.engine or METHODS}
+    whole = not (arguments.faults or arguments.costs)
+    found: Found = {}
+    if whole or arguments.faults:
+        found["faults"] = print_faults(methods)
+    if whole or arguments.costs:
+        found["costs"] = print_costs(methods)
+    if whole:
+        found["scenes"] = {}
+        for name in SCENES:
+            folder = arguments.folder / name
+            if not (folder / "scene.json").exists():
+                print(f"\n{name}: skipped, as {folder} holds no scene.json")
+                continue
+            found["scenes"][name] = print_scene(folder, methods, arguments.shots)
+        print(f"\n{table(found, METHODS)}")
     if arguments.json:
         arguments.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
 
@@ -124,26 +136,31 @@ def print_faults(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
 
 
 def print_costs(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
-    """Memory beyond picture and result, bytes a pixel, and flicker, and their numbers."""
+    """Seconds, memory beyond picture and result in bytes a pixel, and flicker, and their numbers."""
     image, defocus = scene(512, 384, 16.0)
     frames = pan()
-    print("\nMemory at 512x384, bytes a pixel beyond picture and result; flicker, per cent of white")
-    print(f"{'method':18s}{'memory':>9s}{'flicker':>9s}")
-    truths = [[frame.truths[half] for frame in frames] for half in (0, 1)]
+    middle = [(frame.truths[0] + frame.truths[1]) / 2 for frame in frames]
+    print("\nSeconds and memory at 512x384, discs up to 16 px; bytes a pixel; flicker, per cent of white")
+    print(f"{'method':18s}{'seconds':>9s}{'memory':>9s}{'flicker':>9s}")
     found = {}
     for name, method in methods.items():
+
+        def run(method: Method = method) -> np.ndarray:
+            return method(image, defocus, Aperture())
+
         method(image[:64, :64], defocus[:64, :64], Aperture())  # compiles
-        taken = extra_memory(lambda method=method: method(image, defocus, Aperture()))
+        taken = extra_memory(run)
         pictures = [method(frame.image, frame.defocus, Aperture()) for frame in frames]
-        found[name] = {
+        cost = {
+            "seconds": median_seconds(run, 3),
             "memory": max(taken, 0) / defocus.size,
-            "flicker": flicker(pictures, [(one + other) / 2 for one, other in zip(*truths, strict=True)]),
+            "flicker": flicker(pictures, middle),
         }
-        print(f"{name:18s}{found[name]['memory']:9.0f}{found[name]['flicker']:9.2f}", flush=True)
+        print(f"{name:18s}{cost['seconds']:9.2f}{cost['memory']:9.0f}{cost['flicker']:9.2f}", flush=True)
+        found[name] = cost
     # Half the difference of two truths has the noise of their mean.
-    middle = [(one + other) / 2 for one, other in zip(*truths, strict=True)]
-    noise = flicker(truths[0], middle)
-    print(f"{'the truth itself':18s}{'':9s}{noise:9.2f}")
+    noise = flicker([frame.truths[0] for frame in frames], middle)
+    print(f"{'the truth itself':18s}{'':18s}{noise:9.2f}")
     return found
 
 
@@ -159,27 +176,15 @@ def print_scene(folder: Path, methods: dict[str, Method], shots: int | None) -> 
         name: {key: float(np.mean([row[key] for row in found])) for key in found[0]}
         for name, found in rows.items()
     }
-    _print_table(folder.name, means)
+    _print_scores(folder.name, means)
     return means
 
 
-def _print_table(title: str, means: dict[str, dict[str, float]]) -> None:
+def _print_scores(title: str, means: dict[str, dict[str, float]]) -> None:
     print(f"\n{title}\n{'method':18s}{'edge PSNR':>10s}{'PSNR':>8s}{'FLIP':>8s}{'seconds':>9s}")
     for name, score in means.items():
         numbers = f"{score['edge']:10.2f}{score['psnr']:8.2f}{score['flip']:8.4f}{score['seconds']:9.2f}"
         print(f"{name:18s}{numbers}", flush=True)
-
-
-def print_means(scenes: dict[str, dict[str, dict[str, float]]]) -> None:
-    """The table over all scenes."""
-    if not scenes:
-        return
-    names = next(iter(scenes.values()))
-    means = {
-        name: {key: float(np.mean([scene[name][key] for scene in scenes.values()])) for key in names[name]}
-        for name in names
-    }
-    _print_table(f"mean of {len(scenes)} scenes", means)
 
 
 def _user_seconds(function: Callable[..., np.ndarray], *arrays: np.ndarray, **options: float) -> float:

@@ -1,7 +1,7 @@
-"""Make the pictures of ``docs/theses.md``: ``python -m docs.theses_pictures TRUTH``.
+"""Make the pictures of ``docs/theses.md``: ``python -m docs.theses_pictures [NAME ...] [--truth FOLDER]``.
 
-Leaves before focus and lamps behind it, of the scene of ``bokehnet demo``. TRUTH holds what a lens sees, as
-for ``python -m docs.pictures``.
+Leaves before focus and lamps behind it, of the scene of ``bokehnet demo``, by each method or those named;
+FOLDER holds what a lens sees, as for ``python -m docs.pictures``.
 """
 
 import argparse
@@ -34,16 +34,19 @@ def write(name: str, pictures: dict[str, np.ndarray]) -> None:
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("truth", type=Path, metavar="TRUTH")
-    truth = parser.parse_args().truth
+    parser.add_argument("methods", nargs="*", metavar="NAME", help="default: all")
+    parser.add_argument("--truth", type=Path, metavar="FOLDER", help="draw the truth, too")
+    arguments = parser.parse_args()
     FOLDER.mkdir(exist_ok=True)
     image = bokehnet.read_image(ASSETS / "demo.png")
     disparity = read_disparity(ASSETS / "demo_disparity.png")
     defocus = {
         focus: bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS[focus]) for _, focus in PLACES.values()
     }
-    write("truth", {focus: bokehnet.read_image(truth / f"truth_{focus}.png") for focus in defocus})
-    for name in baselines.BASELINES:
+    if arguments.truth is not None:
+        shown = {focus: bokehnet.read_image(arguments.truth / f"truth_{focus}.png") for focus in defocus}
+        write("truth", shown)
+    for name in arguments.methods or baselines.BASELINES:
         method = getattr(baselines, name)
         write(name, {focus: method(image, blur) for focus, blur in defocus.items()})
 

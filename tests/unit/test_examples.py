@@ -2,10 +2,13 @@
 
 import runpy
 
+import numpy as np
 import pytest
 import torch
 
+from bokehnet.scenes import read_scene
 from tests.conftest import ROOT
+from train.metrics import encode
 
 
 @pytest.mark.parametrize(("blur", "focus"), [(8.0, 0.46), (6.0, 0.94), (9.0, 0.05)])
@@ -28,3 +31,27 @@ def test_the_example_prints_start_truth_and_what_it_found(python_process):
     assert sum(line.startswith("started at blur 40") for line in lines) == 3
     assert lines[-2] == "truth: blur 5.00, focus 0.500"
     assert lines[-1].startswith(("found: blur 4.9", "found: blur 5.0"))
+
+
+def test_our_tracer_answers_for_rays_into_the_scene():
+    """Authority: the same tracer's own picture of many rays."""
+    example = runpy.run_path(str(ROOT / "examples/selective_rays.py"))
+    size = {"camera.width": 48, "camera.height": 32, "camera.shutter": 0.0, "render.bounces": 1}
+    found = example["pictures"](read_scene(ROOT / "configs/scene_balls.toml", size), 32, 128)
+    truth = encode(found["truth"][0])
+    error = {name: float(((encode(picture) - truth) ** 2).mean()) for name, (picture, _) in found.items()}
+    assert error["hybrid, ours"] < 0.8 * min(error["scatter"], error["rays, as many"])
+    assert error["hybrid, tan"] < 0.8 * error["tan"]
+    assert 0 < found["hybrid, ours"][1] <= 0.36 * 32
+
+
+def test_rays_of_the_example_meet_what_the_scene_file_places():
+    """Authority: the near ball of the file, 40 mm around (110, 100, 650) mm."""
+    example = runpy.run_path(str(ROOT / "examples/selective_rays.py"))
+    job = read_scene(ROOT / "configs/scene_balls.toml", {"camera.shutter": 0.0})
+    way = np.array([[110, 100, 650.0], [0, -2000, 1.0]]) / np.array([[650.0], [1.0]])
+    color, depth, hit = example["answers"](job)(np.zeros((2, 3)), way)
+    distance = np.linalg.norm([110, 100, 650]) - 40
+    assert depth[0] == pytest.approx(distance * 650 / np.linalg.norm([110, 100, 650]), rel=1e-4)
+    assert hit.tolist() == [True, False]
+    assert color.shape == (2, 3)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks import theses
-from benchmarks.fault_probes import disc_of_lamp, edge_profile, faults
+from benchmarks.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, ringing
 from benchmarks.pan import flicker, pan
+from benchmarks.theses_table import merged, table
 from bokehnet.baselines import BASELINES
 from bokehnet.io.color import srgb_to_linear
 from bokehnet.optics.aperture import Aperture
@@ -37,6 +38,42 @@ def test_probes_bring_out_the_faults():
     assert none["light"] == pytest.approx(-50)
     tinted = faults(lambda image, defocus: image * np.array([1, 1, 0]))
     assert tinted["colour"] > 5
+
+
+def test_ringing_is_the_sum_of_all_rises_outwards():
+    """Authority: discs that fall all the way have none; a ring of a quarter above the disc has a quarter."""
+    y, x = np.mgrid[-48:49, -48:49]
+    distance = np.rint(np.hypot(x, y))
+    flat = np.where(distance <= 12, 2.0, 0.0)
+    assert ringing(flat, 2.0) == 0
+    assert ringing(np.exp(-(distance**2) / 50), 1.0) == 0
+    assert ringing(flat + 0.5 * (distance == 8), 2.0) == pytest.approx(0.25)
+    assert ringing(flat - 0.2 * (distance == 15), 2.0) == pytest.approx(0.1)  # below black, and back
+
+
+def test_one_table_tells_all_and_a_dash_where_nothing_was_run():
+    scores = {"edge": 30.0, "psnr": 33.0, "flip": 0.1}
+    first = {"scenes": {"a": {"tan": scores, "rays": scores}}, "faults": {"tan": dict.fromkeys(FAULTS, 1.0)}}
+    second = {
+        "scenes": {"b": {"tan": scores | {"edge": 20.0}}},
+        "costs": {"rays": {"seconds": 2.0, "memory": 210.4, "flicker": 0.5}},
+        "faults": {"tan": dict.fromkeys(FAULTS, -0.01)},
+    }
+    found = table(merged([first, second]), theses.METHODS).splitlines()
+    rows = {
+        line.split(" | ")[0].strip("| "): line.strip("| ").split(" | ") for line in found if line[:1] == "|"
+    }
+    assert rows["method"][1:4] == ["a", "b", "mean"]
+    assert rows["tan"][1:7] == [
+        "30.00 / 33.00 / 0.1000",
+        "20.00 / 33.00 / 0.1000",
+        "25.00 / 33.00 / 0.1000",
+        *"---",
+    ]
+    assert set(rows["tan"][7:]) == {"0.0"}  # of the later run, and no minus before it
+    assert rows["rays"][2:7] == ["-", "-", "2.00", "210", "0.50"]
+    assert len(rows) == 4
+    assert sum("no row, as it draws a scene" in line for line in found) == 2
 
 
 def test_methods_that_know_only_discs_render_discs():
