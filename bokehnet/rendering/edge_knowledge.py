@@ -1,5 +1,6 @@
 """What a scene tells of its edges besides colours and depth: by deep samples, or by a matte or alpha."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,6 +39,14 @@ _FRONT, _BACK = 0.95, 0.05
 
 # Pixels by which the edges of the map may lie beside those of the matte.
 _MARGIN = 3
+
+# Standard deviation of what a window shows of a side, over the step to the other side, up to which it is one
+# surface: the mean of a fence and of the grass behind it lies where nothing is.
+_ONE_SURFACE = 0.2
+
+# Share of that step, and beside it what the other side deviates, by which a pixel of the map has to lie off
+# the other side to be on its own: grass close before a wall is not the wall, whatever else the matte holds.
+_OFF = 0.02
 
 # Half the widths of the windows in which a mixed pixel of a matte looks for both surfaces, pixels.
 _REACHES = (2, 4, 8, 16, 32)
@@ -147,9 +156,10 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
 
     Their disparities are means over the nearest pixels that are all front and all back, if there are any
     farther than three pixels from the edge: so far the edges of the map may lie beside it, and so far what
-    is all front or all back is told as well. Where the map has a pixel on the side that fills most of it, its
-    own disparity is that side's, and a pixel that is all of that side is left alone. Where the front is not
-    the nearer of both, the matte is of no edge in depth.
+    is all front or all back is told as well. Where these show several surfaces, the matte tells nothing and
+    the pixel is left to be unmixed as any other. Where the map has a pixel on the side that fills most of it,
+    its own disparity is that side's, and a pixel that is all of that side is left alone. Where the front is
+    not the nearer of both, the matte is of no edge in depth.
 
     Args:
         matte: Coverage of the front, (H, W), 0 to 1.
@@ -163,16 +173,17 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
     """
     low, high = extremes(matte, _MARGIN)
     y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
-    near = _nearest_mean(disparity, low >= _FRONT, y, x)
-    near = np.where(np.isnan(near), _nearest_mean(disparity, matte >= _FRONT, y, x), near)
-    far = _nearest_mean(disparity, high <= _BACK, y, x)
-    far = np.where(np.isnan(far), _nearest_mean(disparity, matte <= _BACK, y, x), far)
+    near, spread = _nearest_mean(disparity, (low >= _FRONT, matte >= _FRONT), y, x)
+    far, far_spread = _nearest_mean(disparity, (high <= _BACK, matte <= _BACK), y, x)
     own, share = disparity[y, x], matte[y, x]
-    is_front, nearer = share >= 0.5, np.abs(own - near) <= np.abs(own - far)
-    agrees = is_front == nearer
-    near, far = np.where(agrees & is_front, own, near), np.where(agrees & ~is_front, own, far)
+    is_front, step = share >= 0.5, _OFF * (near - far)
+    agrees = np.where(is_front, own - far > step + far_spread, near - own > step + spread)
+    by_map, by_map_far = agrees & is_front, agrees & ~is_front
+    near, spread = np.where(by_map, own, near), np.where(by_map, 0, spread)
+    far, far_spread = np.where(by_map_far, own, far), np.where(by_map_far, 0, far_spread)
+    known = spread + far_spread <= _ONE_SURFACE * (near - far)  # not where either is NaN
     whole = (share <= _BACK) | (share >= _FRONT)
-    kept = (near > far) & ~(agrees & whole)  # nor where either is unknown
+    kept = known & (near > far) & ~(agrees & whole)
     return KnownSurfaces(
         rows=y[kept],
         columns=x[kept],
@@ -183,28 +194,41 @@ def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
 
 
 def _nearest_mean(
-    values: Array, wanted: npt.NDArray[np.bool_], y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]
-) -> npt.NDArray[np.float64]:
-    """Mean of the wanted values in the smallest window around each pixel that holds any, NaN for none."""
+    values: Array,
+    wanted: Iterable[npt.NDArray[np.bool_]],
+    y: npt.NDArray[np.intp],
+    x: npt.NDArray[np.intp],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Mean and deviation of the wanted values in the smallest window around each pixel that holds any.
+
+    ``wanted`` are masks (H, W), the next one for pixels around which the last one holds none; NaN for none.
+    """
     height, width = values.shape
-    sums, counts = (
-        np.pad(array.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
-        for array in (np.where(wanted, values, 0), wanted)
-    )
-    result = np.full(len(y), np.nan)
-    for reach in _REACHES:
-        still = np.flatnonzero(np.isnan(result))
-        if not len(still):
-            break
-        top, bottom = np.maximum(y[still] - reach, 0), np.minimum(y[still] + reach + 1, height)
-        left, right = np.maximum(x[still] - reach, 0), np.minimum(x[still] + reach + 1, width)
-        total, count = (
-            array[bottom, right] - array[top, right] - array[bottom, left] + array[top, left]
-            for array in (sums, counts)
-        )
-        with np.errstate(invalid="ignore", divide="ignore"):
-            result[still] = np.where(count > 0.5, total / count, np.nan)
-    return result
+    mean, deviation = np.full(len(y), np.nan), np.full(len(y), np.nan)
+    for mask in wanted:
+        sums = [
+            np.pad(array.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
+            for array in (
+                np.where(mask, values, 0),
+                np.where(mask, np.square(values, dtype=np.float64), 0),
+                mask,
+            )
+        ]
+        for reach in _REACHES:
+            still = np.flatnonzero(np.isnan(mean))
+            if not len(still):
+                break
+            top, bottom = np.maximum(y[still] - reach, 0), np.minimum(y[still] + reach + 1, height)
+            left, right = np.maximum(x[still] - reach, 0), np.minimum(x[still] + reach + 1, width)
+            total, square, count = (
+                array[bottom, right] - array[top, right] - array[bottom, left] + array[top, left]
+                for array in sums
+            )
+            there = count > 0.5
+            found = still[there]
+            mean[found] = total[there] / count[there]
+            deviation[found] = np.sqrt(np.maximum(square[there] / count[there] - mean[found] ** 2, 0))
+    return mean, deviation
 
 
 def focused_surfaces(

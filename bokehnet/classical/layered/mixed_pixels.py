@@ -26,7 +26,7 @@ def find_mixed_pixels(
 
     Known pixels whose surfaces are within ``DISCONTINUITY_THRESHOLD`` of each other are no mixture. The
     others have the depth of the surface that covers more of them, whatever ``defocus`` says, and are mixed
-    where that does not cover all.
+    where that does not cover all; where colours are not known, the pixel filter may mix them as any others.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32.
@@ -49,10 +49,10 @@ def find_mixed_pixels(
     sides = discontinuity_sides(sharp, reach)
     if known.complete:
         sides[:] = 0
-    sides[known.rows, known.columns] = 0
     if parted.front is None or parted.back is None:
         sides[parted.rows, parted.columns] = HELD
         return sharp, _parted(image, sharp, sides, lights, pixel_filter, parted)
+    sides[known.rows, known.columns] = 0
     found = _parted(image, sharp, sides, lights, pixel_filter)
     told = MixedPixels(
         rows=parted.rows,

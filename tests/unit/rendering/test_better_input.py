@@ -351,6 +351,14 @@ def test_a_matte_leaves_alone_what_the_map_tells_as_well():
     np.testing.assert_array_equal(found.far, disparity[:, 12])
 
 
+def test_a_matte_of_several_things_leaves_each_its_depth():
+    """Grass close before a wall is neither the wall nor the fence that the matte holds too."""
+    disparity = np.full((20, 24), 0.24, np.float32)
+    disparity[:, 4:12], disparity[:, 12:14] = 0.7, 0.26
+    matte = (disparity > 0.25).astype(np.float32)
+    assert matte_surfaces(matte, disparity).columns.tolist() == []
+
+
 def test_a_matte_moves_an_edge_that_the_map_has_elsewhere():
     disparity = np.where(np.arange(24) < 10, 0.9, 0.1).astype(np.float32)[None].repeat(5, 0)
     matte = np.where(np.arange(24) < 12, 1, 0).astype(np.float32)[None].repeat(5, 0)
