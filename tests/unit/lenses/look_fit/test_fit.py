@@ -104,3 +104,26 @@ def test_no_lamp_and_only_clipped_ones_are_refused():
         fit_look(image, [])
     with pytest.raises(LensError, match=r"expected light below white .* found it clipped"):
         fit_look(image + 1, [Disc(x=30, y=30, radius=10)])
+
+
+@pytest.mark.parametrize(("lamps", "radius"), [(3, -22.0), (1, -34.0)])
+def test_a_round_opening_gets_no_blades_from_correlated_noise(lamps, radius):
+    """Noise of several pixels' width, as JPEG leaves it: it looks like shallow blades on the lamps fitted to."""
+    rng = np.random.default_rng(5)
+    image = picture(Look(cats_eye=0.3, softness=0.6), radius, noise=0.0)
+    coarse = np.kron(rng.normal(size=(50, 74, 3)), np.ones((3, 3, 1)))[: SIZE[1], : SIZE[0]]
+    image = image + 0.02 * coarse
+    discs = [Disc(x=x, y=y, radius=abs(radius)) for x, y in PLACES[:lamps]]
+    found = fit_look(image, discs, blades=(0, 5, 8))
+    assert found.look.blades == 0
+    assert found.others[5] < found.others[0]  # blades do leave less of what they were fitted to
+
+
+@pytest.mark.parametrize("lamps", [1, 3])
+def test_shallow_blades_are_found_on_lamps_that_they_were_not_fitted_to(lamps):
+    """Edges half a pixel within the circle."""
+    truth = Look(blades=6, curvature=0.8, rotation=12.0, cats_eye=0.3, softness=0.6)
+    assert 0.4 < 22 * edge_depth(6, 0.8) < 0.7
+    image = picture(truth)
+    discs = [Disc(x=x, y=y, radius=22.0) for x, y in PLACES[:lamps]]
+    assert fit_look(image, discs, blades=(0, 5, 6)).look.blades == 6
