@@ -280,7 +280,6 @@ def _render(
             weights,
             result,
             lens,
-            reached=error_map > 0 if layers is None else None,  # given layers may hide more
             cats_eye=aperture.cats_eye,
             above=above,
             place=place,

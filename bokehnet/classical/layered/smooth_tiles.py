@@ -7,8 +7,7 @@ is a kernel of offsets and colours that serves each of its pixels. Where no pixe
 holds much of its light, offsets are gathered in blocks of 2 or 4 pixels a side, whose means are read.
 
 A tile is given to a bundle where every surface that its rays can meet goes on the plane of its own defocus,
-covered by nothing and hiding nothing; where no depth discontinuity is near, it need not be as plane. All
-others, and those near the border, are left to the rays.
+covered by nothing and hiding nothing. All others, and those near the border, are left to the rays.
 
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for one way
 of rays for many pixels; kernels by tile, and where they hold, are ours.
@@ -47,9 +46,6 @@ _BAND = 128
 # A surface may leave its tile's plane, and change over half a tile, by so many pixels of defocus or so large
 # a share of it, whichever is more.
 _FLAT, _FLAT_SHARE = 0.2, 0.02
-
-# Likewise where no depth discontinuity is near: there a surface that bends is all that is left out.
-_ALONE, _ALONE_SHARE = 0.5, 0.05
 
 # Bundles reach no farther, pixels: rays of larger discs are few.
 _FARTHEST = 64
@@ -125,12 +121,8 @@ def _reach_of(own, stretch, missed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _is_plane(surfaces, row, column, stretch, missed, flat, farthest, alone):  # type: ignore[no-untyped-def]
-    """Whether all that rays of a tile can meet goes on its plane, within ``flat`` pixels of defocus.
-
-    Where a tile is ``alone`` nothing that its rays meet covers or hides anything, whatever lies in tiles that
-    they may only touch.
-    """
+def _is_plane(surfaces, row, column, stretch, missed, flat, farthest):  # type: ignore[no-untyped-def]
+    """Whether all that rays of a tile can meet goes on its plane, within ``flat`` pixels of defocus."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
     slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
@@ -142,7 +134,7 @@ def _is_plane(surfaces, row, column, stretch, missed, flat, farthest, alone):  #
             within = stretch * other[_RADIUS] + missed
             if gap_x * gap_x + gap_y * gap_y > within * within:
                 continue
-            if other[_LAYERED] > 0.0 and not alone:
+            if other[_LAYERED] > 0.0:
                 return False
             level = own[_MIDDLE] + TILE * ((u - column) * own[_RIGHT] + (v - row) * own[_DOWN])
             if other[_LOW] < level - slack or other[_HIGH] > level + slack:
@@ -151,7 +143,7 @@ def _is_plane(surfaces, row, column, stretch, missed, flat, farthest, alone):  #
 
 
 @njit(cache=True, parallel=True)
-def _choose(surfaces, rays_mask, reached, lens, above, farthest, chosen):  # type: ignore[no-untyped-def]
+def _choose(surfaces, rays_mask, lens, above, farthest, chosen):  # type: ignore[no-untyped-def]
     """Fill ``chosen`` (rows, columns): where a bundle serves."""
     height, width = rays_mask.shape
     half = 0.5 * (TILE - 1)
@@ -159,23 +151,17 @@ def _choose(surfaces, rays_mask, reached, lens, above, farthest, chosen):  # typ
         for column in range(chosen.shape[1]):
             chosen[row, column] = False
             own, top, left = surfaces[row, column], row * TILE, column * TILE
-            alone = not reached[
-                max(0, top - TILE) : top + 2 * TILE, max(0, left - TILE) : left + 2 * TILE
-            ].any()
-            wanted = rays_mask[top : top + TILE, left : left + TILE].any()
-            if not wanted or (own[_LAYERED] > 0.0 and not alone):
+            if own[_LAYERED] > 0.0 or not rays_mask[top : top + TILE, left : left + TILE].any():
                 continue
             h_x, h_y = _field(left + half, top + half, lens, above)
             stretch, missed = _bounds(h_x, h_y, lens)
             reach = _reach_of(own, stretch, missed)
             near = min(min(left, top), min(width - left, height - top) - TILE)
             flat = max(_FLAT, _FLAT_SHARE * own[_RADIUS])
-            if alone:
-                flat = max(_ALONE, _ALONE_SHARE * own[_RADIUS])
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
             if steep or reach > near or reach > _FARTHEST:
                 continue
-            chosen[row, column] = _is_plane(surfaces, row, column, stretch, missed, flat, farthest, alone)
+            chosen[row, column] = _is_plane(surfaces, row, column, stretch, missed, flat, farthest)
 
 
 @njit(cache=True, parallel=True)
@@ -364,7 +350,6 @@ def render_smooth_tiles(
     result: np.ndarray,
     lens: LensTable,
     *,
-    reached: np.ndarray | None = None,
     cats_eye: float = 0.0,
     above: int = 0,
     place: Place | None = None,
@@ -380,8 +365,6 @@ def render_smooth_tiles(
         weights: Of the points, likewise.
         result: (H, W, 3), float32; pixels in ``rays_mask`` are overwritten, if not those of all tiles.
         lens: A lens response, for the rays of ``points``.
-        reached: Pixels that a depth discontinuity can reach, (H, W) bool; default: not known, so that tiles
-            beside the ways of rays count as well.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         above: Rows of the picture above these arrays, where they are a strip of it.
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
@@ -396,9 +379,7 @@ def render_smooth_tiles(
     arrays, where = (points, weights), tuple(place or Place.whole(height, width))
     with parallel_region:
         _tile_surfaces(cells, surfaces)
-        reached = np.ones((height, width), np.bool_) if reached is None else reached
-        farthest = float(surfaces[..., _RADIUS].max())
-        _choose(surfaces, rays_mask, reached, lens, above, farthest, chosen)
+        _choose(surfaces, rays_mask, lens, above, float(surfaces[..., _RADIUS].max()), chosen)
         for top in range(0, tile_rows, _BAND // TILE):
             rows = chosen[top : top + _BAND // TILE]
             if not rows.any():
