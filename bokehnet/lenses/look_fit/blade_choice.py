@@ -28,7 +28,7 @@ def choose_blades(
     places: np.ndarray,
     size: tuple[int, int],
     side: int,
-) -> tuple[Look, np.ndarray]:
+) -> Look:
     """Choose among numbers of blades: the one that leaves least, where it beats a round opening.
 
     Noise, too, looks a little like blades, and its pixels are not independent. So the opening is fitted to
@@ -45,30 +45,31 @@ def choose_blades(
         side: Of the focus, 1 in front, -1 behind.
 
     Returns:
-        The look, and places of all lamps with it, (lamps, 3).
+        The look as all these lamps have it.
 
     Source:
         Stone, "Cross-validatory choice and assessment of statistical predictions", J. R. Stat. Soc. B, 1974.
     """
-    solved = {}
+    solved, by_lamp = {}, {}
     for count, look in looks.items():
         problem = DiscProblem(_free(names, count), look, windows, size, side)
-        found = problem.solve(places, _STEPS)
-        solved[count] = found.cost, problem.look(found.values), problem.places(found.values), found, problem
-    best = min(solved, key=lambda count: solved[count][0])
+        values = problem.solve(places, _STEPS).values
+        solved[count] = problem.look(values), problem.places(values), problem.well_fitted(values)
+        pairs = zip(solved[count][1], windows, strict=True)
+        by_lamp[count] = np.median([np.mean(problem.one(solved[count][0], *pair) ** 2) for pair in pairs])
+    # By the middle one of the lamps: one that was lost must not tell.
+    best = min(by_lamp, key=lambda count: by_lamp[count])
     if best and 0 in looks:
-        *_, found, problem = solved[best]
-        kept = problem.well_fitted(found.values)  # what is no lamp has no say
+        kept = solved[best][2]
         judged = [window for window, good in zip(windows, kept, strict=True) if good]
-        by_blades, round_one = (
-            _left_of_others(names, count, solved[count][1], judged, solved[count][2][kept], size, side)
+        by_blades, by_round = (
+            _left_of_others(names, count, solved[count][0], judged, solved[best][1][kept], size, side)
             for count in (best, 0)
         )
-        gain = (round_one - by_blades) / round_one
+        gain = (by_round - by_blades) / by_round
         if not gain.mean() > _SURE * gain.std(ddof=1) / math.sqrt(len(gain)):
             best = 0
-    _, look, found_places, *_ = solved[best]
-    return look, found_places
+    return solved[best][0]
 
 
 def _free(names: Sequence[str], count: int) -> list[str]:
@@ -89,8 +90,8 @@ def _left_of_others(
     if len(windows) == 1:
         halves = [_half(windows[0], odd) for odd in (0, 1)]
         left = []
-        for own, other in (halves, halves[::-1]):
-            problem = DiscProblem(free, start, [own], size, side)
+        for first, other in (halves, halves[::-1]):
+            problem = DiscProblem(free, start, [first], size, side)
             values = problem.solve(places, _STEPS).values
             left.append((problem.one(problem.look(values), problem.places(values)[0], other) ** 2).sum())
         return np.array(left)

@@ -86,23 +86,10 @@ def fit_look(
             found = problem.solve(rough[: len(few)], _FEW_STEPS)
             if count not in costs or found.cost < costs[count][0]:
                 costs[count] = found.cost, problem.look(found.values), problem.places(found.values)
-    nearest = costs[min(costs, key=lambda count: costs[count][0])]
     left = {n: math.sqrt(cost[0] / sum(w.light.size for w in few)) for n, cost in costs.items()}
-    given = discs
-    discs, rough = _placed(grey, nearest[1], nearest[2], discs, size, side)
-    likely = sorted(costs, key=lambda count: costs[count][0])
-    likely = [count for count in likely if count][:_LIKELY] + [count for count in likely if not count]
-    many = max(_MANY, _ALL_MANY // len(discs))
-    look, rough = choose_blades(
-        {count: costs[count][1] for count in likely},
-        names,
-        [window_of(grey, disc, discs, many) for disc in discs],
-        rough,
-        size,
-        side,
-    )
-    best = look.blades
-    discs = [Disc(x=float(x), y=float(y), radius=float(r)) for x, y, r in rough]
+    look = _chosen(grey, discs, costs, names, size, side)
+    best, given = look.blades, discs
+    discs, rough = _placed(grey, look, costs[best][2], discs, size, side)
     windows = [window_of(image, disc, discs, _PIXELS) for disc in discs]
     free = [*names, "axial", "lateral", *(BLADE_NAMES if best else ())]
     problem = DiscProblem(free, look, windows, size, side)
@@ -128,6 +115,28 @@ def fit_look(
         left=math.sqrt(found.cost / pixels),
         others=left,
         drawn=_drawn(image, problem, look, places, discs),
+    )
+
+
+def _chosen(
+    grey: np.ndarray,
+    discs: Sequence[Disc],
+    costs: dict[int, tuple[float, Look, np.ndarray]],
+    names: Sequence[str],
+    size: tuple[int, int],
+    side: int,
+) -> Look:
+    """The opening by all discs: one of the numbers of blades that left least of the first ones, or round."""
+    order = sorted(costs, key=lambda count: costs[count][0])
+    _, look, places = costs[order[0]]
+    placed, rough = _placed(grey, look, places, discs, size, side)
+    many = max(_MANY, _ALL_MANY // len(discs))
+    windows = [window_of(grey, disc, placed, many) for disc in placed]
+    kept = DiscProblem([], look, windows, size, side).well_fitted(rough.ravel())  # what is no lamp has no say
+    windows = [window for window, good in zip(windows, kept, strict=True) if good]
+    likely = [count for count in order if count][:_LIKELY] + [count for count in order if not count]
+    return choose_blades(
+        {count: costs[count][1] for count in likely}, names, windows, rough[kept], size, side
     )
 
 

@@ -108,7 +108,7 @@ def test_no_lamp_and_only_clipped_ones_are_refused():
 
 @pytest.mark.parametrize(("lamps", "radius"), [(3, -22.0), (1, -34.0)])
 def test_a_round_opening_gets_no_blades_from_correlated_noise(lamps, radius):
-    """Noise of several pixels' width, as JPEG leaves it: it looks like shallow blades on the lamps fitted to."""
+    """Noise several pixels wide, as JPEG leaves it: it looks like blades on the lamps fitted to."""
     rng = np.random.default_rng(5)
     image = picture(Look(cats_eye=0.3, softness=0.6), radius, noise=0.0)
     coarse = np.kron(rng.normal(size=(50, 74, 3)), np.ones((3, 3, 1)))[: SIZE[1], : SIZE[0]]
