@@ -155,7 +155,8 @@ def _placed(
         tried = []
         for radius in (disc.radius, usual):
             there = Disc(x=disc.x, y=disc.y, radius=max(disc.radius, radius))
-            problem = DiscProblem([], look, [window_of(grey, there, discs, _FEW)], size, side)
+            around = [there if one is disc else one for one in discs]  # its own light is not another's
+            problem = DiscProblem([], look, [window_of(grey, there, around, _FEW)], size, side)
             solved = problem.solve(np.array([[disc.x, disc.y, radius]]), _FEW_STEPS)
             tried.append((solved.cost, solved.values))
         found.append(min(tried, key=lambda pair: pair[0])[1])
