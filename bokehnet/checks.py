@@ -111,7 +111,7 @@ def check_image(name: str, image: Array) -> None:
 
 
 def check_light(name: str, image: Array) -> None:
-    """:func:`check_image`, and ``ParameterError`` where light is beyond ``BRIGHTEST``: sums would overflow."""
+    """:func:`check_image`, and ``ParameterError`` beyond ``BRIGHTEST``, of which sums would overflow."""
     check_image(name, image)
     low, high = float(image.min()), float(image.max())
     if max(-low, high) > BRIGHTEST:

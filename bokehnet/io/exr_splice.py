@@ -98,7 +98,8 @@ def _donor_spec(source: ImageFile, part: Part, added: Sequence[str]) -> oiio.Ima
     try:
         spec.channelnames = (*part.channels, *added)
     except RuntimeError as error:  # bytes that are no text of UTF-8
-        raise ImageFileError(f"{source.path}: expected channel names in UTF-8; the file is damaged") from error
+        expected = "expected names of channels in UTF-8; the file is damaged"
+        raise ImageFileError(f"{source.path}: {expected}") from error
     if len(set(formats)) > 1:  # else the encoder takes the type of all
         spec.channelformats = tuple(oiio.TypeDesc(name) for name in formats)
     spec.x, spec.y = stored.x, stored.y

@@ -291,21 +291,13 @@ def _sum_taps(plane, offsets, taps, count, start, width, found, at):  # type: ig
 
 @njit(cache=True, parallel=True)
 def _render(  # type: ignore[no-untyped-def]
-    planes,
-    first,
-    chosen,
-    tile_row,
-    surfaces,
-    rays_mask,
-    arrays,
-    lens,
-    extents,
-    cats_eye,
-    place,
-    above,
-    result,
+    planes, first, chosen, tile_row, surfaces, rays_mask, arrays, lens, extents, view, result
 ):
-    """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``."""
+    """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``.
+
+    ``view``: the cat's-eye, the place of the picture, and the rows above.
+    """
+    cats_eye, place, above = view
     width = planes.shape[3]
     half = 0.5 * (TILE - 1)
     middle = TILE // 2
@@ -401,7 +393,7 @@ def render_smooth_tiles(
             _fill_planes(colors, first, planes)
             _render(
                 *(planes, first, rows, top, surfaces, rays_mask, arrays, lens, extents),
-                *(cats_eye, where, above, result),
+                *((cats_eye, where, above), result),
             )
     done = np.kron(chosen, np.ones((TILE, TILE), np.bool_))[:height, :width]
     left: np.ndarray = rays_mask & ~done

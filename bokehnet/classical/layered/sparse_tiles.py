@@ -2,8 +2,9 @@
 
 Discs of radius r hold next to nothing at the frequency of pixels, and all pixels of such a tile are averaged
 over windows that grow with r (:mod:`bokehnet.classical.layered.ray_averages`). One pixel of each 2x2 stands
-for its four, at another place in each of four neighbouring ones, so that their mean lies in the middle, and any 3x3
-pixels hold two at least. It counts four times, so that windows over tiles of both kinds lean to neither.
+for its four, at another place in each of four neighbouring ones, so that their mean lies in the middle, and
+any 3x3 pixels hold two at least. It counts four times, so that windows over both kinds of tiles lean to
+neither.
 
 Source: Soler, Subr, Durand, Holzschuch and Sillion, "Fourier depth of field", ACM TOG 2009, for fewer pixels
 where the disc is large.
@@ -54,7 +55,7 @@ def _choose(sparse, rays_mask, chosen):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def weigh(sparse, sums):  # type: ignore[no-untyped-def]
-    """Let the means ``sums`` (rows, W, GROUPS, numbers) of pixels in sparse tiles count for those around them."""
+    """Let the means ``sums`` (rows, W, GROUPS, numbers) in sparse tiles count for the pixels around."""
     for y in prange(sums.shape[0]):
         for x in range(sums.shape[1]):
             if sparse[y // TILE, x // TILE]:

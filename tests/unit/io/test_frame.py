@@ -154,7 +154,7 @@ def test_a_chunk_that_lies_beyond_every_file_is_told(tmp_path):
     [
         (b"chunkCount", b"chunkCounx", "does not tell how many chunks"),
         (b"scanlineimage", b"sc\xffnlineimage", "expected a part of the type scanlineimage"),
-        (b"N.X", b"N\xffX", "expected channel names in UTF-8"),
+        (b"N.X", b"N\xffX", "expected names of channels in UTF-8"),
     ],
 )
 def test_a_damaged_header_is_told_before_the_file_is_written(old, new, message, tmp_path):
