@@ -8,6 +8,7 @@ through the lens, lamps by rays that are sent to them. Printed for three places 
 """
 
 import argparse
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,8 +54,8 @@ def traced(clutter: Clutter, lens: ThinLens, samples: int, gain: float, pupil: b
     return picture
 
 
-def night(seed: int, focus: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Picture, defocus and truth of a scene."""
+def nights(seed: int) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """Place of the focus, picture, defocus and truth of a scene."""
     clutter = random_clutter(np.random.default_rng(seed), _CONFIG)
     pinhole = ThinLens(focal_length=_CONFIG.sensor_distance, f_number=1.0)
     view = View(
@@ -63,10 +64,11 @@ def night(seed: int, focus: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     gain = _DARK / float(clutter.scene.render(pinhole, view, False).mean())
     inverse = clutter.scene.disparity(pinhole, view)
     nearest = _NEAREST / float(inverse.max())
-    lens = lens_for_view(_BLUR, focus, replace(_CONFIG, nearest_distance=nearest))
     image = traced(clutter, pinhole, _IMAGE, gain, False).astype(np.float32)
-    truth = traced(clutter, lens, _TRUTH, gain, True)
-    return image, defocus_from_disparity(nearest * inverse, _BLUR, focus).astype(np.float32), truth
+    for place, focus in _FOCI.items():
+        lens = lens_for_view(_BLUR, focus, replace(_CONFIG, nearest_distance=nearest))
+        defocus = defocus_from_disparity(nearest * inverse, _BLUR, focus).astype(np.float32)
+        yield place, image, defocus, traced(clutter, lens, _TRUTH, gain, True)
 
 
 def main() -> None:
@@ -79,8 +81,7 @@ def main() -> None:
     print("---|---|---|---|---")
     found: dict[str, list[tuple[float, ...]]] = {}
     for seed in range(1, arguments.scenes + 1):
-        for place, focus in _FOCI.items():
-            image, defocus, truth = night(seed, focus)
+        for place, image, defocus, truth in nights(seed):
             if arguments.save:
                 arguments.save.mkdir(parents=True, exist_ok=True)
                 np.savez(arguments.save / f"{seed}_{place}.npz", image=image, defocus=defocus, truth=truth)

@@ -26,9 +26,7 @@ def pad_to_multiple(g: Graph, x: Value, multiple: Value | int, mode: str = "edge
     shape = g.op("Shape", x, dtype=np.int64)
     sides = shape.cut(0, -2, END)
     missing = (multiple - sides % multiple) % multiple
-    return g.op(
-        "Pad", x, g.concat([g.constant([0, 0], np.int64), missing]), g.none(), g.sizes(-2, -1), mode=mode
-    )
+    return g.op("Pad", x, g.concat([g.constant([0, 0], np.int64), missing]), g.none(), g.sizes(-2, -1))
 
 
 def double(g: Graph, x: Value) -> Value:

@@ -203,32 +203,45 @@ def _nearest_mean(
 
     ``wanted`` are masks (H, W), the next one for pixels around which the last one holds none; NaN for none.
     """
-    height, width = values.shape
     mean, deviation = np.full(len(y), np.nan), np.full(len(y), np.nan)
     for mask in wanted:
-        sums = [
-            np.pad(array.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
-            for array in (
-                np.where(mask, values, 0),
-                np.where(mask, np.square(values, dtype=np.float64), 0),
-                mask,
-            )
-        ]
-        for reach in _REACHES:
-            still = np.flatnonzero(np.isnan(mean))
-            if not len(still):
-                break
-            top, bottom = np.maximum(y[still] - reach, 0), np.minimum(y[still] + reach + 1, height)
-            left, right = np.maximum(x[still] - reach, 0), np.minimum(x[still] + reach + 1, width)
-            total, square, count = (
-                array[bottom, right] - array[top, right] - array[bottom, left] + array[top, left]
-                for array in sums
-            )
-            there = count > 0.5
-            found = still[there]
-            mean[found] = total[there] / count[there]
-            deviation[found] = np.sqrt(np.maximum(square[there] / count[there] - mean[found] ** 2, 0))
+        missing = np.flatnonzero(np.isnan(mean))
+        if not len(missing):
+            break
+        there, corners, count = _first_windows(mask, y[missing], x[missing])
+        found = missing[there]
+        mean[found] = _window_sums(_table(np.where(mask, values, 0)), corners) / count
+        squares = _window_sums(_table(np.where(mask, np.square(values, dtype=np.float64), 0)), corners)
+        deviation[found] = np.sqrt(np.maximum(squares / count - mean[found] ** 2, 0))
     return mean, deviation
+
+
+def _first_windows(
+    mask: npt.NDArray[np.bool_], y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp], npt.NDArray[np.float64]]:
+    """Which pixels (N,) see any of the mask, the smallest windows (4, M) in which they do, and how many."""
+    height, width = mask.shape
+    table = _table(mask)
+    there, corners, count = np.zeros(len(y), bool), np.zeros((4, len(y)), np.intp), np.zeros(len(y))
+    for reach in _REACHES:
+        still = np.flatnonzero(~there)
+        top, bottom = np.maximum(y[still] - reach, 0), np.minimum(y[still] + reach + 1, height)
+        left, right = np.maximum(x[still] - reach, 0), np.minimum(x[still] + reach + 1, width)
+        corners[:, still] = top, bottom, left, right
+        count[still] = _window_sums(table, corners[:, still])
+        there = count > 0.5
+    return there, corners[:, there], count[there]
+
+
+def _table(values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
+    """Sums of all values (H, W) above and left of every corner, (H+1, W+1)."""
+    return np.pad(values.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
+
+
+def _window_sums(table: npt.NDArray[np.float64], corners: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
+    """Sums of a table over windows, from their top, bottom, left and right."""
+    top, bottom, left, right = corners
+    return table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
 
 
 def focused_surfaces(
