@@ -5,8 +5,9 @@ the same run: a scatter as a double loop over every disc, and ARNet and IUNet of
 the whole picture, in torch. cold: the command line from its start to the written file, in turns with
 ``--help``. large: 24 megapixels with radii up to 160 pixels, and 100 megapixels with bounded memory, through
 the command line, with its peak memory. enlarged: a photograph and its map at 6, 24 and 100 megapixels, all
-options at their defaults, with a lens, in bounded memory, and with large radii. SHARED holds ``real/21.jpg``
-with its disparity ``21.png``.
+options at their defaults, with a lens, in bounded memory, and with large radii. radii: the same photograph at
+24 megapixels, with discs of up to 39, 100, 200 and 400 pixels. SHARED holds ``real/21.jpg`` with its
+disparity ``21.png``.
 """
 
 import argparse
@@ -164,8 +165,10 @@ def _write_enlarged(shared: str, folder: str, width: int, height: int) -> None:
     write_png(Path(folder) / "map.png", (height, width, 1), np.uint16, lambda rows: stored[rows])
 
 
-# Size, blur, files in and out, options: of the section enlarged.
-_ENLARGED: tuple[tuple[tuple[int, int], int, str, tuple[str, ...]], ...] = (
+# Size, blur, files in and out, options.
+_Row = tuple[tuple[int, int], int, str, tuple[str, ...]]
+
+_ENLARGED: tuple[_Row, ...] = (
     ((4380, 5475), 60, "jpg jpg", ()),
     ((4380, 5475), 60, "jpg jpg", ("--engine", "hybrid")),
     ((4380, 5475), 60, "jpg jpg", ("--lens", "double_gauss")),
@@ -180,15 +183,15 @@ _ENLARGED: tuple[tuple[tuple[int, int], int, str, tuple[str, ...]], ...] = (
     ((2190, 2738), 615, "jpg jpg", ()),
 )
 
+_RADII: tuple[_Row, ...] = tuple(((4380, 5475), blur, "jpg jpg", ()) for blur in (60, 154, 308, 615))
 
-def enlarged_section(shared: Path, megapixels: float) -> None:
+
+def enlarged_section(shared: Path, rows: tuple[_Row, ...]) -> None:
     """Print seconds, processor time and peak memory of an enlarged photograph; each is rendered once."""
     print("== enlarged: photograph 21 and its map, through the command line, reading and writing included")
     before: tuple[int, int] | None = None
     with tempfile.TemporaryDirectory() as folder:
-        for size, blur, files, extra in _ENLARGED:
-            if size[0] * size[1] > 1e6 * megapixels:
-                continue
+        for size, blur, files, extra in rows:
             if size != before:
                 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
                     pool.submit(_write_enlarged, str(shared), folder, *size).result()
@@ -212,7 +215,7 @@ def enlarged_section(shared: Path, megapixels: float) -> None:
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    sections = ("photograph", "cold", "large", "enlarged")
+    sections = ("photograph", "cold", "large", "enlarged", "radii")
     parser.add_argument("sections", nargs="*", metavar="SECTION", default=sections, help=", ".join(sections))
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     parser.add_argument("--rounds", type=int, default=5)
@@ -227,7 +230,10 @@ def main() -> None:
         elif section == "large":
             large_section(arguments.engines)
         elif section == "enlarged":
-            enlarged_section(arguments.shared, arguments.megapixels)
+            most = 1e6 * arguments.megapixels
+            enlarged_section(arguments.shared, tuple(it for it in _ENLARGED if it[0][0] * it[0][1] <= most))
+        elif section == "radii":
+            enlarged_section(arguments.shared, _RADII)
         else:
             parser.error(f"unknown section {section}; expected {', '.join(sections)}")
 

@@ -15,6 +15,7 @@ import numpy as np
 from bokehnet.errors import MissingExtraError, ParameterError, ShapeError
 
 __all__ = [
+    "BRIGHTEST",
     "Arithmetic",
     "Array",
     "Values",
@@ -28,6 +29,7 @@ __all__ = [
     "check_floats",
     "check_image",
     "check_kind",
+    "check_light",
     "check_map",
     "check_number",
     "check_numbers",
@@ -90,6 +92,9 @@ def check_rank(name: str, array: Array, rank: int, layout: str) -> None:
         raise ShapeError(f"{name}: expected shape {layout} with no empty side, got {shape}")
 
 
+# The most light that a picture may hold: its square, summed over a picture, is still a float32.
+BRIGHTEST = 1e15
+
 # What is white in an encoded picture.
 _WHITES = {"uint8": 255, "uint16": 65535}
 
@@ -103,6 +108,16 @@ def check_image(name: str, image: Array) -> None:
     decoded = f"bokehnet.io.color.srgb_to_linear({name} / {white}) makes light of sRGB" if white else ""
     check_floats(name, image, decoded)
     check_finite(name, image)
+
+
+def check_light(name: str, image: Array) -> None:
+    """:func:`check_image`, and ``ParameterError`` beyond ``BRIGHTEST``, of which sums would overflow."""
+    check_image(name, image)
+    low, high = float(image.min()), float(image.max())
+    if max(-low, high) > BRIGHTEST:
+        expected = f"light of at most {BRIGHTEST:g}, white being 1"
+        shown = f"{high if high > -low else low:g}"
+        raise ParameterError(name, expected, high, "clip it or divide it", shown=shown)
 
 
 def check_map(name: str, values: Array) -> None:

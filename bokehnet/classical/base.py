@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, TypedDict, Unpack
 
 import numpy as np
 
-from bokehnet.checks import check_choice, check_floats, check_image, check_map, check_same_size
+from bokehnet.checks import check_choice, check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError
@@ -214,9 +214,9 @@ def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
 
     Raises:
         ShapeError: Not (H, W, 3) and (H, W) of one size.
-        ParameterError: NaN or infinity in either, or numbers that are no floats.
+        ParameterError: NaN or infinity in either, numbers that are no floats, or light beyond all measure.
     """
-    check_image("image", image)
+    check_light("image", image)
     check_map("defocus", defocus)
     check_floats("defocus", defocus)
     check_same_size("image", image, "defocus", defocus)

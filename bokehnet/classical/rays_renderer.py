@@ -15,6 +15,7 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
+from bokehnet.classical.layered.bundle_extents import bundle_extents, reach_by_rings
 from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers, split_picture
@@ -269,9 +270,11 @@ def _render(
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
-    bins = occupied_bins(cells, *(() if lens is None else lens.footprint_by_rings(TILE, above)))
     marched = rays_mask
+    within: tuple[Any, ...] = ()
     if lens is not None:
+        extents = bundle_extents(points, lens)
+        within = reach_by_rings(extents, lens, TILE, above)
         marched = render_smooth_tiles(
             colors,
             cells,
@@ -280,10 +283,12 @@ def _render(
             weights,
             result,
             lens,
+            extents,
             cats_eye=aperture.cats_eye,
             above=above,
             place=place,
         )
+    bins = occupied_bins(cells, *within)
     march(
         colors,
         cells,

@@ -95,7 +95,11 @@ def _donor_spec(source: ImageFile, part: Part, added: Sequence[str]) -> oiio.Ima
     stored = source.spec(part)
     formats = ["half" if name == "half" else "float" for name in part.formats] + ["float"] * len(added)
     spec = oiio.ImageSpec(part.width, part.height, len(formats), formats[0])
-    spec.channelnames = (*part.channels, *added)
+    try:
+        spec.channelnames = (*part.channels, *added)
+    except RuntimeError as error:  # bytes that are no text of UTF-8
+        expected = "expected names of channels in UTF-8; the file is damaged"
+        raise ImageFileError(f"{source.path}: {expected}") from error
     if len(set(formats)) > 1:  # else the encoder takes the type of all
         spec.channelformats = tuple(oiio.TypeDesc(name) for name in formats)
     spec.x, spec.y = stored.x, stored.y
@@ -154,8 +158,11 @@ def _splice(target: Path, path: Path, headers: ExrHeaders, index: int, donor: Pa
 def _tables(file: BinaryIO, headers: ExrHeaders) -> list[list[int]]:
     """Return where the chunks of each part begin, for a file with several parts."""
     file.seek(headers.end)
-    counts = [attributes["chunkCount"].value() for attributes in headers.parts]
-    return [_offsets(file, int(count) if isinstance(count, int) else 0) for count in counts]
+    counts = [attributes.get("chunkCount") for attributes in headers.parts]
+    if None in counts:
+        raise OSError("a part does not tell how many chunks it has; the file is damaged")
+    values = [count.value() for count in counts if count is not None]
+    return [_offsets(file, value if isinstance(value, int) else 0) for value in values]
 
 
 def _offsets(file: BinaryIO, count: int) -> list[int]:
@@ -169,7 +176,10 @@ def _offsets(file: BinaryIO, count: int) -> list[int]:
 def _kind(attributes: Mapping[str, Attribute]) -> str:
     """Return the type of a part."""
     if "type" in attributes:
-        return str(attributes["type"].value())
+        kind = str(attributes["type"].value())
+        if kind not in _CHUNK_HEADS:
+            raise OSError(f"expected a part of the type {', '.join(_CHUNK_HEADS)}, got {kind!r}")
+        return kind
     return "tiledimage" if "tiles" in attributes else "scanlineimage"
 
 

@@ -26,6 +26,9 @@ from bokehnet.kernels import njit
 
 __all__ = ["Grain", "noise_kernel", "white_noise"]
 
+# Of white: its square is still a number.
+_MOST_NOISE = 1e15
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Grain:
@@ -64,6 +67,9 @@ class Grain:
         check_at_least("seed", self.seed, 0)
         check_whole("seed", self.seed)
         check_at_least("read_noise", self.read_noise, 0.1)
+        if self.read_noise * (self.iso / self.full_well) > _MOST_NOISE:
+            expected = "noise that is small enough to be a number: read_noise * iso / full_well of at most"
+            raise ParameterError("iso", f"{expected} {_MOST_NOISE:g}", self.iso)
 
     @property
     def white(self) -> float:

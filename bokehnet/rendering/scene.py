@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.checks import check_floats, check_image, check_map, check_same_size
+from bokehnet.checks import check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError, ShapeError
@@ -177,7 +177,7 @@ def make_scene(
         >>> float(scene.depth.values[0, 0])  # 1/mm
         0.0005000000237487257
     """
-    check_image("image", image)
+    check_light("image", image)
     image = np.asarray(image, np.float32)
     if alpha is not None:
         check_map("alpha", alpha)

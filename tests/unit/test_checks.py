@@ -176,3 +176,14 @@ def test_check_choice_refuses_what_is_no_text():
     for value in (None, ["a"], 3):
         with pytest.raises(ParameterError, match=r"^engine: expected one of a, b, got "):
             checks.check_choice("engine", value, {"a": 1, "b": 2})
+
+
+@pytest.mark.parametrize("light", [1e16, -1e16])
+def test_light_beyond_all_measure_is_refused_and_the_brightest_is_not(light):
+    """Its square, summed over a picture, is no float32 any more."""
+    image = np.zeros((2, 3, 3), np.float32)
+    image[1, 2, 0] = checks.BRIGHTEST
+    checks.check_light("photo", image)
+    image[0, 0, 1] = light
+    with pytest.raises(ParameterError, match=r"photo: expected light of at most 1e\+15.*got -?1e\+16"):
+        checks.check_light("photo", image)

@@ -84,22 +84,6 @@ class LensTable(NamedTuple):
         """Bounds of |A| and of the transverse aberration in pixels, anywhere in the picture."""
         return float(1 + self.strayed.max()), float(self.largest.max())
 
-    def footprint_by_rings(
-        self, side: int, above: int
-    ) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
-        """The same bounds for tiles of ``side`` pixels whose middles lie in rings, (rings,), and their frame.
-
-        Rows count from row ``above`` of the picture. For
-        :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
-        """
-        last = len(self.largest) - 1
-        about = math.ceil(0.5 * math.sqrt(2) * side * self.scale * last) + 2
-        rings = [slice(max(0, ring - about), ring + about + 1) for ring in range(last)]
-        stretch, missed = (
-            np.array([bound[ring].max() for ring in rings]) for bound in (1 + self.strayed, self.largest)
-        )
-        return stretch, missed, (self.column, self.row - above, self.scale)
-
     def reach(self, radius: float) -> int:
         """Pixels within which a pixel's rays stay, for a largest blur radius."""
         stretch, missed = self.footprint

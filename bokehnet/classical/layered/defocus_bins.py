@@ -9,6 +9,7 @@ footprint. DefocusBins are ours.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "bin_runs", "occupied_bins", "tile_sets"]
+__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "as_radii", "bin_runs", "occupied_bins", "tile_sets"]
 
 TILE = 8
 BINS = 64
@@ -96,26 +97,23 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _reached_bins(own, low, thickness, stretch, missed, frame):  # type: ignore[no-untyped-def]
+def _reached_bins(own, reaches, frame):  # type: ignore[no-untyped-def]
     """Bits (2, rows, columns) of all bins of which a surface lies within its blur's reach of each tile.
 
-    ``stretch``, ``missed`` (rings,) and ``frame``: see :func:`occupied_bins`.
+    ``reaches``: of rays by ring and bin, pixels, (rings, BINS). ``frame``: see :func:`occupied_bins`.
     """
     rows, columns = own.shape[1:]
-    rings, whole = stretch.shape[0], max(rows, columns)
-    farthest = max(abs(low), abs(low + BINS * thickness))
-    reaches = np.empty(rings, np.int64)
+    rings, whole = reaches.shape[0], max(rows, columns)
+    tiles = np.empty(rings, np.int64)
     for ring in range(rings):
-        reach = (stretch[ring] * farthest + missed[ring]) / TILE
-        reaches[ring] = min(int(math.ceil(reach)) + 1, whole)
-    most = reaches.max()
+        tiles[ring] = min(int(math.ceil(reaches[ring].max() / TILE)) + 1, whole)
+    most = tiles.max()
     near = np.zeros((rings, (most + 1) * (most + 1) * 2), np.uint64)  # by squared distance in tiles
     for ring in range(rings):
         for square in range(near.shape[1]):
             gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
             for i in range(BINS):
-                radius = max(abs(low + i * thickness), abs(low + (i + 1) * thickness))
-                if stretch[ring] * radius + missed[ring] + 1.0 >= gap:
+                if reaches[ring, i] + 1.0 >= gap:
                     near[ring, square] |= np.uint64(1) << np.uint64(i)
     found = np.empty((2, rows, columns), np.uint64)
     for row in prange(rows):
@@ -124,7 +122,7 @@ def _reached_bins(own, low, thickness, stretch, missed, frame):  # type: ignore[
             away_y = (row + 0.5) * TILE - 0.5 - frame[1]
             away = math.sqrt(away_x * away_x + away_y * away_y) * frame[2]
             ring = min(int(away * rings), rings - 1)
-            reach = reaches[ring]
+            reach = tiles[ring]
             bits, layered = np.uint64(0), np.uint64(0)
             for v in range(max(0, row - reach), min(rows, row + reach + 1)):
                 for u in range(max(0, column - reach), min(columns, column + reach + 1)):
@@ -136,31 +134,33 @@ def _reached_bins(own, low, thickness, stretch, missed, frame):  # type: ignore[
     return found
 
 
+def as_radii(defocus: np.ndarray) -> np.ndarray:
+    """How far the rays of a perfect lens go beside their pixel, by defocus; one ring."""
+    return np.abs(defocus)[None]
+
+
 def occupied_bins(
     cells: np.ndarray,
-    stretch: float | np.ndarray = 1.0,
-    missed: float | np.ndarray = 0.0,
+    reach_at: Callable[[np.ndarray], np.ndarray] = as_radii,
     frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> DefocusBins:
     """For each tile, the bins of defocus in which its rays can meet a surface.
 
-    A surface at defocus s lies on a ray of a pixel only within ``stretch |s| + missed`` pixels of it. Both
-    can be told by the distance of a tile from the middle of the picture, for rings of one width.
-
     Args:
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
-        stretch: Largest aperture coordinate of a ray; a number, or (rings,).
-        missed: Largest transverse aberration of a ray at defocus 0, pixels; likewise.
+        reach_at: Takes a defocus (n,), gives how far from a pixel its rays meet a surface there, pixels, for
+            rings of one width around the middle of the picture, (rings, n). It must be convex.
         frame: Column and row of the middle, and one over the outer radius of the last ring in pixels; what
             lies beyond belongs to it.
     """
     depths = cells[..., 0]
     low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3
     thickness = (high - low) / BINS
-    rings = [np.atleast_1d(np.asarray(bound, np.float64)) for bound in (stretch, missed)]
+    ends = np.asarray(reach_at(low + thickness * np.arange(BINS + 1)), np.float64)
+    reaches = np.maximum(ends[:, :-1], ends[:, 1:])
     with parallel_region:
         own = _tile_bins(cells, low, 1.0 / thickness)
-        bits, layered = _reached_bins(own, low, thickness, *rings, tuple(map(float, frame)))
+        bits, layered = _reached_bins(own, reaches, tuple(map(float, frame)))
     return DefocusBins(bits=bits, smooth=layered == 0, held=own[2], low=low, thickness=thickness)
 
 

@@ -52,6 +52,8 @@ class FirstPass(NamedTuple):
         cells: Of the same rows, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
         usual: Rays of a pixel of middling noise, and the least of one in which an edge in focus lies.
         most: Rays that a pixel can send; a power of two.
+        sparse: Tiles in which one pixel of each 2x2 sends for all, (rows, columns) bool; see
+            :mod:`bokehnet.classical.layered.sparse_tiles`.
     """
 
     sums: np.ndarray
@@ -59,6 +61,7 @@ class FirstPass(NamedTuple):
     cells: np.ndarray
     usual: int
     most: int
+    sparse: np.ndarray
 
 
 # Takes what is known, gives the rays that each pixel of a tile sends in all, (rows, columns) int64: powers of
@@ -70,7 +73,8 @@ def counts_by_variance(known: FirstPass) -> np.ndarray:
     """Rays by the noise of the first ones; see ``SampleCounts``."""
     rows, width = known.rays_mask.shape
     counts = np.empty((-(-rows // TILE), -(-width // TILE)), np.int64)
-    _count(known.sums, known.rays_mask, known.cells, known.usual, known.most, _NOISE, counts)
+    arrays = (known.sums, known.rays_mask, known.cells, known.sparse)
+    _count(*arrays, known.usual, known.most, _NOISE, counts)
     return counts
 
 
@@ -96,20 +100,22 @@ def _tile_means(sums, rays_mask, top, left, means):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _blurred_noise(sums, rays_mask, top, left, colors, slopes):  # type: ignore[no-untyped-def]
+def _blurred_noise(sums, rays_mask, top, left, apart, colors, slopes):  # type: ignore[no-untyped-def]
     """Variance that the first rays leave in the light of blurred surfaces; and from how many it is told.
 
     Blurred light runs in straight lines over three pixels, so what it does not is noise: of independent
-    noise, x[-1] - 2 x[0] + x[1] has the variance 1 + 4 + 1 times.
+    noise, x[-1] - 2 x[0] + x[1] has the variance 1 + 4 + 1 times. Pixels that send lie ``apart``, 1 or 2.
     """
     own = 1 if sums.shape[3] == COLORED else 0
     total, found = 0.0, 0
-    for y in range(top, min(sums.shape[0], top + TILE)):
+    for above in range(top, min(sums.shape[0], top + TILE), apart):
         for c in range(3):
             i = 3 + own * c
             first, second, known = 0.0, 0.0, 0
-            for x in range(left, min(sums.shape[1], left + TILE)):
-                weight = 0.0
+            for before in range(left, min(sums.shape[1], left + TILE), apart):
+                y, x, weight = above, before, 0.0
+                if apart == 2:
+                    y, x = y + (before >> 1 & 1), x + (above >> 1 & 1)
                 for group in range(GROUPS):
                     weight += sums[y, x, group, i]
                 if not rays_mask[y, x] or weight <= 0.0:
@@ -158,7 +164,7 @@ def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _count(sums, rays_mask, cells, usual, most, noise, counts):  # type: ignore[no-untyped-def]
+def _count(sums, rays_mask, cells, sparse, usual, most, noise, counts):  # type: ignore[no-untyped-def]
     numbers = sums.shape[3]
     own = 1 if numbers == COLORED else 0
     for row in prange(counts.shape[0]):
@@ -182,8 +188,9 @@ def _count(sums, rays_mask, cells, usual, most, noise, counts):  # type: ignore[
                     blurred += means[group, i] / (numbers - 5)
             wanted = 0.0
             if blurred > 0.0:
-                variance, found = _blurred_noise(sums, rays_mask, top, left, colors, slopes)
-                side = 2.0 * window_reach(blurred, steepness) + 1.0
+                apart = 2 if sparse[row, column] else 1
+                variance, found = _blurred_noise(sums, rays_mask, top, left, apart, colors, slopes)
+                side = (2.0 * window_reach(blurred, steepness) + 1.0) / apart
                 wanted = math.sqrt(usual * FIRST_RAYS * variance) / (noise * side)
                 if found < _LEAST:
                     wanted = max(wanted, float(usual))

@@ -20,6 +20,7 @@ from numba import prange
 
 from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
+from bokehnet.classical.layered.bundle_extents import BUNDLE, extent_at, ring_of
 from bokehnet.classical.layered.defocus_bins import STEEP, TILE
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
@@ -37,9 +38,6 @@ from bokehnet.optics.aperture import cats_eye_shift
 
 __all__ = ["BUNDLE", "render_smooth_tiles"]
 
-# Rays of a bundle: consecutive points of one sequence.
-BUNDLE = 2048
-
 # Rows worked at a time, so that planes of the picture stay small.
 _BAND = 128
 
@@ -48,34 +46,35 @@ _BAND = 128
 _FLAT, _FLAT_SHARE = 0.2, 0.02
 
 # Bundles reach no farther, pixels: rays of larger discs are few.
-_FARTHEST = 64
+_FARTHEST = 96
 
 # Offsets are gathered in blocks while no block holds a larger share of the light, of any colour; the largest
 # side of one, pixels.
 _SHARE, _LARGEST_BLOCK = 0.012, 4
 
 # What is known of a tile: defocus in its middle, its change per pixel right and down, smallest and largest
-# defocus, largest radius of any layer, and whether something is hidden, covers in part or is steep.
-_MIDDLE, _RIGHT, _DOWN, _LOW, _HIGH, _RADIUS, _LAYERED = range(7)
+# defocus of any layer, and whether something is hidden, covers in part or is steep.
+_MIDDLE, _RIGHT, _DOWN, _LOW, _HIGH, _LAYERED = range(6)
 
 
 @njit(cache=True, parallel=True)
 def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
-    """Fill ``surfaces`` (rows, columns, 7); tiles that the border cuts are layered."""
+    """Fill ``surfaces`` (rows, columns, 6); tiles that the border cuts are layered."""
     height, width, layers = cells.shape[:3]
     moment = TILE * TILE * (TILE * TILE - 1) / 12.0
     for row in prange(surfaces.shape[0]):
         for column in range(surfaces.shape[1]):
             top, left = row * TILE, column * TILE
             layered = top + TILE > height or left + TILE > width
-            total, right, down, low, high, radius = 0.0, 0.0, 0.0, 1e30, -1e30, 0.0
+            total, right, down, low, high = 0.0, 0.0, 0.0, 1e30, -1e30
             for y in range(top, min(height, top + TILE)):
                 for x in range(left, min(width, left + TILE)):
                     s = cells[y, x, 0, 0]
                     layered = layered or cells[y, x, 0, 1] < 1
                     for layer in range(layers):
-                        radius = max(radius, abs(cells[y, x, layer, 0]))
-                        layered = layered or cells[y, x, layer, 0] != s
+                        other = cells[y, x, layer, 0]
+                        low, high = min(low, other), max(high, other)
+                        layered = layered or other != s
                     if x + 1 < width:
                         layered = layered or abs(cells[y, x + 1, 0, 0] - s) > STEEP
                     if y + 1 < height:
@@ -83,13 +82,11 @@ def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
                     total += s
                     right += s * (x - left - 0.5 * (TILE - 1))
                     down += s * (y - top - 0.5 * (TILE - 1))
-                    low, high = min(low, s), max(high, s)
             surfaces[row, column, _MIDDLE] = total / (TILE * TILE)
             surfaces[row, column, _RIGHT] = right / moment
             surfaces[row, column, _DOWN] = down / moment
             surfaces[row, column, _LOW] = low
             surfaces[row, column, _HIGH] = high
-            surfaces[row, column, _RADIUS] = radius
             surfaces[row, column, _LAYERED] = 1.0 if layered else 0.0
 
 
@@ -102,37 +99,36 @@ def _field(x, y, lens, above):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _bounds(h_x, h_y, lens):  # type: ignore[no-untyped-def]
-    """Bounds of |A| and of the transverse aberration, pixels, around a field position."""
-    last = lens.largest.shape[0] - 1
-    ring = min(int(math.sqrt(h_x * h_x + h_y * h_y) * last), last)
-    following = min(ring + 1, last)
-    return (
-        1.0 + max(lens.strayed[ring], lens.strayed[following]),
-        max(lens.largest[ring], lens.largest[following]) + 1.0,
-    )
+def _reach_of(own, line):  # type: ignore[no-untyped-def]
+    """How far from a tile's pixels its bundle meets its plane, pixels, blocks included."""
+    rise = line[-1] * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # of the radius, by pixel of reach
+    within = max(extent_at(line, own[_LOW]), extent_at(line, own[_HIGH]))
+    return within / max(1.0 - rise, 0.01) + _LARGEST_BLOCK
 
 
 @njit(cache=True, forceinline=True)
-def _reach_of(own, stretch, missed):  # type: ignore[no-untyped-def]
-    """How far from a tile's pixels its bundle meets its plane, pixels, blocks included."""
-    rise = stretch * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # of the radius, by pixel of reach
-    return (stretch * own[_RADIUS] + missed) / max(1.0 - rise, 0.01) + _LARGEST_BLOCK
+def _flat_of(own):  # type: ignore[no-untyped-def]
+    """By how many pixels of defocus surfaces may leave a tile's plane."""
+    return max(_FLAT, _FLAT_SHARE * max(abs(own[_LOW]), abs(own[_HIGH])))
 
 
 @njit(cache=True)
-def _is_plane(surfaces, row, column, stretch, missed, flat, farthest):  # type: ignore[no-untyped-def]
+def _is_plane(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
     """Whether all that rays of a tile can meet goes on its plane, within ``flat`` pixels of defocus."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
     slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
-    reach = int(math.ceil((stretch * farthest + missed) / TILE)) + 1
+    farthest = max(extent_at(line, low), extent_at(line, high))
+    reach = int(math.ceil(farthest / TILE)) + 1
     for v in range(max(0, row - reach), min(rows, row + reach + 1)):
         gap_y = TILE * max(abs(v - row) - 1, 0)
         for u in range(max(0, column - reach), min(columns, column + reach + 1)):
             gap_x, other = TILE * max(abs(u - column) - 1, 0), surfaces[v, u]
-            within = stretch * other[_RADIUS] + missed
-            if gap_x * gap_x + gap_y * gap_y > within * within:
+            square = gap_x * gap_x + gap_y * gap_y
+            if square > farthest * farthest:
+                continue
+            within = max(extent_at(line, other[_LOW]), extent_at(line, other[_HIGH]))
+            if square > within * within:
                 continue
             if other[_LAYERED] > 0.0:
                 return False
@@ -143,8 +139,8 @@ def _is_plane(surfaces, row, column, stretch, missed, flat, farthest):  # type: 
 
 
 @njit(cache=True, parallel=True)
-def _choose(surfaces, rays_mask, lens, above, farthest, chosen):  # type: ignore[no-untyped-def]
-    """Fill ``chosen`` (rows, columns): where a bundle serves."""
+def _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen):  # type: ignore[no-untyped-def]
+    """Fill ``chosen`` (rows, columns): where a bundle serves. All surfaces lie from ``low`` to ``high``."""
     height, width = rays_mask.shape
     half = 0.5 * (TILE - 1)
     for row in prange(chosen.shape[0]):
@@ -154,14 +150,14 @@ def _choose(surfaces, rays_mask, lens, above, farthest, chosen):  # type: ignore
             if own[_LAYERED] > 0.0 or not rays_mask[top : top + TILE, left : left + TILE].any():
                 continue
             h_x, h_y = _field(left + half, top + half, lens, above)
-            stretch, missed = _bounds(h_x, h_y, lens)
-            reach = _reach_of(own, stretch, missed)
+            line = extents[ring_of(h_x, h_y, extents)]
+            reach = _reach_of(own, line)
             near = min(min(left, top), min(width - left, height - top) - TILE)
-            flat = max(_FLAT, _FLAT_SHARE * own[_RADIUS])
+            flat = _flat_of(own)
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
             if steep or reach > near or reach > _FARTHEST:
                 continue
-            chosen[row, column] = _is_plane(surfaces, row, column, stretch, missed, flat, farthest)
+            chosen[row, column] = _is_plane(surfaces, row, column, line, flat, low, high)
 
 
 @njit(cache=True, parallel=True)
@@ -295,9 +291,13 @@ def _sum_taps(plane, offsets, taps, count, start, width, found, at):  # type: ig
 
 @njit(cache=True, parallel=True)
 def _render(  # type: ignore[no-untyped-def]
-    planes, first, chosen, tile_row, surfaces, rays_mask, arrays, lens, cats_eye, place, above, result
+    planes, first, chosen, tile_row, surfaces, rays_mask, arrays, lens, extents, view, result
 ):
-    """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``."""
+    """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``.
+
+    ``view``: the cat's-eye, the place of the picture, and the rows above.
+    """
+    cats_eye, place, above = view
     width = planes.shape[3]
     half = 0.5 * (TILE - 1)
     middle = TILE // 2
@@ -305,7 +305,7 @@ def _render(  # type: ignore[no-untyped-def]
         collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         rays, taps = np.empty(5 * BUNDLE, np.float32), np.empty((3, BUNDLE), np.float32)
         places, offsets = np.empty((2, BUNDLE), np.int64), np.empty(BUNDLE, np.int64)
-        slots = np.full((2 * _FARTHEST + 4, 2 * _FARTHEST + 4), -1, np.int64)
+        slots = np.full((2 * _FARTHEST + 4, 2 * _FARTHEST + 4), -1, np.int32)
         found = np.empty(TILE * LANES, np.float32)
         for column in range(chosen.shape[1]):
             if not chosen[i, column]:
@@ -318,8 +318,8 @@ def _render(  # type: ignore[no-untyped-def]
             )
             cats_eye_at = (cats_eye, shift[0], shift[1])
             _send_bundle(own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, rays)
-            stretch, missed = _bounds(field[0], field[1], lens)
-            reach = math.floor(_reach_of(own, stretch, missed)) - _LARGEST_BLOCK
+            line = extents[ring_of(field[0], field[1], extents)]
+            reach = math.floor(_reach_of(own, line)) - _LARGEST_BLOCK
             count, level = 0, planes.shape[0] - 1
             while level >= 0:
                 count, largest = _gather_taps(rays, level, reach, slots, places, taps)
@@ -349,6 +349,7 @@ def render_smooth_tiles(
     weights: np.ndarray,
     result: np.ndarray,
     lens: LensTable,
+    extents: np.ndarray,
     *,
     cats_eye: float = 0.0,
     above: int = 0,
@@ -365,6 +366,7 @@ def render_smooth_tiles(
         weights: Of the points, likewise.
         result: (H, W, 3), float32; pixels in ``rays_mask`` are overwritten, if not those of all tiles.
         lens: A lens response, for the rays of ``points``.
+        extents: From :func:`bokehnet.classical.layered.bundle_extents.bundle_extents`.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
         above: Rows of the picture above these arrays, where they are a strip of it.
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
@@ -374,12 +376,13 @@ def render_smooth_tiles(
     """
     height, width = rays_mask.shape
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
-    surfaces = np.empty((tile_rows, tile_columns, 7), np.float32)
+    surfaces = np.empty((tile_rows, tile_columns, 6), np.float32)
     chosen = np.empty((tile_rows, tile_columns), np.bool_)
     arrays, where = (points, weights), tuple(place or Place.whole(height, width))
     with parallel_region:
         _tile_surfaces(cells, surfaces)
-        _choose(surfaces, rays_mask, lens, above, float(surfaces[..., _RADIUS].max()), chosen)
+        low, high = float(surfaces[..., _LOW].min()), float(surfaces[..., _HIGH].max())
+        _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen)
         for top in range(0, tile_rows, _BAND // TILE):
             rows = chosen[top : top + _BAND // TILE]
             if not rows.any():
@@ -389,7 +392,8 @@ def render_smooth_tiles(
             planes = np.empty((1 + int(math.log2(_LARGEST_BLOCK)), 3, last - first, width), np.float32)
             _fill_planes(colors, first, planes)
             _render(
-                planes, first, rows, top, surfaces, rays_mask, arrays, lens, cats_eye, where, above, result
+                *(planes, first, rows, top, surfaces, rays_mask, arrays, lens, extents),
+                *((cats_eye, where, above), result),
             )
     done = np.kron(chosen, np.ones((TILE, TILE), np.bool_))[:height, :width]
     left: np.ndarray = rays_mask & ~done

@@ -149,6 +149,25 @@ def test_a_chunk_that_lies_beyond_every_file_is_told(tmp_path):
     assert not (tmp_path / "out.exr").exists()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"chunkCount", b"chunkCounx", "does not tell how many chunks"),
+        (b"scanlineimage", b"sc\xffnlineimage", "expected a part of the type scanlineimage"),
+        (b"N.X", b"N\xffX", "expected names of channels in UTF-8"),
+    ],
+)
+def test_a_damaged_header_is_told_before_the_file_is_written(old, new, message, tmp_path):
+    source = write_exr(tmp_path / "in.exr", beauty(), {"channels": {"N.X": ("float", values())}})
+    data = source.read_bytes()
+    at = data.index(old) if old == b"N.X" else data.rindex(old)
+    source.write_bytes(data[:at] + new.ljust(len(old), b"_") + data[at + len(old) :])
+    frame = read_frame(source)
+    with pytest.raises(ImageFileError, match=message):
+        write_frame(tmp_path / "out.exr", frame, frame.image)
+    assert not (tmp_path / "out.exr").exists()
+
+
 def chunks(path):
     """Return the bytes of all chunks of a multi-part file by part, after "OpenEXR File Layout"."""
     headers, data = read_headers(path), path.read_bytes()

@@ -145,6 +145,7 @@ def test_gradients_of_the_picture():
     [
         ({"iso": 0}, "iso: expected above 0"),
         ({"iso": math.nan}, "iso"),
+        ({"iso": 1e308}, "iso: expected noise that is small enough"),
         ({"size": 51}, "size: expected 0 to 50"),
         ({"size": math.nan}, "size"),
         ({"seed": -1}, "seed: expected at least 0"),

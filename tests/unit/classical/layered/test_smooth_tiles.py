@@ -8,6 +8,7 @@ import pytest
 import bokehnet.classical.rays_renderer
 from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import lens_table
+from bokehnet.classical.layered.bundle_extents import bundle_extents
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.smooth_tiles import render_smooth_tiles
@@ -61,7 +62,7 @@ def rendered(layers: Layers, lens_response: LensResponse, **how) -> tuple[np.nda
     result = np.full((*shape, 3), np.nan, np.float32)
     colors = np.ascontiguousarray(layers.colors, np.float32)
     arrays = (colors, layer_cells(layers), np.ones(shape, bool), points, weights)
-    left = render_smooth_tiles(*arrays, result, lens, **how)
+    left = render_smooth_tiles(*arrays, result, lens, bundle_extents(points, lens), **how)
     return result, left
 
 
@@ -110,8 +111,8 @@ def test_pictures_are_those_of_each_pixels_rays(monkeypatch):
     found = rays(image, defocus, lens_response=lens_response)
     shares = []
 
-    def leave_all(colors, cells, rays_mask, points, weights, result, lens, **how):
-        left = render_smooth_tiles(colors, cells, rays_mask, points, weights, result.copy(), lens, **how)
+    def leave_all(colors, cells, rays_mask, points, weights, result, *of_lens, **how):
+        left = render_smooth_tiles(colors, cells, rays_mask, points, weights, result.copy(), *of_lens, **how)
         shares.append(1 - left.mean())
         return rays_mask
 
@@ -166,6 +167,9 @@ def test_a_strip_gives_the_rows_of_the_picture():
         result = np.full((HEIGHT - 64, WIDTH, 3), np.nan, np.float32)
         layers = one_layer(image[64:], defocus[64:])
         arrays = (np.ascontiguousarray(layers.colors), layer_cells(layers), np.ones(result.shape[:2], bool))
-        left = render_smooth_tiles(*arrays, points, weights, result, lens, above=64, place=place)
+        how = {"above": 64, "place": place}
+        left = render_smooth_tiles(
+            *arrays, points, weights, result, lens, bundle_extents(points, lens), **how
+        )
         assert not left[TOP - 64, LEFT]
         np.testing.assert_array_equal(result[~left], whole[64:][~left])
