@@ -247,10 +247,7 @@ def _resolve(sums, windows, fitting, rays_mask, first, top, bottom, result, diso
                 if back > 0.0:
                     rest += back / (sharp + back) * back_window[2, c] / back_window[2, i]
                 if sharp + back == 0.0 and front < 1.0:
-                    if within == 0.0 and back_window[2, i] > 0.0:  # a pixel that sent none, as a rule
-                        rest = back_window[2, c] / back_window[2, i]
-                    else:
-                        rest = (front_window[1, c] + front_window[2, c]) / (within + beyond)
+                    rest = (front_window[1, c] + front_window[2, c]) / (within + beyond)
                 result[y, x, c] = front_window[0, c] / total + (1.0 - front) * rest
 
 

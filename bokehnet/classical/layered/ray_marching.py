@@ -25,7 +25,6 @@ from bokehnet.classical.layered.sample_counts import (
     SampleCounts,
     counts_by_variance,
 )
-from bokehnet.classical.layered.sparse_tiles import chosen_pixels, sparse_tiles, weigh
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
     LANES,
@@ -260,10 +259,8 @@ def march(
     send = send or _march
     height, width = rays_mask.shape
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
-    sparse = sparse_tiles(bins, height, width)
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
-    sending = chosen_pixels(sparse, rays_mask)
-    arrays = (colors, cells, sending, bins, points, chances, weights, lens)
+    arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
     numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
     how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)
@@ -278,12 +275,10 @@ def march(
             sums[: new - first] = kept[len(kept) - (new - first) :]
             if last > new:
                 fresh, rows = sums[new - first :], slice(new, last)
-                thin = sparse[new // TILE : -(-last // TILE)]
                 counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
                 send(*arrays, *how, new, 0, counts, fresh)
-                found = FirstPass(fresh, sending[rows], cells[rows], usual, points.shape[2], thin)
+                found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
                 send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
-                weigh(thin, fresh)
             known, kept = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
             if progress is not None and done is not None:

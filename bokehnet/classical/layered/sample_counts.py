@@ -52,8 +52,6 @@ class FirstPass(NamedTuple):
         cells: Of the same rows, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
         usual: Rays of a pixel of middling noise, and the least of one in which an edge in focus lies.
         most: Rays that a pixel can send; a power of two.
-        sparse: Tiles in which one pixel of each 2x2 sends for all, (rows, columns) bool; see
-            :mod:`bokehnet.classical.layered.sparse_tiles`.
     """
 
     sums: np.ndarray
@@ -61,7 +59,6 @@ class FirstPass(NamedTuple):
     cells: np.ndarray
     usual: int
     most: int
-    sparse: np.ndarray
 
 
 # Takes what is known, gives the rays that each pixel of a tile sends in all, (rows, columns) int64: powers of
@@ -73,8 +70,7 @@ def counts_by_variance(known: FirstPass) -> np.ndarray:
     """Rays by the noise of the first ones; see ``SampleCounts``."""
     rows, width = known.rays_mask.shape
     counts = np.empty((-(-rows // TILE), -(-width // TILE)), np.int64)
-    arrays = (known.sums, known.rays_mask, known.cells, known.sparse)
-    _count(*arrays, known.usual, known.most, _NOISE, counts)
+    _count(known.sums, known.rays_mask, known.cells, known.usual, known.most, _NOISE, counts)
     return counts
 
 
@@ -100,22 +96,20 @@ def _tile_means(sums, rays_mask, top, left, means):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _blurred_noise(sums, rays_mask, top, left, apart, colors, slopes):  # type: ignore[no-untyped-def]
+def _blurred_noise(sums, rays_mask, top, left, colors, slopes):  # type: ignore[no-untyped-def]
     """Variance that the first rays leave in the light of blurred surfaces; and from how many it is told.
 
     Blurred light runs in straight lines over three pixels, so what it does not is noise: of independent
-    noise, x[-1] - 2 x[0] + x[1] has the variance 1 + 4 + 1 times. Pixels that send lie ``apart``, 1 or 2.
+    noise, x[-1] - 2 x[0] + x[1] has the variance 1 + 4 + 1 times.
     """
     own = 1 if sums.shape[3] == COLORED else 0
     total, found = 0.0, 0
-    for above in range(top, min(sums.shape[0], top + TILE), apart):
+    for y in range(top, min(sums.shape[0], top + TILE)):
         for c in range(3):
             i = 3 + own * c
             first, second, known = 0.0, 0.0, 0
-            for before in range(left, min(sums.shape[1], left + TILE), apart):
-                y, x, weight = above, before, 0.0
-                if apart == 2:
-                    y, x = y + (before >> 1 & 1), x + (above >> 1 & 1)
+            for x in range(left, min(sums.shape[1], left + TILE)):
+                weight = 0.0
                 for group in range(GROUPS):
                     weight += sums[y, x, group, i]
                 if not rays_mask[y, x] or weight <= 0.0:
@@ -164,7 +158,7 @@ def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _count(sums, rays_mask, cells, sparse, usual, most, noise, counts):  # type: ignore[no-untyped-def]
+def _count(sums, rays_mask, cells, usual, most, noise, counts):  # type: ignore[no-untyped-def]
     numbers = sums.shape[3]
     own = 1 if numbers == COLORED else 0
     for row in prange(counts.shape[0]):
@@ -188,9 +182,8 @@ def _count(sums, rays_mask, cells, sparse, usual, most, noise, counts):  # type:
                     blurred += means[group, i] / (numbers - 5)
             wanted = 0.0
             if blurred > 0.0:
-                apart = 2 if sparse[row, column] else 1
-                variance, found = _blurred_noise(sums, rays_mask, top, left, apart, colors, slopes)
-                side = (2.0 * window_reach(blurred, steepness) + 1.0) / apart
+                variance, found = _blurred_noise(sums, rays_mask, top, left, colors, slopes)
+                side = 2.0 * window_reach(blurred, steepness) + 1.0
                 wanted = math.sqrt(usual * FIRST_RAYS * variance) / (noise * side)
                 if found < _LEAST:
                     wanted = max(wanted, float(usual))

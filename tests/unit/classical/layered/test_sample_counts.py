@@ -5,10 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered.defocus_bins import TILE
 from bokehnet.classical.layered.ray_accumulators import BACK_GROUP, GROUPS, PLAIN, SHARP_GROUP
 from bokehnet.classical.layered.sample_counts import _NOISE, FIRST_RAYS, FirstPass, counts_by_variance
-from bokehnet.classical.layered.sparse_tiles import chosen_pixels
 
 USUAL, MOST = 64, 128
 GREY = 0.2
@@ -24,8 +22,7 @@ def known(
     sums[:, :, group, 3] = 1.0
     sums[:, :, group, 4] = 1.0 / radius if squares is None else squares
     cells = np.ones((*colors.shape[:2], 2, 2), np.float32)
-    sparse = np.zeros([-(-side // TILE) for side in colors.shape[:2]], bool)
-    return FirstPass(sums, np.ones(colors.shape[:2], bool), cells, USUAL, MOST, sparse)
+    return FirstPass(sums, np.ones(colors.shape[:2], bool), cells, USUAL, MOST)
 
 
 @pytest.mark.parametrize("radius", [5.0, 48.0])
@@ -70,14 +67,3 @@ def test_pixels_without_rays_do_not_count():
     counts = counts_by_variance(first)
     assert counts[:, :2].min() > FIRST_RAYS
     assert counts[:, 2:].max() == FIRST_RAYS
-
-
-def test_a_pixel_that_stands_for_four_sends_twice_as_many():
-    """A quarter of the pixels in a window leaves twice the noise, and rays grow with that."""
-    wanted = 24.0
-    sigma = _NOISE * wanted / USUAL * 9 * math.sqrt(USUAL / FIRST_RAYS) / SLOPE
-    noise = np.random.default_rng(0).normal(GREY, sigma, (64, 64, 3)).astype(np.float32)
-    first = known(BACK_GROUP, noise)
-    first.sparse[:] = True
-    first.rays_mask[:] = chosen_pixels(first.sparse, first.rays_mask)
-    assert np.median(counts_by_variance(first)) == 64
