@@ -262,7 +262,9 @@ def _render(
     faintest = 0.0 if lens is None else _FAINTEST
     mixed = None
     if layers is None:
-        stack, mixed = split_picture(image, defocus, ray_reach, pixel_filter, known)
+        stack, mixed = split_picture(
+            image, defocus, ray_reach, pixel_filter, known, lambda share: tell(1, share)
+        )
     else:
         stack = layers
     tell(1, 1)

@@ -1,6 +1,7 @@
 """A picture as a stack of layers, front to back: what rays are marched through."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,9 @@ from bokehnet.kernels import njit
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["Layers", "split_layers", "split_picture"]
+
+# Shares of the work when mixed pixels are parted, and when what they hide is filled: for a bar alone.
+_PARTED, _FILLED = 0.2, 0.6
 
 
 @njit(cache=True, parallel=True)
@@ -101,20 +105,30 @@ def split_layers(
     return split_picture(image, defocus, max_coc_radius, pixel_filter, known)[0]
 
 
+def _untold(share: float) -> None:
+    """Nobody asked."""
+
+
 def split_picture(
     image: npt.NDArray[np.floating[Any]],
     defocus: npt.NDArray[np.floating[Any]],
     max_coc_radius: int | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> tuple[Layers, MixedPixels]:
-    """Make the layers of :func:`split_layers`, and tell which pixels were parted into which surfaces."""
+    """Make the layers of :func:`split_layers`, and tell which pixels were parted into which surfaces.
+
+    ``progress`` is called with the share of the work that is done, 0 to 1.
+    """
+    tell = progress or _untold
     image, defocus = np.asarray(image, np.float32), np.ascontiguousarray(defocus, np.float32)
     reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     if known is not None:
         known.check_within(*defocus.shape)
     lights = are_lights(image, light_limit(image, reach))
     sharp, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter, known)
+    tell(_PARTED)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
@@ -122,6 +136,7 @@ def split_picture(
     with parallel_region:
         _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, mixed.is_front, hidden, behind)
     sharp[mixed.rows, mixed.columns] = mixed.near
+    tell(_FILLED)
     found = [(image, sharp), (hidden, behind)]
     hides = behind < sharp - DISCONTINUITY_THRESHOLD
     if hides.any():
@@ -135,4 +150,5 @@ def split_picture(
         for layer, (color, depth) in enumerate(found):
             _stack(color, depth, layer, colors, depths, coverage)
         _lay_fronts(mixed.rows, mixed.columns, mixed.front, mixed.coverage, colors, coverage)
+    tell(1.0)
     return Layers(colors=colors, defocus=depths, coverage=coverage), mixed

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered.layers import Layers, split_layers
+from bokehnet.classical.layered.layers import Layers, split_layers, split_picture
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.errors import ParameterError, ShapeError
 
@@ -86,3 +86,14 @@ def test_what_is_hidden_hides_in_turn():
 
 def test_there_is_no_third_layer_where_nothing_is_hidden_twice():
     assert split_layers(*edge(0.7, True)).defocus.shape[2] == 2
+
+
+def test_the_stages_of_the_work_are_told_in_order():
+    shares = []
+    told, _ = split_picture(*edge(0.6, True), progress=shares.append)
+    untold, _ = split_picture(*edge(0.6, True))
+    assert len(shares) > 2
+    assert shares == sorted(shares)
+    assert shares[0] > 0
+    assert shares[-1] == 1
+    np.testing.assert_array_equal(told.colors, untold.colors)
