@@ -18,9 +18,16 @@ from bokehnet.inference.disparity_edges import (
 )
 from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
-from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
+from bokehnet.inference.edge_bias import find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.memory import give_back
+from bokehnet.inference.misplaced_edges import (
+    count_misplaced,
+    misplaced_edge_fraction,
+    misplaced_shares,
+    step_sizes,
+    take_misplaced,
+)
 from bokehnet.inference.overshoots import without_overshoots
 from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.inference.session import WEIGHTS, load_network
@@ -33,7 +40,6 @@ __all__ = [
     "DisparityRepair",
     "RepairMode",
     "RepairedMap",
-    "misplaced_edge_fraction",
     "network_memory",
 ]
 
@@ -42,9 +48,6 @@ REPAIR_MODES = get_args(RepairMode)
 
 # Bytes that the network takes for a pixel that it sees at once.
 _NETWORK_BYTES = 480
-
-# Rows looked at together where the whole map is looked through.
-_BLOCK_ROWS = 1024
 
 # Pictures with longer sides are repaired at half their size first: their maps are off by more pixels.
 _LARGEST_SIDE = 1024
@@ -59,52 +62,6 @@ _COSTLY = 10
 
 # Share of soft steps from which on those are put where the picture's colours part.
 _RAMPS = 0.1
-
-# Share of the pixels at steps that stand out of place from which on "auto" takes the repaired map.
-_IMPERFECT = 0.01
-
-# That share below which "auto" takes the busiest windows' word for the whole map.
-_SURELY_RIGHT = 0.005
-
-
-def _step_sizes(disparity: np.ndarray) -> np.ndarray:
-    """Span of the map in the 3x3 blocks of ``BLOCK`` pixels around each block, (H / 8, W / 8)."""
-    height, width = disparity.shape
-    blocks = disparity.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK)
-    low, high = np.pad(blocks.min(1).min(2), 1, "edge"), np.pad(blocks.max(1).max(2), 1, "edge")
-    rows, columns = blocks.shape[0], blocks.shape[2]
-    windows = [(slice(y, y + rows), slice(x, x + columns)) for y in range(3) for x in range(3)]
-    span: np.ndarray = np.max([high[w] for w in windows], 0) - np.min([low[w] for w in windows], 0)
-    return span
-
-
-def misplaced_edge_fraction(disparity: np.ndarray, repaired: np.ndarray) -> float:
-    """How much of a map's steps the repair moved: 0 = all stood right, up to 1.
-
-    Args:
-        disparity: As it was, (H, W).
-        repaired: As it is, (H, W).
-
-    Returns:
-        Share, of the pixels near steps, that changed by more than a quarter of the step.
-    """
-    near, moved = _count_moved(disparity, repaired, STEP * float(np.ptp(disparity)))
-    return moved / max(near, 1)
-
-
-def _count_moved(disparity: np.ndarray, repaired: np.ndarray, least: float) -> tuple[int, int]:
-    """Pixels near steps of at least ``least``, and how many of them changed by over a quarter of theirs."""
-    spans = _step_sizes(pad_to_multiple(disparity, BLOCK))
-    near = moved = 0
-    for top in range(0, len(disparity), _BLOCK_ROWS):
-        rows = slice(top, top + _BLOCK_ROWS)
-        was, now = disparity[rows], repaired[rows]
-        blocks = spans[top // BLOCK : (top + _BLOCK_ROWS) // BLOCK]
-        steps = blocks.repeat(BLOCK, 0).repeat(BLOCK, 1)[: len(was), : was.shape[1]]
-        at_steps = steps > least
-        near += int(at_steps.sum())
-        moved += int((at_steps & (np.abs(now - was) > 0.25 * steps)).sum())
-    return near, moved
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -225,8 +182,8 @@ class DisparityRepair:
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
             disparity: (H, W), any unit and offset, rising towards the camera; a defocus map will do.
-            mode: "on"; "auto" returns the map as it is where nearly all of its steps stand right already;
-                "off" always does.
+            mode: "on"; "auto" leaves the map as it is wherever nearly all steps around stand right already
+                (:func:`bokehnet.inference.misplaced_edges.take_misplaced`); "off" does so everywhere.
             progress: Called with (steps done, steps in all); what it raises ends the repair.
             plan: What the shot has decided; "auto" follows it. Default: all is decided by this map.
 
@@ -256,64 +213,65 @@ class DisparityRepair:
         if image.min() < 0:
             image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
-        if mode == "auto" and start is disparity and self._stands_right(sizes[0], disparity, span):
-            right = RepairPlan(repaired=False, softness=softness, shift=0)
-            reason = "its edges stand right"
-            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=right)
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress)
         if plan is None:
-            shift, smallest = self._edge_bias(sizes, start, span, work)
+            shift, where, smallest = self._edge_bias(sizes, start, span, work)
         else:
-            shift, smallest = plan.shift, None
-        maps = [shift_edges(start, shift)]
+            shift, where, smallest = plan.shift, None, None
+        maps = [_shifted_where(start, shift, where)]
         del start
         soft = _SoftMap(soft_steps(given), given) if softness > _RAMPS else None
-        repaired = self._repair(sizes, maps, span, work, None if shift else smallest, soft)
+        repaired = self._repair(sizes, maps, span, work, smallest, soft)
         if mode == "on":
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift)
             return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
-        misplaced = misplaced_edge_fraction(disparity, repaired)
-        share = f"{100 * misplaced:.2g} % of its edges stood out of place"
-        found = RepairPlan(repaired=misplaced >= _IMPERFECT, softness=softness, shift=shift)
-        if misplaced < _IMPERFECT:
-            return RepairedMap(disparity=disparity.copy(), repaired=False, reason=f"only {share}", plan=found)
-        return RepairedMap(disparity=repaired, repaired=True, reason=share, plan=found)
-
-    def _stands_right(self, image: np.ndarray, disparity: np.ndarray, span: float) -> bool:
-        """Whether the repair moves next to nothing in those parts of the picture that hold the most steps."""
-        disparity = pad_to_multiple(disparity, BLOCK)
-        counts = [
-            _count_moved(
-                disparity[window], self._run(image[:, *window], disparity[window], span)[0], STEP * span
-            )
-            for window in busiest_windows(_step_sizes(disparity) > STEP * span)
-        ]
-        near, moved = np.sum(counts, 0) if counts else (0, 0)
-        return bool(moved < _SURELY_RIGHT * max(near, 1))
+        share = f"{100 * misplaced_edge_fraction(disparity, repaired):.2g} % of its edges stood out of place"
+        result, taken = take_misplaced(disparity, repaired)
+        if not taken:
+            share = f"only {share}"
+        elif taken < 1:
+            share = f"{100 * taken:.2g} % of the picture, as {share}"
+        found = RepairPlan(repaired=taken > 0, softness=softness, shift=shift)
+        return RepairedMap(disparity=result, repaired=taken > 0, reason=share, plan=found)
 
     def _edge_bias(
         self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float, work: "_Work"
-    ) -> tuple[int, np.ndarray]:
-        """Pixels by which near things should grow everywhere, found at the smallest of the sizes.
+    ) -> tuple[int, np.ndarray | None, np.ndarray | None]:
+        """Pixels by which near things should grow, found at the smallest of the sizes, and where they should.
 
-        Also returns the repaired map of that size, from which this is seen where they should not.
+        Returns:
+            The shift in pixels of the largest size; the blocks of the smallest size at which it holds,
+            (H / 8, W / 8) bool, ``None`` for all; and the repaired map of the smallest size, unless only
+            some are shifted.
         """
         for _ in sizes[1:]:
             disparity = _half_map(disparity)
         repaired, found = self._look(sizes[-1], disparity, span, work, 0)
         if stands_right(found):
-            return 0, repaired
-        disparity = pad_to_multiple(disparity, BLOCK)
+            return 0, None, repaired
+        padded = pad_to_multiple(disparity, BLOCK)
 
         def votes(window: tuple[slice, slice], moved: np.ndarray) -> np.ndarray:
             found: np.ndarray = self._run(sizes[-1][:, *window], moved, span)[1][0]
             return found
 
-        busy = _step_sizes(disparity) > STEP * span
-        return 2 ** (len(sizes) - 1) * find_edge_bias(disparity, busy, votes), repaired
+        shift = find_edge_bias(padded, step_sizes(padded) > STEP * span, votes)
+        if shift == 0:
+            return 0, None, repaired
+        shifted = shift_edges(disparity, shift)
+        repaired_shifted, _ = self._look(sizes[-1], shifted, span, work, 0)
+        stay, move = (
+            misplaced_shares(*count_misplaced(*maps, STEP * span))
+            for maps in ((disparity, repaired), (shifted, repaired_shifted))
+        )
+        where = move < stay
+        if not where.any():
+            return 0, None, repaired
+        shift *= 2 ** (len(sizes) - 1)
+        return (shift, None, repaired_shifted) if where.all() else (shift, where, None)
 
     def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
         """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
@@ -390,7 +348,7 @@ class DisparityRepair:
         height, width = disparity.shape
         disparity = pad_to_multiple(disparity, BLOCK)
         result, votes = disparity.copy(), np.zeros(4)
-        tiles = [*repair_tiles(_step_sizes(disparity) > STEP * span, TILE)]
+        tiles = [*repair_tiles(step_sizes(disparity) > STEP * span, TILE)]
         for done, tile in enumerate(tiles):
             work.report(number, done / len(tiles))
             rows, columns = tile
@@ -403,6 +361,17 @@ class DisparityRepair:
             ]
         work.report(number, 1)
         return np.ascontiguousarray(crop_to(result, height, width)), votes
+
+
+def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) -> np.ndarray:
+    """The map (H, W) with near things grown by so many pixels where asked, in equal blocks, or all over."""
+    shifted = shift_edges(disparity, shift)
+    if shift == 0 or where is None:
+        return shifted
+    rows, columns = (
+        np.arange(side) * blocks // side for side, blocks in zip(disparity.shape, where.shape, strict=True)
+    )
+    return np.where(where[rows[:, None], columns], shifted, disparity)
 
 
 def _half_map(disparity: np.ndarray) -> np.ndarray:
