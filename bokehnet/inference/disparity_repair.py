@@ -20,7 +20,7 @@ from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import busiest_windows, find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
-from bokehnet.inference.memory import give_back
+from bokehnet.inference.memory import give_back, keeps_freed
 from bokehnet.inference.overshoots import without_overshoots
 from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.inference.session import WEIGHTS, load_network
@@ -323,7 +323,9 @@ class DisparityRepair:
         return repaired[0, 0], votes
 
     def _give_back(self) -> None:
-        """Return the memory of the network's layers to the system, all but that of a single block."""
+        """Return the memory of the network's layers to the system, unless the process keeps it for the rays."""
+        if keeps_freed():
+            return
         block = np.zeros((1, 3, BLOCK, BLOCK), np.float32)
         self._network(block, block[:, :1], np.ones((1, 1, 1, 1), np.float32), release=True)
         give_back()
