@@ -112,8 +112,8 @@ def main() -> None:
 def _leave(code: int) -> None:
     """End the program, all that was asked for being done.
 
-    Python takes itself apart object by object, which takes a fifth of a second once numba is loaded. The system
-    takes all back at once; what modules have asked to be done at the end is done before.
+    Python takes itself apart object by object, a fifth of a second once numba is loaded. The system takes all
+    back at once; what modules have asked to be done at the end is done before.
     """
     alone = all(thread.daemon or thread is threading.current_thread() for thread in threading.enumerate())
     try:

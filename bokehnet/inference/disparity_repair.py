@@ -323,7 +323,7 @@ class DisparityRepair:
         return repaired[0, 0], votes
 
     def _give_back(self) -> None:
-        """Return the memory of the network's layers to the system, unless the process keeps it for the rays."""
+        """Return the memory of the network's layers to the system, where the process does not keep it."""
         if keeps_freed():
             return
         block = np.zeros((1, 3, BLOCK, BLOCK), np.float32)
