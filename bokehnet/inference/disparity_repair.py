@@ -20,7 +20,7 @@ from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
-from bokehnet.inference.memory import give_back
+from bokehnet.inference.memory import give_back, keeps_freed
 from bokehnet.inference.misplaced_edges import (
     count_misplaced,
     misplaced_edge_fraction,
@@ -281,7 +281,9 @@ class DisparityRepair:
         return repaired[0, 0], votes
 
     def _give_back(self) -> None:
-        """Return the memory of the network's layers to the system, all but that of a single block."""
+        """Return the memory of the network's layers to the system, where the process does not keep it."""
+        if keeps_freed():
+            return
         block = np.zeros((1, 3, BLOCK, BLOCK), np.float32)
         self._network(block, block[:, :1], np.ones((1, 1, 1, 1), np.float32), release=True)
         give_back()

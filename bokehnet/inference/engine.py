@@ -84,7 +84,7 @@ def _to_batch(array: np.ndarray) -> np.ndarray:
 
 def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> float:
     """Largest blur radius, pixels."""
-    radius = max(float(defocus.max()), -float(defocus.min()))
+    radius = max(0.0, float(defocus.max()), -float(defocus.min()))  # 0 before zeros that are negative
     if known is None or not len(known.rows):
         return radius
     return max(radius, float(known.near.max()), -float(known.far.min()))

@@ -5,13 +5,15 @@ import gc
 import sys
 from pathlib import Path
 
-__all__ = ["give_back", "keep_freed", "resident"]
+__all__ = ["give_back", "keep_freed", "keeps_freed", "resident"]
 
 # Of glibc's malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
 # Bytes of one array, and of all at the end of the heap, up to which memory is kept when it is freed.
 _LARGEST_KEPT, _MOST_KEPT = 10**8, 5 * 10**8
+
+_keeps = False
 
 
 def resident() -> int:
@@ -28,8 +30,15 @@ def keep_freed() -> None:
     glibc gives the memory of each large array back to the system, which clears it anew for the next. For
     programs that are ours alone: it holds for the whole process. Without effect elsewhere.
     """
+    global _keeps
+    _keeps = sys.platform == "linux" and hasattr(ctypes.CDLL(None), "mallopt")
     _of_libc("mallopt", _MMAP_THRESHOLD, _LARGEST_KEPT)
     _of_libc("mallopt", _TRIM_THRESHOLD, _MOST_KEPT)
+
+
+def keeps_freed() -> bool:
+    """Whether freed memory is kept, so that networks need no pool of their own beside it."""
+    return _keeps
 
 
 def give_back() -> None:

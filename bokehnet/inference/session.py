@@ -13,6 +13,7 @@ import numpy as np
 from bokehnet.checks import check_choice
 from bokehnet.classical.base import CLASSICAL_RENDERERS
 from bokehnet.errors import ModelFileError
+from bokehnet.inference.memory import keeps_freed
 from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
 
 __all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_network", "load_networks"]
@@ -43,13 +44,16 @@ class OnnxNetwork:
         if options is None:
             # A plan for one size comes as a block of its own with the second picture, on top of the first
             # one's pieces: twice the memory, and half a second more until it is there.
+            # Where the process keeps what it frees, layers and rays share it; a pool would be theirs alone.
             # Threads that wait for work without sleeping take the cores of whatever else computes.
             options = {
                 "intra_op_num_threads": threads,
                 "log_severity_level": 3,
                 "enable_mem_pattern": False,
+                "enable_cpu_mem_arena": not keeps_freed(),
                 "session.intra_op.allow_spinning": "0",
             }
+        self._has_pool = not isinstance(options, dict) or options.get("enable_cpu_mem_arena", True)
         self._session = OnnxSession(model, providers, options)
         self._input_names = input_names
         self._taken = {item.name for item in self._session.inputs()}
@@ -64,7 +68,7 @@ class OnnxNetwork:
         contiguous = {
             key: np.ascontiguousarray(fed[_OLD_INPUTS.get(key, key)], np.float32) for key in self._taken
         }
-        results = self._session.run(contiguous, release=release)
+        results = self._session.run(contiguous, release=release and self._has_pool)
         return results[0] if len(results) == 1 else tuple(results)
 
 

@@ -140,3 +140,24 @@ def test_numbers_beyond_all_floats_are_told_in_one_line(tmp_path):
     told = [line for line in lines if line.startswith("bokehnet: ") and "compiling" not in line]  # no bars
     assert [line[:16] for line in told] == ["bokehnet: error:"]
     assert "expected finite values" in done.stderr
+
+
+def test_the_program_leaves_at_once_but_leaves_nothing_undone(tmp_path):
+    source = (
+        "import atexit, sys, threading, time\n"
+        "from bokehnet.cli import app\n"
+        "def last() -> None:\n    print('said at the end')\n    sys.stdout.flush()\n"
+        "@app.app.command()\n"
+        "def work() -> None:\n    print('said'); atexit.register(last)\n"
+        "    if {late}: threading.Thread(target=lambda: (time.sleep(0.3), print('said late'))).start()\n"
+        "sys.argv = ['bokehnet', *{words}]; app.main(); print('never said')"
+    )
+
+    def ran(words: list[str], late: bool = False) -> tuple[int, str]:
+        code = source.format(words=words, late=late)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout
+
+    assert ran(["work"]) == (0, "said\nsaid at the end\n")
+    assert ran(["work"], late=True) == (0, "said\nsaid late\nsaid at the end\n")
+    assert ran(["render"])[0] == 1

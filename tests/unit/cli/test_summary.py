@@ -116,3 +116,8 @@ def test_what_was_not_found_is_left_out():
     report = RenderReport(engine="rays", largest_blur=160.4)
     summary = FrameSummary(output="a.png", width=8, height=6, report=report, seconds={"render": 1.26})
     assert summary.line() == "a.png: 8x6, rays, blur up to 160 px, map as it is, 1.3 s"
+
+
+def test_no_blur_is_told_without_a_sign(folder, cli):
+    outcome = cli(*RELATIVE, "--blur", 0, "--focus", 1, "--repair-disparity", "off")
+    assert "blur up to 0 px" in outcome.err

@@ -6,8 +6,9 @@ import pytest
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.config import load_config
+from bokehnet.inference import memory
 from bokehnet.inference.disparity_repair import DisparityRepair
-from bokehnet.inference.session import WEIGHTS
+from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.rendering.renderer import BokehRenderer
 from bokehnet.synth import SynthConfig
@@ -108,3 +109,17 @@ def test_engines_on_an_independent_renderer(shared):
     assert scores["rays"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 4
     assert scores["hybrid"]["edge_psnr"] > scores["rays"]["edge_psnr"] - 0.2
     assert min(row["rays"]["psnr"] - row["scatter"]["psnr"] for row in rows) > -0.2
+
+
+def test_networks_give_the_same_bits_where_the_process_keeps_their_memory(monkeypatch):
+    rng = np.random.default_rng(5)
+    image, disparity = rng.random((1, 3, 64, 96), np.float32), rng.random((1, 1, 64, 96), np.float32)
+    found = []
+    for keeps in (False, True):
+        monkeypatch.setattr(memory, "_keeps", keeps)
+        network = load_network(WEIGHTS / "repair", "repair", ("image", "disparity", "span"))
+        options = network._session._options
+        assert options["enable_cpu_mem_arena"] is not keeps
+        # ONNX Runtime refuses to give back what it does not hold.
+        found += network(image, disparity, np.ones((1, 1, 1, 1), np.float32), release=True)
+    assert all(np.array_equal(pooled, kept) for pooled, kept in zip(found[:2], found[2:], strict=True))
