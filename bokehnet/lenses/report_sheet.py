@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError
+from bokehnet.errors import ImageFileError, LensError
 from bokehnet.lenses.analysis import (
     airy_mtf,
     chromatic_focus,
@@ -110,9 +110,12 @@ def report_picture(lenses: Sequence[PrescriptionLens], path: str | Path) -> None
     Raises:
         MissingExtraError: matplotlib is not installed.
         ImageFileError: The file cannot be written, or its ending names no picture format.
+        LensError: Rays of a lens do not get through it.
     """
     try:
         _figure(lenses).savefig(path, dpi=110)
+    except LensError:
+        raise
     except (OSError, ValueError) as error:
         raise ImageFileError(f"cannot write {path}: {error}") from error
 
