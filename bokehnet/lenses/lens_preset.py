@@ -27,8 +27,8 @@ class LensPreset:
         aberrations: Its map.
         vignette: What darkens as the lens does.
         light_error: Largest error of that, of the light in the middle.
-        correlation: Of the blur of points with the traced one, in the mean over three fields and depths; those
-            that are as good as sharp are left out.
+        correlation: Of the blur of points with the traced one, in the mean over three fields and depths;
+            those that are as good as sharp are left out.
         worst: The smallest of these.
     """
 
