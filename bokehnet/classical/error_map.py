@@ -84,6 +84,7 @@ def geometric_error_map(
     threshold: float | None = None,
     softness: int = 2,
     farthest: np.ndarray | None = None,
+    beyond: int = 0,
 ) -> np.ndarray:
     """Return the map of pixels that a depth discontinuity can reach.
 
@@ -96,6 +97,7 @@ def geometric_error_map(
         softness: Half the width in pixels of the soft edge, which lies outside the mask.
         farthest: Where pixels show two surfaces, ``defocus`` is of the nearer one and this of the farther
             one, (H, W); default: they show one.
+        beyond: By so many pixels more than the blur's radius light strays.
 
     Returns:
         Map (H, W) float32 in [0, 1]; 1 within reach of a boundary, 0 where the scatter is right.
@@ -112,7 +114,7 @@ def geometric_error_map(
     defocus = np.ascontiguousarray(defocus, np.float32)
     farthest = defocus if farthest is None else np.ascontiguousarray(farthest, np.float32)
     with parallel_region:
-        counts = _cover_discs(_boundary_reach(defocus, farthest, threshold, softness))
+        counts = _cover_discs(_boundary_reach(defocus, farthest, threshold, softness + beyond))
         _sum_rows(counts)
         softened: np.ndarray = _soften(counts[:, :-1], softness)
     return softened

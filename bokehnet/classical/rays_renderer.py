@@ -12,6 +12,7 @@ from numba import prange
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
+from bokehnet.classical.fringed_scatter import fringed_scatter, fringes_alone
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
@@ -234,16 +235,30 @@ def _render(
     above = 0 if strip is None else strip.first
     place = place or Place.whole(*size)
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
-    del nearest, farthest
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture, colored)
-    lens, ray_reach = None, radius
+    lens, ray_reach, fringes = None, radius, None
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
         ray_reach = lens.reach(radius)
-        rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
-    reach = min(radius, max(size))
-    smooth = scatter_beyond(image, defocus, aperture, reach, strip, place.below(above), device.scatter)
+        fringes = fringes_alone(lens_response, 1 / lens.scale)
+        if fringes is None:
+            rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
+        else:
+            beyond = math.ceil(lens.footprint[1])
+            rays_weight = geometric_error_map(
+                nearest, boundary_threshold(size), farthest=farthest, beyond=beyond
+            )
+    del nearest, farthest
+    reach = min(ray_reach if fringes is not None else radius, max(size))
+
+    def scattered(radii: np.ndarray) -> np.ndarray:
+        return scatter_beyond(image, radii, aperture, reach, strip, place.below(above), device.scatter)
+
+    if fringes is None or lens is None:
+        smooth = scattered(defocus)
+    else:
+        smooth = fringed_scatter(scattered, defocus, fringes, lens.maps, place.frame, above)
     rays_mask = rays_weight > 0
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
     tell = _told(progress, seconds)

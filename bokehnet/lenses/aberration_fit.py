@@ -108,7 +108,8 @@ def fit_aberration_map(
         The map; signed defocus in half-diagonals is ``lens.coc_radius(disparity) / half_diagonal``.
 
     Raises:
-        LensError: The picture is larger than what the lens lights, or its middle rays cross.
+        LensError: The picture is larger than what the lens lights, its middle rays cross, or rays through
+            its stop miss a surface.
     """
     lens = lens.centred
     frame, rays, field, aim = _prepare(lens, half_diagonal, distortion)
@@ -120,6 +121,9 @@ def fit_aberration_map(
         used = traced.heights.max(axis=0) < _RESERVE
         pupil, at = frame.even(traced.stop, field)[used], field[used]
         missed, bent = (values[used] for values in frame.lines(traced, field))
+        if not (np.isfinite(pupil).all() and np.isfinite(missed).all() and np.isfinite(bent).all()):
+            name = lens.prescription.name
+            raise LensError(f"{name}: rays of its picture miss a surface; use a smaller field or stop down")
         terms = _monomials(pupil, at)
         transverse_aberration.append(_fit(terms, pupil, at, missed))
         pupil_aberration.append(_fit(terms, pupil, at, bent - pupil))

@@ -125,20 +125,33 @@ def spherical_focus(lens: PrescriptionLens, zones: np.ndarray, wavelength: float
 
     Millimetres behind the Gaussian focus of the design wavelength; NaN where nothing passes.
     """
+    crossing, passes = _crossing(lens, zones, wavelength)
+    return np.where(passes, crossing, np.nan)
+
+
+def _crossing(
+    lens: PrescriptionLens, zones: np.ndarray, wavelength: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays cross the axis, as :func:`spherical_focus` has it, and which nothing stops."""
     rays = field_rays(lens, 0.0, np.stack([zones, 0 * zones], -1), wavelength)
-    behind = -rays.place[:, 0] / rays.slope[:, 0] + lens.focus_shift
-    return np.where(rays.passes, behind, np.nan)
+    return -rays.place[:, 0] / rays.slope[:, 0] + lens.focus_shift, rays.passes
 
 
 def chromatic_focus(lens: PrescriptionLens, wavelengths: np.ndarray) -> np.ndarray:
-    """Return the focus of rays near the axis, mm behind that of the design wavelength, (W,)."""
+    """Return the focus of rays near the axis, mm behind that of the design wavelength, (W,).
+
+    A dark middle, such as a mirror's hole, is looked through: it changes no focus.
+    """
     zone = np.array([_NEAR])
-    found = np.array([spherical_focus(lens, zone, float(wavelength))[0] for wavelength in wavelengths])
-    return np.asarray(found - spherical_focus(lens, zone)[0])
+    found = np.array([_crossing(lens, zone, float(wavelength))[0][0] for wavelength in wavelengths])
+    return np.asarray(found - _crossing(lens, zone)[0][0])
 
 
 def field_curvature(lens: PrescriptionLens, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tangential and the sagittal focus near the middle ray, mm behind that on the axis, (S,)."""
+    """Return the tangential and the sagittal focus near the middle ray, mm behind that on the axis, (S,).
+
+    Of rays near it whether or not a dark middle stops them.
+    """
     found = []
     for share in shares:
         pair = []
@@ -149,7 +162,7 @@ def field_curvature(lens: PrescriptionLens, shares: np.ndarray) -> tuple[np.ndar
             place, slope = np.diff(rays.place[:, axis])[0], np.diff(rays.slope[:, axis])[0]
             pair.append(-place / slope)
         found.append(pair)
-    axis_focus = float(spherical_focus(lens, np.array([_NEAR]))[0]) - lens.focus_shift
+    axis_focus = float(_crossing(lens, np.array([_NEAR]))[0][0]) - lens.focus_shift
     tangential, sagittal = (np.array(found) - axis_focus).T
     return tangential, sagittal
 

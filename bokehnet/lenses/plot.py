@@ -114,7 +114,11 @@ def draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
         (paraxial.cardinal.front_principal, 1.15 * tallest, "front principal plane", "#198038"),
         (paraxial.cardinal.rear_principal, 1.15 * tallest, "rear principal plane", "#007d79"),
     ]
+    room = lens.sensor_position - first
     for place, height, label, color in marks:
+        if not first - room < place < lens.sensor_position + room:  # would leave no place for the glass
+            axes.plot([], [], color=color, ls="--", lw=1.4, label=f"{label}, at {place:.4g} mm")
+            continue
         axes.plot([place] * 2, [-height, height], color=color, ls="--", lw=1.4, label=label)
     axes.axhline(0, color=_INK, lw=0.5, ls=(0, (12, 4, 2, 4)))
     axes.set_aspect("equal", adjustable="datalim")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError
+from bokehnet.errors import ImageFileError, LensError
 from bokehnet.lenses.analysis import (
     airy_mtf,
     chromatic_focus,
@@ -46,7 +46,7 @@ _NAMES = ("middle", "0.7 of the field", "corner")
 # Planes of the spots through focus, in depths of focus of a circle of 1/1500 of the diagonal.
 _PLANES = (-4, -2, 0, 2, 4)
 # Blur of the bokeh sheet, per cent of half the diagonal; above 0 in front of focus.
-_BLURS = (4.0, 2.0, 0.0, -2.0, -4.0)
+_BLUR, _SMALLEST = 4.0, 0.5
 _CELLS, _SAMPLED = 81, 12
 
 
@@ -110,9 +110,12 @@ def report_picture(lenses: Sequence[PrescriptionLens], path: str | Path) -> None
     Raises:
         MissingExtraError: matplotlib is not installed.
         ImageFileError: The file cannot be written, or its ending names no picture format.
+        LensError: Rays of a lens do not get through it.
     """
     try:
         _figure(lenses).savefig(path, dpi=110)
+    except LensError:
+        raise
     except (OSError, ValueError) as error:
         raise ImageFileError(f"cannot write {path}: {error}") from error
 
@@ -392,6 +395,14 @@ def _draw_spots(part: Any, lens: PrescriptionLens) -> None:
     grid[2][0].set_ylabel("corner", fontsize=8)
 
 
+def _blurs(far: float) -> tuple[float, ...]:
+    """Five blurs, + in front of focus, of which none is farther than ``far``, that of infinity."""
+    if far > -_SMALLEST:  # next to nothing lies behind the focus
+        return (_BLUR, 0.75 * _BLUR, 0.5 * _BLUR, 0.25 * _BLUR, 0.0)
+    behind = max(-_BLUR, far)
+    return (_BLUR, 0.5 * _BLUR, 0.0, 0.5 * behind, behind)
+
+
 def _draw_bokeh(part: Any, lens: PrescriptionLens) -> None:
     """Discs of white lamps, to the right of the middle of the picture, in front of focus and behind it."""
     half, focus = lens.prescription.image_radius, 1 / lens.focus_distance
@@ -399,9 +410,8 @@ def _draw_bokeh(part: Any, lens: PrescriptionLens) -> None:
     far = 100 * float(lens.coc_radius(0.0)) / half
     wavelengths, colors = WavelengthSampling().sample(_SAMPLED)
     part.suptitle("bokeh: lamps in front of focus (left) to behind it (right), as traced", fontsize=10)
-    grid = part.subplots(3, len(_BLURS))
-    for column, blur in enumerate(_BLURS):
-        blur = max(blur, far)
+    grid = part.subplots(3, 5)
+    for column, blur in enumerate(_blurs(far)):
         depth = 1 / max(focus + blur / 100 * half / per_disparity, 1e-9)
         for row, share in enumerate((0.0, 0.5, 0.9)):
             axes = grid[row][column]

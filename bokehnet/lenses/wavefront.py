@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bokehnet.errors import LensError
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.stop_rays import chief_rays
 from bokehnet.lenses.surface_trace import beam_between, trace
@@ -60,6 +61,9 @@ def trace_wavefront(
         wavelength: Nanometres; None is the design wavelength, as middle ray and sphere are always.
         count: Rays along each side of the grid.
 
+    Raises:
+        LensError: The middle ray does not get there.
+
     Source:
         Welford, "Aberrations of optical systems", 1986, 7.2.
     """
@@ -71,6 +75,9 @@ def trace_wavefront(
     sensor = reference[1]
     used = _paths(lens, middle.origin, middle.slope, chief, wavelength, sensor)[0]
     path, _, cosines, passes = _paths(lens, middle.origin, middle.slope, pupil, wavelength, sensor)
+    if not (np.isfinite(used).all() and np.isfinite(path[passes]).all()):
+        name = lens.prescription.name
+        raise LensError(f"{name}: no ray through the middle of the stop reaches {share:g} of its picture")
     length = lens.prescription.design_wavelength if wavelength is None else wavelength
     return Wavefront(
         pupil=pupil,

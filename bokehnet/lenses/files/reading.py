@@ -86,7 +86,7 @@ def import_lens(path: str | Path, glasses: Sequence[str | Path] = ()) -> Importe
     beside = sorted(path.parent.glob("*.[aA][gG][fF]"))
     lens = reader(path, GlassCatalogues((*map(Path, glasses), *beside)))
     count = len(lens.positions)
-    lens = lens.at(position or 1)
+    lens = lens.at(1 if position is None else position)
     if count > 1 and position is None:
         lens.said.append(f"the first of {count} positions; others are {path.name}@2 to {path.name}@{count}")
     prescription = to_prescription(lens)

@@ -199,8 +199,22 @@ def _floating(lens: FileLens, distances: Sequence[float]) -> tuple[FocusRow, ...
     return tuple(found)
 
 
+def _check_shape(lens: FileLens, surface: FileSurface) -> None:
+    for key, values in (
+        ("radius", (0.0 if math.isinf(surface.radius) else surface.radius,)),
+        ("conic", (surface.conic,)),
+        ("asphere", (*surface.aspheric, *surface.odd)),
+        ("aperture", (surface.semi_diameter or 0.0, surface.inner_radius)),
+    ):
+        wrong = [value for value in values if not math.isfinite(value)]
+        if wrong:
+            fail(lens.path, surface.line, key, f"expected a number, got {wrong[0]:g}")
+
+
 def _rows(lens: FileLens) -> list[SurfaceRow]:
     """Rows in mm with one plane for the stop; planes that bend nothing are left out."""
+    for surface in lens.surfaces[1:-1]:
+        _check_shape(lens, surface)
     unit, inner = lens.millimetres, _seen_in_mirrors(lens.surfaces[1:-1])
     if not any(surface.stop for surface in inner):
         lens.said.append("no stop is told: it is put on the first surface")

@@ -134,3 +134,18 @@ def test_a_smaller_picture_is_the_middle_of_a_larger_one():
 def test_a_picture_beyond_the_light_of_the_lens_is_refused():
     with pytest.raises(LensError, match=r"Petzval: half diagonal: .* to 18 mm.*got 40"):
         fit_aberration_map(load_lens("petzval"), half_diagonal=40.0)
+
+
+def test_a_lens_whose_rays_miss_its_glass_is_one_line(tmp_path):
+    """A radius of 5 mm behind a stop of 15.9 mm: nearly no ray meets the surface."""
+    text = (
+        "MODE SEQ\nNAME T\nUNIT MM\nENPD 15.9\nYFLN 5\nWAVM 1 0.5875618 1\n"
+        "SURF 0\n CURV 0\n DISZ INFINITY\n"
+        "SURF 1\n STOP\n CURV 0.2\n DISZ 4\n GLAS N-BK7 0 0 1.5168 64.17\n DIAM 9\n"
+        "SURF 2\n CURV -0.01\n DISZ 60\n DIAM 9\nSURF 3\n CURV 0\n DISZ 0\n"
+    )
+    path = tmp_path / "ball.zmx"
+    path.write_text(text)
+    lens = load_lens(str(path))
+    with pytest.raises(LensError, match="miss a surface"):
+        fit_aberration_map(lens)

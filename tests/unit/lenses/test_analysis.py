@@ -103,3 +103,19 @@ def test_facts_are_json_numbers_of_the_lens():
     assert facts["working_f_number"] > facts["published_f_number"]
     assert facts["fields"][0]["relative_illumination"] == 1
     assert len(facts["seidel"]) == 7
+
+
+def test_curves_near_the_axis_look_through_a_dark_middle():
+    """Gaussian optics by wavelength, and Seidel's sums at a tenth of the field, of a mirror lens."""
+    lens = load_lens("catadioptric")
+    lines = np.array([440.0, F_LINE, C_LINE])
+    rear = paraxial_lens(lens.prescription.trace_surfaces(lines)).cardinal.rear_focus
+    np.testing.assert_allclose(
+        chromatic_focus(lens, lines), rear - lens.paraxial.cardinal.rear_focus, atol=1e-4
+    )
+    assert np.isnan(spherical_focus(lens, np.array([0.02]))).all()  # nothing passes there
+    cone, total = abs(lens.paraxial.entrance.radius) / lens.focal_length, sums(lens)
+    tangential, sagittal = field_curvature(lens, np.array([0.1]))
+    scale = -0.01 / 2 / cone**2
+    assert tangential[0] == pytest.approx(scale * (3 * total["astigmatism"] + total["petzval"]), rel=0.01)
+    assert sagittal[0] == pytest.approx(scale * (total["astigmatism"] + total["petzval"]), rel=0.01)

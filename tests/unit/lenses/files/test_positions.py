@@ -89,6 +89,8 @@ def test_a_position_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     path.write_text(_ZOOM)
     with pytest.raises(LensError, match=r"zoom\.fx: position: expected 1 to 3, got 4$"):
         import_lens(f"{path}@4")
+    with pytest.raises(LensError, match=r"expected 1 to 3, got 0$"):
+        import_lens(f"{path}@0")
     path.write_text(_ZOOM.replace("14.7/0.69/4.05", "14.7/0.69"))
     with pytest.raises(LensError, match="as many positions"):
         import_lens(path)

@@ -128,6 +128,7 @@ def test_glass_comes_from_a_catalogue_beside_the_file(put):
         ("a.zmx", ZMX.replace("N-BK7", "MIRROR"), ["thickness", "along the light"]),
         ("a.zmx", ZMX.replace("DISZ 0.25", "DISZ -0.25"), ["thickness", "-0.25"]),
         ("a.zmx", ZMX.replace("CURV 0.4", "CURV abc"), ["line 25", "CURV", "abc"]),
+        ("a.zmx", ZMX.replace("CURV 0.4", "CURV nan"), ["radius", "nan"]),
         ("a.zmx", ZMX.replace("MODE SEQ", "MODE NSC"), ["line 2", "MODE", "NSC"]),
         ("a.zmx", ZMX.replace("ENPD 0.8", "ENPD 0"), ["aperture", "above 0"]),
         ("a.zmx", "junk\n" * 2000, ["SURF", "expected surfaces"]),
