@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 
-from bokehnet.inference.disparity_edges import sharpen_if_soft, soft_edge_fraction
 from bokehnet.synth.shards import TrainingSample
 from train.augmentation import augment_disparity
 from train.scene_pairs import HeldOut, ScenePairs
@@ -51,10 +50,7 @@ class RepairDataConfig:
 def repair_pair(
     image: np.ndarray, disparity: np.ndarray, rng: np.random.Generator, config: RepairDataConfig
 ) -> dict[str, np.ndarray]:
-    """Draw one example from a whole picture (H, W, 3) and its disparity (H, W).
-
-    Soft maps are sharpened by the same rule as before the network sees them in use.
-    """
+    """Draw one example from a whole picture (H, W, 3) and its disparity (H, W)."""
     if max(disparity.shape) > config.part:
         piece = tuple(_random_piece(side, config.part, rng) for side in disparity.shape)
         image, disparity = image[piece], disparity[piece]
@@ -66,8 +62,7 @@ def repair_pair(
     true = np.ascontiguousarray((disparity - low) / max(high - low, 1e-6), np.float32)
     if rng.random() < config.bent:
         true = true ** np.float32(2.0 ** rng.uniform(-1, 1))
-    augmented = true if rng.random() < config.clean else augment_disparity(true, rng, image)
-    augmented = sharpen_if_soft(augmented, soft_edge_fraction(augmented))
+    augmented = true if rng.random() < config.clean else augment_disparity(true, rng)
     span = max(float(augmented.max() - augmented.min()), 1e-6)
     window = busy_window(true, config.crop, rng)
     gain = np.float32(2.0 ** rng.uniform(-1, 1))

@@ -233,7 +233,7 @@ class DisparityRepair:
         if not taken:
             share = f"only {share}"
         elif taken < 1:
-            share = f"{100 * taken:.2g} % of the picture, as {share}"
+            share = f"{100 * taken:.0f} % of the picture, as {share}"
         found = RepairPlan(repaired=taken > 0, softness=softness, shift=shift)
         return RepairedMap(disparity=result, repaired=taken > 0, reason=share, plan=found)
 

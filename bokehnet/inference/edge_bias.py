@@ -58,7 +58,8 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
 
     A network sees whether a step stands too far in or out, but hardly how far. So the map is shifted until as
     many of its steps ask to grow as to shrink: twice as far each time until the answer turns, then halfway
-    between the last two. Of the shifts tried, the one that fewest pixels object to is taken.
+    between the last two. Of the shifts tried, the one that fewest pixels object to is taken. Only those
+    parts are asked that object to the map as it is.
 
     Args:
         disparity: (H, W), sides multiples of 8.
@@ -68,11 +69,18 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
     Returns:
         At most 7 either way; 0 where there are no steps, or as many ask for either.
     """
-    windows = list(busiest_windows(busy))
-    if not windows:
+    asked = [(window, votes(window, disparity[window])) for window in busiest_windows(busy)]
+    if not asked:
         return 0
-    objections: dict[int, float] = {}
-    biases: dict[int, float] = {}
+    overall = _count(np.sum([vote for _, vote in asked], 0))[0]
+    if abs(overall) < _CLOSE:
+        return 0
+    way = 1 if overall > 0 else -1
+    # Where a part of the map alone is off, the others have no say in how far.
+    objecting = [part for part in asked if way * _count(part[1])[0] >= _CLOSE] or asked
+    windows = [window for window, _ in objecting]
+    start = _count(np.sum([vote for _, vote in objecting], 0))
+    biases, objections = {0: start[0]}, {0: start[1]}
 
     def bias(shift: int) -> float:
         if shift not in biases:
@@ -80,9 +88,6 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
             biases[shift], objections[shift] = _count(np.sum([votes(*part) for part in moved], 0))
         return biases[shift]
 
-    if abs(bias(0)) < _CLOSE:
-        return 0
-    way = 1 if bias(0) > 0 else -1
     before, after = 0, 2
     while way * bias(way * after) > 0 and after < _FARTHEST:
         before, after = after, min(2 * after, _FARTHEST)

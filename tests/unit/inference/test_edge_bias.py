@@ -54,6 +54,14 @@ def test_a_shift_of_the_whole_map_is_found(pixels):
     assert oracle.asked <= 6 * 4
 
 
+@pytest.mark.parametrize("pixels", [-4, -3, 3, 4])
+def test_a_shift_of_a_part_of_the_map_is_found_in_full(pixels):
+    """Parts that stand right do not halve it."""
+    truth = blobs(200, 800)
+    given = np.where(np.arange(800) < 400, shift_edges(truth, pixels), truth)
+    assert find_edge_bias(given, busy_blocks(given), Oracle(truth)) == -pixels
+
+
 def test_maps_that_stand_right_are_asked_once_and_kept():
     truth = blobs()
     oracle = Oracle(truth)
