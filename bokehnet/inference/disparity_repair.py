@@ -60,6 +60,13 @@ _NETWORK_SIDE = 2048
 # What the network costs for a pixel, over what it costs to put a step there to the picture's edge.
 _COSTLY = 10
 
+# How many times as much must ask to move where the map is shifted as where it is not, for a place to be left
+# out of a shift: on soft maps of thin things both shares are large.
+_BETTER = 2
+
+# Share of the picture from which on it is repaired as a whole, as far as words go.
+_WHOLE = 0.995
+
 # Share of soft steps from which on those are put where the picture's colours part.
 _RAMPS = 0.1
 
@@ -232,7 +239,7 @@ class DisparityRepair:
         result, taken = take_misplaced(disparity, repaired)
         if not taken:
             share = f"only {share}"
-        elif taken < 1:
+        elif taken < _WHOLE:
             share = f"{100 * taken:.0f} % of the picture, as {share}"
         found = RepairPlan(repaired=taken > 0, softness=softness, shift=shift)
         return RepairedMap(disparity=result, repaired=taken > 0, reason=share, plan=found)
@@ -267,7 +274,7 @@ class DisparityRepair:
             misplaced_shares(*count_misplaced(*maps, STEP * span))
             for maps in ((disparity, repaired), (shifted, repaired_shifted))
         )
-        where = move < stay
+        where = move < _BETTER * stay
         if not where.any():
             return 0, None, repaired
         shift *= 2 ** (len(sizes) - 1)
