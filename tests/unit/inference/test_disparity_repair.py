@@ -47,7 +47,7 @@ def test_it_equals_the_torch_network(untrained, monkeypatch):
 
 @pytest.mark.parametrize("grown", [0, 320, 640])
 def test_a_shift_is_taken_back_where_the_network_asks_for_it(untrained, monkeypatch, grown):
-    """Bars that are two pixels too wide in some columns; the network knows where all should be, 136 pixels around tell."""
+    """Bars that are two pixels too wide in some columns; the network knows where all should be."""
     columns = np.arange(640) % 24
     right = np.tile((columns < 10).astype(np.float32), (64, 1))
     given = np.where(np.arange(640) < grown, maximum_filter(right, (1, 5), mode="nearest"), right)
