@@ -7,6 +7,7 @@ import zlib
 from pathlib import Path
 
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.tiff_extent import tiff_end
 
 __all__ = ["PIXEL_LIMIT_VARIABLE", "check_intact", "check_name", "check_pixel_count"]
 
@@ -30,7 +31,7 @@ def check_name(path: Path) -> None:
 
 
 def check_intact(path: Path) -> None:
-    """Raise ``ImageFileError`` unless ``path`` is a file that can be read and, for PNG and JPEG, is whole."""
+    """Raise ``ImageFileError`` unless ``path`` can be read and, as PNG, JPEG or TIFF, is whole."""
     check_name(path)
     if path.is_dir():
         raise ImageFileError(f"{path}: expected an image file, found a folder")
@@ -44,6 +45,10 @@ def check_intact(path: Path) -> None:
         raise ImageFileError(f"{path}: the file is empty (0 bytes)")
     _check_png(path)
     _check_jpeg(path)
+    # Of a palette that is cut off the decoder makes up the rest.
+    size = path.stat().st_size
+    if tiff_end(path) > size:
+        raise ImageFileError(f"{path}: the TIFF file is truncated at byte {size}")
 
 
 def _check_png(path: Path) -> None:
