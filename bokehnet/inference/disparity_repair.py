@@ -23,7 +23,6 @@ from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.memory import give_back, keeps_freed
 from bokehnet.inference.misplaced_edges import (
     count_misplaced,
-    misplaced_edge_fraction,
     misplaced_shares,
     step_sizes,
     take_misplaced,
@@ -235,14 +234,14 @@ class DisparityRepair:
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift)
             return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
-        share = f"{100 * misplaced_edge_fraction(disparity, repaired):.2g} % of its edges stood out of place"
-        result, taken = take_misplaced(disparity, repaired)
-        if not taken:
-            share = f"only {share}"
-        elif taken < _WHOLE:
-            share = f"{100 * taken:.0f} % of the picture, as {share}"
-        found = RepairPlan(repaired=taken > 0, softness=softness, shift=shift)
-        return RepairedMap(disparity=result, repaired=taken > 0, reason=share, plan=found)
+        taken = take_misplaced(disparity, repaired)
+        reason = f"{100 * taken.misplaced:.2g} % of its edges stood out of place"
+        if taken.part == 0:
+            reason = f"only {reason}"
+        elif taken.part < _WHOLE:
+            reason = f"{100 * taken.part:.0f} % of the picture, as {reason}"
+        found = RepairPlan(repaired=taken.part > 0, softness=softness, shift=shift)
+        return RepairedMap(disparity=taken.disparity, repaired=taken.part > 0, reason=reason, plan=found)
 
     def _edge_bias(
         self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float, work: "_Work"

@@ -1,12 +1,14 @@
 """How many steps of a map stand out of place; the repaired map taken where they do, place by place."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from bokehnet.inference.disparity_edges import STEP
 from bokehnet.inference.disparity_tiles import BLOCK
 from bokehnet.pyramid import pad_to_multiple
 
-__all__ = ["count_misplaced", "misplaced_edge_fraction", "misplaced_shares", "step_sizes", "take_misplaced"]
+__all__ = ["TakenMap", "count_misplaced", "misplaced_shares", "step_sizes", "take_misplaced"]
 
 # Rows looked at together where the whole map is looked through.
 _BLOCK_ROWS = 1024
@@ -63,20 +65,6 @@ def count_misplaced(
     return counts[0], counts[1]
 
 
-def misplaced_edge_fraction(disparity: np.ndarray, repaired: np.ndarray) -> float:
-    """How much of a map's steps the repair moved: 0 = all stood right, up to 1.
-
-    Args:
-        disparity: As it was, (H, W).
-        repaired: As it is, (H, W).
-
-    Returns:
-        Share, of the pixels near steps, that changed by more than a quarter of the step.
-    """
-    near, moved = count_misplaced(disparity, repaired, STEP * float(np.ptp(disparity)))
-    return float(moved.sum() / max(near.sum(), 1))
-
-
 def misplaced_shares(near: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Share of the pixels near steps around each block that stood out of place, drawn to the map's.
 
@@ -100,21 +88,35 @@ def _around(counts: np.ndarray) -> np.ndarray:
     return found
 
 
-def take_misplaced(disparity: np.ndarray, repaired: np.ndarray) -> tuple[np.ndarray, float]:
+class TakenMap(NamedTuple):
+    """A map that was repaired where it was wrong.
+
+    Attributes:
+        disparity: (H, W).
+        part: Share of the picture that was repaired, 0 to 1.
+        misplaced: Share, of all pixels near steps, that stood out of place, 0 to 1.
+    """
+
+    disparity: np.ndarray
+    part: float
+    misplaced: float
+
+
+def take_misplaced(disparity: np.ndarray, repaired: np.ndarray) -> TakenMap:
     """Take the repaired map around steps that stood out of place; elsewhere the map stays as it was.
 
     Args:
         disparity: As it was, (H, W).
         repaired: As it is, (H, W); taken over where it can be.
-
-    Returns:
-        The map, (H, W), and the share of the picture that was repaired, 0 to 1.
     """
     near, moved = count_misplaced(disparity, repaired, STEP * float(np.ptp(disparity)))
+    misplaced = float(moved.sum() / max(near.sum(), 1))
     wanted = misplaced_shares(near, moved) >= _IMPERFECT
-    taken = float(wanted.mean())
-    if 0 < taken < 1:
-        height, width = disparity.shape
-        pixels = wanted.repeat(BLOCK, 0).repeat(BLOCK, 1)[:height, :width]
-        return np.where(pixels, repaired, disparity), taken
-    return (repaired if taken else disparity.copy()), taken
+    part = float(wanted.mean())
+    if part == 0:
+        return TakenMap(disparity.copy(), part, misplaced)
+    if part == 1:
+        return TakenMap(repaired, part, misplaced)
+    height, width = disparity.shape
+    pixels = wanted.repeat(BLOCK, 0).repeat(BLOCK, 1)[:height, :width]
+    return TakenMap(np.where(pixels, repaired, disparity), part, misplaced)

@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter
 from bokehnet.errors import ModelFileError, ParameterError, ShapeError
 from bokehnet.inference import disparity_repair
 from bokehnet.inference.disparity_repair import DisparityRepair
-from bokehnet.inference.misplaced_edges import misplaced_edge_fraction
+from bokehnet.inference.misplaced_edges import take_misplaced
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.models.repair import RepairNet, RepairNetConfig
 
@@ -120,13 +120,13 @@ def test_auto_leaves_maps_whose_steps_stand_right(untrained):
     image, disparity = scene(64, 80)
     repair = DisparityRepair(untrained[0])
     repaired = repair(image, disparity)
-    share = misplaced_edge_fraction(disparity, repaired)
+    share = take_misplaced(disparity, repaired).misplaced
     assert share > 0.1
     assert_array_equal(repair(image, disparity, "auto"), repaired)
     assert_array_equal(repair(image, disparity, "off"), disparity)
-    assert misplaced_edge_fraction(disparity, disparity) == 0
+    assert take_misplaced(disparity, disparity).misplaced == 0
     refine_none = np.where(np.arange(80) == 3, disparity + 0.5, disparity)
-    assert 0 <= misplaced_edge_fraction(disparity, refine_none) < share
+    assert 0 <= take_misplaced(disparity, refine_none).misplaced < share
 
 
 def test_auto_repairs_where_steps_stand_out_of_place_and_nowhere_else(untrained):
