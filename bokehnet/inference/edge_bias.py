@@ -7,7 +7,7 @@ import numpy as np
 from bokehnet.inference.disparity_edges import extremes, with_halo
 from bokehnet.io.row_blocks import make_in_row_blocks
 
-__all__ = ["busiest_windows", "find_edge_bias", "shift_edges", "stands_right"]
+__all__ = ["find_edge_bias", "shift_edges", "stands_right"]
 
 # Votes of the network on a part of the picture, 4 values: pixels of the far side of steps that should become
 # near, how many there are, and both numbers of the near side.

@@ -130,7 +130,7 @@ def test_auto_leaves_maps_whose_steps_stand_right(untrained):
 
 
 def test_auto_repairs_where_steps_stand_out_of_place_and_nowhere_else(untrained):
-    """A map of bars, of which those on the left are one pixel narrower than the network wants them."""
+    """A map of bars, of which those on the left are three pixels narrower than the network wants them."""
     image = np.ones((320, 960, 3), np.float32)
     columns = np.arange(960) % 24
     right = np.tile(np.where(columns < 12, 1, 0).astype(np.float32), (320, 1))
