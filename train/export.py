@@ -2,7 +2,6 @@
 
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
-``python -m train.export --edges runs/edges_long/last.pt --out bokehnet/weights/edges``
 ``python -m train.export --error runs/error/last.pt --out bokehnet/weights/error``
 """
 
@@ -21,7 +20,7 @@ from train.prepared import DESCRIPTION
 
 __all__ = ["main"]
 
-_NETWORKS = ("arnet", "iunet", "repair", "edges", "error")
+_NETWORKS = ("arnet", "iunet", "repair", "error")
 
 
 def _note(path: Path, state: dict[str, Any]) -> dict[str, Any]:
@@ -60,7 +59,7 @@ def main(words: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(words)
     chosen = [name for name in _NETWORKS if getattr(arguments, name)]
     if chosen != ["arnet", "iunet"] and (len(chosen) != 1 or chosen == ["iunet"]):
-        parser.error("expected --arnet, with or without --iunet, or one of --repair, --edges and --error")
+        parser.error("expected --arnet, with or without --iunet, or one of --repair and --error")
     try:
         states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
         notes = {name: _note(getattr(arguments, name), state) for name, state in states.items()}

@@ -20,7 +20,6 @@ COMMANDS = {
     "synth": ("bokehnet", "synth"),
     "prepare": ("python", "-m", "train.prepare"),
     "repair": ("python", "-m", "train.train_repair"),
-    "edges": ("python", "-m", "train.train_edges"),
     "error": ("python", "-m", "train.train_error"),
     "arnet": ("python", "-m", "train.train_arnet"),
     "iunet": ("python", "-m", "train.train_iunet"),
@@ -53,9 +52,7 @@ class Step:
     """
 
     makes: str
-    by: Literal[
-        "synth", "prepare", "repair", "edges", "error", "arnet", "iunet", "export", "evaluate", "card"
-    ]
+    by: Literal["synth", "prepare", "repair", "error", "arnet", "iunet", "export", "evaluate", "card"]
     config: str = ""
     settings: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
@@ -69,7 +66,7 @@ class Step:
     @property
     def trains(self) -> bool:
         """Whether it trains a network."""
-        return self.by in ("repair", "edges", "error", "arnet", "iunet")
+        return self.by in ("repair", "error", "arnet", "iunet")
 
     @property
     def overwrites(self) -> bool:

@@ -62,7 +62,7 @@ def repair_pair(
     true = np.ascontiguousarray((disparity - low) / max(high - low, 1e-6), np.float32)
     if rng.random() < config.bent:
         true = true ** np.float32(2.0 ** rng.uniform(-1, 1))
-    augmented = true if rng.random() < config.clean else augment_disparity(true, rng)
+    augmented = true if rng.random() < config.clean else augment_disparity(true, rng, image)
     span = max(float(augmented.max() - augmented.min()), 1e-6)
     window = busy_window(true, config.crop, rng)
     gain = np.float32(2.0 ** rng.uniform(-1, 1))

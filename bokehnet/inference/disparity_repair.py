@@ -336,7 +336,7 @@ class DisparityRepair:
         colors = image.transpose(1, 2, 0)
         if soft is not None:
             repaired = soft.settle(colors, repaired, span)
-        return restore_lost_lines(colors, repaired, STEP * span)
+        return restore_lost_lines(colors, repaired, STEP * span, spread=soft is None)
 
     def _look(
         self, image: np.ndarray, disparity: np.ndarray, span: float, work: "_Work", number: int

@@ -67,22 +67,26 @@ _RIM = 7
 _INSIDE = 6
 _OTHER_LINE = 0.04
 
-# Least contrast over what changes along the line.
-_RATIO = 20.0
+# Least contrast over what changes along the line; of those that are likely, which light and shade may cross.
+_RATIO, _LIKELY_RATIO = 20.0, 4.0
 
 # Radius in pixels of a circle around the end of a piece, and the places on it.
 _RADIUS = 8.0
 _CIRCLE = 48
 
-# Half the width of surroundings, pixels; how sparsely they are looked at; and the share of them that is
-# restored from which on lines are likely.
-_AROUND, _SPARSE, _MANY = 48, 4, 0.03
+# Half the width of surroundings, pixels; how sparsely they are looked at; the share of them that is restored
+# from which on lines are likely; and how often at most what was found makes others likely.
+_AROUND, _SPARSE, _MANY, _ROUNDS = 48, 4, 0.03, 8
 
-# Share of the line beside which there is nothing near; least of its length, over its width.
-_FREE, _LONG = 0.75, 2.0
+# Share of the line beside which there is nothing near.
+_FREE = 0.75
 
-# Largest deviation of the width, pixels; least of the distance of the ends, over the length.
-_ROUGHNESS, _STRAIGHTNESS = 1.4, 0.9
+# Least length over the width, of any line and of those that are likely.
+_LONG, _LIKELY_LONG = 2.0, 1.2
+
+# Largest deviation of the width, pixels, likewise; least of the distance of the ends, over the length.
+_ROUGHNESS, _LIKELY_ROUGHNESS = 1.4, 2.0
+_STRAIGHTNESS = 0.9
 
 
 @njit(cache=True)
@@ -155,8 +159,9 @@ def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-unt
 def _is_line(picture, disparity, farthest, points, count, change, color):  # type: ignore[no-untyped-def]
     """Whether what was followed keeps its colours and its width, and stands out from both sides.
 
-    Unless it is NaN, ``color`` is what it has to have, too.
+    Unless it is NaN, ``color`` is what it has to have, too, and then it is believed sooner.
     """
+    likely = not math.isnan(color[0])
     contrasts, widths, free = np.empty(count), np.empty(count), 0
     mean, square = np.zeros(3), np.zeros(3)
     length = 0.0
@@ -181,9 +186,11 @@ def _is_line(picture, disparity, farthest, points, count, change, color):  # typ
         return False
     contrast = ranked(contrasts, count // 10)
     apart = math.sqrt((points[count - 1, 0] - points[0, 0]) ** 2 + (points[count - 1, 1] - points[0, 1]) ** 2)
-    stands_out = contrast > _CONTRAST and contrast > _RATIO * change and free > _FREE * count
-    is_long = length > _LONG * widths.mean() and apart > _STRAIGHTNESS * length
-    return stands_out and is_long and widths.std() < _ROUGHNESS
+    ratio = _LIKELY_RATIO if likely else _RATIO
+    stands_out = contrast > _CONTRAST and contrast > ratio * change and free > _FREE * count
+    least, roughness = (_LIKELY_LONG, _LIKELY_ROUGHNESS) if likely else (_LONG, _ROUGHNESS)
+    is_long = length > least * widths.mean() and apart > _STRAIGHTNESS * length
+    return stands_out and is_long and widths.std() < roughness
 
 
 @njit(cache=True)
@@ -315,15 +322,19 @@ def _lay_lines(picture, disparity, least, places, colors, result):  # type: igno
                         result[y, x] = max(result[y, x], depth)
 
 
-def restore_lost_lines(image: np.ndarray, disparity: np.ndarray, least: float) -> np.ndarray:
+def restore_lost_lines(
+    image: np.ndarray, disparity: np.ndarray, least: float, spread: bool = True
+) -> np.ndarray:
     """Give lines of the picture that lead from one near piece to another of its disparity that disparity.
 
-    Where many are found, as in what is left of a net, others around are believed sooner.
+    Where many are found, as in what is left of a net, others around are believed sooner, and so on.
 
     Args:
         image: All-in-focus picture, scene-linear, not negative, (H, W, 3), float32.
         disparity: (H, W), float32, rising towards the camera.
         least: Difference of disparity from which on two pixels belong to two surfaces.
+        spread: Whether what was found makes others likely. In maps that were soft, and have got back what
+            blur had hidden, that makes lines of what is none.
 
     Returns:
         A new map (H, W), nowhere farther away than the given one.
@@ -336,15 +347,29 @@ def restore_lost_lines(image: np.ndarray, disparity: np.ndarray, least: float) -
     places, found = np.empty((len(ys), 4), np.int64), np.empty(len(ys), np.bool_)
     with parallel_region:
         _find_places(disparity, least, ys, xs, places, found)
-    places = places[found]
-    colors = np.full((len(places), 3), np.nan)
-    for again in (False, True):
-        found = np.empty(len(places), np.bool_)
+    every = places[found]
+    _lay(picture, disparity, least, every, np.full((len(every), 3), np.nan), result)
+    for _ in range(_ROUNDS if spread else 0):
+        restored, found = result != disparity, np.empty(len(every), np.bool_)
+        colors = np.empty((len(every), 3))
         with parallel_region:
-            if again:
-                _are_likely(picture, result != disparity, places, found, colors)
-                places, colors = places[found], colors[found]
-                found = np.empty(len(places), np.bool_)
-            _find_lines(picture, disparity, least, places, colors, found)
-            _lay_lines(picture, disparity, least, places[found], colors[found], result)
+            _are_likely(picture, restored, every, found, colors)
+        _lay(picture, disparity, least, every[found], colors[found], result)
+        if ((result != disparity) == restored).all():
+            break
     return result
+
+
+def _lay(
+    picture: np.ndarray,
+    disparity: np.ndarray,
+    least: float,
+    places: np.ndarray,
+    colors: np.ndarray,
+    result: np.ndarray,
+) -> None:
+    """Write the lines that lead from some places (N, 4), of colours (N, 3), into ``result``."""
+    found = np.empty(len(places), np.bool_)
+    with parallel_region:
+        _find_lines(picture, disparity, least, places, colors, found)
+        _lay_lines(picture, disparity, least, places[found], colors[found], result)

@@ -11,7 +11,6 @@ from bokehnet.config import build_config, check_same, to_dict
 from bokehnet.errors import DataFileError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.models.arnet import ARNet, ARNetConfig
-from bokehnet.models.edges import EdgeNet, EdgeNetConfig
 from bokehnet.models.error import ErrorNet, ErrorNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_import import read_exported
@@ -31,7 +30,6 @@ NETWORKS = {
     "arnet": _Network(ARNet, ARNetConfig),
     "iunet": _Network(IUNet, IUNetConfig),
     "repair": _Network(RepairNet, RepairNetConfig),
-    "edges": _Network(EdgeNet, EdgeNetConfig),
     "error": _Network(ErrorNet, ErrorNetConfig),
 }
 

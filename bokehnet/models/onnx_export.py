@@ -16,7 +16,6 @@ from bokehnet.errors import ModelFileError
 from bokehnet.io.atomic import write_atomic, write_text
 from bokehnet.models.arnet import ARNet
 from bokehnet.models.blocks import UNet
-from bokehnet.models.edges import EdgeNet
 from bokehnet.models.error import FEATURES, ErrorNet
 from bokehnet.models.iunet import IUNet
 from bokehnet.models.repair import RepairNet
@@ -45,7 +44,7 @@ def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
     def noise(channels: int, rows: int = height, columns: int = width) -> Tensor:
         return torch.rand(1, channels, rows, columns, generator=generator)
 
-    if isinstance(network, RepairNet | EdgeNet):
+    if isinstance(network, RepairNet):
         return {"image": noise(3), "disparity": noise(1), "span": torch.ones(1, 1, 1, 1)}
     if isinstance(network, ErrorNet):
         pictures = {name: noise(3) for name in ("image", "rays", "scatter")}
@@ -77,7 +76,6 @@ def _export(network: nn.Module, path: Path) -> None:
         "ARNet": ["bokeh", "error_map"],
         "IUNet": ["bokeh"],
         "RepairNet": ["repaired", "votes"],
-        "EdgeNet": ["surfaces"],
         "ErrorNet": ["expected_error"],
     }
     program = torch.onnx.export(
@@ -123,7 +121,7 @@ def export_networks(
     """Write ``NAME.onnx`` for each network, and ``manifest.json``, into ``folder``.
 
     Args:
-        networks: Trained networks by name: ``repair``, ``edges``, ``error``, or ``arnet`` and ``iunet``
+        networks: Trained networks by name: ``repair``, ``error``, or ``arnet`` and ``iunet``
             with the same ``network_max_radius``.
         folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
         manifest: What else to write into the manifest: how the networks were made, and for a pair the

@@ -133,3 +133,19 @@ def test_the_smallest_pictures(shape):
     restored = restore_lost_lines(rng.random((*shape, 3), np.float32), disparity, LEAST)
     assert restored.shape == shape
     assert np.isfinite(restored).all()
+
+
+def test_lines_that_were_found_make_others_likely_that_light_crosses():
+    """Half of a net lies under leaves: its wires change along their way, and half would not be believed."""
+    picture, truth, worn = net()
+    y, x = np.mgrid[:SIZE, :SIZE]
+    shade = np.where(x > SIZE // 2, 0.75 + 0.25 * np.sin((x + y) / 3), 1)
+    wires = truth == np.float32(NEAR)
+    picture[wires] *= shade[wires][:, None].astype(np.float32)
+    lost = (worn != truth) & (x > SIZE // 2 + 8) & (x < SIZE - 12) & (y > 12) & (y < SIZE - 12)
+    alone, together = (
+        (restore_lost_lines(picture, worn, LEAST, spread=spread)[lost] == np.float32(NEAR)).mean()
+        for spread in (False, True)
+    )
+    assert alone < 0.6
+    assert together > 0.8

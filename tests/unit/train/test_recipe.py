@@ -44,9 +44,7 @@ def test_all_networks_are_made_within_twelve_hours_on_two_cores():
     assert recipe.workers == 2
     assert sum(map(recipe.seconds, recipe.steps)) < 12 * 3600
     made = {step.makes for step in recipe.steps if step.by == "export"}
-    assert made == {
-        f"bokehnet/weights/{name}" for name in ("repair", "edges", "hybrid", "error", "neural", "fast")
-    }
+    assert made == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural", "fast")}
 
 
 def test_the_small_recipe_has_the_steps_of_the_full_one_in_their_order():
@@ -225,7 +223,7 @@ def test_the_small_recipe_runs_to_its_end_after_a_kill_and_nothing_is_done_twice
     line = [sys.executable, "-m", "train.recipe", "--small", "--out", str(tmp_path)]
     killed = subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     deadline = time.monotonic() + 400
-    while not (tmp_path / "runs/edges/last.pt").exists():
+    while not (tmp_path / "runs/arnet/last.pt").exists():
         assert killed.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.05)
@@ -240,7 +238,7 @@ def test_the_small_recipe_runs_to_its_end_after_a_kill_and_nothing_is_done_twice
     assert int(begun[1][0]) in (len(begun[0]), len(begun[0]) + 1)
     assert int(begun[1][-1]) == count
     assert (tmp_path / "runs/repair_long/last.pt").stat().st_mtime_ns == before
-    for name in ("repair", "edges", "hybrid", "error", "neural", "fast"):
+    for name in ("repair", "hybrid", "error", "neural", "fast"):
         manifest = json.loads((tmp_path / "weights" / name / "manifest.json").read_text())
         assert str(tmp_path) in json.dumps(manifest["notes"])
     card = (tmp_path / "runs/model_card.md").read_text()
