@@ -5,6 +5,9 @@ every piece that stands nearer than what is around it, lines of the picture are 
 that keeps its colours all along, stands out from both sides all along, and ends at a piece of the same
 disparity is one thing with both: it takes their disparity, as wide as the picture shows it.
 
+Where many were found, as of a net, others around of their colours are believed sooner: light and shade may cross
+them, and they may leave the picture. What these restore makes others likely in turn.
+
 Lines of a background may also lead from one near thing to another. They seldom look like these things, and
 seldom keep their colours and their width.
 
@@ -76,7 +79,7 @@ _CIRCLE = 48
 
 # Half the width of surroundings, pixels; how sparsely they are looked at; the share of them that is restored
 # from which on lines are likely; and how often at most what was found makes others likely.
-_AROUND, _SPARSE, _MANY, _ROUNDS = 48, 4, 0.03, 8
+_AROUND, _SPARSE, _MANY, _ROUNDS = 68, 4, 0.03, 8
 
 # Share of the line beside which there is nothing near.
 _FREE = 0.75
@@ -101,8 +104,11 @@ def _end(disparity, depth, least, y, x, down, right):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _follow(picture, disparity, least, y, x, depth, angle, points):  # type: ignore[no-untyped-def]
-    """Follow a line to a piece of that disparity; points (N, 2) on it, how many, and how much it changes."""
+def _follow(picture, disparity, least, y, x, depth, angle, leaves, points):  # type: ignore[no-untyped-def]
+    """Follow a line to a piece of that disparity; points (N, 2) on it, how many, and how much it changes.
+
+    If it ``leaves`` the picture, that is an end, too.
+    """
     height, width = disparity.shape
     kept, profile = np.empty((3, 3)), np.empty((3, 3))
     look_across(picture, y, x, math.sin(angle), math.cos(angle), kept)
@@ -112,7 +118,9 @@ def _follow(picture, disparity, least, y, x, depth, angle, points):  # type: ign
         down, right = math.sin(angle), math.cos(angle)
         y, x = y + STRIDE * down, x + STRIDE * right
         row, column = int(y + 0.5), int(x + 0.5)
-        if not (0 <= row < height and 0 <= column < width) or disparity[row, column] > depth + least:
+        if not (0 <= row < height and 0 <= column < width):
+            return (count - 1, change / count) if leaves and count > _LEAST else (0, 0.0)
+        if disparity[row, column] > depth + least:
             return 0, 0.0
         look_across(picture, y, x, down, right, profile)
         apart = unlike(profile, kept)
@@ -237,7 +245,7 @@ def _line_from(picture, disparity, least, place, color, points):  # type: ignore
     if change > _GAP or contrast_across(picture, y, x, math.sin(angle), math.cos(angle)) < _CONTRAST:
         return 0
     depth = _depth_inside(disparity, v, u)
-    count, change = _follow(picture, disparity, least, float(y), float(x), depth, angle, points)
+    count, change = _follow(picture, disparity, least, float(y), float(x), depth, angle, likely, points)
     if count == 0 or not _is_line(picture, disparity, depth - least, points, count, change, color):
         return 0
     if likely:

@@ -149,3 +149,15 @@ def test_lines_that_were_found_make_others_likely_that_light_crosses():
     )
     assert alone < 0.6
     assert together > 0.8
+
+
+def test_a_wire_of_a_net_may_leave_the_picture():
+    """Among many that were found; alone it is not told from the background (see above)."""
+    picture, truth, worn = net()
+    border = np.ones_like(truth, bool)
+    border[6:-6, 6:-6] = False
+    lost = border & (worn != truth)
+    alone, together = (restore_lost_lines(picture, worn, LEAST, spread=spread) for spread in (False, True))
+    assert (alone[lost] == truth[lost]).mean() < 0.4
+    assert (together[lost] == truth[lost]).mean() > 0.8
+    assert (together != truth)[border & (truth != np.float32(NEAR))].mean() < 0.1
