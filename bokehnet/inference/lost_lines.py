@@ -5,8 +5,8 @@ every piece that stands nearer than what is around it, lines of the picture are 
 that keeps its colours all along, stands out from both sides all along, and ends at a piece of the same
 disparity is one thing with both: it takes their disparity, as wide as the picture shows it.
 
-Where many were found, as of a net, others around of their colours are believed sooner: light and shade may cross
-them, and they may leave the picture. What these restore makes others likely in turn.
+Where many were found, as of a net, others around of their colours are believed sooner: light and shade may
+cross them, and they may leave the picture. What these restore makes others likely in turn.
 
 Lines of a background may also lead from one near thing to another. They seldom look like these things, and
 seldom keep their colours and their width.
