@@ -43,6 +43,8 @@ _Sheet = Annotated[
     Path | None,
     typer.Option("--output", "-o", help="Write the sheet here: .html, .pdf, or a picture such as .png."),
 ]
+# Endings of sheets that are pages; others are figures.
+_PAGES = (".html", ".htm")
 _Json = Annotated[bool, typer.Option("--json", help="Numbers as JSON.")]
 
 
@@ -144,13 +146,12 @@ def compare(
     as_json: _Json = False,
 ) -> None:
     """Tell the numbers of two lenses side by side, or draw their sheets so."""
-    from bokehnet.errors import ImageFileError
-    from bokehnet.io.atomic import check_target
     from bokehnet.lenses.facts import lens_facts
+    from bokehnet.lenses.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.report_sheet import lens_curves
 
     if output is not None:
-        check_target(output, error=ImageFileError)
+        check_figure(output, (*_PAGES, *FIGURE_EXTENSIONS))
     lenses = [_load(name, focal, f_number, focus, paraxial) for name in (first, second)]
     if output is not None:
         _write_sheet(lenses, output)
@@ -177,14 +178,13 @@ def report(
     as_json: _Json = False,
 ) -> None:
     """Show all that is known of a lens on one sheet, or tell it as JSON."""
-    from bokehnet.errors import ImageFileError
-    from bokehnet.io.atomic import check_target
+    from bokehnet.lenses.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.report_sheet import lens_curves
 
     if output is None and not as_json:
         raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
     if output is not None:
-        check_target(output, error=ImageFileError)
+        check_figure(output, (*_PAGES, *FIGURE_EXTENSIONS))
     chosen = _load(name, focal, f_number, focus, paraxial)
     if output is not None:
         _write_sheet([chosen], output)
@@ -200,7 +200,7 @@ def _write_sheet(lenses: list[Any], output: Path) -> None:
 
     with progress("drawing", counted=False) as tell:
         tell(0, 1)
-        if output.suffix.lower() in (".html", ".htm"):
+        if output.suffix.lower() in _PAGES:
             write_text(output, report_page(lenses), error=ImageFileError)
         else:
             report_picture(lenses, output)

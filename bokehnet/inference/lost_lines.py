@@ -358,8 +358,10 @@ def restore_lost_lines(
     every = places[found]
     _lay(picture, disparity, least, every, np.full((len(every), 3), np.nan), result)
     for _ in range(_ROUNDS if spread else 0):
-        restored, found = result != disparity, np.empty(len(every), np.bool_)
-        colors = np.empty((len(every), 3))
+        restored = result != disparity
+        if not restored.any():
+            break
+        found, colors = np.empty(len(every), np.bool_), np.empty((len(every), 3))
         with parallel_region:
             _are_likely(picture, restored, every, found, colors)
         _lay(picture, disparity, least, every[found], colors[found], result)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.depth_of_field import depth_of_field
+from bokehnet.lenses.figure_file import check_figure, write_figure
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.surface_trace import Surface, trace
 from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
@@ -57,8 +57,9 @@ def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
 
     Raises:
         MissingExtraError: matplotlib is not installed.
-        ImageFileError: The file cannot be written, or its ending names no picture format.
+        ImageFileError: The file cannot be written, or its ending names no known format.
     """
+    check_figure(path)
     require_extra("matplotlib", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -80,10 +81,7 @@ def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
     widest = max(_draw_spot(column, lens, share) for column, share in zip(columns, _FIELDS, strict=True))
     columns[0].set(xlim=(-widest, widest), ylim=(-widest, widest))
     draw_blur(right.subplots(), lens)
-    try:
-        figure.savefig(path, dpi=130)
-    except (OSError, ValueError) as error:
-        raise ImageFileError(f"cannot write {path}: {error}") from error
+    write_figure(figure, path, dpi=130)
 
 
 def _distance(depth: float) -> str:

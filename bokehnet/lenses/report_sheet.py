@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bokehnet.checks import require_extra
-from bokehnet.errors import ImageFileError, LensError
 from bokehnet.lenses.analysis import (
     airy_mtf,
     chromatic_focus,
@@ -23,6 +22,7 @@ from bokehnet.lenses.analysis import (
 )
 from bokehnet.lenses.depth_of_field import depth_of_field
 from bokehnet.lenses.facts import FIELDS, distortion, lens_facts
+from bokehnet.lenses.figure_file import check_figure, write_figure
 from bokehnet.lenses.plot import draw_blur, draw_section, sharp_radius
 from bokehnet.lenses.point_spread import traced_psf
 from bokehnet.lenses.prescription import PrescriptionLens
@@ -109,15 +109,11 @@ def report_picture(lenses: Sequence[PrescriptionLens], path: str | Path) -> None
 
     Raises:
         MissingExtraError: matplotlib is not installed.
-        ImageFileError: The file cannot be written, or its ending names no picture format.
+        ImageFileError: The file cannot be written, or its ending names no known format.
         LensError: Rays of a lens do not get through it.
     """
-    try:
-        _figure(lenses).savefig(path, dpi=110)
-    except LensError:
-        raise
-    except (OSError, ValueError) as error:
-        raise ImageFileError(f"cannot write {path}: {error}") from error
+    check_figure(path)
+    write_figure(_figure(lenses), path, dpi=110)
 
 
 def report_page(lenses: Sequence[PrescriptionLens]) -> str:

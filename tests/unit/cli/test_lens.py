@@ -51,6 +51,9 @@ def test_a_file_is_described_and_drawn(cli, tmp_path, no_bar):
         (["double_gauss", "--focal", "-5"], ["focal length above 0"]),
         (["--focal", "50"], ["NAME: expected a lens or a TOML file", "got none"]),
         (["biconvex", "--plot", "nowhere/out.png"], ["nowhere/out.png"]),
+        (["biconvex", "--plot", "out.gif"], ["out.gif: unknown extension '.gif', expected one of .png"]),
+        (["report", "biconvex", "-o", "out.gif"], ["out.gif: unknown extension", "expected one of .html"]),
+        (["compare", "biconvex", "petzval", "-o", "out"], ["out: unknown extension", ".pdf"]),
     ],
 )
 def test_mistakes_are_one_line(cli, no_bar, arguments, words):
