@@ -81,11 +81,13 @@ def show(
     rows = describe_lens(chosen)
     if plot is not None:
         from bokehnet.cli.progress import progress
+        from bokehnet.io.figure_file import check_figure, write_figure
         from bokehnet.lenses.plot import plot_lens
 
+        check_figure(plot)
         with progress("drawing", counted=False) as report:
             report(0, 1)
-            plot_lens(chosen, plot)
+            write_figure(plot_lens(chosen), plot, dpi=130)
             report(1, 1)
     if psf_sheet is not None:
         rows["blur of points"] = _draw_psfs(chosen, psf_sheet)
@@ -146,8 +148,8 @@ def compare(
     as_json: _Json = False,
 ) -> None:
     """Tell the numbers of two lenses side by side, or draw their sheets so."""
+    from bokehnet.io.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.facts import lens_facts
-    from bokehnet.lenses.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.report_sheet import lens_curves
 
     if output is not None:
@@ -178,7 +180,7 @@ def report(
     as_json: _Json = False,
 ) -> None:
     """Show all that is known of a lens on one sheet, or tell it as JSON."""
-    from bokehnet.lenses.figure_file import FIGURE_EXTENSIONS, check_figure
+    from bokehnet.io.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.report_sheet import lens_curves
 
     if output is None and not as_json:
@@ -196,14 +198,15 @@ def _write_sheet(lenses: list[Any], output: Path) -> None:
     from bokehnet.cli.progress import progress
     from bokehnet.errors import ImageFileError
     from bokehnet.io.atomic import write_text
-    from bokehnet.lenses.report_sheet import report_page, report_picture
+    from bokehnet.io.figure_file import write_figure
+    from bokehnet.lenses.report_sheet import report_figure, report_page
 
     with progress("drawing", counted=False) as tell:
         tell(0, 1)
         if output.suffix.lower() in _PAGES:
             write_text(output, report_page(lenses), error=ImageFileError)
         else:
-            report_picture(lenses, output)
+            write_figure(report_figure(lenses), output, dpi=110)
         tell(1, 1)
 
 

@@ -2,7 +2,6 @@
 
 import math
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from bokehnet.checks import require_extra
 from bokehnet.lenses.base import Rays
 from bokehnet.lenses.depth_of_field import depth_of_field
-from bokehnet.lenses.figure_file import check_figure, write_figure
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.surface_trace import Surface, trace
 from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
@@ -18,6 +16,7 @@ from bokehnet.optics.sampling import ring_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["draw_blur", "draw_section", "plot_lens", "sharp_radius", "spot"]
 
@@ -52,14 +51,12 @@ def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings:
     return np.asarray((xy - ideal)[passes])
 
 
-def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
-    """Draw a lens to a picture file.
+def plot_lens(lens: PrescriptionLens) -> "Figure":
+    """Draw glass and rays, spots, and blur over distance, 12 x 9 inches.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
-        ImageFileError: The file cannot be written, or its ending names no known format.
     """
-    check_figure(path)
     require_extra("matplotlib", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -81,7 +78,7 @@ def plot_lens(lens: PrescriptionLens, path: str | Path) -> None:
     widest = max(_draw_spot(column, lens, share) for column, share in zip(columns, _FIELDS, strict=True))
     columns[0].set(xlim=(-widest, widest), ylim=(-widest, widest))
     draw_blur(right.subplots(), lens)
-    write_figure(figure, path, dpi=130)
+    return figure
 
 
 def _distance(depth: float) -> str:

@@ -5,7 +5,6 @@ import html
 import io
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from bokehnet.lenses.analysis import (
 )
 from bokehnet.lenses.depth_of_field import depth_of_field
 from bokehnet.lenses.facts import FIELDS, distortion, lens_facts
-from bokehnet.lenses.figure_file import check_figure, write_figure
 from bokehnet.lenses.plot import draw_blur, draw_section, sharp_radius
 from bokehnet.lenses.point_spread import traced_psf
 from bokehnet.lenses.prescription import PrescriptionLens
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["lens_curves", "report_page", "report_picture"]
+__all__ = ["lens_curves", "report_figure", "report_page"]
 
 _COLORS = ("#2f6db3", "#c8732b", "#3c8f4f")
 _LINES = ((F_LINE, "#2b62c9"), (D_LINE, "#d9a400"), (C_LINE, "#c23b3b"))
@@ -104,18 +102,6 @@ def _plane_step(lens: PrescriptionLens) -> float:
     return lens.prescription.image_radius / 1500 * 2 * lens.working_f_number
 
 
-def report_picture(lenses: Sequence[PrescriptionLens], path: str | Path) -> None:
-    """Draw the sheets of lenses, side by side, to a picture file or a PDF.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-        ImageFileError: The file cannot be written, or its ending names no known format.
-        LensError: Rays of a lens do not get through it.
-    """
-    check_figure(path)
-    write_figure(_figure(lenses), path, dpi=110)
-
-
 def report_page(lenses: Sequence[PrescriptionLens]) -> str:
     """Return the sheets and the numbers, side by side, as one page of HTML, which needs no other file.
 
@@ -137,7 +123,7 @@ def report_page(lenses: Sequence[PrescriptionLens]) -> str:
 def _section(lens: PrescriptionLens) -> str:
     """The sheet and the tables of one lens, as HTML."""
     picture = io.BytesIO()
-    _figure([lens]).savefig(picture, dpi=110, format="png")
+    report_figure([lens]).savefig(picture, dpi=110, format="png")
     facts = lens_facts(lens)
     name, coded = html.escape(str(facts["name"])), base64.b64encode(picture.getvalue()).decode()
     simple = "".join(
@@ -191,7 +177,13 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _figure(lenses: Sequence[PrescriptionLens]) -> "Figure":
+def report_figure(lenses: Sequence[PrescriptionLens]) -> "Figure":
+    """Draw the sheets of lenses, side by side.
+
+    Raises:
+        MissingExtraError: matplotlib is not installed.
+        LensError: Rays of a lens do not get through it.
+    """
     require_extra("matplotlib", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Figures of lenses as files: of known formats, checked before anything is drawn, never half written."""
+"""Figures of matplotlib as files: of known formats, checked before anything is drawn, never half written."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
