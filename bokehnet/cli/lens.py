@@ -81,10 +81,11 @@ def show(
     rows = describe_lens(chosen)
     if plot is not None:
         from bokehnet.cli.progress import progress
-        from bokehnet.io.figure_file import check_figure, write_figure
+        from bokehnet.io.figure_file import FIGURE_EXTENSIONS, write_figure
+        from bokehnet.io.image import check_writable
         from bokehnet.lenses.plot import plot_lens
 
-        check_figure(plot)
+        check_writable(plot, FIGURE_EXTENSIONS)
         with progress("drawing", counted=False) as report:
             report(0, 1)
             write_figure(plot_lens(chosen), plot, dpi=130)
@@ -148,12 +149,11 @@ def compare(
     as_json: _Json = False,
 ) -> None:
     """Tell the numbers of two lenses side by side, or draw their sheets so."""
-    from bokehnet.io.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.facts import lens_facts
     from bokehnet.lenses.report_sheet import lens_curves
 
     if output is not None:
-        check_figure(output, (*_PAGES, *FIGURE_EXTENSIONS))
+        _check_sheet(output)
     lenses = [_load(name, focal, f_number, focus, paraxial) for name in (first, second)]
     if output is not None:
         _write_sheet(lenses, output)
@@ -180,18 +180,24 @@ def report(
     as_json: _Json = False,
 ) -> None:
     """Show all that is known of a lens on one sheet, or tell it as JSON."""
-    from bokehnet.io.figure_file import FIGURE_EXTENSIONS, check_figure
     from bokehnet.lenses.report_sheet import lens_curves
 
     if output is None and not as_json:
         raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
     if output is not None:
-        check_figure(output, (*_PAGES, *FIGURE_EXTENSIONS))
+        _check_sheet(output)
     chosen = _load(name, focal, f_number, focus, paraxial)
     if output is not None:
         _write_sheet([chosen], output)
     if as_json:
         typer.echo(json.dumps(lens_curves(chosen), indent=2))
+
+
+def _check_sheet(output: Path) -> None:
+    from bokehnet.io.figure_file import FIGURE_EXTENSIONS
+    from bokehnet.io.image import check_writable
+
+    check_writable(output, (*_PAGES, *FIGURE_EXTENSIONS))
 
 
 def _write_sheet(lenses: list[Any], output: Path) -> None:

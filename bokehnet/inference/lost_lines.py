@@ -357,16 +357,17 @@ def restore_lost_lines(
         _find_places(disparity, least, ys, xs, places, found)
     every = places[found]
     _lay(picture, disparity, least, every, np.full((len(every), 3), np.nan), result)
+    before = 0
     for _ in range(_ROUNDS if spread else 0):
         restored = result != disparity
-        if not restored.any():
+        many = int(restored.sum())
+        if many == before:  # nothing was found, or nothing more
             break
+        before = many
         found, colors = np.empty(len(every), np.bool_), np.empty((len(every), 3))
         with parallel_region:
             _are_likely(picture, restored, every, found, colors)
         _lay(picture, disparity, least, every[found], colors[found], result)
-        if ((result != disparity) == restored).all():
-            break
     return result
 
 

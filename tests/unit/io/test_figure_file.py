@@ -3,12 +3,12 @@
 import pytest
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.figure_file import check_figure, write_figure
+from bokehnet.io.figure_file import write_figure
 
 
 def test_an_unknown_ending_is_an_error(tmp_path):
     with pytest.raises(ImageFileError, match=r"lens\.xyz: unknown extension '\.xyz', expected one of \.png"):
-        check_figure(tmp_path / "lens.xyz")
+        write_figure(None, tmp_path / "lens.xyz", dpi=100)
 
 
 def test_what_fails_while_it_is_drawn_leaves_the_older_file(tmp_path):
