@@ -51,9 +51,8 @@ class Device(NamedTuple):
 
 CPU = Device(scatter, None)
 
-# Rays of a pixel where no window of pixels is averaged. Each ray of a lens that parts colours has one
-# wavelength, of which no channel sees all.
-_RAYS, _COLORED_RAYS = 64, 128
+# Rays of a pixel where no window of pixels is averaged.
+_RAYS = 64
 
 # The most rays of a pixel, over those.
 _MOST = 2
@@ -70,14 +69,14 @@ _VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
-def _pattern(aperture: Aperture, colored: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the rays of a pixel are: points of one sequence, so that few of them are evenly spread already.
 
     Returns:
         Pupil points (2, SETS * variants, rays), their weights in front of and behind focus, likewise, and
         three chances more of each ray, (SETS * variants * rays, 3).
     """
-    rays_per_pixel = _MOST * (_COLORED_RAYS if colored else _RAYS)
+    rays_per_pixel = _MOST * _RAYS
     count = SETS * rays_per_pixel
     cube = np.concatenate([sobol(count, np.random.default_rng(seed), 5) for seed in range(_VARIANTS)])
     sides = [pupil_points(aperture, cube[:, :2], side) for side in (1, -1)]
@@ -235,8 +234,7 @@ def _render(
     above = 0 if strip is None else strip.first
     place = place or Place.whole(*size)
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
-    colored = lens_response is not None and lens_response.is_dispersive
-    points, weights, chances = _pattern(aperture, colored)
+    points, weights, chances = _pattern(aperture)
     lens, ray_reach, fringes = None, radius, None
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
@@ -321,7 +319,7 @@ def _render(
         above=above,
         place=place,
         radius=ray_reach,
-        usual=round(rays_share * (_COLORED_RAYS if colored else _RAYS)),
+        usual=round(rays_share * _RAYS),
         progress=lambda share: tell(2, share),
         send=device.march,
     )

@@ -117,6 +117,23 @@ class WavelengthSampling:
             weights = response / np.maximum(response.mean(-1, keepdims=True), 1e-12)
         return wavelengths, weights / weights.mean(axis=0)
 
+    def by_channel(self, chances: np.ndarray) -> np.ndarray:
+        """A wavelength of red, of green and of blue for given chances, nm, (count, 3).
+
+        Each channel's are spread as its light is, so that all of them weigh the same; at one chance they lie
+        at the same share of their channels.
+
+        Args:
+            chances: Evenly spread from 0 to 1, (count,).
+        """
+        response = self.response(_cells())
+        if self.dispersion == "rgb":
+            means = (response * _cells()[:, None]).mean(0)
+            return np.broadcast_to(means, (len(chances), 3))
+        cumulated = np.concatenate([np.zeros((1, 3)), np.cumsum(response, 0)])
+        edges = np.linspace(SHORTEST, LONGEST, _CELLS + 1)
+        return np.stack([np.interp(chances, each / each[-1], edges) for each in cumulated.T], -1)
+
 
 def _cells() -> np.ndarray:
     """Middles of the cells, nm."""

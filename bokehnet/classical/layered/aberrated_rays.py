@@ -18,7 +18,7 @@ from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "keep_within", "lens_table", "send_rays"]
+__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "keep_within", "lens_table", "send_channels", "send_rays"]
 
 # Terms of the parabola over the wavelength.
 ORDERS = 3
@@ -53,6 +53,9 @@ class LensTable(NamedTuple):
             shows as one, and none where they miss by different ones, or hardly.
         colors: Red, green and blue that each ray carries, (3, rays) float32; (3, 0) where all go one way.
         chromatic_aberration: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
+        channel_waves: The variable of red, green and blue for rays that are sent for each, (3, rays) float32;
+            (3, 0) where all go one way.
+        channel_aberration: Axial and lateral fringe of them, (3, 2, rays) float32; or (3, 2, 0).
         maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
         vignetting_apertures: (R, 2): shift and radius, below 0 where the inside is dark.
         tilt: Of the focus plane, and axes of the aperture, (4, 2) float32.
@@ -70,6 +73,8 @@ class LensTable(NamedTuple):
     shaken: np.ndarray
     colors: np.ndarray
     chromatic_aberration: np.ndarray
+    channel_waves: np.ndarray
+    channel_aberration: np.ndarray
     maps: np.ndarray
     vignetting_apertures: np.ndarray
     tilt: np.ndarray
@@ -164,9 +169,14 @@ def lens_table(
     by_field = np.zeros((4, *coefficients.shape[:2], len(_PAIRS)), np.float32)
     for term, (i, j, k) in enumerate(TERMS):
         by_field[k, ..., _PAIRS.index((i, j))] = coefficients[..., term]
+    by_channel = np.zeros((0, 3))
+    if lens_response.is_dispersive:
+        by_channel = lens_response.wavelength_sampling.by_channel(chances[:, 0])
     chromatic_aberration, maps = np.zeros((0, 2)), np.zeros((0, 0, 2))
+    channel_aberration = np.zeros((0, 3, 2))
     if lens_response.chromatic_aberration is not None and not lens_response.chromatic_aberration.is_none:
         chromatic_aberration = half_diagonal * lens_response.chromatic_aberration.strengths(wavelengths)
+        channel_aberration = half_diagonal * lens_response.chromatic_aberration.strengths(by_channel)
         maps = lens_response.chromatic_aberration.maps(_fields(shape[:2], above, column, row, scale))
     if not lens_response.is_dispersive:
         colors = np.zeros((0, 3))
@@ -178,6 +188,8 @@ def lens_table(
         shaken=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
         colors=np.ascontiguousarray(colors.T, np.float32),
         chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),
+        channel_waves=np.ascontiguousarray(_variable(by_channel).T, np.float32),
+        channel_aberration=np.ascontiguousarray(channel_aberration.transpose(1, 2, 0), np.float32),
         maps=np.ascontiguousarray(maps, np.float32),
         vignetting_apertures=np.array(aberration_map.vignetting_apertures, np.float32).reshape(-1, 2),
         tilt=np.array((aberration_map.tilt, *aberration_map.aperture_axes), np.float32),
@@ -255,6 +267,25 @@ def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
+def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):  # type: ignore[no-untyped-def]
+    """E and A of eight rays, from the polynomials at their wavelengths; arguments as for :func:`send_rays`."""
+    across, down = broadcast8(h_x), broadcast8(h_y)
+    a_x, a_y = u, v
+    if collapsed.shape[1] == 4:
+        a_x, a_y = a_x + u * bend_f + across * bend_g, a_y + v * bend_f + down * bend_g
+    if tilt[3, 0] != 0.0 or tilt[3, 1] != 0.0:
+        along = broadcast8(tilt[3, 0]) * a_x + broadcast8(tilt[3, 1]) * a_y
+        a_x, a_y = (
+            broadcast8(tilt[1, 0]) * a_x + broadcast8(tilt[1, 1]) * a_y - along * across,
+            broadcast8(tilt[2, 0]) * a_x + broadcast8(tilt[2, 1]) * a_y - along * down,
+        )
+    if tilt[0, 0] != 0.0 or tilt[0, 1] != 0.0:
+        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0, 0]) * u + broadcast8(tilt[0, 1]) * v
+        a_x, a_y = divide8(a_x, divisor), divide8(a_y, divisor)
+    return u * f + across * g, v * f + down * g, a_x, a_y
+
+
+@njit(cache=True, forceinline=True)
 def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped-def]
     """Transverse aberration E in pixels and coordinates A of eight rays: lanes (E_x, E_y, A_x, A_y).
 
@@ -267,34 +298,53 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
         h_y: The same, down.
         wave: Variable of the wavelength, lanes.
     """
-    across, down = broadcast8(h_x), broadcast8(h_y)
-    square, product = u * u + v * v, u * across + v * down
+    square, product = u * u + v * v, u * broadcast8(h_x) + v * broadcast8(h_y)
+    bent = collapsed.shape[1] == 4
     f, g = _polynomial(collapsed, 0, 0, square, product), _polynomial(collapsed, 0, 1, square, product)
+    bend_f, bend_g = f, g
+    if bent:
+        bend_f = _polynomial(collapsed, 0, 2, square, product)
+        bend_g = _polynomial(collapsed, 0, 3, square, product)
     power = wave
     for order in range(1, collapsed.shape[0]):
         f = f + power * _polynomial(collapsed, order, 0, square, product)
         g = g + power * _polynomial(collapsed, order, 1, square, product)
-        power = power * wave
-    a_x, a_y = u, v
-    if collapsed.shape[1] == 4:
-        bend_f = _polynomial(collapsed, 0, 2, square, product)
-        bend_g = _polynomial(collapsed, 0, 3, square, product)
-        power = wave
-        for order in range(1, collapsed.shape[0]):
+        if bent:
             bend_f = bend_f + power * _polynomial(collapsed, order, 2, square, product)
             bend_g = bend_g + power * _polynomial(collapsed, order, 3, square, product)
-            power = power * wave
-        a_x, a_y = a_x + u * bend_f + across * bend_g, a_y + v * bend_f + down * bend_g
-    if tilt[3, 0] != 0.0 or tilt[3, 1] != 0.0:
-        along = broadcast8(tilt[3, 0]) * a_x + broadcast8(tilt[3, 1]) * a_y
-        a_x, a_y = (
-            broadcast8(tilt[1, 0]) * a_x + broadcast8(tilt[1, 1]) * a_y - along * across,
-            broadcast8(tilt[2, 0]) * a_x + broadcast8(tilt[2, 1]) * a_y - along * down,
-        )
-    if tilt[0, 0] != 0.0 or tilt[0, 1] != 0.0:
-        divisor = broadcast8(np.float32(1)) + broadcast8(tilt[0, 0]) * u + broadcast8(tilt[0, 1]) * v
-        a_x, a_y = divide8(a_x, divisor), divide8(a_y, divisor)
-    return u * f + across * g, v * f + down * g, a_x, a_y
+        power = power * wave
+    return _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g)
+
+
+@njit(cache=True, forceinline=True)
+def send_channels(collapsed, tilt, u, v, h_x, h_y, waves):  # type: ignore[no-untyped-def]
+    """What :func:`send_rays` gives for each of three wavelengths, a tuple of lanes; three such tuples."""
+    square, product = u * u + v * v, u * broadcast8(h_x) + v * broadcast8(h_y)
+    bent = collapsed.shape[1] == 4
+    f, g = _polynomial(collapsed, 0, 0, square, product), _polynomial(collapsed, 0, 1, square, product)
+    bend_f, bend_g = f, g
+    if bent:
+        bend_f = _polynomial(collapsed, 0, 2, square, product)
+        bend_g = _polynomial(collapsed, 0, 3, square, product)
+    fs, gs, bend_fs, bend_gs = (f, f, f), (g, g, g), (bend_f, bend_f, bend_f), (bend_g, bend_g, bend_g)
+    powers = waves
+    for order in range(1, collapsed.shape[0]):
+        fs = _add_order(fs, powers, _polynomial(collapsed, order, 0, square, product))
+        gs = _add_order(gs, powers, _polynomial(collapsed, order, 1, square, product))
+        if bent:
+            bend_fs = _add_order(bend_fs, powers, _polynomial(collapsed, order, 2, square, product))
+            bend_gs = _add_order(bend_gs, powers, _polynomial(collapsed, order, 3, square, product))
+        powers = (powers[0] * waves[0], powers[1] * waves[1], powers[2] * waves[2])
+    return (
+        _run_lanes(collapsed, tilt, u, v, h_x, h_y, fs[0], gs[0], bend_fs[0], bend_gs[0]),
+        _run_lanes(collapsed, tilt, u, v, h_x, h_y, fs[1], gs[1], bend_fs[1], bend_gs[1]),
+        _run_lanes(collapsed, tilt, u, v, h_x, h_y, fs[2], gs[2], bend_fs[2], bend_gs[2]),
+    )
+
+
+@njit(cache=True, forceinline=True)
+def _add_order(sums, powers, values):  # type: ignore[no-untyped-def]
+    return sums[0] + powers[0] * values, sums[1] + powers[1] * values, sums[2] + powers[2] * values
 
 
 @njit(cache=True, forceinline=True)

@@ -94,7 +94,7 @@ def layer_cells(layers: Layers) -> np.ndarray:
 
 
 @njit(cache=True)
-def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits):  # type: ignore[no-untyped-def]
+def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
 
     Places beyond the border see the border's pixel. Where the defocus stretches far, tiles in which a ray can
@@ -118,13 +118,16 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
             whatever those before it have.
         hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
+        outlines: Nearest and farthest defocus of outlines about each pixel, see
+            :mod:`bokehnet.classical.layered.channel_rays`, flat, and where in it they begin. If given, it is
+            told which rays passed one: 1, else 0, behind the rest of ``hits``.
     """
     height, width, layers = size
-    occupied, tile_rows, tile_columns, low, scale = tiles
+    occupied, tile_rows, tile_columns, lowest_bin, scale = tiles
     zero, one, threshold = broadcast8(_ZERO), broadcast8(_ONE), broadcast8(_THRESHOLD)
     hides_nothing = broadcast8(HIDES_NOTHING)
     half, below_one = broadcast8(_HALF), broadcast8(BELOW_ONE)
-    never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(low))
+    never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(lowest_bin))
     per_bin, last_bin = broadcast8(np.float32(scale)), broadcast8(_LAST_BIN)
     last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
     last_tile_x, last_tile_y = broadcast8(np.float32(tile_columns - 1)), broadcast8(np.float32(tile_rows - 1))
@@ -135,6 +138,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
     hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
     waiting = less8(zero, one)
+    passed_outline = zero
     for run in range(count):
         front = broadcast8(np.float32(runs[run, 0]))
         length = broadcast8(np.float32(runs[run, 0] - runs[run, 1]))
@@ -193,6 +197,10 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                 inside_x = min8(max8(column, zero), last_x)
                 inside_y = min8(max8(row, zero), last_y)
                 under = never
+                if outlines is not None:
+                    low, high = gather_pairs8(outlines[0], inside_y, inside_x, width, 2, outlines[1])
+                    beside = and_not8(and_not8(walking, less8(entry, low)), less8(high, leave))
+                    passed_outline = select8(beside, one, passed_outline)
                 for layer in range(layers):
                     depth, cover = gather_pairs8(cells, inside_y, inside_x, width, 2 * layers, 2 * layer)
                     hides = less8(cover, hides_nothing)
@@ -243,6 +251,8 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     store8(hits, LANES, hit_column)
     store8(hits, 2 * LANES, hit_layer)
     store8(hits, 3 * LANES, hit_depth)
+    if outlines is not None:
+        store8(hits, 4 * LANES, passed_outline)
 
 
 @njit(cache=True)

@@ -14,7 +14,22 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.base import Place
-from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
+from bokehnet.classical.layered.aberrated_rays import (
+    LensTable,
+    collapse,
+    keep_within,
+    send_channels,
+    send_rays,
+)
+from bokehnet.classical.layered.channel_rays import (
+    KEPT,
+    REACHES,
+    follow,
+    keep_rays,
+    outlines_of,
+    reach_between,
+    with_neighbours,
+)
 from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.intersection import intersect, intersect_smooth
 from bokehnet.classical.layered.ray_accumulators import COLORED, GROUPS, PLAIN, add_light, sum_light
@@ -28,6 +43,7 @@ from bokehnet.classical.layered.sample_counts import (
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
     LANES,
+    any8,
     broadcast8,
     floor8,
     gather_triples8,
@@ -36,6 +52,7 @@ from bokehnet.classical.simd.float8 import (
     max8,
     min8,
     select8,
+    store8,
 )
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import cats_eye_shift
@@ -74,6 +91,51 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
     return stride
 
 
+@njit(cache=True, forceinline=True)
+def _weights_within(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-untyped-def]
+    """Weights in front of and behind focus, of rays that pass a circle; see ``keep_within``."""
+    return keep_within(u, v, shift_x, shift_y, radius, front), keep_within(u, v, shift_x, shift_y, radius, back)
+
+
+@njit(cache=True, forceinline=True)
+def _begin(ray, start_x, start_y):  # type: ignore[no-untyped-def]
+    """Where rays begin, and how they run, from E and A of ``ray`` and their starts, lanes."""
+    return start_x - ray[0], start_y - ray[1], ray[2], ray[3]
+
+
+@njit(cache=True, forceinline=True)
+def _with_fringe(ray, u, v, axial, lateral, h_x, h_y):  # type: ignore[no-untyped-def]
+    """E and A of rays with the fringe of a pixel, lanes."""
+    e_x, e_y = ray[0] + u * axial + lateral * broadcast8(h_x), ray[1] + v * axial + lateral * broadcast8(h_y)
+    return e_x, e_y, ray[2], ray[3]
+
+
+@njit(cache=True, forceinline=True)
+def _met(hits, way, pair):  # type: ignore[no-untyped-def]
+    """Weight, layer, defocus and squared blur of what eight rays met; no weight where they met nothing.
+
+    ``pair``: weights in front of and behind focus.
+    """
+    zero, half = broadcast8(np.float32(0)), broadcast8(np.float32(0.5))
+    layer, depth = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
+    w = select8(less8(zero, depth), pair[0], pair[1])
+    w = select8(less8(layer, zero), zero, w)
+    away_x, away_y = way[0] - half, way[1] - half
+    return w, max8(layer, zero), depth, depth * depth + away_x * away_x + away_y * away_y
+
+
+@njit(cache=True, forceinline=True)
+def _disoccluded(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):  # type: ignore[no-untyped-def]
+    """The part of ``weight`` that no picture shows, lanes: from behind the first layer or beyond the border."""
+    zero = broadcast8(np.float32(0))
+    hidden = select8(less8(zero, layer), weight, zero)
+    if near_border:
+        to_x, to_y = place_x + way[0] - way[2] * depth, place_y + way[1] - way[3] * depth
+        inside = min8(min8(to_x, to_y), min8(right - to_x, bottom - to_y))
+        hidden = select8(less8(inside, zero), weight, hidden)
+    return hidden
+
+
 @njit(cache=True, parallel=True)
 def _march(  # type: ignore[no-untyped-def]
     colors,
@@ -92,10 +154,12 @@ def _march(  # type: ignore[no-untyped-def]
     before,
     counts,
     sums,
+    outlines=None,
 ):
     """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
 
     Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.ray_accumulators`.
+    ``outlines``: of the surfaces, if the lens parts colours.
     """
     height, width = rays_mask.shape
     flat, tiles = cells.reshape(-1), tile_sets(bins)
@@ -105,10 +169,7 @@ def _march(  # type: ignore[no-untyped-def]
     front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
     flat_colors, numbers = colors.reshape(-1), sums.shape[3]
     reach = max(abs(bins.low), abs(bins.low + BINS * bins.thickness))
-    colored, reds, greens, blues = False, us, us, us
     if lens is not None:
-        colored = lens.colors.shape[1] > 0
-        reds, greens, blues = lens.colors[0], lens.colors[1], lens.colors[2]
         reach = (1.0 + lens.strayed.max()) * reach + lens.largest.max()
     top = first // TILE
     tile_rows = counts.shape[0]
@@ -116,12 +177,15 @@ def _march(  # type: ignore[no-untyped-def]
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
         runs = np.empty((BINS // 2, 2))
-        hits, totals = np.empty(4 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
+        hits, totals = np.zeros(5 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
         zero, half = broadcast8(np.float32(0)), broadcast8(np.float32(0.5))
-        third = broadcast8(np.float32(1 / 3))
+        one, third = broadcast8(np.float32(1)), broadcast8(np.float32(1 / 3))
         right, bottom = broadcast8(np.float32(width)), broadcast8(np.float32(height))
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
+        if outlines is not None:
+            kept, work = np.empty((KEPT, 2 * rays + LANES), np.float32), np.empty(KEPT * LANES, np.float32)
+            flat_outlines = outlines.reshape(-1)
         for tile_column in range(bins.bits.shape[1]):
             sent = counts[tile_row - top, tile_column]
             if sent <= before:
@@ -151,63 +215,117 @@ def _march(  # type: ignore[no-untyped-def]
                         wide = broadcast8(np.float32(lens.shaken[int(field)]))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     totals[:] = 0.0
+                    lost = 0
                     for start in range(before, sent, LANES):
                         k = chosen * rays + start
                         u, v = load8(us, k), load8(vs, k)
                         chance = first_chance + load8(chances, start)
                         chance = chance - floor8(chance)
-                        if lens is None:
-                            begin_x, begin_y, a_x, a_y = half, half, u, v
-                        else:
-                            wave = load8(lens.waves, k)
-                            e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, wave)
-                            if lens.chromatic_aberration.shape[1] > 0:
-                                axial = load8(lens.chromatic_aberration[0], k)
-                                lateral = load8(lens.chromatic_aberration[1], k)
-                                axial = axial * broadcast8(lens.maps[y, x, 0])
-                                lateral = lateral * broadcast8(lens.maps[y, x, 1])
-                                e_x = e_x + u * axial + lateral * broadcast8(h_x)
-                                e_y = e_y + v * axial + lateral * broadcast8(h_y)
-                            start_x = load8(lens.starts[0], k)
-                            start_y = load8(lens.starts[1], k)
-                            begin_x, begin_y = half + wide * start_x - e_x, half + wide * start_y - e_y
-                        ways = (place_x, place_y, begin_x, begin_y, a_x, a_y)
-                        if not smooth or not intersect_smooth(flat, size, *ways, hits):
-                            intersect(flat, size, tiles, runs, count, *ways, chance, hits)
-                        layer, depth = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
-                        w = select8(
-                            less8(zero, depth),
-                            load8(front_weights, k),
-                            load8(back_weights, k),
-                        )
-                        w = select8(less8(layer, zero), zero, w)
+                        pair = (load8(front_weights, k), load8(back_weights, k))
                         if cats_eye > 0:
-                            w = keep_within(u, v, shift_x, shift_y, 1.0, w)
-                        layer = max8(layer, zero)
-                        blur = depth * depth
+                            pair = _weights_within(u, v, pair[0], pair[1], shift_x, shift_y, 1.0)
+                        way = (half, half, u, v)
                         if lens is not None:
                             for rim in range(lens.vignetting_apertures.shape[0]):
                                 shift, radius = lens.vignetting_apertures[rim]
-                                w = keep_within(u, v, shift * h_x, shift * h_y, radius, w)
-                            away_x, away_y = begin_x - half, begin_y - half
-                            blur = blur + away_x * away_x + away_y * away_y
-                        shares = (w, w, w)
-                        if colored:
-                            shares = (
-                                w * load8(reds, k),
-                                w * load8(greens, k),
-                                w * load8(blues, k),
+                                pair = _weights_within(u, v, pair[0], pair[1], shift * h_x, shift * h_y, radius)
+                            start_x = half + wide * load8(lens.starts[0], k)
+                            start_y = half + wide * load8(lens.starts[1], k)
+                        if lens is not None and outlines is None:
+                            ray = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, load8(lens.waves, k))
+                            way = _begin(ray, start_x, start_y)
+                        if outlines is not None:
+                            waves = (
+                                load8(lens.channel_waves[0], k),
+                                load8(lens.channel_waves[1], k),
+                                load8(lens.channel_waves[2], k),
                             )
-                        weight = third * (shares[0] + shares[1] + shares[2]) if colored else w
-                        disocclusion_weight = select8(less8(zero, layer), weight, zero)
-                        if near_border:
-                            to_x, to_y = place_x + begin_x - a_x * depth, place_y + begin_y - a_y * depth
-                            inside = min8(min8(to_x, to_y), min8(right - to_x, bottom - to_y))
-                            disocclusion_weight = select8(less8(inside, zero), weight, disocclusion_weight)
+                            red, green, blue = send_channels(collapsed, lens.tilt, u, v, h_x, h_y, waves)
+                            fringes = lens.channel_aberration
+                            if fringes.shape[2] > 0:
+                                axial, lateral = broadcast8(lens.maps[y, x, 0]), broadcast8(lens.maps[y, x, 1])
+                                far, aside = axial * load8(fringes[0, 0], k), lateral * load8(fringes[0, 1], k)
+                                red = _with_fringe(red, u, v, far, aside, h_x, h_y)
+                                far, aside = axial * load8(fringes[1, 0], k), lateral * load8(fringes[1, 1], k)
+                                green = _with_fringe(green, u, v, far, aside, h_x, h_y)
+                                far, aside = axial * load8(fringes[2, 0], k), lateral * load8(fringes[2, 1], k)
+                                blue = _with_fringe(blue, u, v, far, aside, h_x, h_y)
+                            way = _begin(green, start_x, start_y)
+                            red_way, blue_way = _begin(red, start_x, start_y), _begin(blue, start_x, start_y)
+                        if outlines is None:
+                            if not smooth or not intersect_smooth(
+                                flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
+                            ):
+                                intersect(
+                                    *(flat, size, tiles, runs, count),
+                                    *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits),
+                                )
+                        else:
+                            store8(hits, 4 * LANES, zero)
+                            if not smooth or not intersect_smooth(
+                                flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
+                            ):
+                                apart = max(
+                                    reach_between(way, red_way, runs[0, 0], runs[count - 1, 1]),
+                                    reach_between(way, blue_way, runs[0, 0], runs[count - 1, 1]),
+                                )
+                                level = min(apart, REACHES) - 1
+                                beside = (flat_outlines, level * height * width * 2)
+                                intersect(
+                                    *(flat, size, tiles, runs, count),
+                                    *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits, beside),
+                                )
+                                if apart > REACHES:
+                                    store8(hits, 4 * LANES, one)
+                        w, layer, depth, blur = _met(hits, way, pair)
                         light = gather_triples8(
                             flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                         )
-                        add_light(totals, numbers, blur, depth, shares, light, weight, disocclusion_weight)
+                        shares, weight = (w, w, w), w
+                        if outlines is not None:
+                            same = follow(flat, size, place_x, place_y, red_way, hits, work)
+                            reds = gather_triples8(
+                                flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
+                            )
+                            red_share = select8(same, w, zero)
+                            if any8(less8(red_share, w)):
+                                gone = select8(same, zero, one)
+                                lost = keep_rays(gone, red_way, chance, pair, 1.0, work, kept, lost)
+                            same = follow(flat, size, place_x, place_y, blue_way, hits, work)
+                            blues = gather_triples8(
+                                flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
+                            )
+                            blue_share = select8(same, w, zero)
+                            if any8(less8(blue_share, w)):
+                                gone = select8(same, zero, one)
+                                lost = keep_rays(gone, blue_way, chance, pair, 0.0, work, kept, lost)
+                            light, shares = (reds[0], light[1], blues[2]), (red_share, w, blue_share)
+                            weight = third * (red_share + w + blue_share)
+                        hidden = _disoccluded(
+                            weight, layer, place_x, place_y, way, depth, near_border, right, bottom
+                        )
+                        add_light(totals, numbers, blur, depth, shares, light, weight, hidden)
+                    if outlines is not None:
+                        for n in range(lost, -(-lost // LANES) * LANES):
+                            for j in range(KEPT):
+                                kept[j, n] = kept[j, lost - 1]
+                            kept[5, n], kept[6, n] = 0.0, 0.0
+                        for n in range(0, lost, LANES):
+                            way = (load8(kept[0], n), load8(kept[1], n), load8(kept[2], n), load8(kept[3], n))
+                            pair, share = (load8(kept[5], n), load8(kept[6], n)), load8(kept[7], n)
+                            intersect(
+                                *(flat, size, tiles, runs, count, place_x, place_y),
+                                *(way[0], way[1], way[2], way[3], load8(kept[4], n), hits),
+                            )
+                            w, layer, depth, blur = _met(hits, way, pair)
+                            light = gather_triples8(
+                                flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
+                            )
+                            shares, weight = (w * share, zero, w * (one - share)), third * w
+                            hidden = _disoccluded(
+                                weight, layer, place_x, place_y, way, depth, near_border, right, bottom
+                            )
+                            add_light(totals, numbers, blur, depth, shares, light, weight, hidden)
                     sum_light(totals, before, sent, sums[y - first, x])
 
 
@@ -261,7 +379,10 @@ def march(
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
-    numbers = COLORED if lens is not None and lens.colors.shape[1] else PLAIN
+    numbers, more = PLAIN, ()
+    if lens is not None and lens.colors.shape[1]:
+        numbers, more = COLORED, (outlines_of(cells),)
+        arrays = (colors, cells, rays_mask, with_neighbours(bins), points, chances, weights, lens)
     how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)
     known, kept = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
@@ -276,9 +397,9 @@ def march(
             if last > new:
                 fresh, rows = sums[new - first :], slice(new, last)
                 counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
-                send(*arrays, *how, new, 0, counts, fresh)
+                send(*arrays, *how, new, 0, counts, fresh, *more)
                 found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
-                send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
+                send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh, *more)
             known, kept = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
             if progress is not None and done is not None:

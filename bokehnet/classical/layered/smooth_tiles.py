@@ -21,15 +21,21 @@ from numba import prange
 from bokehnet.classical.base import Place
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
 from bokehnet.classical.layered.bundle_extents import BUNDLE, extent_at, ring_of
-from bokehnet.classical.layered.defocus_bins import STEEP, TILE
+from bokehnet.classical.layered.defocus_bins import TILE
+from bokehnet.classical.layered.intersection import CLOSE
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import (
     LANES,
+    abs8,
+    any8,
     broadcast8,
     divide8,
     floor8,
+    gather_pairs8,
     less8,
     load8,
+    max8,
+    min8,
     select8,
     store8,
 )
@@ -45,6 +51,9 @@ _BAND = 128
 # a share of it, whichever is more.
 _FLAT, _FLAT_SHARE = 0.2, 0.02
 
+# Change of the defocus from pixel to pixel, in pixels, where a surface is no longer smooth.
+_STEEP = 0.5
+
 # Bundles reach no farther, pixels: rays of larger discs are few.
 _FARTHEST = 96
 
@@ -52,9 +61,15 @@ _FARTHEST = 96
 # side of one, pixels.
 _SHARE, _LARGEST_BLOCK = 0.012, 4
 
+# The most looks of a ray at a curved surface.
+_LOOKS = 3
+
 # What is known of a tile: defocus in its middle, its change per pixel right and down, smallest and largest
 # defocus of any layer, and whether something is hidden, covers in part or is steep.
 _MIDDLE, _RIGHT, _DOWN, _LOW, _HIGH, _LAYERED = range(6)
+
+# What the rays of a tile can meet: a step or something hidden, one smooth surface, the plane of the tile.
+_BROKEN, _CURVED, _PLANE = range(3)
 
 
 @njit(cache=True, parallel=True)
@@ -76,9 +91,9 @@ def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
                         low, high = min(low, other), max(high, other)
                         layered = layered or other != s
                     if x + 1 < width:
-                        layered = layered or abs(cells[y, x + 1, 0, 0] - s) > STEEP
+                        layered = layered or abs(cells[y, x + 1, 0, 0] - s) > _STEEP
                     if y + 1 < height:
-                        layered = layered or abs(cells[y + 1, x, 0, 0] - s) > STEEP
+                        layered = layered or abs(cells[y + 1, x, 0, 0] - s) > _STEEP
                     total += s
                     right += s * (x - left - 0.5 * (TILE - 1))
                     down += s * (y - top - 0.5 * (TILE - 1))
@@ -113,13 +128,14 @@ def _flat_of(own):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _is_plane(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
-    """Whether all that rays of a tile can meet goes on its plane, within ``flat`` pixels of defocus."""
+def _kind_of(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
+    """What rays of a tile can meet: ``_PLANE`` of its own within ``flat`` pixels of defocus, ``_CURVED`` or ``_BROKEN``."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
     slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
     farthest = max(extent_at(line, low), extent_at(line, high))
     reach = int(math.ceil(farthest / TILE)) + 1
+    kind = _PLANE
     for v in range(max(0, row - reach), min(rows, row + reach + 1)):
         gap_y = TILE * max(abs(v - row) - 1, 0)
         for u in range(max(0, column - reach), min(columns, column + reach + 1)):
@@ -131,21 +147,21 @@ def _is_plane(surfaces, row, column, line, flat, low, high):  # type: ignore[no-
             if square > within * within:
                 continue
             if other[_LAYERED] > 0.0:
-                return False
+                return _BROKEN
             level = own[_MIDDLE] + TILE * ((u - column) * own[_RIGHT] + (v - row) * own[_DOWN])
             if other[_LOW] < level - slack or other[_HIGH] > level + slack:
-                return False
-    return True
+                kind = _CURVED
+    return kind
 
 
 @njit(cache=True, parallel=True)
 def _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen):  # type: ignore[no-untyped-def]
-    """Fill ``chosen`` (rows, columns): where a bundle serves. All surfaces lie from ``low`` to ``high``."""
+    """Fill ``chosen`` (rows, columns) with what rays can meet. All surfaces lie from ``low`` to ``high``."""
     height, width = rays_mask.shape
     half = 0.5 * (TILE - 1)
     for row in prange(chosen.shape[0]):
         for column in range(chosen.shape[1]):
-            chosen[row, column] = False
+            chosen[row, column] = _BROKEN
             own, top, left = surfaces[row, column], row * TILE, column * TILE
             if own[_LAYERED] > 0.0 or not rays_mask[top : top + TILE, left : left + TILE].any():
                 continue
@@ -155,42 +171,53 @@ def _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen):  # ty
             near = min(min(left, top), min(width - left, height - top) - TILE)
             flat = _flat_of(own)
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
-            if steep or reach > near or reach > _FARTHEST:
+            if steep or reach > _FARTHEST:
                 continue
-            chosen[row, column] = _is_plane(surfaces, row, column, line, flat, low, high)
+            chosen[row, column] = _kind_of(surfaces, row, column, line, flat, low, high)
+            if chosen[row, column] == _PLANE and reach > near:
+                chosen[row, column] = _CURVED
 
 
 @njit(cache=True, parallel=True)
 def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
-    """Colours of the first layer from row ``first`` on, and their means over blocks that begin at a pixel.
+    """Colours of the first layer and their means over blocks that begin at a pixel.
 
-    ``planes``: (1, 2, 4 pixels a side; 3, rows, W); beyond the border pixels are repeated.
+    ``planes``: (1, 2, 4 pixels a side; 3, rows, columns); they begin at row ``first`` and ``_FARTHEST`` columns before
+    the picture. Beyond the border pixels are repeated.
     """
-    rows, width = planes.shape[2:]
-    last_row = colors.shape[0] - 1
+    rows, columns = planes.shape[2:]
+    last_row, last_column = colors.shape[0] - 1, colors.shape[1] - 1
     for y in prange(rows):
         for level in range(planes.shape[0]):
             side = 1 << level
             for c in range(3):
-                for x in range(width):
+                for x in range(columns):
                     planes[level, c, y, x] = 0.0
                 for v in range(side):
-                    at = min(first + y + v, last_row)
-                    for x in range(width):
-                        planes[level, c, y, x] += colors[at, x, 0, c]
+                    at = min(max(first + y + v, 0), last_row)
+                    for x in range(columns):
+                        planes[level, c, y, x] += colors[at, min(max(x - _FARTHEST, 0), last_column), 0, c]
                 if side == 1:
                     continue
                 scale = np.float32(1.0 / (side * side))
-                for x in range(width):
+                for x in range(columns):
                     total = planes[level, c, y, x]
                     for u in range(1, side):
-                        total += planes[level, c, y, min(x + u, width - 1)]
+                        total += planes[level, c, y, min(x + u, columns - 1)]
                     planes[level, c, y, x] = scale * total
 
 
 @njit(cache=True)
-def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, rays):  # type: ignore[no-untyped-def]
-    """Fill ``rays`` (5 * BUNDLE): offsets right and down of what they meet, and their red, green, blue."""
+def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved, rays):  # type: ignore[no-untyped-def]
+    """Fill ``rays`` (5 * BUNDLE): offsets right and down of what they meet, and their red, green, blue.
+
+    ``curved``: cells, flat, and their size, to be looked at for where the rays meet the surface; a size of 0 for the tile's
+    plane.
+    """
+    cells, size = curved
+    corner_x, corner_y = broadcast8(np.float32(x)), broadcast8(np.float32(y))
+    last_x, last_y = broadcast8(np.float32(size[1] - 1)), broadcast8(np.float32(size[0] - 1))
+    close = broadcast8(CLOSE)
     points, weights = arrays
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
     front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
@@ -210,6 +237,16 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, rays): 
             e_x = e_x + u * axial + lateral * broadcast8(h_x)
             e_y = e_y + v * axial + lateral * broadcast8(h_y)
         depth = divide8(middle - right * e_x - down * e_y, one + right * a_x + down * a_y)
+        if size[0] > 0:
+            from_x, from_y = corner_x - e_x, corner_y - e_y
+            for _ in range(_LOOKS):
+                column = min8(max8(floor8(from_x - a_x * depth), zero), last_x)
+                row = min8(max8(floor8(from_y - a_y * depth), zero), last_y)
+                found, _ = gather_pairs8(cells, row, column, size[1], 2 * size[2], 0)
+                away = abs8(found - depth)
+                depth = found
+                if not any8(less8(close, away)):
+                    break
         w = select8(less8(zero, depth), load8(front_weights, k), load8(back_weights, k))
         if cats_eye_at[0] > 0:
             w = keep_within(u, v, cats_eye_at[1], cats_eye_at[2], 1.0, w)
@@ -291,7 +328,7 @@ def _sum_taps(plane, offsets, taps, count, start, width, found, at):  # type: ig
 
 @njit(cache=True, parallel=True)
 def _render(  # type: ignore[no-untyped-def]
-    planes, first, chosen, tile_row, surfaces, rays_mask, arrays, lens, extents, view, result
+    planes, first, chosen, tile_row, surfaces, cells, rays_mask, arrays, lens, extents, view, result
 ):
     """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``.
 
@@ -299,6 +336,7 @@ def _render(  # type: ignore[no-untyped-def]
     """
     cats_eye, place, above = view
     width = planes.shape[3]
+    flat, size = cells.reshape(-1), cells.shape
     half = 0.5 * (TILE - 1)
     middle = TILE // 2
     for i in prange(chosen.shape[0]):
@@ -308,7 +346,7 @@ def _render(  # type: ignore[no-untyped-def]
         slots = np.full((2 * _FARTHEST + 4, 2 * _FARTHEST + 4), -1, np.int32)
         found = np.empty(TILE * LANES, np.float32)
         for column in range(chosen.shape[1]):
-            if not chosen[i, column]:
+            if chosen[i, column] == _BROKEN:
                 continue
             top, left = (tile_row + i) * TILE, column * TILE
             own = surfaces[tile_row + i, column]
@@ -317,7 +355,13 @@ def _render(  # type: ignore[no-untyped-def]
                 cats_eye, left + half + place[0], top + half + above + place[1], place[2], place[3]
             )
             cats_eye_at = (cats_eye, shift[0], shift[1])
-            _send_bundle(own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, rays)
+            if chosen[i, column] == _CURVED:
+                curved = (flat, (size[0], size[1], size[2]))
+            else:
+                curved = (flat, (0, 0, 0))
+            _send_bundle(
+                *(own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, curved, rays)
+            )
             line = extents[ring_of(field[0], field[1], extents)]
             reach = math.floor(_reach_of(own, line)) - _LARGEST_BLOCK
             count, level = 0, planes.shape[0] - 1
@@ -333,7 +377,7 @@ def _render(  # type: ignore[no-untyped-def]
             for c in range(3):
                 plane = planes[level, c].reshape(-1)
                 for part in range(0, TILE, 4):
-                    start = (top + part - first) * width + left
+                    start = (top + part - first) * width + left + _FARTHEST
                     _sum_taps(plane, offsets, taps[c], count, start, width, found, part * LANES)
                 for y in range(TILE):
                     for x in range(TILE):
@@ -377,7 +421,7 @@ def render_smooth_tiles(
     height, width = rays_mask.shape
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
     surfaces = np.empty((tile_rows, tile_columns, 6), np.float32)
-    chosen = np.empty((tile_rows, tile_columns), np.bool_)
+    chosen = np.empty((tile_rows, tile_columns), np.int8)
     arrays, where = (points, weights), tuple(place or Place.whole(height, width))
     with parallel_region:
         _tile_surfaces(cells, surfaces)
@@ -387,14 +431,14 @@ def render_smooth_tiles(
             rows = chosen[top : top + _BAND // TILE]
             if not rows.any():
                 continue
-            first = max(0, top * TILE - _FARTHEST)
-            last = min(height, (top + len(rows)) * TILE + _FARTHEST)
-            planes = np.empty((1 + int(math.log2(_LARGEST_BLOCK)), 3, last - first, width), np.float32)
+            first = top * TILE - _FARTHEST
+            shape = (len(rows) * TILE + 2 * _FARTHEST, width + 2 * _FARTHEST)
+            planes = np.empty((1 + int(math.log2(_LARGEST_BLOCK)), 3, *shape), np.float32)
             _fill_planes(colors, first, planes)
             _render(
-                *(planes, first, rows, top, surfaces, rays_mask, arrays, lens, extents),
+                *(planes, first, rows, top, surfaces, cells, rays_mask, arrays, lens, extents),
                 *((cats_eye, where, above), result),
             )
-    done = np.kron(chosen, np.ones((TILE, TILE), np.bool_))[:height, :width]
+    done = np.kron(chosen != _BROKEN, np.ones((TILE, TILE), np.bool_))[:height, :width]
     left: np.ndarray = rays_mask & ~done
     return left

@@ -29,7 +29,7 @@ RIMMED = AberrationMap(
 @pytest.mark.parametrize("aberration_map", [GLASS, RIMMED], ids=["sliders", "rim and tilt"])
 @pytest.mark.parametrize("defocus", [-2.0 * LEVELS, -20.3, 0.0, 9.7])
 def test_no_ray_strays_farther_and_some_nearly_as_far(aberration_map, defocus):
-    points, _, chances = _pattern(Aperture(), False)
+    points, _, chances = _pattern(Aperture())
     lens = lens_table(LensResponse(aberration_map=aberration_map), Place.whole(*SHAPE), chances, shape=SHAPE)
     extents = bundle_extents(points, lens)
     pupil, _ = pupil_points(Aperture(), sobol(BUNDLE, np.random.default_rng(5), 2), 1)

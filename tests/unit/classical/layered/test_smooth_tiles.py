@@ -57,7 +57,7 @@ def one_layer(image: np.ndarray, defocus: np.ndarray) -> Layers:
 def rendered(layers: Layers, lens_response: LensResponse, **how) -> tuple[np.ndarray, np.ndarray]:
     """The picture, NaN where nothing was written, and the pixels that are left."""
     shape = layers.defocus.shape[:2]
-    points, weights, chances = _pattern(Aperture(), lens_response.is_dispersive)
+    points, weights, chances = _pattern(Aperture())
     lens = lens_table(lens_response, Place.whole(*shape), chances, shape=shape)
     result = np.full((*shape, 3), np.nan, np.float32)
     colors = np.ascontiguousarray(layers.colors, np.float32)
@@ -162,7 +162,7 @@ def test_a_strip_gives_the_rows_of_the_picture():
     for name in ("sliders", "rim and tilt"):
         whole, _ = rendered(one_layer(image, defocus), LENSES[name])
         place = Place.whole(HEIGHT, WIDTH)
-        points, weights, chances = _pattern(Aperture(), False)
+        points, weights, chances = _pattern(Aperture())
         lens = lens_table(LENSES[name], place, chances, above=64, shape=(HEIGHT - 64, WIDTH))
         result = np.full((HEIGHT - 64, WIDTH, 3), np.nan, np.float32)
         layers = one_layer(image[64:], defocus[64:])
