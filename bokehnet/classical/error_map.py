@@ -13,8 +13,8 @@ __all__ = ["boundary_threshold", "geometric_error_map"]
 
 
 @njit(cache=True, parallel=True)
-def _boundary_reach(nearest, farthest, threshold, softness):  # type: ignore[no-untyped-def]
-    """Largest radius around each boundary pixel and ``softness`` more, 0 elsewhere; 3x3 windows."""
+def _boundary_reach(nearest, farthest, radii, threshold, softness):  # type: ignore[no-untyped-def]
+    """Largest of ``radii`` around each boundary pixel and ``softness`` more, 0 elsewhere; 3x3 windows."""
     height, width = nearest.shape
     reach = np.zeros((height, width), np.float32)
     for y in prange(height):
@@ -24,8 +24,13 @@ def _boundary_reach(nearest, farthest, threshold, softness):  # type: ignore[no-
                 for u in range(max(0, x - 1), min(width, x + 2)):
                     low = min(low, farthest[v, u])
                     high = max(high, nearest[v, u])
-            if high - low > threshold:
-                reach[y, x] = max(abs(low), abs(high), 1.0) + softness
+            if high - low <= threshold:
+                continue
+            radius = np.float32(1.0)
+            for v in range(max(0, y - 1), min(height, y + 2)):
+                for u in range(max(0, x - 1), min(width, x + 2)):
+                    radius = max(radius, radii[v, u])
+            reach[y, x] = radius + softness
     return reach
 
 
@@ -84,7 +89,7 @@ def geometric_error_map(
     threshold: float | None = None,
     softness: int = 2,
     farthest: np.ndarray | None = None,
-    beyond: int = 0,
+    radii: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the map of pixels that a depth discontinuity can reach.
 
@@ -97,7 +102,8 @@ def geometric_error_map(
         softness: Half the width in pixels of the soft edge, which lies outside the mask.
         farthest: Where pixels show two surfaces, ``defocus`` is of the nearer one and this of the farther
             one, (H, W); default: they show one.
-        beyond: By so many pixels more than the blur's radius light strays.
+        radii: How far the light of each pixel goes, pixels, (H, W); default: the larger blur radius of its
+            surfaces.
 
     Returns:
         Map (H, W) float32 in [0, 1]; 1 within reach of a boundary, 0 where the scatter is right.
@@ -113,8 +119,10 @@ def geometric_error_map(
         threshold = boundary_threshold(defocus.shape)
     defocus = np.ascontiguousarray(defocus, np.float32)
     farthest = defocus if farthest is None else np.ascontiguousarray(farthest, np.float32)
+    if radii is None:
+        radii = np.maximum(np.abs(defocus), np.abs(farthest))
     with parallel_region:
-        counts = _cover_discs(_boundary_reach(defocus, farthest, threshold, softness + beyond))
+        counts = _cover_discs(_boundary_reach(defocus, farthest, radii, threshold, softness))
         _sum_rows(counts)
         softened: np.ndarray = _soften(counts[:, :-1], softness)
     return softened

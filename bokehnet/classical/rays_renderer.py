@@ -16,7 +16,7 @@ from bokehnet.classical.fringed_scatter import fringed_scatter, fringes_alone
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.aberrated_rays import lens_table
-from bokehnet.classical.layered.bundle_extents import bundle_extents, reach_by_rings
+from bokehnet.classical.layered.bundle_extents import bundle_extents, reach_by_rings, stray_map
 from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
 from bokehnet.classical.layered.intersection import layer_cells
 from bokehnet.classical.layered.layers import Layers, split_picture
@@ -236,17 +236,18 @@ def _render(
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     points, weights, chances = _pattern(aperture)
     lens, ray_reach, fringes = None, radius, None
+    near = error_map
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
         ray_reach = lens.reach(radius)
+        extents = bundle_extents(points, lens)
+        strays = stray_map(nearest, farthest, lens, extents, above)
+        near = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest, radii=strays)
         fringes = fringes_alone(lens_response, 1 / lens.scale)
+        rays_weight = near
         if fringes is None:
             rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
-        else:
-            beyond = math.ceil(lens.footprint[1])
-            rays_weight = geometric_error_map(
-                nearest, boundary_threshold(size), farthest=farthest, beyond=beyond
-            )
+        del strays
     del nearest, farthest
     reach = min(ray_reach if fringes is not None else radius, max(size))
 
@@ -285,15 +286,16 @@ def _render(
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
     result, disocclusion_weight = np.array(smooth), np.zeros_like(error_map)
-    marched = rays_mask
+    marched, bundled = rays_mask, None
     within: tuple[Any, ...] = ()
     if lens is not None:
-        extents = bundle_extents(points, lens)
         within = reach_by_rings(extents, lens, TILE, above)
-        marched = render_smooth_tiles(
+    if lens is not None and fringes is None:
+        near = render_smooth_tiles(
             colors,
             cells,
             rays_mask,
+            near,
             points,
             weights,
             result,
@@ -303,6 +305,7 @@ def _render(
             above=above,
             place=place,
         )
+        marched, bundled = rays_mask & (near > 0), np.array(result)
     bins = occupied_bins(cells, *within)
     march(
         colors,
@@ -323,6 +326,10 @@ def _render(
         progress=lambda share: tell(2, share),
         send=device.march,
     )
+    if bundled is not None:
+        with parallel_region:
+            _blend(bundled, near, marched, result)
+        del bundled
     add_lights(
         lights,
         cells,

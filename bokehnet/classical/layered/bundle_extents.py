@@ -12,11 +12,12 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.layered.aberrated_rays import LensTable, collapse, keep_within, send_rays
+from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import LANES, broadcast8, load8, store8
 from bokehnet.kernels import njit
 from bokehnet.optics.aberration_map import UPRIGHT
 
-__all__ = ["BUNDLE", "LEVELS", "bundle_extents", "extent_at", "reach_by_rings", "ring_of"]
+__all__ = ["BUNDLE", "LEVELS", "bundle_extents", "extent_at", "reach_by_rings", "ring_of", "stray_map"]
 
 # Rays of a bundle: consecutive points of one sequence.
 BUNDLE = 2048
@@ -88,6 +89,34 @@ def _fill_reaches(lines, defocus, reaches):  # type: ignore[no-untyped-def]
     for row in range(reaches.shape[0]):
         for i in range(reaches.shape[1]):
             reaches[row, i] = extent_at(lines[row], defocus[i])
+
+
+@njit(cache=True, parallel=True)
+def _fill_strays(nearest, farthest, lens, above, extents, strays):  # type: ignore[no-untyped-def]
+    """Fill ``strays``, see :func:`stray_map`."""
+    for y in prange(strays.shape[0]):
+        for x in range(strays.shape[1]):
+            far_x, far_y = (x - lens.column) * lens.scale, (y + above - lens.row) * lens.scale
+            line = extents[ring_of(far_x, far_y, extents)]
+            strays[y, x] = max(extent_at(line, nearest[y, x]), extent_at(line, farthest[y, x]))
+
+
+def stray_map(
+    nearest: np.ndarray, farthest: np.ndarray, lens: LensTable, extents: np.ndarray, above: int
+) -> np.ndarray:
+    """How far from a pixel its rays meet surfaces of its own defocus, pixels, (H, W) float32.
+
+    Args:
+        nearest: Defocus of each pixel's nearer surface, pixels, (H, W).
+        farthest: Of its farther one.
+        lens: The lens response.
+        extents: From :func:`bundle_extents`.
+        above: Rows of the picture above these.
+    """
+    strays = np.empty(nearest.shape, np.float32)
+    with parallel_region:
+        _fill_strays(nearest, farthest, lens, above, extents, strays)
+    return strays
 
 
 def bundle_extents(points: np.ndarray, lens: LensTable) -> np.ndarray:

@@ -129,13 +129,12 @@ def _flat_of(own):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _kind_of(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
-    """What rays of a tile can meet: ``_PLANE`` of its own within ``flat`` pixels of defocus, ``_CURVED`` or ``_BROKEN``."""
+    """What rays of a tile can meet: ``_PLANE`` of its own within ``flat`` pixels of defocus, or not."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
     slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
     farthest = max(extent_at(line, low), extent_at(line, high))
     reach = int(math.ceil(farthest / TILE)) + 1
-    kind = _PLANE
     for v in range(max(0, row - reach), min(rows, row + reach + 1)):
         gap_y = TILE * max(abs(v - row) - 1, 0)
         for u in range(max(0, column - reach), min(columns, column + reach + 1)):
@@ -147,15 +146,15 @@ def _kind_of(surfaces, row, column, line, flat, low, high):  # type: ignore[no-u
             if square > within * within:
                 continue
             if other[_LAYERED] > 0.0:
-                return _BROKEN
+                return _CURVED
             level = own[_MIDDLE] + TILE * ((u - column) * own[_RIGHT] + (v - row) * own[_DOWN])
             if other[_LOW] < level - slack or other[_HIGH] > level + slack:
-                kind = _CURVED
-    return kind
+                return _CURVED
+    return _PLANE
 
 
 @njit(cache=True, parallel=True)
-def _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen):  # type: ignore[no-untyped-def]
+def _choose(surfaces, rays_mask, near, lens, above, extents, low, high, chosen):  # type: ignore[no-untyped-def]
     """Fill ``chosen`` (rows, columns) with what rays can meet. All surfaces lie from ``low`` to ``high``."""
     height, width = rays_mask.shape
     half = 0.5 * (TILE - 1)
@@ -163,18 +162,22 @@ def _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen):  # ty
         for column in range(chosen.shape[1]):
             chosen[row, column] = _BROKEN
             own, top, left = surfaces[row, column], row * TILE, column * TILE
-            if own[_LAYERED] > 0.0 or not rays_mask[top : top + TILE, left : left + TILE].any():
+            wanted = False
+            for y in range(top, min(height, top + TILE)):
+                for x in range(left, min(width, left + TILE)):
+                    wanted = wanted or (rays_mask[y, x] and near[y, x] < 1.0)
+            if own[_LAYERED] > 0.0 or not wanted:
                 continue
             h_x, h_y = _field(left + half, top + half, lens, above)
             line = extents[ring_of(h_x, h_y, extents)]
             reach = _reach_of(own, line)
-            near = min(min(left, top), min(width - left, height - top) - TILE)
+            inside = min(min(left, top), min(width - left, height - top) - TILE)
             flat = _flat_of(own)
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
             if steep or reach > _FARTHEST:
                 continue
             chosen[row, column] = _kind_of(surfaces, row, column, line, flat, low, high)
-            if chosen[row, column] == _PLANE and reach > near:
+            if chosen[row, column] == _PLANE and reach > inside:
                 chosen[row, column] = _CURVED
 
 
@@ -389,6 +392,7 @@ def render_smooth_tiles(
     colors: np.ndarray,
     cells: np.ndarray,
     rays_mask: np.ndarray,
+    near: np.ndarray,
     points: np.ndarray,
     weights: np.ndarray,
     result: np.ndarray,
@@ -405,6 +409,7 @@ def render_smooth_tiles(
         colors: Of the layers, (H, W, L, 3).
         cells: Where they are, from :func:`bokehnet.classical.layered.intersection.layer_cells`.
         rays_mask: Pixels to render, (H, W) bool.
+        near: Where rays can meet a step, (H, W) float32 in [0, 1]; tiles that are near all over are passed.
         points: Aperture coordinates, see :func:`bokehnet.classical.layered.ray_marching.march`; the first
             ``BUNDLE`` are used.
         weights: Of the points, likewise.
@@ -416,7 +421,7 @@ def render_smooth_tiles(
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
 
     Returns:
-        The pixels of ``rays_mask`` that are left for the rays, (H, W) bool.
+        The share of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle serves.
     """
     height, width = rays_mask.shape
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
@@ -426,10 +431,10 @@ def render_smooth_tiles(
     with parallel_region:
         _tile_surfaces(cells, surfaces)
         low, high = float(surfaces[..., _LOW].min()), float(surfaces[..., _HIGH].max())
-        _choose(surfaces, rays_mask, lens, above, extents, low, high, chosen)
+        _choose(surfaces, rays_mask, near, lens, above, extents, low, high, chosen)
         for top in range(0, tile_rows, _BAND // TILE):
             rows = chosen[top : top + _BAND // TILE]
-            if not rows.any():
+            if not (rows != _BROKEN).any():
                 continue
             first = top * TILE - _FARTHEST
             shape = (len(rows) * TILE + 2 * _FARTHEST, width + 2 * _FARTHEST)
@@ -440,5 +445,4 @@ def render_smooth_tiles(
                 *((cats_eye, where, above), result),
             )
     done = np.kron(chosen != _BROKEN, np.ones((TILE, TILE), np.bool_))[:height, :width]
-    left: np.ndarray = rays_mask & ~done
-    return left
+    return np.where(done, near, np.float32(1))
