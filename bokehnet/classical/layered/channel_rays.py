@@ -92,19 +92,18 @@ def _widen(outlines, wider):  # type: ignore[no-untyped-def]
 
 
 def outlines_of(cells: np.ndarray) -> np.ndarray:
-    """Farthest and nearest defocus of outlines within 1, 2, ... pixels of each, (REACHES, H, W, 2) float32.
+    """Farthest and nearest defocus of outlines within 0, 1, ... pixels of each, (1 + REACHES, H, W, 2) float32.
 
     Where there is none the first is above the second.
 
     Args:
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
     """
-    outlines = np.empty((REACHES, *cells.shape[:2], 2), np.float32)
-    own = np.empty((*cells.shape[:2], 2), np.float32)
+    outlines = np.empty((1 + REACHES, *cells.shape[:2], 2), np.float32)
     with parallel_region:
-        _fill_outlines(cells, own)
+        _fill_outlines(cells, outlines[0])
         for reach in range(REACHES):
-            _widen(outlines[reach - 1] if reach else own, outlines[reach])
+            _widen(outlines[reach], outlines[reach + 1])
     return outlines
 
 
@@ -140,7 +139,7 @@ def reach_between(ways, others, front, back):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def follow(cells, size, x, y, way, hits, places):  # type: ignore[no-untyped-def]
+def follow(cells, size, x, y, way, hits, apart, places):  # type: ignore[no-untyped-def]
     """Find where eight rays meet the surfaces that eight others, next to them, have met.
 
     Args:
@@ -150,6 +149,7 @@ def follow(cells, size, x, y, way, hits, places):  # type: ignore[no-untyped-def
         y: Rows.
         way: Where they begin and how they run, lanes (begin_x, begin_y, a_x, a_y).
         hits: What the others met, see :func:`bokehnet.classical.layered.intersection.intersect`.
+        apart: Which of them were over other pixels at an outline, lanes of 1 and 0.
         places: Filled with rows, then columns of what these meet, float32.
 
     Returns:
@@ -160,7 +160,7 @@ def follow(cells, size, x, y, way, hits, places):  # type: ignore[no-untyped-def
     zero, one, close = broadcast8(np.float32(0)), broadcast8(np.float32(1)), broadcast8(_CLOSE)
     last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
     layer, met = load8(hits, 2 * LANES), load8(hits, 3 * LANES)
-    known = and_not8(less8(load8(hits, 4 * LANES), one), less8(layer, zero))
+    known = and_not8(less8(apart, one), less8(layer, zero))
     layer = max8(layer, zero)
     start_x, start_y = x + begin_x, y + begin_y
     stretch, count = max8(abs8(a_x), abs8(a_y)), broadcast8(np.float32(layers))

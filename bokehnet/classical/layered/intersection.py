@@ -93,6 +93,28 @@ def layer_cells(layers: Layers) -> np.ndarray:
     return cells
 
 
+@njit(cache=True, forceinline=True)
+def _ends_aside(where, way, column, row):  # type: ignore[no-untyped-def]
+    """Which rays beside others are at an outline in another pixel, while the others cross theirs.
+
+    Args:
+        where: Columns and rows of the rays' pixels, the defocus at which the others enter and leave the pixel
+            that they cross, lanes; outlines of each pixel alone, flat; size of the cells.
+        way: Where the rays begin and run, lanes (begin_x, begin_y, a_x, a_y).
+        column: Of the pixel that the others cross.
+        row: Likewise.
+    """
+    x, y, entry, leave, outlines, size = where
+    half, zero = broadcast8(_HALF), broadcast8(_ZERO)
+    depth = half * (entry + leave)
+    across, down = x + floor8(way[0] - way[2] * depth), y + floor8(way[1] - way[3] * depth)
+    away = less8(half, max8(abs8(across - column), abs8(down - row)))
+    across = min8(max8(across, zero), broadcast8(np.float32(size[1] - 1)))
+    down = min8(max8(down, zero), broadcast8(np.float32(size[0] - 1)))
+    low, high = gather_pairs8(outlines, down, across, size[1], 2, 0)
+    return and_not8(and_not8(away, less8(entry, low)), less8(high, leave))
+
+
 @njit(cache=True)
 def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
@@ -118,9 +140,11 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
             whatever those before it have.
         hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
-        outlines: Nearest and farthest defocus of outlines about each pixel, see
-            :mod:`bokehnet.classical.layered.channel_rays`, flat, and where in it they begin. If given, it is
-            told which rays passed one: 1, else 0, behind the rest of ``hits``.
+        outlines: Farthest and nearest defocus of outlines, see
+            :func:`bokehnet.classical.layered.channel_rays.outlines_of`, flat; where in it those begin that two
+            more rays beside each can be at; where these begin and run, lanes (begin_x, begin_y, a_x, a_y). If
+            given, it is told, behind the rest of ``hits``, which of them are at an outline that theirs is
+            not at: 1, else 0.
     """
     height, width, layers = size
     occupied, tile_rows, tile_columns, lowest_bin, scale = tiles
@@ -138,7 +162,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
     hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
     waiting = less8(zero, one)
-    passed_outline = zero
+    first_apart, second_apart = zero, zero
     for run in range(count):
         front = broadcast8(np.float32(runs[run, 0]))
         length = broadcast8(np.float32(runs[run, 0] - runs[run, 1]))
@@ -200,7 +224,12 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                 if outlines is not None:
                     low, high = gather_pairs8(outlines[0], inside_y, inside_x, width, 2, outlines[1])
                     beside = and_not8(and_not8(walking, less8(entry, low)), less8(high, leave))
-                    passed_outline = select8(beside, one, passed_outline)
+                    if any8(beside):
+                        ways = (x, y, entry, leave, outlines[0], size)
+                        first = and8(beside, _ends_aside(ways, outlines[2], column, row))
+                        second = and8(beside, _ends_aside(ways, outlines[3], column, row))
+                        first_apart = select8(first, one, first_apart)
+                        second_apart = select8(second, one, second_apart)
                 for layer in range(layers):
                     depth, cover = gather_pairs8(cells, inside_y, inside_x, width, 2 * layers, 2 * layer)
                     hides = less8(cover, hides_nothing)
@@ -252,7 +281,8 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
     store8(hits, 2 * LANES, hit_layer)
     store8(hits, 3 * LANES, hit_depth)
     if outlines is not None:
-        store8(hits, 4 * LANES, passed_outline)
+        store8(hits, 4 * LANES, first_apart)
+        store8(hits, 5 * LANES, second_apart)
 
 
 @njit(cache=True)

@@ -177,7 +177,7 @@ def _march(  # type: ignore[no-untyped-def]
     for i in prange(tile_rows):
         tile_row = top + np.int64(i) * stride % tile_rows
         runs = np.empty((BINS // 2, 2))
-        hits, totals = np.zeros(5 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
+        hits, totals = np.zeros(6 * LANES, np.float32), np.empty(GROUPS * numbers * LANES, np.float32)
         zero, half = broadcast8(np.float32(0)), broadcast8(np.float32(0.5))
         one, third = broadcast8(np.float32(1)), broadcast8(np.float32(1 / 3))
         right, bottom = broadcast8(np.float32(width)), broadcast8(np.float32(height))
@@ -262,6 +262,7 @@ def _march(  # type: ignore[no-untyped-def]
                                 )
                         else:
                             store8(hits, 4 * LANES, zero)
+                            store8(hits, 5 * LANES, zero)
                             if not smooth or not intersect_smooth(
                                 flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
                             ):
@@ -269,21 +270,22 @@ def _march(  # type: ignore[no-untyped-def]
                                     reach_between(way, red_way, runs[0, 0], runs[count - 1, 1]),
                                     reach_between(way, blue_way, runs[0, 0], runs[count - 1, 1]),
                                 )
-                                level = min(apart, REACHES) - 1
-                                beside = (flat_outlines, level * height * width * 2)
+                                level = min(apart, REACHES)
+                                beside = (flat_outlines, level * height * width * 2, red_way, blue_way)
                                 intersect(
                                     *(flat, size, tiles, runs, count),
                                     *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits, beside),
                                 )
                                 if apart > REACHES:
                                     store8(hits, 4 * LANES, one)
+                                    store8(hits, 5 * LANES, one)
                         w, layer, depth, blur = _met(hits, way, pair)
                         light = gather_triples8(
                             flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                         )
                         shares, weight = (w, w, w), w
                         if outlines is not None:
-                            same = follow(flat, size, place_x, place_y, red_way, hits, work)
+                            same = follow(flat, size, place_x, place_y, red_way, hits, load8(hits, 4 * LANES), work)
                             reds = gather_triples8(
                                 flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
                             )
@@ -291,7 +293,7 @@ def _march(  # type: ignore[no-untyped-def]
                             if any8(less8(red_share, w)):
                                 gone = select8(same, zero, one)
                                 lost = keep_rays(gone, red_way, chance, pair, 1.0, work, kept, lost)
-                            same = follow(flat, size, place_x, place_y, blue_way, hits, work)
+                            same = follow(flat, size, place_x, place_y, blue_way, hits, load8(hits, 5 * LANES), work)
                             blues = gather_triples8(
                                 flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
                             )
