@@ -58,6 +58,20 @@ def _goes_on(cells, y, x, depth):  # type: ignore[no-untyped-def]
     return False
 
 
+@njit(cache=True, forceinline=True)
+def _is_smooth(cells, y, x):  # type: ignore[no-untyped-def]
+    """Whether nothing is hidden at a pixel and its one surface goes on in the first layer of all its neighbours."""
+    height, width, layers = cells.shape[:3]
+    depth = cells[y, x, 0, 0]
+    if cells[y, x, 0, 1] < 1.0 or cells[y, x, layers - 1, 0] != depth:
+        return False
+    for v in range(max(0, y - 1), min(height, y + 2)):
+        for u in range(max(0, x - 1), min(width, x + 2)):
+            if cells[v, u, 0, 1] < 1.0 or abs(cells[v, u, 0, 0] - depth) > DISCONTINUITY_THRESHOLD:
+                return False
+    return True
+
+
 @njit(cache=True, parallel=True)
 def _fill_outlines(cells, outlines):  # type: ignore[no-untyped-def]
     """Fill ``outlines`` (H, W, 2) with the farthest and nearest surface of each pixel that ends beside it."""
@@ -65,6 +79,9 @@ def _fill_outlines(cells, outlines):  # type: ignore[no-untyped-def]
     for y in prange(height):
         for x in range(width):
             low, high = _NEVER, -_NEVER
+            outlines[y, x, 0], outlines[y, x, 1] = low, high
+            if _is_smooth(cells, y, x):
+                continue
             for layer in range(layers):
                 depth, cover = cells[y, x, layer, 0], cells[y, x, layer, 1]
                 if cover <= 0.0 or (layer > 0 and depth == cells[y, x, layer - 1, 0] and cover >= 1.0):
@@ -190,12 +207,14 @@ def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: igno
         weights: In front of and behind focus, lanes.
         red: 1 if they are red, 0 if they are blue.
         work: Room for (KEPT * LANES,) numbers.
-        kept: Room for ``LANES`` rays more than there are to keep.
+        kept: Numbers of the rays one after the other, (KEPT * room,), with room for ``LANES`` rays more than there
+            are to keep.
         count: How many it holds.
 
     Returns:
         How many it holds then.
     """
+    room = kept.size // KEPT
     store8(work, 0, way[0])
     store8(work, LANES, way[1])
     store8(work, 2 * LANES, way[2])
@@ -207,7 +226,7 @@ def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: igno
     for lane in range(LANES):
         if work[7 * LANES + lane] > 0.0:
             for i in range(KEPT - 1):
-                kept[i, count] = work[i * LANES + lane]
-            kept[KEPT - 1, count] = red
+                kept[i * room + count] = work[i * LANES + lane]
+            kept[(KEPT - 1) * room + count] = red
             count += 1
     return count

@@ -169,8 +169,12 @@ def _march(  # type: ignore[no-untyped-def]
     front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
     flat_colors, numbers = colors.reshape(-1), sums.shape[3]
     reach = max(abs(bins.low), abs(bins.low + BINS * bins.thickness))
+    pattern, starts, waves, fringes = us.size, us, us, us
     if lens is not None:
+        starts = lens.starts.reshape(-1)
         reach = (1.0 + lens.strayed.max()) * reach + lens.largest.max()
+    if outlines is not None:
+        waves, fringes = lens.channel_waves.reshape(-1), lens.channel_aberration.reshape(-1)
     top = first // TILE
     tile_rows = counts.shape[0]
     stride = fair_stride(tile_rows)
@@ -184,7 +188,8 @@ def _march(  # type: ignore[no-untyped-def]
         if lens is not None:
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         if outlines is not None:
-            kept, work = np.empty((KEPT, 2 * rays + LANES), np.float32), np.empty(KEPT * LANES, np.float32)
+            room = 2 * rays + LANES
+            kept, work = np.empty(KEPT * room, np.float32), np.empty(KEPT * LANES, np.float32)
             flat_outlines = outlines.reshape(-1)
         for tile_column in range(bins.bits.shape[1]):
             sent = counts[tile_row - top, tile_column]
@@ -227,28 +232,24 @@ def _march(  # type: ignore[no-untyped-def]
                         way = (half, half, u, v)
                         if lens is not None:
                             for rim in range(lens.vignetting_apertures.shape[0]):
-                                shift, radius = lens.vignetting_apertures[rim]
+                                shift = lens.vignetting_apertures[rim, 0]
+                                radius = lens.vignetting_apertures[rim, 1]
                                 pair = _weights_within(u, v, pair[0], pair[1], shift * h_x, shift * h_y, radius)
-                            start_x = half + wide * load8(lens.starts[0], k)
-                            start_y = half + wide * load8(lens.starts[1], k)
+                            start_x = half + wide * load8(starts, k)
+                            start_y = half + wide * load8(starts, pattern + k)
                         if lens is not None and outlines is None:
                             ray = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, load8(lens.waves, k))
                             way = _begin(ray, start_x, start_y)
                         if outlines is not None:
-                            waves = (
-                                load8(lens.channel_waves[0], k),
-                                load8(lens.channel_waves[1], k),
-                                load8(lens.channel_waves[2], k),
-                            )
-                            red, green, blue = send_channels(collapsed, lens.tilt, u, v, h_x, h_y, waves)
-                            fringes = lens.channel_aberration
-                            if fringes.shape[2] > 0:
+                            three = load8(waves, k), load8(waves, pattern + k), load8(waves, 2 * pattern + k)
+                            red, green, blue = send_channels(collapsed, lens.tilt, u, v, h_x, h_y, three)
+                            if fringes.size > 0:
                                 axial, lateral = broadcast8(lens.maps[y, x, 0]), broadcast8(lens.maps[y, x, 1])
-                                far, aside = axial * load8(fringes[0, 0], k), lateral * load8(fringes[0, 1], k)
+                                far, aside = axial * load8(fringes, k), lateral * load8(fringes, pattern + k)
                                 red = _with_fringe(red, u, v, far, aside, h_x, h_y)
-                                far, aside = axial * load8(fringes[1, 0], k), lateral * load8(fringes[1, 1], k)
+                                far, aside = axial * load8(fringes, 2 * pattern + k), lateral * load8(fringes, 3 * pattern + k)
                                 green = _with_fringe(green, u, v, far, aside, h_x, h_y)
-                                far, aside = axial * load8(fringes[2, 0], k), lateral * load8(fringes[2, 1], k)
+                                far, aside = axial * load8(fringes, 4 * pattern + k), lateral * load8(fringes, 5 * pattern + k)
                                 blue = _with_fringe(blue, u, v, far, aside, h_x, h_y)
                             way = _begin(green, start_x, start_y)
                             red_way, blue_way = _begin(red, start_x, start_y), _begin(blue, start_x, start_y)
@@ -310,14 +311,20 @@ def _march(  # type: ignore[no-untyped-def]
                     if outlines is not None:
                         for n in range(lost, -(-lost // LANES) * LANES):
                             for j in range(KEPT):
-                                kept[j, n] = kept[j, lost - 1]
-                            kept[5, n], kept[6, n] = 0.0, 0.0
+                                kept[j * room + n] = kept[j * room + lost - 1]
+                            kept[5 * room + n], kept[6 * room + n] = 0.0, 0.0
                         for n in range(0, lost, LANES):
-                            way = (load8(kept[0], n), load8(kept[1], n), load8(kept[2], n), load8(kept[3], n))
-                            pair, share = (load8(kept[5], n), load8(kept[6], n)), load8(kept[7], n)
+                            way = (
+                                load8(kept, n),
+                                load8(kept, room + n),
+                                load8(kept, 2 * room + n),
+                                load8(kept, 3 * room + n),
+                            )
+                            chance, share = load8(kept, 4 * room + n), load8(kept, 7 * room + n)
+                            pair = (load8(kept, 5 * room + n), load8(kept, 6 * room + n))
                             intersect(
                                 *(flat, size, tiles, runs, count, place_x, place_y),
-                                *(way[0], way[1], way[2], way[3], load8(kept[4], n), hits),
+                                *(way[0], way[1], way[2], way[3], chance, hits),
                             )
                             w, layer, depth, blur = _met(hits, way, pair)
                             light = gather_triples8(

@@ -266,6 +266,15 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
                 store8(rays, (2 + c) * BUNDLE + k, w)
 
 
+@njit(cache=True, forceinline=True)
+def _first_level(reach):  # type: ignore[no-untyped-def]
+    """Level of the largest blocks that can hold little enough of the light of a disc within so many pixels."""
+    level = 0
+    while (2 << level) <= _LARGEST_BLOCK and (2 << level) ** 2 <= _SHARE * math.pi * (reach + 1) ** 2:
+        level += 1
+    return level
+
+
 @njit(cache=True)
 def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-untyped-def]
     """Join rays that meet the same block of 2^level pixels a side.
@@ -367,7 +376,7 @@ def _render(  # type: ignore[no-untyped-def]
             )
             line = extents[ring_of(field[0], field[1], extents)]
             reach = math.floor(_reach_of(own, line)) - _LARGEST_BLOCK
-            count, level = 0, planes.shape[0] - 1
+            count, level = 0, _first_level(reach)
             while level >= 0:
                 count, largest = _gather_taps(rays, level, reach, slots, places, taps)
                 if largest <= _SHARE or level == 0:
