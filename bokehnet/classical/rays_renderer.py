@@ -51,8 +51,8 @@ class Device(NamedTuple):
 
 CPU = Device(scatter, None)
 
-# Rays of a pixel where no window of pixels is averaged. Behind a lens that parts colours each serves all three channels
-# at wavelengths of their own, so that fewer leave as little noise.
+# Rays of a pixel where no window of pixels is averaged. Behind a lens that parts colours few leave as little
+# noise as many of one wavelength each: a ray serves all three channels, each at a wavelength of its own.
 _RAYS, _COLORED_RAYS = 64, 48
 
 # The most rays of a pixel, over those.
@@ -110,8 +110,8 @@ def rays(
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
         aperture: Shape of the opening; default: a disc.
         lens_response: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
-            all is seen along them; where they stray by less, they share the pixel with the
-            scatter.
+            all is seen along them, away from depth discontinuities along those of a whole tile;
+            where they stray by less, they share the pixel with the scatter.
         seed: Of the noise; two seeds differ by noise alone.
         layers: True layers, from a renderer that can see behind things. Default: made from the picture
             (:func:`bokehnet.classical.layered.layers.split_layers`).

@@ -18,7 +18,16 @@ from bokehnet.optics.aberration_map import TERMS
 from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.spectrum import LONGEST, SHORTEST
 
-__all__ = ["ORDERS", "VISIBLE", "LensTable", "collapse", "keep_within", "lens_table", "send_channels", "send_rays"]
+__all__ = [
+    "ORDERS",
+    "VISIBLE",
+    "LensTable",
+    "collapse",
+    "keep_within",
+    "lens_table",
+    "send_channels",
+    "send_rays",
+]
 
 # Terms of the parabola over the wavelength.
 ORDERS = 3
@@ -268,7 +277,7 @@ def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):  # type: ignore[no-untyped-def]
-    """E and A of eight rays, from the polynomials at their wavelengths; arguments as for :func:`send_rays`."""
+    """E and A of eight rays from the polynomials at their wavelengths; arguments as of :func:`send_rays`."""
     across, down = broadcast8(h_x), broadcast8(h_y)
     a_x, a_y = u, v
     if collapsed.shape[1] == 4:

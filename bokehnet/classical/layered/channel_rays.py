@@ -3,8 +3,8 @@
 The rays of the three channels through one point of the pupil run side by side, mostly within a pixel of each
 other. The green one is marched. Red and blue meet the same surface, a little beside, unless one of two things
 is between: the surface ends there, or another one that green just misses stands before it. Both are told by
-outlines: pixels at which a surface ends, kept for all pixels about them with the defocus that they have. A
-green ray that is at such a defocus within the reach of an outline tells nothing of the others, which are then
+outlines: pixels at which a surface ends, kept for all pixels about them with the defocus that they have.
+Where green is beside an outline at its defocus, it is looked whether red or blue are at one; these are
 marched themselves.
 
 Source: Wilkie, Nawaz, Droske, Weidlich and Hanika, "Hero wavelength spectral sampling", EGSR 2014, for one
@@ -60,7 +60,7 @@ def _goes_on(cells, y, x, depth):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _is_smooth(cells, y, x):  # type: ignore[no-untyped-def]
-    """Whether nothing is hidden at a pixel and its one surface goes on in the first layer of all its neighbours."""
+    """Whether nothing is hidden at a pixel and its surface goes on in the first layer of all neighbours."""
     height, width, layers = cells.shape[:3]
     depth = cells[y, x, 0, 0]
     if cells[y, x, 0, 1] < 1.0 or cells[y, x, layers - 1, 0] != depth:
@@ -109,9 +109,9 @@ def _widen(outlines, wider):  # type: ignore[no-untyped-def]
 
 
 def outlines_of(cells: np.ndarray) -> np.ndarray:
-    """Farthest and nearest defocus of outlines within 0, 1, ... pixels of each, (1 + REACHES, H, W, 2) float32.
+    """Farthest and nearest defocus of outlines within 0, 1, ... pixels of each.
 
-    Where there is none the first is above the second.
+    Float32, (1 + REACHES, H, W, 2); where there is none the first is above the second.
 
     Args:
         cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
@@ -207,8 +207,8 @@ def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: igno
         weights: In front of and behind focus, lanes.
         red: 1 if they are red, 0 if they are blue.
         work: Room for (KEPT * LANES,) numbers.
-        kept: Numbers of the rays one after the other, (KEPT * room,), with room for ``LANES`` rays more than there
-            are to keep.
+        kept: Each number of all rays after the other, (KEPT * room,), with room for ``LANES`` rays more than
+            there are to keep.
         count: How many it holds.
 
     Returns:

@@ -140,11 +140,10 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
             whatever those before it have.
         hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
-        outlines: Farthest and nearest defocus of outlines, see
-            :func:`bokehnet.classical.layered.channel_rays.outlines_of`, flat; where in it those begin that two
-            more rays beside each can be at; where these begin and run, lanes (begin_x, begin_y, a_x, a_y). If
-            given, it is told, behind the rest of ``hits``, which of them are at an outline that theirs is
-            not at: 1, else 0.
+        outlines: If given, two more rays run beside each, and it is told, behind the rest of ``hits``, which
+            of them are at an outline in another pixel: 1, else 0. Farthest and nearest defocus of outlines,
+            see ``outlines_of`` of :mod:`bokehnet.classical.layered.channel_rays`, flat; where in it those
+            begin that the two can be at; where these begin and run, lanes (begin_x, begin_y, a_x, a_y).
     """
     height, width, layers = size
     occupied, tile_rows, tile_columns, lowest_bin, scale = tiles

@@ -94,7 +94,9 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 @njit(cache=True, forceinline=True)
 def _weights_within(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-untyped-def]
     """Weights in front of and behind focus, of rays that pass a circle; see ``keep_within``."""
-    return keep_within(u, v, shift_x, shift_y, radius, front), keep_within(u, v, shift_x, shift_y, radius, back)
+    return keep_within(u, v, shift_x, shift_y, radius, front), keep_within(
+        u, v, shift_x, shift_y, radius, back
+    )
 
 
 @njit(cache=True, forceinline=True)
@@ -104,8 +106,10 @@ def _begin(ray, start_x, start_y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _with_fringe(ray, u, v, axial, lateral, h_x, h_y):  # type: ignore[no-untyped-def]
-    """E and A of rays with the fringe of a pixel, lanes."""
+def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: ignore[no-untyped-def]
+    """E and A of rays with their fringe, lanes: axial from ``at`` on, lateral ``pattern`` numbers behind."""
+    axial = broadcast8(factors[0]) * load8(fringes, at)
+    lateral = broadcast8(factors[1]) * load8(fringes, pattern + at)
     e_x, e_y = ray[0] + u * axial + lateral * broadcast8(h_x), ray[1] + v * axial + lateral * broadcast8(h_y)
     return e_x, e_y, ray[2], ray[3]
 
@@ -126,7 +130,7 @@ def _met(hits, way, pair):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _disoccluded(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):  # type: ignore[no-untyped-def]
-    """The part of ``weight`` that no picture shows, lanes: from behind the first layer or beyond the border."""
+    """The part of ``weight`` that no picture shows: from behind the first layer or beyond the border."""
     zero = broadcast8(np.float32(0))
     hidden = select8(less8(zero, layer), weight, zero)
     if near_border:
@@ -234,7 +238,9 @@ def _march(  # type: ignore[no-untyped-def]
                             for rim in range(lens.vignetting_apertures.shape[0]):
                                 shift = lens.vignetting_apertures[rim, 0]
                                 radius = lens.vignetting_apertures[rim, 1]
-                                pair = _weights_within(u, v, pair[0], pair[1], shift * h_x, shift * h_y, radius)
+                                pair = _weights_within(
+                                    u, v, pair[0], pair[1], shift * h_x, shift * h_y, radius
+                                )
                             start_x = half + wide * load8(starts, k)
                             start_y = half + wide * load8(starts, pattern + k)
                         if lens is not None and outlines is None:
@@ -244,13 +250,11 @@ def _march(  # type: ignore[no-untyped-def]
                             three = load8(waves, k), load8(waves, pattern + k), load8(waves, 2 * pattern + k)
                             red, green, blue = send_channels(collapsed, lens.tilt, u, v, h_x, h_y, three)
                             if fringes.size > 0:
-                                axial, lateral = broadcast8(lens.maps[y, x, 0]), broadcast8(lens.maps[y, x, 1])
-                                far, aside = axial * load8(fringes, k), lateral * load8(fringes, pattern + k)
-                                red = _with_fringe(red, u, v, far, aside, h_x, h_y)
-                                far, aside = axial * load8(fringes, 2 * pattern + k), lateral * load8(fringes, 3 * pattern + k)
-                                green = _with_fringe(green, u, v, far, aside, h_x, h_y)
-                                far, aside = axial * load8(fringes, 4 * pattern + k), lateral * load8(fringes, 5 * pattern + k)
-                                blue = _with_fringe(blue, u, v, far, aside, h_x, h_y)
+                                factors, at = lens.maps[y, x], 2 * pattern + k
+                                red = _with_fringe(red, u, v, fringes, k, pattern, h_x, h_y, factors)
+                                green = _with_fringe(green, u, v, fringes, at, pattern, h_x, h_y, factors)
+                                at += 2 * pattern
+                                blue = _with_fringe(blue, u, v, fringes, at, pattern, h_x, h_y, factors)
                             way = _begin(green, start_x, start_y)
                             red_way, blue_way = _begin(red, start_x, start_y), _begin(blue, start_x, start_y)
                         if outlines is None:
@@ -267,17 +271,17 @@ def _march(  # type: ignore[no-untyped-def]
                             if not smooth or not intersect_smooth(
                                 flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
                             ):
-                                apart = max(
+                                far = max(
                                     reach_between(way, red_way, runs[0, 0], runs[count - 1, 1]),
                                     reach_between(way, blue_way, runs[0, 0], runs[count - 1, 1]),
                                 )
-                                level = min(apart, REACHES)
+                                level = min(far, REACHES)
                                 beside = (flat_outlines, level * height * width * 2, red_way, blue_way)
                                 intersect(
                                     *(flat, size, tiles, runs, count),
                                     *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits, beside),
                                 )
-                                if apart > REACHES:
+                                if far > REACHES:
                                     store8(hits, 4 * LANES, one)
                                     store8(hits, 5 * LANES, one)
                         w, layer, depth, blur = _met(hits, way, pair)
@@ -286,7 +290,8 @@ def _march(  # type: ignore[no-untyped-def]
                         )
                         shares, weight = (w, w, w), w
                         if outlines is not None:
-                            same = follow(flat, size, place_x, place_y, red_way, hits, load8(hits, 4 * LANES), work)
+                            apart = load8(hits, 4 * LANES)
+                            same = follow(flat, size, place_x, place_y, red_way, hits, apart, work)
                             reds = gather_triples8(
                                 flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
                             )
@@ -294,7 +299,8 @@ def _march(  # type: ignore[no-untyped-def]
                             if any8(less8(red_share, w)):
                                 gone = select8(same, zero, one)
                                 lost = keep_rays(gone, red_way, chance, pair, 1.0, work, kept, lost)
-                            same = follow(flat, size, place_x, place_y, blue_way, hits, load8(hits, 5 * LANES), work)
+                            apart = load8(hits, 5 * LANES)
+                            same = follow(flat, size, place_x, place_y, blue_way, hits, apart, work)
                             blues = gather_triples8(
                                 flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
                             )
@@ -388,9 +394,9 @@ def march(
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
-    numbers, more = PLAIN, ()
+    numbers, more = PLAIN, list[np.ndarray]()
     if lens is not None and lens.colors.shape[1]:
-        numbers, more = COLORED, (outlines_of(cells),)
+        numbers, more = COLORED, [outlines_of(cells)]
         arrays = (colors, cells, rays_mask, with_neighbours(bins), points, chances, weights, lens)
     how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)

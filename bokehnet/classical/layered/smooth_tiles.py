@@ -6,8 +6,9 @@ field. So a tile sends one dense bundle from its middle, and what it meets, coun
 is a kernel of offsets and colours that serves each of its pixels. Where no pixel of the kernel
 holds much of its light, offsets are gathered in blocks of 2 or 4 pixels a side, whose means are read.
 
-A tile is given to a bundle where every surface that its rays can meet goes on the plane of its own defocus,
-covered by nothing and hiding nothing. All others, and those near the border, are left to the rays.
+A tile is given to a bundle where it holds no step and is not steep. Where all that its rays can meet goes on
+the plane of its own defocus, places on that plane are computed; else the surface is looked at for each ray of
+the bundle. Pixels near a step have the rays' share of their own, up to all of it.
 
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for one way
 of rays for many pixels; kernels by tile, and where they hold, are ours.
@@ -48,7 +49,7 @@ __all__ = ["BUNDLE", "render_smooth_tiles"]
 _BAND = 128
 
 # A surface may leave its tile's plane, and change over half a tile, by so many pixels of defocus or so large
-# a share of it, whichever is more.
+# a share of it, whichever is more; over half a tile the largest transverse aberration may change as much.
 _FLAT, _FLAT_SHARE = 0.2, 0.02
 
 # Change of the defocus from pixel to pixel, in pixels, where a surface is no longer smooth.
@@ -68,7 +69,7 @@ _LOOKS = 3
 # defocus of any layer, and whether something is hidden, covers in part or is steep.
 _MIDDLE, _RIGHT, _DOWN, _LOW, _HIGH, _LAYERED = range(6)
 
-# What the rays of a tile can meet: a step or something hidden, one smooth surface, the plane of the tile.
+# What serves a tile: its own rays, a bundle that looks at the surface, one over the plane of the tile.
 _BROKEN, _CURVED, _PLANE = range(3)
 
 
@@ -129,7 +130,7 @@ def _flat_of(own):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _kind_of(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
-    """What rays of a tile can meet: ``_PLANE`` of its own within ``flat`` pixels of defocus, or not."""
+    """``_PLANE`` where rays of a tile meet its own within ``flat`` pixels of defocus, else ``_CURVED``."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
     slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
@@ -174,6 +175,10 @@ def _choose(surfaces, rays_mask, near, lens, above, extents, low, high, chosen):
             inside = min(min(left, top), min(width - left, height - top) - TILE)
             flat = _flat_of(own)
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
+            ring, per_pixel = ring_of(h_x, h_y, extents), lens.scale * (lens.largest.shape[0] - 1)
+            following = min(ring + 1, lens.largest.shape[0] - 1)
+            turning = abs(lens.largest[following] - lens.largest[ring]) * per_pixel
+            steep = steep or 0.5 * TILE * turning > flat
             if steep or reach > _FARTHEST:
                 continue
             chosen[row, column] = _kind_of(surfaces, row, column, line, flat, low, high)
@@ -185,8 +190,8 @@ def _choose(surfaces, rays_mask, near, lens, above, extents, low, high, chosen):
 def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
     """Colours of the first layer and their means over blocks that begin at a pixel.
 
-    ``planes``: (1, 2, 4 pixels a side; 3, rows, columns); they begin at row ``first`` and ``_FARTHEST`` columns before
-    the picture. Beyond the border pixels are repeated.
+    ``planes``: (1, 2, 4 pixels a side; 3, rows, columns); they begin at row ``first`` and ``_FARTHEST``
+    columns before the picture. Beyond the border pixels are repeated.
     """
     rows, columns = planes.shape[2:]
     last_row, last_column = colors.shape[0] - 1, colors.shape[1] - 1
@@ -214,8 +219,8 @@ def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
 def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved, rays):  # type: ignore[no-untyped-def]
     """Fill ``rays`` (5 * BUNDLE): offsets right and down of what they meet, and their red, green, blue.
 
-    ``curved``: cells, flat, and their size, to be looked at for where the rays meet the surface; a size of 0 for the tile's
-    plane.
+    ``curved``: cells, flat, and their size, to be looked at for where the rays meet the surface; a size of 0
+    for the tile's plane.
     """
     cells, size = curved
     corner_x, corner_y = broadcast8(np.float32(x)), broadcast8(np.float32(y))
@@ -268,7 +273,7 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
 
 @njit(cache=True, forceinline=True)
 def _first_level(reach):  # type: ignore[no-untyped-def]
-    """Level of the largest blocks that can hold little enough of the light of a disc within so many pixels."""
+    """Level of the largest blocks that can hold little enough of the light of a disc of that reach."""
     level = 0
     while (2 << level) <= _LARGEST_BLOCK and (2 << level) ** 2 <= _SHARE * math.pi * (reach + 1) ** 2:
         level += 1
@@ -430,7 +435,8 @@ def render_smooth_tiles(
         place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
 
     Returns:
-        The share of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle serves.
+        The share of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle
+        serves.
     """
     height, width = rays_mask.shape
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)

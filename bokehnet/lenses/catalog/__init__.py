@@ -1,6 +1,7 @@
 """Lenses that come with the package: one TOML file each, with its source."""
 
 import dataclasses
+import functools
 import math
 from pathlib import Path
 from typing import Literal
@@ -103,6 +104,18 @@ def load_lens(
     for _ in range(_FLOATS if prescription.floating else 0):  # the pupil moves with the groups
         front = PrescriptionLens(prescription=prescription).front_vertex
         prescription = prescription.focused(max(focus_distance - front, 1e-9))
-    return PrescriptionLens(
-        prescription=prescription, f_number=f_number, focus_distance=focus_distance, focusing=focusing
+    lens = functools.partial(
+        PrescriptionLens,
+        prescription=prescription,
+        f_number=f_number,
+        focus_distance=focus_distance,
+        focusing=focusing,
     )
+    if not is_lens_file(name):
+        return lens()
+    try:
+        found = lens()
+        _ = found.focus_shift  # of files of others it is not known that any ray passes
+    except LensError as error:
+        raise LensError(f"{name}: {error}", error.parameter) from error
+    return found

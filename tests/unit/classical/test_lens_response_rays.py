@@ -125,7 +125,7 @@ def test_a_little_character_changes_a_picture_a_little(name):
         found = rays(image, defocus, lens_response=LensResponse(aberration_map=aberration_map(**chosen)))
         changes.append(np.abs(found - plain).mean())
     assert 0 < changes[0] < changes[1] < changes[2]
-    assert changes[0] < 0.2 * changes[2]
+    assert changes[0] < 1e-4  # the noise of rays of a few pixels more
 
 
 def test_colours_part_without_a_jump():

@@ -61,9 +61,10 @@ def rendered(layers: Layers, lens_response: LensResponse, **how) -> tuple[np.nda
     lens = lens_table(lens_response, Place.whole(*shape), chances, shape=shape)
     result = np.full((*shape, 3), np.nan, np.float32)
     colors = np.ascontiguousarray(layers.colors, np.float32)
-    arrays = (colors, layer_cells(layers), np.ones(shape, bool), points, weights)
+    near = np.zeros(shape, np.float32)
+    arrays = (colors, layer_cells(layers), np.ones(shape, bool), near, points, weights)
     left = render_smooth_tiles(*arrays, result, lens, bundle_extents(points, lens), **how)
-    return result, left
+    return result, left > 0
 
 
 def seen(image, defocus_of, slopes, lens_response, y, x, count=4096):
@@ -111,14 +112,15 @@ def test_pictures_are_those_of_each_pixels_rays(monkeypatch):
     found = rays(image, defocus, lens_response=lens_response)
     shares = []
 
-    def leave_all(colors, cells, rays_mask, points, weights, result, *of_lens, **how):
-        left = render_smooth_tiles(colors, cells, rays_mask, points, weights, result.copy(), *of_lens, **how)
-        shares.append(1 - left.mean())
-        return rays_mask
+    def leave_all(colors, cells, rays_mask, near, points, weights, result, *of_lens, **how):
+        arrays = (colors, cells, rays_mask, near, points, weights, result.copy())
+        left = render_smooth_tiles(*arrays, *of_lens, **how)
+        shares.append(1 - (left > 0).mean())
+        return np.ones_like(near)
 
     monkeypatch.setattr(bokehnet.classical.rays_renderer, "render_smooth_tiles", leave_all)
     seeds = [rays(image, defocus, lens_response=lens_response, seed=seed) for seed in range(4)]
-    assert 0.2 < shares[0] < 0.9
+    assert 0.2 < shares[0] < 0.95
     expected = np.mean(seeds, axis=0)
     assert -10 * np.log10(np.mean((found - expected) ** 2)) > 45
     assert abs(found.mean() / expected.mean() - 1) < 5e-4
@@ -131,30 +133,41 @@ def test_white_stays_white():
         np.testing.assert_allclose(found[~left], 0.7, rtol=1e-5)
 
 
-def test_tiles_near_anything_else_than_a_plane_are_left():
-    """A nearer thing, one hidden, a pixel that is covered in part, a bend, a steep ground, the border."""
+def test_tiles_with_a_step_something_hidden_or_a_steep_ground_are_left():
     image, lens_response = picture(), LENSES["sliders"]
-    assert not rendered(one_layer(image, plane(3.0)), lens_response)[1][TOP, LEFT]
-    nearer, bent = plane(3.0), plane(3.0)
-    nearer[TOP, LEFT + 20] += 20  # its disc reaches the tile
-    bent[:, LEFT + 8 :] += 0.2 * np.arange(WIDTH - LEFT - 8)
+    assert not rendered(one_layer(image, plane(3.0)), lens_response)[1].any()
+    stepped = plane(3.0)
+    stepped[TOP, LEFT + 2] += 20
     hidden, partly = (one_layer(image, plane(3.0)) for _ in range(2))
     hidden = Layers(
         colors=np.repeat(hidden.colors, 2, axis=2),
         defocus=np.repeat(hidden.defocus, 2, axis=2),
         coverage=np.repeat(hidden.coverage, 2, axis=2),
     )
-    hidden.defocus[TOP, LEFT + 8, 1] = -9
-    partly.coverage[TOP, LEFT - 2] = 0.5
-    scenes = [one_layer(image, nearer), one_layer(image, bent), hidden, partly]
-    scenes.append(one_layer(image, plane(3.0, right=0.2)))
+    hidden.defocus[TOP, LEFT + 2, 1] = -9
+    partly.coverage[TOP, LEFT + 2] = 0.5
+    scenes = [one_layer(image, stepped), hidden, partly, one_layer(image, plane(3.0, right=0.2))]
     for layers in scenes:
         assert rendered(layers, lens_response)[1][TOP, LEFT]
-    left = rendered(one_layer(image, plane(3.0)), lens_response)[1]
-    assert left[:4].all()
-    assert left[-4:].all()
-    assert left[:, :4].all()
-    assert left[:, -4:].all()
+
+
+def test_curved_ground_and_the_border_are_seen_as_each_pixels_rays_see_them(monkeypatch):
+    """A wavy ground over all of the picture; the mean of seeds is of the rays of each pixel."""
+    image = picture()
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    defocus = (-8 + 3 * np.sin(x / 25) + 2 * np.cos(y / 30)).astype(np.float32)
+    found = rays(image, defocus, lens_response=LENSES["sliders"])
+
+    def leave_all(colors, cells, rays_mask, near, *others, **how):
+        return np.ones_like(near)
+
+    monkeypatch.setattr(bokehnet.classical.rays_renderer, "render_smooth_tiles", leave_all)
+    seeds = [rays(image, defocus, lens_response=LENSES["sliders"], seed=seed) for seed in range(4)]
+    expected = np.mean(seeds, axis=0)
+    border = np.ones((HEIGHT, WIDTH), bool)
+    border[16:-16, 16:-16] = False
+    for part in (border, ~border):
+        assert -10 * np.log10(np.mean((found - expected)[part] ** 2)) > 45
 
 
 def test_a_strip_gives_the_rows_of_the_picture():
@@ -166,10 +179,12 @@ def test_a_strip_gives_the_rows_of_the_picture():
         lens = lens_table(LENSES[name], place, chances, above=64, shape=(HEIGHT - 64, WIDTH))
         result = np.full((HEIGHT - 64, WIDTH, 3), np.nan, np.float32)
         layers = one_layer(image[64:], defocus[64:])
-        arrays = (np.ascontiguousarray(layers.colors), layer_cells(layers), np.ones(result.shape[:2], bool))
+        near = np.zeros(result.shape[:2], np.float32)
+        arrays = (np.ascontiguousarray(layers.colors), layer_cells(layers), near == 0, near)
         how = {"above": 64, "place": place}
         left = render_smooth_tiles(
             *arrays, points, weights, result, lens, bundle_extents(points, lens), **how
         )
-        assert not left[TOP - 64, LEFT]
-        np.testing.assert_array_equal(result[~left], whole[64:][~left])
+        below = np.s_[64:]  # what the strip's first row cuts off is far above
+        assert (left == 0).all()
+        np.testing.assert_array_equal(result[below], whole[64:][below])

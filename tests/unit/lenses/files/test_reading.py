@@ -154,3 +154,16 @@ def test_mistakes_are_one_line_with_file_line_and_key(put, name, text, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+def test_a_file_whose_glass_no_ray_passes_is_named(put):
+    """No ray of a pupil of 10 mm meets a ball of 0.125 mm; the file alone says nothing wrong."""
+    surfaces = (
+        "SURF 0\n  CURV 0\n  DISZ INFINITY\n"
+        "SURF 1\n  CURV 0.02\n  DISZ 4\n  GLAS N-BK7 0 0 1.5168 64.17\n  DIAM 8\n"
+        "SURF 2\n  CURV -8\n  DISZ 60\n  DIAM 8\nSURF 3\n  CURV 0\n  DISZ 0\n"
+    )
+    header = "MODE SEQ\nUNIT MM\nENPD 10\nFTYP 0 0 1 1 0 0 0\nYFLN 5\nWAVM 1 0.5875618 1\n"
+    path = put("a.zmx", header + surfaces)
+    with pytest.raises(LensError, match=r"a\.zmx: no ray passes"):
+        load_lens(path)
