@@ -101,6 +101,7 @@ class CudaMarch:
         chances: np.ndarray,
         weights: np.ndarray,
         lens: Any,
+        outlines: Any,
         cats_eye: float,
         place: tuple[int, int, int, int],
         seed: int,
@@ -115,7 +116,7 @@ class CudaMarch:
         Raises:
             ParameterError: A lens that does more than focus.
         """
-        if lens is not None:
+        if lens is not None or outlines is not None:
             raise ParameterError(
                 "engine.device",
                 expected="cpu for a lens that does more than focus",

@@ -18,6 +18,7 @@ from numba import prange
 from bokehnet.classical.base import Frame
 from bokehnet.classical.highlights.psf_images import passing, profile_sums, share_at, vignetting_shares
 from bokehnet.classical.highlights.ray_polynomials import NODES, RayPolynomials, polynomials, solve_nodes
+from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.lens_response import LensResponse
@@ -64,7 +65,9 @@ class AberratedPsf:
         drawn, colors = lens_response.sample_wavelengths(_DRAWN)
         ends = np.unique([drawn.min(), np.median(drawn), drawn.max()])
         measured = np.empty((len(lights), 4))
-        _measure(lights, RayPolynomials.of(lens_response, ends, frame), self._vignetting_apertures, measured)
+        paths = RayPolynomials.of(lens_response, ends, frame)
+        with parallel_region:
+            _measure(lights, paths, self._vignetting_apertures, measured)
         apart = math.ceil(measured[:, 3].max() / _APART)
         wavelengths, self._colors = _group(drawn, colors, min(max(apart, _FEWEST), _MOST))
         self._paths = RayPolynomials.of(lens_response, wavelengths, frame)

@@ -141,7 +141,8 @@ def bundle_extents(points: np.ndarray, lens: LensTable) -> np.ndarray:
         chromatic_part = float(strengths @ maps)
     upright = np.array_equal(lens.tilt, ((0.0, 0.0), *UPRIGHT))
     extents = np.empty((len(lens.largest), 2 * LEVELS + 2), np.float32)
-    _tell_extents(points, lens, chromatic_part, 1 if upright else 8, extents)
+    with parallel_region:
+        _tell_extents(points, lens, chromatic_part, 1 if upright else 8, extents)
     return extents
 
 

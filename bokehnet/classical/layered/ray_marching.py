@@ -150,6 +150,7 @@ def _march(  # type: ignore[no-untyped-def]
     chances,
     weights,
     lens,
+    outlines,
     cats_eye,
     place,
     seed,
@@ -158,12 +159,11 @@ def _march(  # type: ignore[no-untyped-def]
     before,
     counts,
     sums,
-    outlines=None,
 ):
     """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
 
     Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.ray_accumulators`.
-    ``outlines``: of the surfaces, if the lens parts colours.
+    ``outlines``: of the surfaces, if the lens parts colours; else ``None``.
     """
     height, width = rays_mask.shape
     flat, tiles = cells.reshape(-1), tile_sets(bins)
@@ -393,11 +393,10 @@ def march(
     height, width = rays_mask.shape
     done = np.cumsum(np.count_nonzero(rays_mask, axis=1)) if progress is not None else None
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
-    arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens)
-    numbers, more = PLAIN, list[np.ndarray]()
+    numbers, outlines = PLAIN, None
     if lens is not None and lens.colors.shape[1]:
-        numbers, more = COLORED, [outlines_of(cells)]
-        arrays = (colors, cells, rays_mask, with_neighbours(bins), points, chances, weights, lens)
+        numbers, outlines, bins = COLORED, outlines_of(cells), with_neighbours(bins)
+    arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens, outlines)
     how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)
     known, kept = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
@@ -412,9 +411,9 @@ def march(
             if last > new:
                 fresh, rows = sums[new - first :], slice(new, last)
                 counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
-                send(*arrays, *how, new, 0, counts, fresh, *more)
+                send(*arrays, *how, new, 0, counts, fresh)
                 found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
-                send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh, *more)
+                send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
             known, kept = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
             if progress is not None and done is not None:

@@ -43,10 +43,11 @@ class CpuMarch:
         self.shift = shift
 
     def __call__(
-        self, colors, cells, rays_mask, bins, points, chances, weights, lens, cats_eye, place, seed, above,
-        first, before, counts, sums,
+        self, colors, cells, rays_mask, bins, points, chances, weights, lens, outlines, cats_eye, place,
+        seed, above, first, before, counts, sums,
     ):  # fmt: skip
         assert lens is None
+        assert outlines is None
         tiles = bins.held, np.float32(bins.low), np.float32(1 / bins.thickness)
         totals, looks = np.empty((GROUPS, PLAIN), np.float32), np.empty((3, GROUP_RAYS), np.float32)
         runs = np.empty((BINS // 2, 2))
