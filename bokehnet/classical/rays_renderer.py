@@ -51,9 +51,9 @@ class Device(NamedTuple):
 
 CPU = Device(scatter, None)
 
-# Rays of a pixel where no window of pixels is averaged. Behind a lens that parts colours few leave as little
-# noise as many of one wavelength each: a ray serves all three channels, each at a wavelength of its own.
-_RAYS, _COLORED_RAYS = 64, 48
+# Rays of a pixel where no window of pixels is averaged. Behind a lens that does more than focus each costs
+# more, and bundles without noise serve what is away from steps; where one parts colours a ray is three.
+_RAYS, _LENS_RAYS, _COLORED_RAYS = 64, 48, 32
 
 # The most rays of a pixel, over those.
 _MOST = 2
@@ -237,10 +237,11 @@ def _render(
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture)
-    lens, ray_reach, fringes = None, radius, None
+    lens, ray_reach, fringes, usual = None, radius, None, _RAYS
     near = error_map
     if lens_response is not None and not lens_response.is_plain:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
+        usual = _COLORED_RAYS if colored else _LENS_RAYS
         ray_reach = lens.reach(radius)
         extents = bundle_extents(points, lens)
         strays = stray_map(nearest, farthest, lens, extents, above)
@@ -324,7 +325,7 @@ def _render(
         above=above,
         place=place,
         radius=ray_reach,
-        usual=round(rays_share * (_COLORED_RAYS if colored else _RAYS)),
+        usual=round(rays_share * usual),
         progress=lambda share: tell(2, share),
         send=device.march,
     )

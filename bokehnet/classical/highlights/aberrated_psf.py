@@ -34,7 +34,7 @@ _SOFT = 4.0
 
 # Widest cell in pixels, unless that makes more than so many cells for all lights together, and the numbers of
 # cells across the pupil that there are.
-_WIDEST, _MOST_CELLS = 0.5, 2e7
+_WIDEST, _MOST_CELLS = 0.5, 6e6
 _CELL_COUNTS = np.round(16 * 2 ** (np.arange(29) / 4)).astype(int)
 
 
