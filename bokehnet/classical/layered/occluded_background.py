@@ -15,6 +15,8 @@ from bokehnet.classical.layered.depth_discontinuities import (
     are_one_surface,
     tiles_with_steps,
 )
+from bokehnet.classical.layered.hidden_rings import hidden_rings
+from bokehnet.classical.layered.look_alikes import fill_with_look_alikes
 from bokehnet.classical.layered.structure_transport import carry_lines_on
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -29,6 +31,10 @@ _SPACING = 0.25
 
 # Half the width of the window over which what is hidden is averaged.
 _SMOOTH = 2
+
+# Distance from the edge, in pixels, at which lines and texture count 1 / e: the farther, the less they are
+# sure to go on.
+_FADING = 16.0
 
 
 @njit(cache=True)
@@ -196,6 +202,17 @@ def _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths):  # ty
 
 
 @njit(cache=True, parallel=True)
+def _fade_in(ys, xs, distances, lines, look_alikes, colors):  # type: ignore[no-untyped-def]
+    """Let what is hidden, (N), go over from the mean of two guesses at its edge to ``colors`` inside."""
+    for i in prange(len(ys)):
+        y, x = ys[i], xs[i]
+        share = math.exp(-distances[y, x] / _FADING)
+        for c in range(3):
+            guess = 0.5 * (lines[y, x, c] + look_alikes[y, x, c])
+            colors[y, x, c] += share * (guess - colors[y, x, c])
+
+
+@njit(cache=True, parallel=True)
 def _dim(ys, xs, limit, colors):  # type: ignore[no-untyped-def]
     """Scale what is hidden, (N), down to ``limit``, (H, W), where it is brighter."""
     for i in prange(len(ys)):
@@ -221,7 +238,8 @@ def occluded_background(
     of their lengths, so that what is hidden goes over from one side to the other. Each way brings an average
     over samples that lie the wider apart the longer it is, since what is farther inside is known less.
     Lights are not carried on: one behind the edge says nothing of another. Near the edge lines of the surface
-    go on (:mod:`bokehnet.classical.layered.structure_transport`).
+    go on (:mod:`bokehnet.classical.layered.structure_transport`), and its texture
+    (:mod:`bokehnet.classical.layered.look_alikes`): the mean of both.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
@@ -257,13 +275,18 @@ def occluded_background(
     del steps
     if wanted is not None:
         distances[~wanted] = 0
-    ys, xs = np.nonzero(distances)
+    hidden = hidden_rings(distances)
+    ys, xs = hidden.ys, hidden.xs
+    if not len(ys):
+        return colors, depths
     smooth_colors, smooth_depths = np.empty((len(ys), 3), colors.dtype), np.empty(len(ys), depths.dtype)
     with parallel_region:
         _dim(ys, xs, limit, colors)
         _smooth(ys, xs, lights, distances, colors, depths, smooth_colors, smooth_depths)
         _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
         del smooth_colors, smooth_depths
-        carry_lines_on(image, defocus, lights, depths, distances, colors)
+        lines = carry_lines_on(image, defocus, lights, depths, hidden, colors)
+        look_alikes = fill_with_look_alikes(image, defocus, lights, depths, distances, hidden, lines)
+        _fade_in(ys, xs, distances, lines, look_alikes, colors)
         _dim(ys, xs, limit, colors)
     return colors, depths

@@ -15,6 +15,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.layered.depth_discontinuities import STEP_TILE, are_one_surface
+from bokehnet.classical.layered.hidden_rings import HiddenRings
 from bokehnet.kernels import njit
 
 __all__ = ["carry_lines_on"]
@@ -33,9 +34,6 @@ _LIGHT, _BESIDE_STEP = 1e-3, 0.1
 
 # The least of all weights.
 _LEAST = 1e-9
-
-# Distance from the edge, in pixels, at which a line counts 1 / e: the farther, the less it is sure to go on.
-_FADING = 16.0
 
 
 # Rows and columns to the pixels of a window, and how far they are.
@@ -181,43 +179,28 @@ def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, c
                 _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x)
 
 
-@njit(cache=True, parallel=True)
-def _fade_in(ys, xs, distances, lines, colors):  # type: ignore[no-untyped-def]
-    """Let what is hidden go over from ``lines`` at its edge to ``colors`` inside, in place."""
-    for i in prange(len(ys)):
-        y, x = ys[i], xs[i]
-        share = math.exp(-distances[y, x] / _FADING)
-        for c in range(3):
-            colors[y, x, c] += share * (lines[y, x, c] - colors[y, x, c])
-
-
 def carry_lines_on(
     image: np.ndarray,
     defocus: np.ndarray,
     lights: np.ndarray,
     depths: np.ndarray,
-    distances: np.ndarray,
-    colors: np.ndarray,
-) -> None:
-    """Fill hidden pixels with the lines of their surface; farther inside, with what ``colors`` holds.
+    hidden: HiddenRings,
+    means: np.ndarray,
+) -> np.ndarray:
+    """Fill hidden pixels with the lines of their surface.
 
     Args:
         image: What is seen, scene-linear, (H, W, 3) float32.
         defocus: Of what is seen, signed blur radius in pixels, (H, W) float32.
         lights: Seen pixels that are not carried on, (H, W) bool.
         depths: Defocus of what is hidden, (H, W) float32.
-        distances: From the nearest edge of what hides it, pixels, (H, W) float32; 0 where nothing is hidden.
-        colors: Means of what is around, (H, W, 3) float32; overwritten where something is hidden.
+        hidden: Hidden pixels.
+        means: Means of what is around, (H, W, 3) float32, for those of whose surface nothing is seen.
+
+    Returns:
+        Colours, (H, W, 3) float32, set where something is hidden.
     """
-    ys, xs = np.nonzero(distances)
-    if not len(ys):
-        return
-    rings, hidden = np.zeros(distances.shape, np.uint16), np.ceil(distances[ys, xs])
-    hidden = np.minimum(hidden, np.iinfo(rings.dtype).max).astype(rings.dtype)  # sorted by their digits
-    rings[ys, xs] = hidden
-    order = np.argsort(hidden, kind="stable")
-    ys, xs, hidden = ys[order], xs[order], hidden[order]
-    ends = np.searchsorted(hidden, np.arange(1, int(hidden[-1]) + 2))
+    ys, xs, ends, rings = hidden
     brightness, tensors = np.empty(rings.shape, image.dtype), np.empty_like(image)
     _brightness(image, brightness)
     tiles = tuple(-(-size // STEP_TILE) for size in image.shape[:2])
@@ -225,5 +208,5 @@ def carry_lines_on(
     _tiles_around(ys, xs, wanted)
     _structure(brightness, defocus, lights, wanted, tensors)
     lines, carried = np.empty_like(image), np.empty_like(image)  # set and read where something is hidden
-    _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, colors, lines, carried)
-    _fade_in(ys, xs, distances, lines, colors)
+    _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, lines, carried)
+    return lines

@@ -113,4 +113,4 @@ def test_what_is_hidden_goes_over_from_one_side_to_the_other():
     assert (np.diff(row) >= -1e-6).all()
     assert row[2:-2].min() < 0.3
     assert row[2:-2].max() > 0.7
-    assert np.abs(np.diff(row)).max() < 0.2
+    assert np.abs(np.diff(row)).max() < 0.35  # half of the guess is what looks alike on one side

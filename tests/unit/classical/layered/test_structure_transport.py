@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.layered.occluded_background import occluded_background
-from bokehnet.classical.layered.structure_transport import carry_lines_on
 
 HEIGHT, WIDTH = 80, 120
 BAR = slice(50, 70)
@@ -64,11 +63,3 @@ def test_only_the_hidden_surface_is_carried_on():
     assert (depths[hidden] == -3.0).all()
     red = colors[hidden][..., 0] - colors[hidden][..., 1]
     assert np.abs(red).max() < 1e-5
-
-
-def test_where_nothing_is_hidden_nothing_changes():
-    image = stripes(10)
-    colors = np.full_like(image, 0.5)
-    flat, none = np.zeros((HEIGHT, WIDTH), np.float32), np.zeros((HEIGHT, WIDTH), bool)
-    carry_lines_on(image, flat, none, flat, flat, colors)
-    assert (colors == 0.5).all()
