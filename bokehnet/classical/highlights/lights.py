@@ -37,8 +37,9 @@ _SMALLEST_RADIUS = 3.0
 # At most this share of the pixels are lights, the brightest ones, so that their discs stay affordable.
 _MOST = 1 / 20
 
-# Lights are gathered in cells of this share of their radius.
-_CELL = 1 / 16
+# Lights are gathered in cells of this share of their radius. Those of less than ``_SMALL`` pixels are powers
+# of two, in which rows of few pixels lie evenly.
+_CELL, _SMALL = 1 / 16, 6.0
 
 # Numbers of PSF images in memory together.
 _FLOATS = 16_000_000
@@ -133,11 +134,12 @@ def _fade(t: np.ndarray) -> np.ndarray:
 def _groups(lights: np.ndarray) -> np.ndarray:
     """Number the lights of like defocus in one cell alike, (N,).
 
-    A cell is a square of a power of two pixels, at most ``_CELL`` of the radius wide.
+    A cell is a square of whole pixels, at most ``_CELL`` of the radius wide.
     """
-    x, y, depth = lights[:, 0], lights[:, 1], lights[:, 2]
-    cell = 2.0 ** np.floor(np.log2(np.maximum(np.abs(depth) * _CELL, 1.0)))
-    keys = np.stack([cell, x // cell, y // cell, np.round(depth / DISCONTINUITY_THRESHOLD)], axis=1)
+    x, y, depth = lights[:, 0], lights[:, 1], np.round(lights[:, 2] / DISCONTINUITY_THRESHOLD)
+    cell = np.maximum(np.abs(depth) * DISCONTINUITY_THRESHOLD * _CELL, 1.0)
+    cell = np.where(cell < _SMALL, 2.0 ** np.floor(np.log2(cell)), np.floor(cell))
+    keys = np.stack([depth, x // cell, y // cell], axis=1)
     _, group = np.unique(keys, axis=0, return_inverse=True)
     return group.reshape(-1)
 

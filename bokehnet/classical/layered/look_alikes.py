@@ -21,7 +21,7 @@ from bokehnet.classical.layered.hidden_rings import HiddenRings
 from bokehnet.classical.simd.float8 import LANES, abs8, broadcast8, less8, load8, select8, sum8
 from bokehnet.kernels import njit
 
-__all__ = ["fill_with_look_alikes"]
+__all__ = ["FARTHEST", "fill_with_look_alikes"]
 
 # Radius of what is compared, and of the neighbours that hand on what they took.
 _REACH, _BESIDE = 3, 2
@@ -42,8 +42,11 @@ _FILLED, _KNOWN = 0.7, 0.6
 # what is added to it in parts of the least one.
 _UNLIKE, _SLACK = 2e-3, 0.5
 
-# Distance from the edge, in pixels, beyond which nothing is looked for.
-_FARTHEST = 12.0
+# Distance from the edge, in whole pixels, beyond which nothing is looked for.
+FARTHEST = 12
+
+# Blur radius of the hidden surface, pixels, beyond which nobody sees its texture.
+_MOST_BLURRED = 10.0
 
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 
@@ -172,7 +175,7 @@ def _fill(  # type: ignore[no-untyped-def]
                 sources[y, x, 0] = -1
                 for c in range(3):
                     filled[y, x, c] = colors[y, x, c]
-                if distances[y, x] > _FARTHEST:
+                if abs(depths[y, x]) > _MOST_BLURRED:
                     continue
                 known = _fill_patch(defocus, depths, rings, lights, roots, filled, y, x, patch)
                 if known == 0.0:
@@ -245,13 +248,14 @@ def fill_with_look_alikes(
         colors: Another guess, (H, W, 3) float32.
 
     Returns:
-        Colours, (H, W, 3) float32, set where something is hidden; to those of ``colors`` without look-alikes.
+        Colours, (H, W, 3) float32, set where something is hidden at most ``FARTHEST`` from the edge; to those
+        of ``colors`` without look-alikes.
     """
     roots, filled = np.empty((3, *defocus.shape), image.dtype), np.empty_like(image)
     sources = np.empty((*defocus.shape, 2), np.int32)
     _roots(image, roots)
     _fill(
         *(image, roots, defocus, depths, distances, lights),
-        *(hidden.ys, hidden.xs, hidden.ends, hidden.rings, colors, sources, filled),
+        *(hidden.ys, hidden.xs, hidden.ends[: FARTHEST + 1], hidden.rings, colors, sources, filled),
     )
     return filled

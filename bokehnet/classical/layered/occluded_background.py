@@ -16,7 +16,7 @@ from bokehnet.classical.layered.depth_discontinuities import (
     tiles_with_steps,
 )
 from bokehnet.classical.layered.hidden_rings import hidden_rings
-from bokehnet.classical.layered.look_alikes import fill_with_look_alikes
+from bokehnet.classical.layered.look_alikes import FARTHEST, fill_with_look_alikes
 from bokehnet.classical.layered.structure_transport import carry_lines_on
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -208,7 +208,9 @@ def _fade_in(ys, xs, distances, lines, look_alikes, colors):  # type: ignore[no-
         y, x = ys[i], xs[i]
         share = math.exp(-distances[y, x] / _FADING)
         for c in range(3):
-            guess = 0.5 * (lines[y, x, c] + look_alikes[y, x, c])
+            guess = lines[y, x, c]
+            if distances[y, x] <= FARTHEST:
+                guess = 0.5 * (guess + look_alikes[y, x, c])
             colors[y, x, c] += share * (guess - colors[y, x, c])
 
 
