@@ -123,7 +123,7 @@ def fit_aberration_map(
         missed, bent = (values[used] for values in frame.lines(traced, field))
         if not (np.isfinite(pupil).all() and np.isfinite(missed).all() and np.isfinite(bent).all()):
             name = lens.prescription.name
-            raise LensError(f"{name}: rays of its picture miss a surface; use a smaller field or stop down")
+            raise LensError(f"{name}: rays of its picture miss a surface; stop down or use a smaller field")
         terms = _monomials(pupil, at)
         transverse_aberration.append(_fit(terms, pupil, at, missed))
         pupil_aberration.append(_fit(terms, pupil, at, bent - pupil))
@@ -204,12 +204,16 @@ def _prepare(
     field[..., 0] = np.linspace(0, farthest, _FIELDS)[:, None, None]
     aim = _aim(lens, radius * field, np.broadcast_to(uv, field.shape))
     rays = stop_rays(lens, radius * field, aim)
+    try:
+        even = fit_uniform_irradiance_pupil(rays, aim, field)
+    except LensError as error:
+        raise LensError(f"{lens.prescription.name}: {error}") from None
     frame = _Frame(
         half_diagonal=radius,
         picture=lens.sensor_distance,
         focus=1 / lens.focus_distance,
         pupil_radius=lens.thick.pupil_radius,
-        even=fit_uniform_irradiance_pupil(rays, aim, field),
+        even=even,
         seen=None,
         entry=None,
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.checks import Array
+from bokehnet.errors import LensError
 from bokehnet.lenses.stop_rays import StopRays
 
 __all__ = ["UniformIrradiancePupil", "fit_uniform_irradiance_pupil"]
@@ -60,6 +61,9 @@ def fit_uniform_irradiance_pupil(
         aim: Where they were aimed at in the exit pupil, mm, (fields, n, n, 2).
         field: Field positions h, (fields, n, n, 2).
 
+    Raises:
+        LensError: Light does not grow with the radius in the stop, as where hardly any ray meets glass.
+
     Source:
         Etendue: the irradiance at the sensor is the integral of the radiance over the products of the
         direction's cosines, Born and Wolf, "Principles of optics", 1999, 4.8.
@@ -72,8 +76,13 @@ def fit_uniform_irradiance_pupil(
     one, two, three = (float(number) for number in found / found.sum())
     radial = (one, two, three)
     a = _even(rays.stop, field, radial, 0.0)
+    area = _area(a)
+    if not area[used].all():
+        raise LensError("rays through its stop miss a surface or cross; stop down or use a smaller field")
     # Cosines at the sensor change by cos^4 / distance^2 of what the aim does.
-    light = rays.sensor_slope[2] ** 4 * np.abs(_area(aim) / _area(a))
+    light = rays.sensor_slope[2] ** 4 * np.abs(
+        np.divide(_area(aim), area, out=np.zeros_like(area), where=used)
+    )
     above = below = 0.0
     for i in range(1, len(field)):
         inside = used[i]
