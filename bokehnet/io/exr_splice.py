@@ -162,6 +162,8 @@ def _tables(file: BinaryIO, headers: ExrHeaders) -> list[list[int]]:
     if None in counts:
         raise OSError("a part does not tell how many chunks it has; the file is damaged")
     values = [count.value() for count in counts if count is not None]
+    if any(isinstance(value, int) and value < 0 for value in values):
+        raise OSError("a part tells of less than no chunks; the file is damaged")
     return [_offsets(file, value if isinstance(value, int) else 0) for value in values]
 
 

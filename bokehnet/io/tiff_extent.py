@@ -1,5 +1,6 @@
 """Where what the pixels of a TIFF file are made of ends, by what its pages say."""
 
+import os
 import struct
 from pathlib import Path
 from typing import BinaryIO
@@ -38,6 +39,13 @@ def tiff_end(path: Path) -> int:
             return 0
 
 
+def _seek(file: BinaryIO, place: int) -> None:
+    """Go to a place; one beyond the end is as if the file were cut off, as not every number is a position."""
+    if place > os.fstat(file.fileno()).st_size:
+        raise struct.error("beyond the end of the file")
+    file.seek(place)
+
+
 def _unpack(file: BinaryIO, form: str) -> tuple[int, ...]:
     found: tuple[int, ...] = struct.unpack(form, file.read(struct.calcsize(form)))
     return found
@@ -55,7 +63,7 @@ class _Field:
         return self.at + struct.calcsize(self.form)
 
     def read(self, file: BinaryIO) -> tuple[int, ...]:
-        file.seek(self.at)
+        _seek(file, self.at)
         return _unpack(file, self.form)
 
 
@@ -69,20 +77,20 @@ def _pages(file: BinaryIO, order: str, big: bool) -> list[dict[int, _Field]]:
     seen: set[int] = set()
     while at and at not in seen and len(pages) < _MOST_PAGES:
         seen.add(at)
-        file.seek(at)
+        _seek(file, at)
         (number,) = _unpack(file, order + count_form)
         if number > _MOST_FIELDS:
             break
         first, fields = file.tell(), {}
         for place in range(first, first + number * entry, entry):
-            file.seek(place)
+            _seek(file, place)
             tag, kind, count = _unpack(file, f"{order}HH{word}")
             if kind in _NUMBERS and count <= _MOST_PARTS:
                 inside = count * struct.calcsize(order + _NUMBERS[kind]) <= struct.calcsize(order + word)
                 where = file.tell() if inside else _unpack(file, order + word)[0]
                 fields[tag] = _Field(order, kind, count, where)
         pages.append(fields)
-        file.seek(first + number * entry)
+        _seek(file, first + number * entry)
         (at,) = _unpack(file, order + word)
     return pages
 

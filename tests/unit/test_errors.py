@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 import pytest
 
-from bokehnet.errors import BokehnetError, LensError, ParameterError
+from bokehnet.errors import BokehnetError, ImageFileError, LensError, ParameterError
 
 
 def parts(error):
@@ -194,3 +194,8 @@ def test_a_lens_error_may_name_a_field():
     assert LensError("cannot focus").parameter == ""
     error = pickle.loads(pickle.dumps(LensError("f_number: expected more than 0, got 0", "f_number")))
     assert (str(error), error.parameter) == ("f_number: expected more than 0, got 0", "f_number")
+
+
+@pytest.mark.parametrize("kind", [ImageFileError, ParameterError, LensError])
+def test_names_with_line_breaks_are_told_in_one_line(kind):
+    assert str(kind("a.exr: found G\n\x01, é; write R")) == "a.exr: found G\\n\\x01, é; write R"

@@ -168,6 +168,17 @@ def test_a_damaged_header_is_told_before_the_file_is_written(old, new, message, 
     assert not (tmp_path / "out.exr").exists()
 
 
+def test_a_part_of_less_than_no_chunks_is_told(tmp_path):
+    source = write_exr(tmp_path / "in.exr", beauty(), {"channels": {"N.X": ("float", values())}})
+    data = source.read_bytes()
+    at = data.rindex(b"chunkCount\0int\0") + len(b"chunkCount\0int\0") + 4
+    source.write_bytes(data[:at] + struct.pack("<i", -5) + data[at + 4 :])
+    frame = read_frame(source)
+    with pytest.raises(ImageFileError, match="less than no chunks"):
+        write_frame(tmp_path / "out.exr", frame, frame.image)
+    assert not (tmp_path / "out.exr").exists()
+
+
 def chunks(path):
     """Return the bytes of all chunks of a multi-part file by part, after "OpenEXR File Layout"."""
     headers, data = read_headers(path), path.read_bytes()

@@ -68,3 +68,15 @@ def test_pages_that_lead_in_a_circle_end(tmp_path):
     strip = struct.pack("<HHIHHHHIHH", 273, 3, 1, 100, 0, 279, 3, 1, 50, 0)
     path.write_bytes(b"II*\0" + struct.pack("<IH", 8, 2) + strip + struct.pack("<I", 8))
     assert tiff_end(path) == 150
+
+
+@pytest.mark.parametrize("place", [2**62, 2**63, 2**64 - 1])
+def test_a_page_that_lies_beyond_every_file_is_none(place, tmp_path):
+    path = tmp_path / "a.tif"
+    big(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, 8, place)
+    path.write_bytes(data)
+    assert tiff_end(path) == 0
+    with pytest.raises(ImageFileError):
+        read_image(path)
