@@ -58,13 +58,15 @@ _NAME = re.compile(r"(?:--)?[A-Za-z_][\w-]*(?:\.[A-Za-z_]\w*|\[\d+\])*")
 class BokehnetError(Exception):
     """Base of every error that is the caller's to mend.
 
-    Its text is one line: line breaks and other control characters, as names in damaged files have them, are
-    escaped.
+    Its text is one line: where it holds control characters, as names in damaged files do, line breaks become
+    spaces and the others are escaped.
     """
 
     def __str__(self) -> str:
         text = super().__str__()
-        return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+        if text.isprintable():
+            return text
+        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
 
 
 class ShapeError(BokehnetError, ValueError):
