@@ -162,13 +162,13 @@ def _tables(file: BinaryIO, headers: ExrHeaders) -> list[list[int]]:
     if None in counts:
         raise OSError("a part does not tell how many chunks it has; the file is damaged")
     values = [count.value() for count in counts if count is not None]
-    if any(isinstance(value, int) and value < 0 for value in values):
-        raise OSError("a part tells of less than no chunks; the file is damaged")
     return [_offsets(file, value if isinstance(value, int) else 0) for value in values]
 
 
 def _offsets(file: BinaryIO, count: int) -> list[int]:
     """Read ``count`` positions in a file."""
+    if count < 0:
+        raise OSError("a part tells of less than no chunks; the file is damaged")
     table = file.read(8 * count)
     if len(table) < 8 * count:
         raise OSError("the table of chunks is cut off")
