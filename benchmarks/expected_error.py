@@ -4,7 +4,9 @@ The rays render every picture of a set (KIND and FOLDER as of ``python -m train.
 true disparity and with wrong ones that are repaired first, and tell what error they expect. Printed are, for
 pixels within reach of depth discontinuities, Spearman's rank correlation with the true error, pixel by
 pixel and for means over blocks of 8x8 pixels, the mean over pictures; both means; and a reliability table:
-tenths of all these pixels, from the least to the most expected, with what was expected and what came.
+tenths of all these pixels, from the least to the most expected, with what was expected and what came. How
+much of a pixel's error is chance tells the rank correlation of somebody who knows the true errors of the
+eight pixels around it.
 """
 
 import argparse
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from scipy.ndimage import uniform_filter
 from scipy.stats import spearmanr
 
 from bokehnet.inference.disparity_repair import DisparityRepair
@@ -37,8 +40,16 @@ def block_means(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return total[enough] / count[enough]
 
 
-def examined(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.ndarray, float, float]:
-    """Expected and true error of the pixels near edges, (2, n); rank correlations by pixel and by block."""
+def mean_around(values: np.ndarray) -> np.ndarray:
+    """Mean of the eight neighbours of each pixel, (H, W); the border is repeated."""
+    return (9 * uniform_filter(values.astype(np.float64), 3, mode="nearest") - values) / 8
+
+
+def examined(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.ndarray, tuple[float, ...]]:
+    """Expected and true error of the pixels near edges, (2, n), and rank correlations.
+
+    These are by pixel, by block, and of the true errors around each pixel with its own.
+    """
     given = degrade(shot.defocus, disparity)
     defocus = repair(shot.image, given, "auto")
     found = Engine("rays").render(shot.image, defocus, aperture=shot.aperture, expected_error=True)
@@ -48,7 +59,8 @@ def examined(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.nd
     near, true = found.error_map > 0, true_error(batch)[0, 0].numpy()
     blocks = [block_means(x, near) for x in (found.expected_error, true)]
     pixels = np.stack([found.expected_error[near], true[near]])
-    return pixels, float(spearmanr(*pixels).statistic), float(spearmanr(*blocks).statistic)
+    pairs = (pixels, blocks, (mean_around(true)[near], true[near]))
+    return pixels, tuple(float(spearmanr(*pair).statistic) for pair in pairs)
 
 
 def main() -> None:
@@ -64,14 +76,15 @@ def main() -> None:
     for disparity in DEGRADATIONS:
         everything, correlations = [], []
         for picture in pictures:
-            pixels, *both = examined(picture.read(), disparity, repair)
+            pixels, told_apart = examined(picture.read(), disparity, repair)
             everything.append(pixels)
-            correlations.append(both)
+            correlations.append(told_apart)
         told, true = np.concatenate(everything, axis=1)
-        by_pixel, by_block = np.mean(correlations, axis=0)
+        by_pixel, by_block, around = np.mean(correlations, axis=0)
         print(
             f"{disparity} disparity, {len(pictures)} pictures: Spearman {by_pixel:.3f} by pixel, "
-            f"{by_block:.3f} by block; expected {told.mean():.2f}, came {true.mean():.2f} levels"
+            f"{by_block:.3f} by block, {around:.3f} by the true errors around it; "
+            f"expected {told.mean():.2f}, came {true.mean():.2f} levels"
         )
         table = reliability(told, true)
         for name, values in zip(("expected", "came"), zip(*table, strict=True), strict=True):
