@@ -40,7 +40,7 @@ def tiff_end(path: Path) -> int:
 
 
 def _seek(file: BinaryIO, place: int) -> None:
-    """Go to a place; one beyond the end is as if the file were cut off, as not every number is a position."""
+    """Go to a place that the file names; beyond its end is as if cut off: not every number is a position."""
     if place > os.fstat(file.fileno()).st_size:
         raise struct.error("beyond the end of the file")
     file.seek(place)
@@ -83,14 +83,14 @@ def _pages(file: BinaryIO, order: str, big: bool) -> list[dict[int, _Field]]:
             break
         first, fields = file.tell(), {}
         for place in range(first, first + number * entry, entry):
-            _seek(file, place)
+            file.seek(place)
             tag, kind, count = _unpack(file, f"{order}HH{word}")
             if kind in _NUMBERS and count <= _MOST_PARTS:
                 inside = count * struct.calcsize(order + _NUMBERS[kind]) <= struct.calcsize(order + word)
                 where = file.tell() if inside else _unpack(file, order + word)[0]
                 fields[tag] = _Field(order, kind, count, where)
         pages.append(fields)
-        _seek(file, first + number * entry)
+        file.seek(first + number * entry)
         (at,) = _unpack(file, order + word)
     return pages
 
