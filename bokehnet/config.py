@@ -11,11 +11,11 @@ import json
 import tomllib
 import types
 import typing
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bokehnet.errors import ConfigError
+from bokehnet.errors import ConfigError, ParameterError
 
 __all__ = [
     "OLD_KEYS",
@@ -24,6 +24,7 @@ __all__ = [
     "dump_json",
     "first_difference",
     "load_config",
+    "parse_settings",
     "renamed",
     "to_dict",
 ]
@@ -61,6 +62,28 @@ def load_config(path: str | Path, cls: type[Config], overrides: Mapping[str, Any
     for dotted, value in (overrides or {}).items():
         _set(table, dotted.split("."), value, str(path))
     return build_config(table, cls, str(path))
+
+
+def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
+    """Return ``overrides`` of ``load_config`` from words ``key=value``; what is no TOML value is a text.
+
+    Raises:
+        ParameterError: A word has no equals sign.
+
+    Example:
+        >>> parse_settings(["scenes=12", "clutter.lamps=0.5", "kind=planes"])
+        {'scenes': 12, 'clutter.lamps': 0.5, 'kind': 'planes'}
+    """
+    found: dict[str, Any] = {}
+    for text in settings:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise ParameterError("--set", "key=value", text)
+        try:
+            found[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key] = value
+    return found
 
 
 def build_config(table: Mapping[str, Any], cls: type[Config], source: str = "config") -> Config:

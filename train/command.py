@@ -3,30 +3,18 @@
 import argparse
 import math
 import sys
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from bokehnet.config import load_config
-from bokehnet.errors import BokehnetError, ParameterError
+from bokehnet.config import load_config, parse_settings
+from bokehnet.errors import BokehnetError
 from train.distributed import Processes, joined
 from train.stopping import Stopped
 
 __all__ = ["add_settings", "run_command", "settings_of"]
-
-
-def _override(text: str) -> tuple[str, Any]:
-    """``key=value`` with a TOML value."""
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise ParameterError("--set", "key=value", text)
-    try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key, value
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +24,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """Values by dotted key, as they were given by that option."""
-    return dict(_override(text) for text in arguments.set)
+    return parse_settings(arguments.set)
 
 
 def run_command(

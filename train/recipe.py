@@ -1,6 +1,6 @@
 """Make everything from nothing: data, all networks, their scores and the table of the model card.
 
-``python -m train.recipe [--small] [--config configs/recipe.toml] [--out runs/recipe]``
+``python -m train.recipe [--small | --share 0.1] [--config configs/recipe.toml] [--out runs/recipe]``
 
 The plan comes first, with its expected hours. What is done is not done again, and a killed start goes on
 where it stood when the same command is given again. With several CUDA devices each training takes all of
@@ -207,6 +207,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--dry-run", action="store_true", help="print the plan and do nothing")
     parser.add_argument("--commands", action="store_true", help="print the single commands and do nothing")
     parser.add_argument("--seed", type=int, help="of all trainings; default: that of their configurations")
+    parser.add_argument(
+        "--share", type=float, help="of all scenes and steps, to try it: 0.1 takes a tenth of the time"
+    )
     parser.add_argument("--ray", metavar="ADDRESS", help="render scenes on this Ray cluster")
     options = parser.parse_args(arguments)
     if options.small and options.config is not None:
@@ -215,6 +218,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         recipe = load_recipe(options.config or _CONFIGS[options.small])
         if options.seed is not None:
             recipe = recipe.with_seed(options.seed)
+        if options.share is not None:
+            recipe = recipe.with_share(options.share)
         if options.commands:
             print("\n".join(shlex.join(recipe.command(step)) for step in recipe.steps))
             return

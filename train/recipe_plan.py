@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -11,7 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bokehnet.config import load_config
-from bokehnet.errors import ConfigError
+from bokehnet.errors import ConfigError, ParameterError
+from train.schedule import OptimConfig
 
 __all__ = ["COMMANDS", "Recipe", "Step", "load_recipe"]
 
@@ -96,6 +98,26 @@ class Recipe:
         ]
         return replace(self, steps=tuple(steps))
 
+    def with_share(self, share: float) -> "Recipe":
+        """The same with that share of the scenes and of the steps of training, at least one of each.
+
+        Raises:
+            ParameterError: The share is not within (0, 1].
+        """
+        if not 0 < share <= 1:
+            raise ParameterError("--share", "above 0 and at most 1", share)
+        return replace(self, steps=tuple(self._lessened(step, share) for step in self.steps))
+
+    def _lessened(self, step: Step, share: float) -> Step:
+        table, asked = self.table(step), {}
+        if step.by == "synth":
+            asked = {"scenes": table["scenes"]}
+        elif step.trains:
+            optim = table["optim"]
+            asked = {"optim.steps": optim["steps"], "optim.warmup": optim.get("warmup", OptimConfig.warmup)}
+        less = [f"{key}={max(1, math.ceil(share * count))}" for key, count in asked.items()]
+        return replace(step, settings=(*step.settings, *less))
+
     def table(self, step: Step) -> dict[str, Any]:
         """Plain values of a step's configuration, its settings included; empty if it has none."""
         return _table(step.config, step.settings) if step.config else {}
@@ -105,7 +127,7 @@ class Recipe:
         table = self.table(step)
         if step.by == "synth":
             return int(table["scenes"])
-        if step.by == "prepare":
+        if step.by in ("prepare", "evaluate"):
             return sum(self.units(need) for need in self.needs(step) if need.by == "synth")
         return int(table["optim"]["steps"]) if step.trains else 1
 
@@ -152,8 +174,6 @@ class Recipe:
         made: list[str] = []
         for number, step in enumerate(self.steps):
             later = [other.makes for other in self.steps[number:]]
-            if step.by == "synth" and step.settings:
-                raise ConfigError(f"steps: {step.makes} has settings; give a set of its own a file")
             if step.makes in made:
                 raise ConfigError(f"steps: two of them make {step.makes}; give one another name")
             for key, text in self._texts(step):

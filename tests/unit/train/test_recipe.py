@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bokehnet.config import build_config
-from bokehnet.errors import ConfigError
+from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.runs import ROOT, arguments
 from train.recipe import Progress, _call, _processes, main
@@ -96,6 +96,20 @@ def test_commands_name_what_configurations_name_or_all_below_one_folder():
         "out/weights/repair",
     ]
     assert recipe.command(recipe.steps[0], Path("out"), ray="host:6379")[-2:] == ["--ray", "host:6379"]
+
+
+def test_a_share_lessens_scenes_and_steps_and_leaves_what_they_are_made_into():
+    """Authority: by hand; a hundredth of 1200 scenes and of 3000 steps, and of a warm-up of 200."""
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, EXPORT)
+    less = recipe.with_share(0.01)
+    assert [less.units(step) for step in less.steps] == [12, 1, 30, 1]
+    assert less.command(less.steps[0])[-2:] == ["--set", "scenes=12"]
+    assert less.command(less.steps[2])[-4:] == ["--set", "optim.steps=30", "--set", "optim.warmup=2"]
+    assert less.steps[3] == recipe.steps[3]
+    assert recipe.with_share(1).seconds(recipe.steps[2]) == recipe.seconds(recipe.steps[2])
+    for share in (0, -1, 1.5, float("nan")):
+        with pytest.raises(ParameterError, match="--share: expected above 0 and at most 1"):
+            recipe.with_share(share)
 
 
 def test_a_seed_is_that_of_all_trainings_and_asks_for_them_anew():
