@@ -14,6 +14,7 @@ __all__ = [
     "are_one_surface",
     "discontinuity_sides",
     "sharpen_discontinuities",
+    "span",
     "tiles_with_steps",
 ]
 
@@ -44,7 +45,7 @@ def are_one_surface(a, b, apart):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _span(values, y, x, reach):  # type: ignore[no-untyped-def]
+def span(values, y, x, reach):  # type: ignore[no-untyped-def]
     """Lowest and highest value among the neighbours up to so many pixels away."""
     low = high = values[y, x]
     for v in range(max(0, y - reach), min(values.shape[0], y + reach + 1)):
@@ -55,7 +56,7 @@ def _span(values, y, x, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _find_steps(defocus, reach, stepped):  # type: ignore[no-untyped-def]
+def _find_steps(defocus, reach, least, stepped):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     for row in prange(stepped.shape[0]):
         for column in range(stepped.shape[1]):
@@ -65,19 +66,20 @@ def _find_steps(defocus, reach, stepped):  # type: ignore[no-untyped-def]
                     max(0, column * STEP_TILE - reach), min(width, (column + 1) * STEP_TILE + reach)
                 ):
                     low, high = min(low, defocus[y, x]), max(high, defocus[y, x])
-            stepped[row, column] = high - low > DISCONTINUITY_THRESHOLD
+            stepped[row, column] = high - low > least
 
 
-def tiles_with_steps(defocus: np.ndarray, reach: int) -> np.ndarray:
+def tiles_with_steps(defocus: np.ndarray, reach: int, least: float = DISCONTINUITY_THRESHOLD) -> np.ndarray:
     """Which tiles, ``STEP_TILE`` pixels wide and high, may hold a step: (rows, columns) of them, bool.
 
     Args:
         defocus: (H, W).
         reach: Pixels beyond a tile's border that are looked at too.
+        least: What is no step yet, pixels of defocus.
     """
     stepped = np.empty([-(-size // STEP_TILE) for size in defocus.shape], np.bool_)
     with parallel_region:
-        _find_steps(defocus, reach, stepped)
+        _find_steps(defocus, reach, least, stepped)
     return stepped
 
 
@@ -89,7 +91,7 @@ def _discontinuity_sides(defocus, reach, stepped):  # type: ignore[no-untyped-de
         for x in range(width):
             if not stepped[y // STEP_TILE, x // STEP_TILE]:
                 continue
-            low, high = _span(defocus, y, x, reach)
+            low, high = span(defocus, y, x, reach)
             if low < defocus[y, x] - DISCONTINUITY_THRESHOLD:
                 sides[y, x] |= FRONT
             if high > defocus[y, x] + DISCONTINUITY_THRESHOLD:
@@ -156,7 +158,7 @@ def _sharpen(defocus, places):  # type: ignore[no-untyped-def]
     for _ in range(_WIDEST_RAMP // 2):
         for i in range(len(places)):
             y, x = places[i]
-            new_lows[i], new_highs[i] = _span(lows, y, x, 1)[0], _span(highs, y, x, 1)[1]
+            new_lows[i], new_highs[i] = span(lows, y, x, 1)[0], span(highs, y, x, 1)[1]
         for i in range(len(places)):
             y, x = places[i]
             lows[y, x], highs[y, x] = new_lows[i], new_highs[i]

@@ -26,14 +26,17 @@ _PARTED, _FILLED = 0.2, 0.6
 
 
 @njit(cache=True, parallel=True)
-def _lay_backs(rows, columns, back, far, is_front, hidden, behind):  # type: ignore[no-untyped-def]
-    """Write the farther surface of mixed pixels to what is hidden, (H, W, ...) in place."""
+def _lay_backs(rows, columns, back, far, is_last, hidden, behind):  # type: ignore[no-untyped-def]
+    """Write the farther surface of mixed pixels to what is hidden, (H, W, ...) in place.
+
+    ``is_last``: whether nothing else is behind that surface, (N,).
+    """
     for i in prange(len(rows)):
         y, x = rows[i], columns[i]
-        if abs(behind[y, x] - far[i]) <= DISCONTINUITY_THRESHOLD or not is_front[i]:
+        if abs(behind[y, x] - far[i]) <= DISCONTINUITY_THRESHOLD or is_last[i]:
             for c in range(3):
                 hidden[y, x, c] = back[i, c]
-        if not is_front[i]:
+        if is_last[i]:
             behind[y, x] = far[i]
 
 
@@ -105,6 +108,19 @@ def split_layers(
     return split_picture(image, defocus, max_coc_radius, pixel_filter, known)[0]
 
 
+def _with_one_behind(mixed: MixedPixels, behind: np.ndarray) -> tuple[MixedPixels, np.ndarray]:
+    """Leave out mixed pixels at slight steps that hide something else as well; which are slight, (N,) bool.
+
+    Args:
+        mixed: All.
+        behind: Defocus of what is hidden, (H, W).
+    """
+    is_slight = ~(mixed.near - mixed.far > DISCONTINUITY_THRESHOLD)
+    hides_more = behind[mixed.rows, mixed.columns] < mixed.far - DISCONTINUITY_THRESHOLD
+    kept = ~(is_slight & hides_more)
+    return MixedPixels(*(values[kept] for values in mixed)), is_slight[kept]
+
+
 def _untold(share: float) -> None:
     """Nobody asked."""
 
@@ -133,8 +149,10 @@ def split_picture(
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
     del own
+    mixed, is_slight = _with_one_behind(mixed, behind)
+    is_last = is_slight | ~mixed.is_front
     with parallel_region:
-        _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, mixed.is_front, hidden, behind)
+        _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, is_last, hidden, behind)
     sharp[mixed.rows, mixed.columns] = mixed.near
     tell(_FILLED)
     found = [(image, sharp), (hidden, behind)]

@@ -41,7 +41,10 @@ def _part_lights(image, defocus, lights, sides, places, colors, surfaces):  # ty
         y, x = places[i, 0], places[i, 1]
         surfaces[i, 2] = 0.0
         v, u = _carrier(image, defocus, lights, y, x)
-        if v < 0 or mean_color(image, defocus, lights, sides, y, x, defocus[y, x], colors[i, 1]) < 0.0:
+        if v < 0:
+            continue
+        around = (image, defocus, lights, sides, y, x, defocus[y, x], DISCONTINUITY_THRESHOLD)
+        if mean_color(*around, colors[i, 1]) < 0.0:
             continue
         along = square = 0.0
         for c in range(3):

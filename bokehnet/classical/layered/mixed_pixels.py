@@ -9,6 +9,7 @@ from bokehnet.classical.layered.depth_discontinuities import (
     sharpen_discontinuities,
 )
 from bokehnet.classical.layered.light_carriers import part_lights
+from bokehnet.classical.layered.slight_steps import SLIGHT, sides_with_slight_steps
 from bokehnet.classical.layered.unmixing import HELD, MixedPixels, unmix
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
@@ -23,6 +24,9 @@ def find_mixed_pixels(
     known: KnownSurfaces | None = None,
 ) -> tuple[np.ndarray, MixedPixels]:
     """Find the mixed pixels of a picture, and its defocus with a step wherever one surface ends.
+
+    Those at steps of less than ``DISCONTINUITY_THRESHOLD``
+    (:mod:`bokehnet.classical.layered.slight_steps`) are among them where nothing is known.
 
     Known pixels whose surfaces are within ``DISCONTINUITY_THRESHOLD`` of each other are no mixture. The
     others have the depth of the surface that covers more of them, whatever ``defocus`` says, and are mixed
@@ -41,7 +45,7 @@ def find_mixed_pixels(
     """
     sharp, reach = sharpen_discontinuities(defocus), len(pixel_filter.weights()) // 2
     if known is None:
-        return sharp, _parted(image, sharp, discontinuity_sides(sharp, reach), lights, pixel_filter)
+        return sharp, _parted(image, sharp, sides_with_slight_steps(sharp, reach), lights, pixel_filter)
     parted = known.taken(known.near - known.far > DISCONTINUITY_THRESHOLD)
     own = np.where(parted.coverage >= 0.5, parted.near, parted.far)
     sharp[parted.rows, parted.columns] = own
@@ -77,7 +81,7 @@ def _parted(
 ) -> MixedPixels:
     """Pixels unmixed, and lights with their carriers."""
     found = unmix(image, sharp, sides, lights, pixel_filter, held)
-    return _joined(found, part_lights(image, sharp, sides & ~HELD, lights))
+    return _joined(found, part_lights(image, sharp, sides & ~(HELD | SLIGHT), lights))
 
 
 def _joined(first: MixedPixels, second: MixedPixels) -> MixedPixels:

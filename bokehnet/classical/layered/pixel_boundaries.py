@@ -19,6 +19,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.slight_steps import half_step
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import broadcast8, floor8
 from bokehnet.kernels import njit
@@ -37,12 +38,12 @@ _UNDECIDED = 0.2
 
 
 @njit(cache=True)
-def _share(defocus, coverage, y, x, own, unknown):  # type: ignore[no-untyped-def]
-    """Share of a pixel that shows the surface at defocus ``own``; behind something nearer ``unknown``."""
+def _share(defocus, coverage, y, x, own, apart, unknown):  # type: ignore[no-untyped-def]
+    """Share of a pixel that shows what is within ``apart`` of ``own``; ``unknown`` behind what is nearer."""
     share, clear = 0.0, 1.0
     for layer in range(defocus.shape[2]):
         seen = clear * coverage[y, x, layer]
-        if abs(defocus[y, x, layer] - own) <= DISCONTINUITY_THRESHOLD:
+        if abs(defocus[y, x, layer] - own) <= apart:
             share += seen
         elif defocus[y, x, layer] > own:
             share += unknown * seen
@@ -61,12 +62,15 @@ def _with_slopes(defocus, coverage, result):  # type: ignore[no-untyped-def]
                 if own <= 0.0 or own >= 1.0:
                     result[y, x, layer] = own
                     continue
+                apart = DISCONTINUITY_THRESHOLD
+                if layer + 1 < layers:
+                    apart = half_step(defocus[y, x, layer], defocus[y, x, layer + 1])
                 right = down = most = 0.0
                 least = 1.0
                 for i in range(-1, 2):
                     for j in range(-1, 2):
                         v, u = min(max(y + i, 0), height - 1), min(max(x + j, 0), width - 1)
-                        share = _share(defocus, coverage, v, u, defocus[y, x, layer], own)
+                        share = _share(defocus, coverage, v, u, defocus[y, x, layer], apart, own)
                         least, most = min(least, share), max(most, share)
                         weight = 2.0 if i == 0 or j == 0 else 1.0
                         right += weight * j * share

@@ -42,6 +42,7 @@ from numba import prange
 
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.slight_steps import LEAST_STEP, SLIGHT, half_step
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
@@ -151,8 +152,11 @@ class MixedPixels(NamedTuple):
 
 
 @njit(cache=True)
-def _surfaces(defocus, weights, y, x):  # type: ignore[no-untyped-def]
-    """Near and far defocus of a pixel, the share of the nearer, and whether that is its own."""
+def _surfaces(defocus, weights, y, x, least):  # type: ignore[no-untyped-def]
+    """Near and far defocus of a pixel, the share of the nearer, and whether that is its own.
+
+    Surfaces differ by more than ``least``.
+    """
     height, width = defocus.shape
     reach = len(weights) // 2
     own = near = far = defocus[y, x]
@@ -162,10 +166,10 @@ def _surfaces(defocus, weights, y, x):  # type: ignore[no-untyped-def]
         for j in range(-reach, reach + 1):
             v, u = min(max(y + i, 0), height - 1), min(max(x + j, 0), width - 1)
             weight = weights[i + reach] * weights[j + reach]
-            if defocus[v, u] > own + DISCONTINUITY_THRESHOLD:
+            if defocus[v, u] > own + least:
                 before += weight
                 near = max(near, defocus[v, u])
-            elif defocus[v, u] < own - DISCONTINUITY_THRESHOLD:
+            elif defocus[v, u] < own - least:
                 behind += weight
                 far = min(far, defocus[v, u])
             else:
@@ -176,14 +180,17 @@ def _surfaces(defocus, weights, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def mean_color(image, defocus, spared, sides, y, x, depth, color):  # type: ignore[no-untyped-def]
-    """Write the colour of the surface at ``depth`` around (y, x); return its variance, below 0 if none."""
+def mean_color(image, defocus, spared, sides, y, x, depth, apart, color):  # type: ignore[no-untyped-def]
+    """Write the colour of the surface at ``depth`` around (y, x); return its variance, below 0 if none.
+
+    What is within ``apart`` of that depth belongs to it.
+    """
     height, width = defocus.shape
     total = square = 0.0
     color[:] = 0.0
     for v in range(max(0, y - PRIOR.window), min(height, y + PRIOR.window + 1)):
         for u in range(max(0, x - PRIOR.window), min(width, x + PRIOR.window + 1)):
-            if spared[v, u] or abs(defocus[v, u] - depth) > DISCONTINUITY_THRESHOLD:
+            if spared[v, u] or abs(defocus[v, u] - depth) > apart:
                 continue
             weight = _WINDOW[abs(v - y), abs(u - x)]
             if sides[v, u] != 0:
@@ -203,6 +210,7 @@ def _find_kin(index, defocus, spared, places, surfaces, kin):  # type: ignore[no
     """Fill ``kin``, (N, 2, 9): what the 3x3 pixels around show of the nearer and the farther surface."""
     height, width = defocus.shape
     for i in prange(len(places)):
+        apart = half_step(surfaces[i, 0], surfaces[i, 1])
         for k in range(9):
             v, u = places[i, 0] + k // 3 - 1, places[i, 1] + k % 3 - 1
             for side in range(2):
@@ -211,12 +219,13 @@ def _find_kin(index, defocus, spared, places, surfaces, kin):  # type: ignore[no
                     continue
                 j = index[v, u]
                 if j < 0:
-                    if abs(defocus[v, u] - surfaces[i, side]) <= DISCONTINUITY_THRESHOLD:
+                    if abs(defocus[v, u] - surfaces[i, side]) <= apart:
                         kin[i, side, k] = _WHOLLY
-                elif abs(surfaces[j, 0] - surfaces[i, side]) <= DISCONTINUITY_THRESHOLD:
-                    kin[i, side, k] = _NEAR_SIDE
-                elif abs(surfaces[j, 1] - surfaces[i, side]) <= DISCONTINUITY_THRESHOLD:
-                    kin[i, side, k] = _FAR_SIDE
+                    continue
+                to_near = abs(surfaces[j, 0] - surfaces[i, side])
+                to_far = abs(surfaces[j, 1] - surfaces[i, side])
+                if min(to_near, to_far) <= apart:
+                    kin[i, side, k] = _NEAR_SIDE if to_near <= to_far else _FAR_SIDE
 
 
 @njit(cache=True)
@@ -300,13 +309,15 @@ def _unmix(image, defocus, weights, spared, sides, places, held, shares, colors,
     """
     for i in prange(len(places)):
         y, x = places[i, 0], places[i, 1]
-        near, far, share, is_front = _surfaces(defocus, weights, y, x)
+        least = LEAST_STEP if sides[y, x] & SLIGHT else DISCONTINUITY_THRESHOLD
+        near, far, share, is_front = _surfaces(defocus, weights, y, x, least)
         spread = PRIOR.share_spread
         if held[i, 2] >= 0.0:
             near, far, share, spread = held[i, 0], held[i, 1], held[i, 2], 0.0
             is_front = share >= 0.5
-        front_variance = mean_color(image, defocus, spared, sides, y, x, near, colors[i, 0])
-        back_variance = mean_color(image, defocus, spared, sides, y, x, far, colors[i, 1])
+        apart = half_step(near, far)
+        front_variance = mean_color(image, defocus, spared, sides, y, x, near, apart, colors[i, 0])
+        back_variance = mean_color(image, defocus, spared, sides, y, x, far, apart, colors[i, 1])
         shares[i, 0], shares[i, 1] = share, spread
         surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
         surfaces[i, 2] = _part_means(image[y, x], colors[i], share, spread, front_variance, back_variance)
@@ -340,7 +351,7 @@ def _place_edges(index, places, first, colors, surfaces, shares):  # type: ignor
         shares[i, 0], shares[i, 1] = first[i, 0], first[i, 1]
         if first[i, 1] == 0.0:
             continue
-        moved, total = 0.0, PRIOR.edge_doubt
+        moved, total, apart = 0.0, PRIOR.edge_doubt, half_step(surfaces[i, 0], surfaces[i, 1])
         for v in range(max(0, y - PRIOR.edge_window), min(height, y + PRIOR.edge_window + 1)):
             for u in range(max(0, x - PRIOR.edge_window), min(width, x + PRIOR.edge_window + 1)):
                 j = index[v, u]
@@ -348,7 +359,7 @@ def _place_edges(index, places, first, colors, surfaces, shares):  # type: ignor
                     continue
                 same = True
                 for side in range(2):
-                    if abs(surfaces[j, side] - surfaces[i, side]) > DISCONTINUITY_THRESHOLD:
+                    if abs(surfaces[j, side] - surfaces[i, side]) > apart:
                         same = False
                 if not same:
                     continue
@@ -377,7 +388,7 @@ def unmix(
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32.
         defocus: Signed blur radius in pixels, (H, W), + in front of focus, float32, with sharp steps.
-        sides: From :func:`bokehnet.classical.layered.depth_discontinuities.discontinuity_sides`, and ``HELD``
+        sides: From :func:`bokehnet.classical.layered.slight_steps.sides_with_slight_steps`, and ``HELD``
             where pixels are known to be mixed.
         spared: Pixels that stay as they are and tell nothing about their neighbours: lights, (H, W) bool.
         pixel_filter: Of the picture.

@@ -2,7 +2,8 @@
 
 Model and formulas are those of :mod:`bokehnet.classical.layered.unmixing`, on tensors of any device. Which
 pixels are mixed, and which two surfaces they show, follows from the defocus and has no gradient; colours and
-shares are differentiable in the picture and in a share that is given, as a network predicts it.
+shares are differentiable in the picture and in a share that is given, as a network predicts it. Slight steps
+(:mod:`bokehnet.classical.layered.slight_steps`) are not looked for here.
 """
 
 from typing import NamedTuple
@@ -151,8 +152,9 @@ def _shown(
     """
     near, far, front, back, share = parted
     is_parted, number = others >= 0, others.clamp(min=0)
-    in_front = is_parted & ((near[number] - surface).abs() <= DISCONTINUITY_THRESHOLD)
-    behind = is_parted & ~in_front & ((far[number] - surface).abs() <= DISCONTINUITY_THRESHOLD)
+    to_near, to_far = (near[number] - surface).abs(), (far[number] - surface).abs()
+    in_front = is_parted & (to_near <= to_far) & (to_near <= DISCONTINUITY_THRESHOLD)
+    behind = is_parted & (to_far < to_near) & (to_far <= DISCONTINUITY_THRESHOLD)
     whole = ~is_parted & ((around - surface).abs() <= DISCONTINUITY_THRESHOLD)
     shown = torch.where(in_front[..., None], front[number], back[number])
     shown = torch.where(is_parted[..., None], shown, colors)
