@@ -2,8 +2,8 @@
 
 Rays take neighbours whose defocus differs by no more than ``DISCONTINUITY_THRESHOLD`` for one surface that
 goes over from the one to the other. Where there is a step, they see a surface between both, the nearer one up
-to 0.13 pixels too wide. What such a step hides is a strip no wider than the step, less than a pixel. So pixels
-at it need only be parted into the two surfaces that they mix, and what they hide is the farther one.
+to 0.13 pixels too wide. What such a step hides is a strip no wider than the step, less than a pixel. So
+pixels at it need only be parted into the two surfaces that they mix, and what they hide is the farther one.
 
 A step is told from a slope by what is around it: a surface that rises by so much to one pixel rises to the
 next ones as well.
