@@ -9,11 +9,16 @@ from bokehnet.classical.layered.depth_discontinuities import (
     sharpen_discontinuities,
 )
 from bokehnet.classical.layered.light_carriers import part_lights
+from bokehnet.classical.layered.pixel_boundaries import LEVELS
 from bokehnet.classical.layered.slight_steps import SLIGHT, sides_with_slight_steps
 from bokehnet.classical.layered.unmixing import HELD, MixedPixels, unmix
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["find_mixed_pixels", "told_of"]
+
+# Most that is covered at a slight step: rays pass behind what covers a part, and would take what covers all
+# for a slope down to what it hides.
+_NEARLY_ALL = np.float32(1 - 1 / LEVELS)
 
 
 def find_mixed_pixels(
@@ -81,6 +86,8 @@ def _parted(
 ) -> MixedPixels:
     """Pixels unmixed, and lights with their carriers."""
     found = unmix(image, sharp, sides, lights, pixel_filter, held)
+    is_slight = found.near - found.far <= DISCONTINUITY_THRESHOLD
+    found.coverage[is_slight] = np.minimum(found.coverage[is_slight], _NEARLY_ALL)
     return _joined(found, part_lights(image, sharp, sides & ~(HELD | SLIGHT), lights))
 
 

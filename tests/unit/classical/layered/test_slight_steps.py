@@ -52,7 +52,7 @@ def test_what_is_less_than_a_pixel_of_defocus_nearer_is_not_seen_wider(near, far
             patch.setattr(mixed_pixels, "sides_with_slight_steps", discontinuity_sides)
             before.append(too_wide(*edge))
     assert np.mean(before) == pytest.approx(0.127, abs=0.01)
-    assert abs(np.mean(found)) < 0.7 * np.mean(before)
+    assert abs(np.mean(found)) < 0.2 * np.mean(before)  # 0.02 pixels, as at larger steps
 
 
 def test_slopes_are_no_steps_and_steps_on_slopes_are():
