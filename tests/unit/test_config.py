@@ -3,8 +3,8 @@ from typing import Literal
 
 import pytest
 
-from bokehnet.config import OLD_KEYS, build_config, dump_json, load_config, renamed, to_dict
-from bokehnet.errors import ConfigError
+from bokehnet.config import OLD_KEYS, build_config, dump_json, load_config, parse_settings, renamed, to_dict
+from bokehnet.errors import ConfigError, ParameterError
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -87,3 +87,14 @@ def test_keys_of_earlier_versions_are_read(tmp_path):
     assert renamed({"spoilt": 1, "other": 2}) == {"augmented": 1, "other": 2}
     with pytest.raises(ConfigError, match="unknown key 'spoilt'"):
         build_config({"spoilt": 0.1, "augmented": 0.2}, Run)
+
+
+def test_settings_are_toml_values_or_texts():
+    assert parse_settings(["scenes=12", "clutter.lamps=0.5", "kind=planes", 'start="a=b"']) == {
+        "scenes": 12,
+        "clutter.lamps": 0.5,
+        "kind": "planes",
+        "start": "a=b",
+    }
+    with pytest.raises(ParameterError, match="--set: expected key=value, got 'scenes'"):
+        parse_settings(["scenes"])
