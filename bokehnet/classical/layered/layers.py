@@ -108,17 +108,16 @@ def split_layers(
     return split_picture(image, defocus, max_coc_radius, pixel_filter, known)[0]
 
 
-def _with_one_behind(mixed: MixedPixels, behind: np.ndarray) -> tuple[MixedPixels, np.ndarray]:
-    """Leave out mixed pixels at slight steps that hide something else as well; which are slight, (N,) bool.
+def _with_one_behind(mixed: MixedPixels, behind: np.ndarray) -> MixedPixels:
+    """Leave out mixed pixels at slight steps that hide something else as well.
 
     Args:
         mixed: All.
         behind: Defocus of what is hidden, (H, W).
     """
-    is_slight = ~(mixed.near - mixed.far > DISCONTINUITY_THRESHOLD)
     hides_more = behind[mixed.rows, mixed.columns] < mixed.far - DISCONTINUITY_THRESHOLD
-    kept = ~(is_slight & hides_more)
-    return MixedPixels(*(values[kept] for values in mixed)), is_slight[kept]
+    kept = ~(mixed.is_slight & hides_more)
+    return MixedPixels(*(values[kept] for values in mixed))
 
 
 def _untold(share: float) -> None:
@@ -149,8 +148,8 @@ def split_picture(
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
     del own
-    mixed, is_slight = _with_one_behind(mixed, behind)
-    is_last = is_slight | ~mixed.is_front
+    mixed = _with_one_behind(mixed, behind)
+    is_last = mixed.is_slight | ~mixed.is_front
     with parallel_region:
         _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, is_last, hidden, behind)
     sharp[mixed.rows, mixed.columns] = mixed.near

@@ -86,8 +86,7 @@ def _parted(
 ) -> MixedPixels:
     """Pixels unmixed, and lights with their carriers."""
     found = unmix(image, sharp, sides, lights, pixel_filter, held)
-    is_slight = found.near - found.far <= DISCONTINUITY_THRESHOLD
-    found.coverage[is_slight] = np.minimum(found.coverage[is_slight], _NEARLY_ALL)
+    found.coverage[found.is_slight] = np.minimum(found.coverage[found.is_slight], _NEARLY_ALL)
     return _joined(found, part_lights(image, sharp, sides & ~(HELD | SLIGHT), lights))
 
 

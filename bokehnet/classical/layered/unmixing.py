@@ -150,6 +150,12 @@ class MixedPixels(NamedTuple):
     coverage: np.ndarray
     is_front: np.ndarray
 
+    @property
+    def is_slight(self) -> np.ndarray:
+        """Whether the step is one of :mod:`bokehnet.classical.layered.slight_steps`, (N,) bool."""
+        found: np.ndarray = self.near - self.far <= DISCONTINUITY_THRESHOLD
+        return found
+
 
 @njit(cache=True)
 def _surfaces(defocus, weights, y, x, least):  # type: ignore[no-untyped-def]
