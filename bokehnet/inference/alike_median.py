@@ -15,7 +15,7 @@ import numpy as np
 from numba import prange
 
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.inference.disparity_edges import STEP, extremes, with_halo
+from bokehnet.inference.disparity_edges import SLOPE_HALO, STEP, extremes, on_slopes, with_halo
 from bokehnet.io.row_blocks import make_in_row_blocks
 from bokehnet.kernels import njit
 from bokehnet.optics.encoding import encode
@@ -33,23 +33,19 @@ _LEVELS = 24
 # window for those, and by how much ramps are made wider.
 _BETWEEN, _RAMP, _AROUND = 0.15, 3, 2
 
-# A ramp ends: over windows so many times as wide a map spans at most so many times as much. A slope goes on.
-_WIDER, _MORE = 3, 1.9
-
 
 def soft_steps(disparity: np.ndarray) -> np.ndarray:
     """Where the steps of a map (H, W) are ramps, (H, W) bool."""
     least = STEP * float(np.ptp(disparity))
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, _WIDER * _RAMP + _AROUND)
+        window, inner = with_halo(rows, SLOPE_HALO + _AROUND)
         values = disparity[window]
         low, high = extremes(values, _RAMP)
         between = np.minimum(high - values, values - low) > _BETWEEN * (high - low)
-        lowest, highest = extremes(values, _WIDER * _RAMP)
-        ends = highest - lowest < _MORE * (high - low)
-        ramps = (between & ends & (high - low > least)).astype(np.uint8)
-        found: np.ndarray = extremes(ramps, _AROUND)[1][inner] > 0
+        ramps = between & (high - low > least)
+        ramps &= ~on_slopes(values, ramps)
+        found: np.ndarray = extremes(ramps.astype(np.uint8), _AROUND)[1][inner] > 0
         return found
 
     return make_in_row_blocks(make, disparity.shape, np.bool_)

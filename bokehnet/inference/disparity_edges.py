@@ -5,9 +5,11 @@ import numpy as np
 from bokehnet.io.row_blocks import cut_row_blocks, make_in_row_blocks
 
 __all__ = [
+    "SLOPE_HALO",
     "SOFT",
     "STEP",
     "extremes",
+    "on_slopes",
     "repair_soft_edges",
     "sharpen_if_soft",
     "soft_edge_fraction",
@@ -25,6 +27,12 @@ SOFT = 0.3
 
 # Half widths of the windows, one after the other; together they turn ramps of ten pixels into steps.
 _RADII = (3, 2)
+
+# A slope goes on: from pixels this far to either side to those at thrice that way it rises as much again, all
+# differences together within this share. Gaussians wider than 6 pixels and ramps longer than 13 pass for
+# slopes.
+_STRIDE, _UNEVEN = 3, 0.75
+SLOPE_HALO = 3 * _STRIDE
 
 
 def extremes(values: np.ndarray, radius: int) -> tuple[np.ndarray, np.ndarray]:
@@ -54,6 +62,34 @@ def with_halo(rows: slice, halo: int) -> tuple[slice, slice]:
     return slice(top, rows.stop + halo), slice(rows.start - top, rows.stop - top)
 
 
+def on_slopes(disparity: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Which of some pixels of a map stand on slopes: surfaces that lean towards the camera.
+
+    Args:
+        disparity: (H, W), any unit.
+        where: The pixels, (H, W) bool.
+
+    Returns:
+        (H, W) bool.
+    """
+    rows, columns = np.nonzero(where)
+    # Slopes go on beyond the border.
+    padded = np.pad(disparity, SLOPE_HALO, "reflect", reflect_type="odd")
+    uneven, rise = np.zeros(len(rows), np.float32), np.zeros(len(rows), np.float32)
+    for axis in (0, 1):
+        line = []
+        for away in (0, 2, 4, 6):
+            shift = [SLOPE_HALO, SLOPE_HALO]
+            shift[axis] = away * _STRIDE
+            line.append(padded[rows + shift[0], columns + shift[1]])
+        before, here, after = np.diff(line, axis=0)
+        uneven += np.abs(here - before) + np.abs(here - after)
+        rise += np.abs(here)
+    found = np.zeros(disparity.shape, bool)
+    found[rows, columns] = uneven < _UNEVEN * rise
+    return found
+
+
 def soft_edge_fraction(disparity: np.ndarray) -> float:
     """How many of the pixels at steps stand between the two sides: 0 = all steps are sharp.
 
@@ -62,17 +98,21 @@ def soft_edge_fraction(disparity: np.ndarray) -> float:
     """
     least, soft, all_steps = STEP * np.ptp(disparity), 0, 0
     for rows in cut_row_blocks(disparity.shape):
-        window, inner = with_halo(rows, 2)
-        low, high = (x[inner] for x in extremes(disparity[window], 2))
-        width, own = high - low, disparity[rows]
-        steps = width > least
-        between = np.minimum(high - own, own - low) > _BETWEEN * width
-        soft, all_steps = soft + int((steps & between).sum()), all_steps + int(steps.sum())
+        window, inner = with_halo(rows, SLOPE_HALO)
+        values = disparity[window]
+        low, high = extremes(values, 2)
+        steps = high - low > least
+        between = steps & (np.minimum(high - values, values - low) > _BETWEEN * (high - low))
+        slopes = on_slopes(values, between)
+        soft += int((between & ~slopes)[inner].sum())
+        all_steps += int((steps & ~slopes)[inner].sum())
     return soft / max(all_steps, 1)
 
 
 def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.ndarray:
     """Return the map (H, W) with soft steps made sharp where they pass the middle between both sides.
+
+    Slopes stay as they are.
 
     Args:
         disparity: (H, W), any unit.
@@ -85,12 +125,13 @@ def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.nd
     least = STEP * (np.ptp(disparity) if span is None else span)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, sum(_RADII))
-        sharp = disparity[window]
+        window, inner = with_halo(rows, SLOPE_HALO + sum(_RADII))
+        sharp = values = disparity[window]
         for radius in _RADII:
             low, high = extremes(sharp, radius)
             nearer = np.where(high - sharp < sharp - low, high, low)
-            sharp = np.where(high - low > least, nearer, sharp)
+            changed = (high - low > least) & (nearer != sharp)
+            sharp = np.where(changed & ~on_slopes(values, changed), nearer, sharp)
         return sharp[inner]
 
     return make_in_row_blocks(make, disparity.shape, np.float32)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.inference.disparity_edges import repair_soft_edges, soft_edge_fraction
+from bokehnet.inference.disparity_edges import on_slopes, repair_soft_edges, soft_edge_fraction
 
 
 def disc(size: int = 80) -> np.ndarray:
@@ -30,6 +30,36 @@ def test_sharp_steps_and_slopes_stay_as_they_are():
     assert_array_equal(repair_soft_edges(slope), slope)
     assert soft_edge_fraction(disc()) == 0
     assert soft_edge_fraction(slope) == 0
+
+
+@pytest.mark.parametrize("length", [40, 60])
+def test_a_slope_as_steep_as_a_soft_step_stays_while_the_step_is_made_sharp(length):
+    """A wall that runs towards the camera spans many steps within a few pixels, but goes on."""
+    wall = np.broadcast_to(np.linspace(0, 1, length, dtype=np.float32), (60, length))
+    y = np.arange(60)[:, None]
+    true = np.where(y < 30, wall, 0.0).astype(np.float32)
+    soft = gaussian_filter(true, 2.0, mode="nearest")
+    sharp = repair_soft_edges(soft)
+    assert_array_equal(sharp[:15, 8:-8], soft[:15, 8:-8])
+    right = np.s_[20:40, length // 2 : -8]
+    halfway = [(np.abs(x[right] / wall[right] - 0.5) < 0.25).sum() for x in (soft, sharp)]
+    assert halfway[1] < 0.1 * halfway[0]
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_slopes_are_told_from_ramps(axis):
+    """Steps that a Gaussian of 4 pixels or a ramp of 10 has made soft are no slopes, in both directions."""
+    x = np.arange(-40.0, 41.0)
+    for profile, expected in (
+        (0.02 * x, True),
+        (0.02 * x + 0.001 * (-1) ** np.arange(81), True),
+        (np.clip(x / 10, -0.5, 0.5), False),
+        (gaussian_filter(np.sign(x), 4.0), False),
+    ):
+        values = np.moveaxis(np.broadcast_to(profile.astype(np.float32), (30, 81)), 1, axis)
+        near_middle = np.moveaxis(np.broadcast_to(np.abs(x) < 4, (30, 81)), 1, axis)
+        found = on_slopes(values, near_middle)
+        assert_array_equal(found, near_middle & expected)
 
 
 def test_unit_and_offset_pass_through():
