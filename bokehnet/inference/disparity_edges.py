@@ -91,22 +91,27 @@ def on_slopes(disparity: np.ndarray, where: np.ndarray) -> np.ndarray:
 
 
 def soft_edge_fraction(disparity: np.ndarray) -> float:
-    """How many of the pixels at steps stand between the two sides: 0 = all steps are sharp.
+    """How much of the steps stands between their two sides: 0 = all are sharp.
+
+    Pixels count by the square of their step, or else what is round or leans would say of a map with few steps
+    that it is soft: blur spares none of them.
 
     Args:
         disparity: (H, W), any unit.
     """
-    least, soft, all_steps = STEP * np.ptp(disparity), 0, 0
+    span = float(np.ptp(disparity))
+    soft, all_steps = 0.0, 0.0
     for rows in cut_row_blocks(disparity.shape):
         window, inner = with_halo(rows, SLOPE_HALO)
         values = disparity[window]
         low, high = extremes(values, 2)
-        steps = high - low > least
+        steps = high - low > STEP * span
         between = steps & (np.minimum(high - values, values - low) > _BETWEEN * (high - low))
         slopes = on_slopes(values, between)
-        soft += int((between & ~slopes)[inner].sum())
-        all_steps += int((steps & ~slopes)[inner].sum())
-    return soft / max(all_steps, 1)
+        weights = np.where(steps & ~slopes, (high - low) / span if span else 0, 0)[inner] ** 2
+        soft += float(weights[between[inner]].sum(dtype=float))
+        all_steps += float(weights.sum(dtype=float))
+    return soft / all_steps if all_steps else 0.0
 
 
 def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.ndarray:
