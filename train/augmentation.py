@@ -127,9 +127,8 @@ def augment_disparity(
     rounded = bool(rng.random() < 0.5)
     if rng.random() < 0.15:
         augmented = _without_some_things(augmented, rng)
-    if rng.random() < 0.3:
-        # Thin things are lost more often than gaps are.
-        radius = int(rng.choice([-1, 1], p=[0.35, 0.65]) * rng.integers(1, 5))
+    if rng.random() < 0.25:
+        radius = int(rng.choice([-1, 1]) * rng.integers(1, 5))
         augmented = _grow(_grow(augmented, -radius, rounded), radius, rounded)
     if "grow" in kinds:
         augmented = _grow(augmented, int(rng.choice([-1, 1]) * rng.integers(1, 7)), rounded)

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 
-from bokehnet.inference.disparity_edges import sharpen_if_soft, soft_edge_fraction
 from bokehnet.synth.shards import TrainingSample
 from train.augmentation import augment_disparity
 from train.scene_pairs import HeldOut, ScenePairs
@@ -35,7 +34,6 @@ class RepairDataConfig:
             disparity of unknown scale does.
         crop: Side of the crops, pixels.
         part: Largest side of what counts as a picture: of larger ones a random piece of that size does.
-        sharpened: Share of examples whose map, if its steps are soft, is sharpened first, as maps are in use.
     """
 
     folder: str
@@ -47,7 +45,6 @@ class RepairDataConfig:
     crop: int = 128
     also: tuple[str, ...] = ()
     part: int = 256
-    sharpened: float = 0.0
 
 
 def repair_pair(
@@ -67,8 +64,6 @@ def repair_pair(
         true = true ** np.float32(2.0 ** rng.uniform(-1, 1))
     augmented = true if rng.random() < config.clean else augment_disparity(true, rng, image)
     span = max(float(augmented.max() - augmented.min()), 1e-6)
-    if rng.random() < config.sharpened:
-        augmented = sharpen_if_soft(augmented, soft_edge_fraction(augmented))
     window = busy_window(true, config.crop, rng)
     gain = np.float32(2.0 ** rng.uniform(-1, 1))
     colors = gain * image[window].astype(np.float32)[..., rng.permutation(3)]
