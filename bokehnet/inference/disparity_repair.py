@@ -66,8 +66,8 @@ _BETTER = 2
 # Share of the picture from which on it is repaired as a whole, as far as words go.
 _WHOLE = 0.995
 
-# Share of soft steps from which on those are put where the picture's colours part. Hair of hard maps has up to
-# 0.17.
+# Share of soft steps from which on those are put where the picture's colours part. Hard maps of hair have up
+# to 0.17.
 _RAMPS = 0.2
 
 
