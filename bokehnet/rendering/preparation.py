@@ -14,7 +14,14 @@ from bokehnet.rendering.filter_choice import choose_filter
 from bokehnet.rendering.focus import check_nothing_to_focus, focus_lens
 from bokehnet.rendering.look import copy_lean
 from bokehnet.rendering.odd_blur import odd_blur
-from bokehnet.rendering.scene import FocusedScene, Scene, check_nothing_to_mend, fitted_map, is_exact
+from bokehnet.rendering.scene import (
+    FocusedScene,
+    Scene,
+    check_nothing_to_mend,
+    fitted_map,
+    is_exact,
+    is_repaired,
+)
 from bokehnet.rendering.settings import RAY_ENGINES, RenderSettings
 from bokehnet.rendering.supersampling import at_rendered_size, in_fine_pixels, rendered_surfaces
 
@@ -58,7 +65,7 @@ def prepare(
     lens, repaired, reason, notes, found = None, None, "", scene.notes, None
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
-    elif settings.depth.repair != "off" and not is_exact(scene):
+    elif is_repaired(scene, settings.depth):
         found = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
         values, repaired, reason = found.disparity, found.repaired, found.reason
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte

@@ -39,6 +39,7 @@ __all__ = [
     "check_nothing_to_mend",
     "fitted_map",
     "is_exact",
+    "is_repaired",
     "make_scene",
     "read_scene",
 ]
@@ -326,10 +327,12 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
     if not depth.fits_any_size:
         _check_upright(depth.values.shape, (height, width), what)
     values = depth.values if is_exact(scene) else _unmixed(depth, settings)
-    if values.shape != (height, width) and depth.fits_any_size and settings.repair != "off":
-        values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
-    elif values.shape != (height, width) and (settings.resize or depth.fits_any_size):
-        values = resize_map(values, height, width)
+    if values.shape != (height, width) and (settings.resize or depth.fits_any_size):
+        enlarged = depth.fits_any_size or height > values.shape[0] or width > values.shape[1]
+        if enlarged and is_repaired(scene, settings):
+            values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
+        else:
+            values = resize_map(values, height, width)
     check_same_size("the picture", scene.image, f"its {what}", values, "`depth.resize` brings them together")
     return values
 
@@ -344,6 +347,18 @@ def is_exact(scene: Scene) -> bool:
         True
     """
     return scene.known is not None or scene.supersampled > 1 or scene.depth.layers is not None
+
+
+def is_repaired(scene: Scene, settings: DepthSettings) -> bool:
+    """Whether the repair looks at the map of a scene.
+
+    Examples:
+        >>> from bokehnet.rendering.depth_source import ConstantDisparity
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=4)
+        >>> is_repaired(fine, DepthSettings(repair="auto"))
+        False
+    """
+    return settings.repair != "off" and scene.depth.kind != "defocus" and not is_exact(scene)
 
 
 def check_nothing_to_mend(scene: Scene, settings: DepthSettings) -> None:
