@@ -34,17 +34,9 @@ _LEVELS = 24
 _BETWEEN, _RAMP, _AROUND = 0.15, 3, 2
 
 
-def soft_steps(disparity: np.ndarray, span: float | None = None) -> np.ndarray:
-    """Where the steps of a map are ramps.
-
-    Args:
-        disparity: (H, W), any unit.
-        span: Of the values that steps are held against; by default the map's.
-
-    Returns:
-        (H, W) bool.
-    """
-    least = STEP * float(np.ptp(disparity) if span is None else span)
+def soft_steps(disparity: np.ndarray) -> np.ndarray:
+    """Where the steps of a map (H, W) are ramps, (H, W) bool."""
+    least = STEP * float(np.ptp(disparity))
 
     def make(rows: slice) -> np.ndarray:
         window, inner = with_halo(rows, SLOPE_HALO + _AROUND)

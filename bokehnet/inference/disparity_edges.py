@@ -90,14 +90,14 @@ def on_slopes(disparity: np.ndarray, where: np.ndarray) -> np.ndarray:
     return found
 
 
-def soft_edge_fraction(disparity: np.ndarray) -> float:
+def soft_edge_fraction(disparity: np.ndarray, by_size: bool = True) -> float:
     """How much of the steps stands between their two sides: 0 = all are sharp.
-
-    Pixels count by the square of their step, or else what is round or leans would say of a map with few steps
-    that it is soft: blur spares none of them.
 
     Args:
         disparity: (H, W), any unit.
+        by_size: Whether pixels count by the square of their step, or else what is round or leans would say of
+            a map with few steps that it is soft: blur spares none of them. If all count alike, noise that is
+            as high as steps makes a map soft, too.
     """
     span = float(np.ptp(disparity))
     soft, all_steps = 0.0, 0.0
@@ -108,7 +108,8 @@ def soft_edge_fraction(disparity: np.ndarray) -> float:
         steps = high - low > STEP * span
         between = steps & (np.minimum(high - values, values - low) > _BETWEEN * (high - low))
         slopes = on_slopes(values, between)
-        weights = np.where(steps & ~slopes, (high - low) / span if span else 0, 0)[inner] ** 2
+        power = 2 if by_size else 0
+        weights = np.where(steps & ~slopes, ((high - low) / (span or 1)) ** power, 0)[inner]
         soft += float(weights[between[inner]].sum(dtype=float))
         all_steps += float(weights.sum(dtype=float))
     return soft / all_steps if all_steps else 0.0

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ImageFileError
-from bokehnet.inference.alike_median import settle_soft_steps, soft_steps
-from bokehnet.inference.disparity_edges import repair_soft_edges, soft_edge_fraction
+from bokehnet.inference.alike_median import settle_soft_steps
+from bokehnet.inference.disparity_edges import STEP, extremes, repair_soft_edges, soft_edge_fraction
 from bokehnet.inference.steady_maps import Gathered, gather, joined
 from bokehnet.io.atomic import write_text
 from bokehnet.io.color import linear_to_srgb, srgb_to_linear
@@ -23,6 +23,9 @@ Array = npt.NDArray[np.float32]
 # Frames of which one is looked at for whether the maps' edges are sharp, and the share of soft steps up to
 # which they are.
 _LOOK, _SHARP = 8, 0.3
+
+# Pixels from a step within which a map follows the picture's colours.
+_NEAR = 2
 
 _DONE = "steady.json"
 
@@ -119,7 +122,7 @@ class SteadyShot:
             values = values / np.float32(scale)
             low, high = min(low, float(values.min())), max(high, float(values.max()))
             if len(softness) <= index / _LOOK:
-                softness.append(soft_edge_fraction(values))
+                softness.append(soft_edge_fraction(values, by_size=False))
             picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
             past = gather(values, _light(picture), _of_size(past, values))
             np.save(self._file("picture", index), picture)
@@ -155,8 +158,9 @@ def _of_size(before: Gathered | None, values: Array) -> Gathered | None:
 def _sharpened(steady: Array, picture: Array, span: float) -> Array:
     """A map whose edges, the mean of many, are sharp again, where the picture's colours part."""
     sharp = repair_soft_edges(steady, span)
+    low, high = extremes(sharp, _NEAR)
     light = np.asarray(srgb_to_linear(picture), np.float32)
-    return np.asarray(settle_soft_steps(light, sharp, soft_steps(steady, span), span), np.float32)
+    return np.asarray(settle_soft_steps(light, sharp, high - low > STEP * span, span), np.float32)
 
 
 def _light(picture: npt.NDArray[np.uint8]) -> Array:
