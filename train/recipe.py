@@ -3,156 +3,34 @@
 ``python -m train.recipe [--small | --share 0.1] [--config configs/recipe.toml] [--out runs/recipe]``
 
 The plan comes first, with its expected hours. What is done is not done again, and a killed start goes on
-where it stood when the same command is given again. With several CUDA devices each training takes all of
-them; with ``--ray`` a cluster renders the scenes.
+where it stood when the same command is given again. Steps that need nothing of each other run side by side;
+what they print goes to ``logs`` in the folder. With CUDA devices each training takes all of them, one after
+the other; with ``--ray`` a cluster renders the scenes.
 """
 
 import argparse
-import contextlib
-import importlib
-import json
+import multiprocessing.connection
 import shlex
+import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-import numba
 import torch
+from tqdm import tqdm
 
-from bokehnet.errors import BokehnetError, ConfigError, DataFileError
-from bokehnet.io.atomic import write_text
+from bokehnet.errors import BokehnetError, DataFileError
+from train.recipe_jobs import Job
 from train.recipe_plan import Recipe, Step, load_recipe
+from train.recipe_progress import Progress, time_in_words
+from train.recipe_queue import Queue
 
-__all__ = ["Progress", "main"]
+__all__ = ["main", "make"]
 
 _CONFIGS = {False: Path("configs/recipe.toml"), True: Path("configs/recipe_small.toml")}
-
-
-def _time(seconds: float) -> str:
-    """A time in words, in the unit that suits it."""
-    for unit, size in (("h", 3600), ("min", 60)):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.1f} {unit}"
-    return f"{seconds:.0f} s"
-
-
-class Progress:
-    """What has been done of a recipe, kept in ``recipe.json``.
-
-    Args:
-        recipe: The steps.
-        out: Folder in which everything is made.
-
-    Raises:
-        DataFileError: The file is there and is none of ours.
-    """
-
-    def __init__(self, recipe: Recipe, out: Path) -> None:
-        self.recipe, self.out = recipe, out
-        self._path = out / "recipe.json"
-        self._told: dict[str, dict[str, Any]] = {}
-        if self._path.exists():
-            try:
-                steps = json.loads(self._path.read_text(encoding="utf-8"))["steps"]
-                self._told = {makes: {**told} for makes, told in steps.items()}
-            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-                raise DataFileError(
-                    f"{self._path}: expected what was done of a recipe ({error}); choose another --out"
-                ) from error
-
-    def seconds(self, step: Step) -> float:
-        """Time that a step has taken in all starts."""
-        return float(self._told.get(step.makes, {}).get("seconds", 0.0))
-
-    def done(self, step: Step) -> bool:
-        """Whether a step is done as it is asked for now."""
-        told = self._told.get(step.makes, {})
-        same = told.get("asked") == self.recipe.fingerprint(step)
-        return bool(told.get("done") and same and self._path_of(step).exists())
-
-    def check(self, step: Step) -> None:
-        """Raise unless a step can go on with what it has begun.
-
-        Raises:
-            ConfigError: That was made of what is no more; what else has changed its tool tells by itself.
-        """
-        told, recipe = self._told.get(step.makes), self.recipe
-        if told is None or step.overwrites or not self._path_of(step).exists():
-            return
-        alike = told.get("own") == recipe.fingerprint(step, with_needs=False)
-        if alike and told.get("asked") != recipe.fingerprint(step):
-            raise ConfigError(
-                f"{self._path_of(step)}: was made of what steps before it made, and these are asked for "
-                "otherwise now; remove it or choose another --out"
-            )
-
-    def _path_of(self, step: Step) -> Path:
-        return self.out / step.makes.removeprefix("bokehnet/")
-
-    def state(self, step: Step) -> str:
-        """The same in words."""
-        if self.done(step):
-            return f"done in {_time(self.seconds(step))}"
-        return f"begun, {_time(self.seconds(step))} so far" if self.seconds(step) else "to do"
-
-    def plan(self) -> str:
-        """All steps with their expected hours and states, as a table."""
-        recipe = self.recipe
-        rows = [[step.makes, step.by, _time(recipe.seconds(step)), self.state(step)] for step in recipe.steps]
-        widths = [max(len(row[i]) for row in rows) for i in range(3)]
-        lines = ["  ".join([*map(str.ljust, row[:3], widths), row[3]]) for row in rows]
-        left = sum(recipe.seconds(step) for step in recipe.steps if not self.done(step))
-        total = sum(map(recipe.seconds, recipe.steps))
-        taken = sum(map(self.seconds, recipe.steps))
-        lines.append(
-            f"expected: {_time(total)} in all (cores: {recipe.workers}), {_time(left)} of it to do; "
-            f"taken: {_time(taken)}"
-        )
-        return "\n".join(lines)
-
-    @contextlib.contextmanager
-    def timed(self, step: Step) -> Iterator[None]:
-        """Note that a step is begun, how long it takes and, if it ends well, that it is done."""
-        begun, before = time.monotonic(), self.seconds(step)
-        own = self.recipe.fingerprint(step, with_needs=False)
-        told = {"asked": self.recipe.fingerprint(step), "own": own, "done": False}
-        try:
-            self._note(step, {**told, "seconds": before})
-            yield
-            told["done"] = True
-        finally:
-            self._note(step, {**told, "seconds": before + time.monotonic() - begun})
-
-    def _note(self, step: Step, told: dict[str, Any]) -> None:
-        self._told[step.makes] = told
-        write_text(self._path, json.dumps({"steps": self._told}, indent=1) + "\n", error=DataFileError)
-
-
-def _call(words: Sequence[str], processes: int = 1) -> None:
-    """Run a command in this process, or behind ``torchrun`` in several.
-
-    Raises:
-        SystemExit: It failed or was stopped.
-    """
-    if words[0] == "bokehnet":
-        from bokehnet.cli.app import run
-
-        if code := run(words[1:]):
-            sys.exit(code)
-        return
-    module, arguments = words[2], words[3:]
-    if processes > 1:
-        from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
-        from torch.distributed.run import main as torchrun
-
-        try:
-            torchrun(["--standalone", "--nproc-per-node", str(processes), "-m", module, *arguments])
-        except ChildFailedError:
-            sys.exit(f"error: {module} failed; what it said stands above")
-        return
-    importlib.import_module(module).main(arguments)
 
 
 def _processes(table: dict[str, Any]) -> int:
@@ -170,30 +48,98 @@ def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
         ray: Address of a Ray cluster that renders the scenes.
 
     Raises:
-        SystemExit: A step failed or was stopped; it has said why.
+        ConfigError, DataFileError: What is there cannot be gone on with, or the folder cannot be written.
+        SystemExit: A step failed.
+        KeyboardInterrupt: Ctrl-C or SIGTERM; trainings have written a checkpoint.
     """
     try:
-        for folder in {(out / step.makes.removeprefix("bokehnet/")).parent for step in recipe.steps}:
-            folder.mkdir(parents=True, exist_ok=True)
+        for folder in {"logs", *(Path(step.makes.removeprefix("bokehnet/")).parent for step in recipe.steps)}:
+            (out / folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataFileError(
             f"{out}: cannot make folders there: {error.strerror}; choose another --out"
         ) from error
     progress = Progress(recipe, out)
-    threads = [
-        min(recipe.threads or cores, cores) for cores in (torch.get_num_threads(), numba.get_num_threads())
-    ]
-    for number, step in enumerate(recipe.steps, 1):
-        if progress.done(step):
-            continue
+    left = [step for step in recipe.steps if not progress.done(step)]
+    for step in left:
         progress.check(step)
-        words = recipe.command(step, out, ray)
-        print(f"\n[{number}/{len(recipe.steps)}] {shlex.join(words)}", flush=True)
-        torch.set_num_threads(threads[0])  # tools that share the cores among processes keep one
-        numba.set_num_threads(threads[1])
-        with progress.timed(step):
-            _call(words, _processes(recipe.table(step)) if step.trains else 1)
+    older = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    count = len(recipe.steps)
+    try:
+        with tqdm(total=count, initial=count - len(left), desc="steps", disable=None) as bar:
+            running = _Running(progress, left, ray, bar)
+            try:
+                while running.start():
+                    running.wait()
+            finally:
+                running.stop()
+    finally:
+        signal.signal(signal.SIGTERM, older)
     print(f"\n{progress.plan()}\ndone: {out}")
+
+
+@dataclass(frozen=True)
+class _Begun:
+    step: Step
+    cores: int
+    job: Job
+    at: float
+
+
+class _Running:
+    """The steps that run side by side."""
+
+    def __init__(self, progress: Progress, left: Sequence[Step], ray: str | None, bar: "tqdm[Any]") -> None:
+        self.progress, self.recipe, self.ray, self.bar = progress, progress.recipe, ray, bar
+        alone = torch.cuda.is_available()  # each training takes all devices
+        places = 1 if alone else self.recipe.workers
+        self._threads = self.recipe.threads or max(1, torch.get_num_threads() // places)
+        self._queue = Queue(self.recipe, left, places)
+        self._begun: dict[int, _Begun] = {}
+
+    def start(self) -> bool:
+        """Start all that can start; false if nothing runs."""
+        while (taken := self._queue.take()) is not None:
+            step, cores = taken
+            out = self.progress.out
+            words = self.recipe.command(step, out, self.ray, cores * self._threads)
+            self.bar.write(
+                f"[{self.recipe.steps.index(step) + 1}/{len(self.recipe.steps)}] {shlex.join(words)}"
+            )
+            self.progress.begin(step)
+            log = out / "logs" / f"{step.makes.replace('/', '-')}.log"
+            job = Job(words, log, self._threads, _processes(self.recipe.table(step)) if step.trains else 1)
+            self._begun[job.sentinel] = _Begun(step, cores, job, time.monotonic())
+        self.bar.set_postfix_str(", ".join(begun.step.makes for begun in self._begun.values()))
+        return bool(self._begun)
+
+    def wait(self) -> None:
+        """Wait a moment for some of them to end.
+
+        Raises:
+            SystemExit: One has failed.
+        """
+        for sentinel in multiprocessing.connection.wait(list(self._begun), timeout=1):
+            begun = self._begun[cast(int, sentinel)]
+            if self._end(begun):
+                said = begun.job.last_words().removeprefix("error: ")
+                sys.exit(f"error: {begun.step.makes}: {said} (all that it said: {begun.job.log})")
+            self.bar.write(f"{begun.step.makes}: done in {time_in_words(time.monotonic() - begun.at)}")
+            self._queue.give_back(begun.step, begun.cores)
+            self.bar.update()
+
+    def stop(self) -> None:
+        """Ask all that still run to stop, and wait until they have."""
+        for begun in self._begun.values():
+            begun.job.stop()
+        for begun in list(self._begun.values()):
+            self._end(begun)
+
+    def _end(self, begun: _Begun) -> int:
+        code = begun.job.code()
+        del self._begun[begun.job.sentinel]
+        self.progress.end(begun.step, time.monotonic() - begun.at, done=code == 0)
+        return code
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

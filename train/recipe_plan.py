@@ -71,6 +71,11 @@ class Step:
         return self.by in ("repair", "error", "arnet", "iunet")
 
     @property
+    def shared(self) -> bool:
+        """Whether its tool shares the work among processes, as many as it is told."""
+        return self.by in _SHARED
+
+    @property
     def overwrites(self) -> bool:
         """Whether its tool writes all anew, and does not go on with what is there."""
         return self.by in ("export", "evaluate", "card")
@@ -81,8 +86,8 @@ class Recipe:
     """All steps, in order.
 
     Attributes:
-        workers: Processes that make data; two cores are the reference.
-        threads: Threads of everything else; 0 takes all cores.
+        workers: Steps that run side by side, and processes that make data; two cores are the reference.
+        threads: Threads of a step that is not shared among processes; 0 takes its part of all cores.
         steps: What is done.
     """
 
@@ -131,9 +136,13 @@ class Recipe:
             return sum(self.units(need) for need in self.needs(step) if need.by == "synth")
         return int(table["optim"]["steps"]) if step.trains else 1
 
+    def work(self, step: Step) -> float:
+        """Expected time of a step on one core."""
+        return self.units(step) * step.seconds
+
     def seconds(self, step: Step) -> float:
         """Expected time of a step."""
-        return self.units(step) * step.seconds / (self.workers if step.by in _SHARED else 1)
+        return self.work(step) / (self.workers if step.shared else 1)
 
     def needs(self, step: Step) -> list[Step]:
         """The steps whose results a step reads."""
@@ -144,19 +153,22 @@ class Recipe:
         """All texts of a step that may name what others make, with their keys."""
         return [*_texts(self.table(step)), *(("words", word) for word in step.words)]
 
-    def command(self, step: Step, root: Path | None = None, ray: str | None = None) -> list[str]:
+    def command(
+        self, step: Step, root: Path | None = None, ray: str | None = None, workers: int | None = None
+    ) -> list[str]:
         """Words of a step's command.
 
         Args:
             step: Which.
             root: Folder in which everything is made; as the configurations name it without one.
             ray: Address of a Ray cluster that renders the scenes.
+            workers: Processes that make data, other than the recipe's.
         """
         words = [*step.tool, *(["--config", step.config] if step.config else [])]
         words += [self._rooted(word, root) for word in step.words]
         words += [_TARGET.get(step.by, "--out"), self._rooted(step.makes, root)]
-        if step.by in _SHARED:
-            words += ["--workers", str(self.workers)]
+        if step.shared:
+            words += ["--workers", str(workers or self.workers)]
         if step.by == "synth" and ray is not None:
             words += ["--ray", ray]
         for setting in self._settings(step, root):

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
+from bokehnet.errors import ConfigError
+
 __all__ = ["AveragedWeights", "OptimConfig", "averaging_decay", "learning_rate"]
 
 # The learning rate at the end of the run, as a part of the peak.
@@ -40,6 +42,17 @@ class OptimConfig:
     log_every: int = 25
     checkpoint_minutes: float = 3.0
     bfloat16: bool = True
+
+    def __post_init__(self) -> None:
+        least = {"steps": 1, "warmup": 0, "checkpoint_every": 1, "validate_every": 1, "log_every": 1}
+        for key, lowest in least.items():
+            if (found := getattr(self, key)) < lowest:
+                raise ConfigError(f"optim.{key}: expected {lowest} or more steps, found {found}")
+        for key in ("learning_rate", "clip"):
+            if not (found := getattr(self, key)) > 0:
+                raise ConfigError(f"optim.{key}: expected above 0, found {found}")
+        if not 0 <= self.average < 1:
+            raise ConfigError(f"optim.average: expected 0 to below 1, found {self.average}")
 
 
 def learning_rate(optim: OptimConfig, step: int) -> float:

@@ -19,7 +19,7 @@ from bokehnet.synth.cluster import render_on_cluster
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
 
-__all__ = ["start_worker", "write_dataset"]
+__all__ = ["end_with_parent", "start_worker", "write_dataset"]
 
 
 def write_dataset(
@@ -123,14 +123,19 @@ def start_worker() -> None:
 
     torch.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
+def end_with_parent() -> None:
+    """Let this process, started by ``multiprocessing``, not outlive the one that started it."""
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        assert parent is not None
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _claim(folder: Path, config: SynthConfig) -> None:

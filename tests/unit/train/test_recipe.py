@@ -15,8 +15,11 @@ from bokehnet.config import build_config
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.models.checkpoint import load_checkpoint
 from tests.unit.train.runs import ROOT, arguments
-from train.recipe import Progress, _call, _processes, main
+from train.recipe import _processes, main
+from train.recipe_jobs import call
 from train.recipe_plan import COMMANDS, Recipe, load_recipe
+from train.recipe_progress import Progress
+from train.recipe_queue import Queue, expected_seconds
 
 FULL, SMALL = (ROOT / f"configs/{name}.toml" for name in ("recipe", "recipe_small"))
 
@@ -42,7 +45,7 @@ EXPORT = {"makes": "bokehnet/weights/repair", "by": "export", "words": ["--repai
 def test_all_networks_are_made_within_twelve_hours_on_two_cores():
     recipe = load_recipe(FULL)
     assert recipe.workers == 2
-    assert sum(map(recipe.seconds, recipe.steps)) < 12 * 3600
+    assert expected_seconds(recipe, recipe.steps) < 12 * 3600
     made = {step.makes for step in recipe.steps if step.by == "export"}
     assert made == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural", "fast")}
 
@@ -77,6 +80,26 @@ def test_times_follow_from_what_the_configurations_ask_for():
     assert [recipe.seconds(step) for step in recipe.steps] == [1800, 0, 1500]
     short = recipe_of(PLANES, PLANES_VAL, {**REPAIR, "settings": ["optim.steps=10"]})
     assert short.seconds(short.steps[2]) == 5
+
+
+def test_steps_side_by_side_wait_for_what_they_need_and_for_a_core():
+    """Authority: by hand; planes on both cores for 1800 s, then 1500 s of a training beside 500 and 1000."""
+    other = {**REPAIR, "makes": "runs/other", "settings": ["optim.steps=1000"]}
+    settings = ["optim.steps=2000", 'start="runs/other/last.pt"']
+    recipe = recipe_of(PLANES, PLANES_VAL, REPAIR, other, {**REPAIR, "makes": "runs/b", "settings": settings})
+    assert expected_seconds(recipe, recipe.steps) == 3300
+    assert expected_seconds(recipe, recipe.steps[3:]) == 1500
+    planes, validation, repair, before, behind = recipe.steps
+    queue = Queue(recipe, recipe.steps, 2)
+    for data in (planes, validation):
+        assert queue.take() == (data, 2)
+        assert queue.take() is None
+        queue.give_back(data, 2)
+    assert [queue.take() for _ in range(3)] == [(repair, 1), (before, 1), None]
+    queue.give_back(repair, 1)
+    assert queue.take() is None
+    queue.give_back(before, 1)
+    assert [queue.take(), queue.take()] == [(behind, 1), None]
 
 
 def test_commands_name_what_configurations_name_or_all_below_one_folder():
@@ -133,10 +156,10 @@ def test_as_many_devices_share_a_training_as_divide_its_batch(devices, batch, co
 @pytest.mark.train
 def test_a_training_is_shared_behind_torchrun_in_processes_of_its_own(tiny_prepared, tmp_path):
     """Two processes on the CPU, as they would be on two devices."""
-    _call(["python", *arguments("arnet", tiny_prepared, tmp_path / "run", 3)[1:]], processes=2)
+    call(["python", *arguments("arnet", tiny_prepared, tmp_path / "run", 3)[1:]], processes=2)
     assert load_checkpoint(tmp_path / "run/last.pt")["step"] == 3
     with pytest.raises(SystemExit, match=r"train\.train_arnet failed; what it said"):
-        _call(["python", *arguments("arnet", tmp_path / "none", tmp_path / "other", 3)[1:]], processes=2)
+        call(["python", *arguments("arnet", tmp_path / "none", tmp_path / "other", 3)[1:]], processes=2)
 
 
 def finished(progress: Progress, *numbers: int) -> None:
@@ -144,8 +167,8 @@ def finished(progress: Progress, *numbers: int) -> None:
         step = progress.recipe.steps[number]
         path = progress.out / step.makes.removeprefix("bokehnet/")
         path.parent.mkdir(parents=True, exist_ok=True)
-        with progress.timed(step):
-            path.mkdir(exist_ok=True)
+        path.mkdir(exist_ok=True)
+        progress.end(step, 1.0, done=True)
 
 
 def test_a_step_is_done_while_it_and_all_that_it_needs_are_as_asked_for(tmp_path):
@@ -175,14 +198,14 @@ def test_a_training_on_what_is_asked_for_otherwise_now_is_not_gone_on_with(tmp_p
 
 def test_a_step_that_fails_is_begun_and_its_time_counts(tmp_path):
     recipe = recipe_of(PLANES)
+    step = recipe.steps[0]
     for _ in range(2):
-        timed = Progress(recipe, tmp_path).timed(recipe.steps[0])
-        timed.__enter__()
-        time.sleep(0.05)
-        assert not timed.__exit__(SystemExit, SystemExit("error: no light"), None)
+        progress = Progress(recipe, tmp_path)
+        progress.begin(step)
+        progress.end(step, 20.0, done=False)
     progress = Progress(recipe, tmp_path)
-    assert progress.seconds(recipe.steps[0]) >= 0.1
-    assert progress.state(recipe.steps[0]) == "begun, 0 s so far"
+    assert progress.seconds(step) == 40
+    assert progress.state(step) == "begun, 40 s so far"
 
 
 def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):

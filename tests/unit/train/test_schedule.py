@@ -1,11 +1,13 @@
 """Learning rate and averaged weights against their formulas."""
 
 import math
+import re
 
 import pytest
 import torch
 from torch import nn
 
+from bokehnet.errors import ConfigError
 from train.schedule import AveragedWeights, OptimConfig, averaging_decay, learning_rate
 
 
@@ -48,3 +50,19 @@ def test_the_average_is_the_sum_that_its_definition_unrolls_to():
     assert float(average.network.count) == 4
     assert not average.network.training
     assert not average.network.weight.requires_grad
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"steps": 0}, "optim.steps: expected 1 or more steps, found 0"),
+        ({"validate_every": 0}, "optim.validate_every: expected 1 or more steps, found 0"),
+        ({"warmup": -1}, "optim.warmup: expected 0 or more steps, found -1"),
+        ({"learning_rate": math.nan}, "optim.learning_rate: expected above 0, found nan"),
+        ({"clip": 0.0}, "optim.clip: expected above 0, found 0.0"),
+        ({"average": 1.0}, "optim.average: expected 0 to below 1, found 1.0"),
+    ],
+)
+def test_a_schedule_that_cannot_be_is_refused(values, told):
+    with pytest.raises(ConfigError, match=f"^{re.escape(told)}$"):
+        OptimConfig(**{"steps": 10, **values})
