@@ -16,6 +16,7 @@ from bokehnet.io.camera import Camera
 from bokehnet.io.frame import Frame, detached, read_frame
 from bokehnet.io.maps import resize_map
 from bokehnet.io.mixed import repair_mixed, share_of_mixed
+from bokehnet.io.repeated import unrepeated
 from bokehnet.io.resample import resample
 from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.window import Window
@@ -326,10 +327,13 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
     what = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
     if not depth.fits_any_size:
         _check_upright(depth.values.shape, (height, width), what)
+    may_resize = settings.resize or depth.fits_any_size or depth.values.shape == (height, width)
+    if is_repaired(scene, settings) and may_resize:
+        depth = replace(depth, values=unrepeated(depth.values))
     values = depth.values if is_exact(scene) else _unmixed(depth, settings)
-    if values.shape != (height, width) and (settings.resize or depth.fits_any_size):
-        enlarged = depth.fits_any_size or height > values.shape[0] or width > values.shape[1]
-        if enlarged and is_repaired(scene, settings):
+    if values.shape != (height, width) and may_resize:
+        smaller = values.shape[0] < height or values.shape[1] < width
+        if is_repaired(scene, settings) and (smaller or depth.fits_any_size):
             values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
         else:
             values = resize_map(values, height, width)

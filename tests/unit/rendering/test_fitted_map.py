@@ -41,6 +41,15 @@ def test_steps_stay_steps_where_nobody_sharpens_them_or_the_map_is_finer(source,
     assert len(np.unique(fitted(source, repair))) == 2
 
 
+def test_a_map_whose_pixels_were_repeated_is_enlarged_smoothly_too():
+    """Authority: the small map itself, given as it is."""
+    small = np.random.default_rng(0).random((12, 16), np.float32)
+    repeated = RelativeDisparity(map=small.repeat(4, axis=0).repeat(4, axis=1))
+    np.testing.assert_array_equal(fitted(repeated, "auto"), fitted(RelativeDisparity(map=small), "auto"))
+    untouched = fitted(repeated, "off")
+    np.testing.assert_array_equal(untouched, untouched[::4, ::4].repeat(4, axis=0).repeat(4, axis=1))
+
+
 def test_defocus_is_not_repaired():
     scene = make_scene(PICTURE, DefocusMap(map=np.zeros((48, 64), np.float32)))
     assert not is_repaired(scene, DepthSettings(repair="auto"))
