@@ -11,7 +11,6 @@ __all__ = [
     "extremes",
     "on_slopes",
     "repair_soft_edges",
-    "sharpen_if_soft",
     "soft_edge_fraction",
     "with_halo",
 ]
@@ -141,13 +140,3 @@ def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.nd
         return sharp[inner]
 
     return make_in_row_blocks(make, disparity.shape, np.float32)
-
-
-def sharpen_if_soft(disparity: np.ndarray, fraction: float) -> np.ndarray:
-    """The map itself, or where many of its steps are soft, with all of them sharp.
-
-    Args:
-        disparity: (H, W), any unit.
-        fraction: From :func:`soft_edge_fraction`.
-    """
-    return repair_soft_edges(disparity) if fraction > SOFT else disparity
