@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.lost_lines import restore_lost_lines
+from bokehnet.inference.map_offset import find_map_offset, move_map
 from bokehnet.inference.memory import give_back, keeps_freed
 from bokehnet.inference.misplaced_edges import (
     count_misplaced,
@@ -62,6 +63,9 @@ _COSTLY = 10
 # How many times as much must ask to move where the map is shifted as where it is not, for a place to be left
 # out of a shift: on soft maps of thin things both shares are large.
 _BETTER = 2
+
+# How often at most a map is moved as a whole.
+_MOVES = 3
 
 # Share of the picture from which on it is repaired as a whole, as far as words go.
 _WHOLE = 0.995
@@ -115,6 +119,22 @@ class _SoftMap:
         if deviation:
             repaired = explain_soft_map(image, self.given, repaired, deviation)
         return settle_soft_steps(image, repaired, self.steps, span)
+
+
+class _Placement(NamedTuple):
+    """How a map is to be moved, at the smallest of the sizes at which it is repaired.
+
+    Attributes:
+        offset: Pixels down and to the right.
+        shift: Pixels by which near things should grow then.
+        where: The blocks in which they should, (H / 8, W / 8) bool; ``None`` for all.
+        repaired: The repaired map, unless near things grow in some blocks alone.
+    """
+
+    offset: tuple[int, int] = (0, 0)
+    shift: int = 0
+    where: np.ndarray | None = None
+    repaired: np.ndarray | None = None
 
 
 class _Work:
@@ -224,61 +244,75 @@ class DisparityRepair:
             sizes.append(_half(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress)
         if plan is None:
-            shift, where, smallest = self._edge_bias(sizes, start, span, work)
+            small = start
+            for _ in sizes[1:]:
+                small = _half_map(small)
+            placement, times = self._place(sizes[-1], small, span, work), 2 ** (len(sizes) - 1)
+            shift, offset = (
+                times * placement.shift,
+                (times * placement.offset[0], times * placement.offset[1]),
+            )
         else:
-            shift, where, smallest = plan.shift, None, None
-        maps = [_shifted_where(start, shift, where)]
+            placement, shift, offset = _Placement(), plan.shift, plan.offset
+        maps = [_shifted_where(move_map(start, offset), shift, placement.where)]
         del start
+        given = move_map(given, offset)
         soft = _SoftMap(soft_steps(given), given) if softness > _RAMPS else None
-        repaired = self._repair(sizes, maps, span, work, smallest, soft)
+        repaired = self._repair(sizes, maps, span, work, placement.repaired, soft)
         if mode == "on":
             reason = "asked for" if plan is None else "as most of the shot"
-            found = RepairPlan(repaired=True, softness=softness, shift=shift)
+            found = RepairPlan(repaired=True, softness=softness, shift=shift, offset=offset)
             return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
         taken = take_misplaced(disparity, repaired)
         reason = f"{100 * taken.misplaced:.2g} % of its edges stood out of place"
+        if offset != (0, 0):
+            reason += f", all of it moved {offset[1]:+d} px along and {offset[0]:+d} px down"
         if taken.part == 0:
             reason = f"only {reason}"
         elif taken.part < _WHOLE:
             reason = f"{100 * taken.part:.0f} % of the picture, as {reason}"
-        found = RepairPlan(repaired=taken.part > 0, softness=softness, shift=shift)
+        found = RepairPlan(repaired=taken.part > 0, softness=softness, shift=shift, offset=offset)
         return RepairedMap(disparity=taken.disparity, repaired=taken.part > 0, reason=reason, plan=found)
 
-    def _edge_bias(
-        self, sizes: Sequence[np.ndarray], disparity: np.ndarray, span: float, work: "_Work"
-    ) -> tuple[int, np.ndarray | None, np.ndarray | None]:
-        """Pixels by which near things should grow, found at the smallest of the sizes, and where they should.
+    def _place(
+        self, image: np.ndarray, disparity: np.ndarray, span: float, work: "_Work", moves: int = _MOVES
+    ) -> _Placement:
+        """How a map is to be moved, and by how many pixels near things should grow, and where.
 
-        Returns:
-            The shift in pixels of the largest size; the blocks of the smallest size at which it holds,
-            (H / 8, W / 8) bool, ``None`` for all; and the repaired map of the smallest size, unless only
-            some are shifted.
+        Args:
+            image: The smallest of the sizes, (3, H, W).
+            disparity: (H, W).
+            span: Of the whole map.
+            work: Is told what is done.
+            moves: How often at most the map may be moved as a whole: where it lies beside its picture, how
+                large near things should be is seen the better the nearer it comes.
         """
-        for _ in sizes[1:]:
-            disparity = _half_map(disparity)
-        repaired, found = self._look(sizes[-1], disparity, span, work, 0)
-        if stands_right(found):
-            return 0, None, repaired
+        repaired, found = self._look(image, disparity, span, work, 0)
         padded = pad_to_multiple(disparity, BLOCK)
+        busy = step_sizes(padded) > STEP * span
 
         def votes(window: tuple[slice, slice], moved: np.ndarray) -> np.ndarray:
-            found: np.ndarray = self._run(sizes[-1][:, *window], moved, span)[1][0]
+            found: np.ndarray = self._run(image[:, *window], moved, span)[1][0]
             return found
 
-        shift = find_edge_bias(padded, step_sizes(padded) > STEP * span, votes)
+        shift = 0 if stands_right(found) else find_edge_bias(padded, busy, votes)
+        if moves > 0:
+            down, right = find_map_offset(padded, shift, busy, votes)
+            if (down, right) != (0, 0):
+                moved = self._place(image, move_map(disparity, (down, right)), span, work, moves - 1)
+                return moved._replace(offset=(down + moved.offset[0], right + moved.offset[1]))
         if shift == 0:
-            return 0, None, repaired
+            return _Placement(repaired=repaired)
         shifted = shift_edges(disparity, shift)
-        repaired_shifted, _ = self._look(sizes[-1], shifted, span, work, 0)
+        repaired_shifted, _ = self._look(image, shifted, span, work, 0)
         stay, move = (
             misplaced_shares(*count_misplaced(*maps, STEP * span))
             for maps in ((disparity, repaired), (shifted, repaired_shifted))
         )
         where = move < _BETTER * stay
-        if not where.any():
-            return 0, None, repaired
-        shift *= 2 ** (len(sizes) - 1)
-        return (shift, None, repaired_shifted) if where.all() else (shift, where, None)
+        if where.all():
+            return _Placement(shift=shift, repaired=repaired_shifted)
+        return _Placement(shift=shift, where=where) if where.any() else _Placement(repaired=repaired)
 
     def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
         """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""

@@ -14,11 +14,13 @@ class RepairPlan:
         repaired: Whether edges are moved.
         softness: Share of soft steps.
         shift: Pixels by which near things grow everywhere.
+        offset: Pixels down and to the right by which the map is moved.
     """
 
     repaired: bool
     softness: float
     shift: int
+    offset: tuple[int, int] = (0, 0)
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
@@ -26,11 +28,13 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
 
     Examples:
         >>> common_plan([RepairPlan(repaired=x > 1, softness=0.1 * x, shift=x) for x in (0, 2, 5)])
-        RepairPlan(repaired=True, softness=0.2, shift=2)
+        RepairPlan(repaired=True, softness=0.2, shift=2, offset=(0, 0))
     """
     middle = (len(plans) - 1) // 2
+    down, right = (sorted(plan.offset[axis] for plan in plans)[middle] for axis in (0, 1))
     return RepairPlan(
         repaired=sorted(plan.repaired for plan in plans)[middle],
         softness=sorted(plan.softness for plan in plans)[middle],
         shift=sorted(plan.shift for plan in plans)[middle],
+        offset=(down, right),
     )

@@ -180,7 +180,7 @@ def decide_shot(
     kept = None if folder is None else folder / "repair.json"
     if kept is not None and kept.exists():
         told = json.loads(kept.read_text(encoding="utf-8"))
-        plan = None if told is None else RepairPlan(**told)
+        plan = None if told is None else RepairPlan(**{**told, "offset": tuple(told.get("offset", (0, 0)))})
     else:
         plan = _plan(frames, renderer, shot, begin("looking at the shot"))
         if kept is not None:

@@ -36,6 +36,7 @@ def scene(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_it_equals_the_torch_network(untrained, monkeypatch):
     monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_: 0)
+    monkeypatch.setattr(disparity_repair, "find_map_offset", lambda *_: (0, 0))
     folder, network = untrained
     image, disparity = scene(64, 80)
     span = float(disparity.max() - disparity.min())
@@ -56,6 +57,7 @@ def test_a_shift_is_taken_back_where_the_network_asks_for_it(untrained, monkeypa
     repair._repair = lambda sizes, maps, *_: seen.append(maps[0]) or maps[0].copy()
     monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: False)
     monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_: -2)
+    monkeypatch.setattr(disparity_repair, "find_map_offset", lambda *_: (0, 0))
     repair(np.ones((64, 640, 3), np.float32), given)
     inner = np.abs(np.arange(640) - grown) > 72
     assert_array_equal(seen[0][:, inner], right[:, inner])
@@ -77,6 +79,7 @@ def test_the_networks_memory_is_given_back_before_the_map_is_enlarged(untrained,
     for name, side in (("_LARGEST_SIDE", 40), ("_NETWORK_SIDE", 80)):
         monkeypatch.setattr(disparity_repair, name, side)
     monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: True)
+    monkeypatch.setattr(disparity_repair, "find_map_offset", lambda *_: (0, 0))
     repair, order = DisparityRepair(untrained[0]), []
     run, give_back, enlarge = repair._run, repair._give_back, disparity_repair.align_steps
     monkeypatch.setattr(repair, "_run", lambda image, *a: order.append(image.shape[2]) or run(image, *a))

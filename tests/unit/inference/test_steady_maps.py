@@ -144,8 +144,8 @@ def test_a_cut_forgets_what_was_before():
 
 
 def test_a_plan_is_what_most_maps_ask_for():
-    plans = [RepairPlan(repaired=x != 3, softness=x / 10, shift=x) for x in (1, 3, 0)]
-    assert common_plan(plans) == RepairPlan(repaired=True, softness=0.1, shift=1)
+    plans = [RepairPlan(repaired=x != 3, softness=x / 10, shift=x, offset=(2 * x, -x)) for x in (1, 3, 0)]
+    assert common_plan(plans) == RepairPlan(repaired=True, softness=0.1, shift=1, offset=(2, -1))
 
 
 def test_the_repair_follows_a_plan_against_what_the_map_says():

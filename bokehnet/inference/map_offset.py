@@ -1,0 +1,105 @@
+"""By how many pixels a map lies beside its picture: all its steps out of place together, one way.
+
+Maps of another camera, of another crop, or enlarged from the corners of their pixels lie so. Near things are
+as large as they should be, so that as many steps ask to grow as to shrink: those on one side of them and
+those on the other. A place is sought where few ask for either.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bokehnet.inference.edge_bias import Votes, busiest_windows, count_votes, shift_edges
+
+__all__ = ["find_map_offset", "move_map"]
+
+# Steps in pixels by which places are tried, one after the other, and the farthest place.
+_STRIDES, _FARTHEST = (4, 2, 1), 7
+
+# Most objections to a new place, over those to the old one. Maps that lie right, but are wrong otherwise,
+# have 0.75 and more at their best place.
+_BETTER = 0.7
+
+# Times as many objections to all places two pixels away as to the map's own, from which on no other is tried.
+_CLEARLY = 1.4
+
+
+def move_map(disparity: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
+    """Move a map (H, W) down and to the right by so many pixels; its border fills what is left open."""
+    if offset == (0, 0):
+        return disparity
+    rows, columns = (
+        np.clip(np.arange(side) - pixels, 0, side - 1)
+        for side, pixels in zip(disparity.shape, offset, strict=True)
+    )
+    return disparity[np.ix_(rows, columns)]
+
+
+def find_map_offset(disparity: np.ndarray, shift: int, busy: np.ndarray, votes: Votes) -> tuple[int, int]:
+    """Pixels down and to the right by which a map should be moved.
+
+    A map that lies beside its picture by much may seem to have near things of another size. So it is moved
+    both as it is and with these shifted, and the first is believed where far fewer object.
+
+    Args:
+        disparity: (H, W), sides multiples of 8.
+        shift: Pixels by which near things seem to have to grow.
+        busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8).
+        votes: Of the network, for a window and the disparity there.
+
+    Returns:
+        At most 7 either way; 0 and 0 where no place is much better.
+    """
+    windows = list(busiest_windows(busy))
+    if not windows:
+        return 0, 0
+    grown = shift_edges(disparity, shift)
+    best = _best_place(grown, windows, votes)
+    if shift == 0:
+        return best
+    plain = _best_place(disparity, windows, votes)
+    limit = _BETTER * _objections(grown, best, windows, votes)
+    return plain if _objections(disparity, plain, windows, votes) <= limit else best
+
+
+def _objections(
+    disparity: np.ndarray, offset: tuple[int, int], windows: Sequence[tuple[slice, slice]], votes: Votes
+) -> float:
+    """Share of the steps in some windows that object to a place of the map."""
+    moved = move_map(disparity, offset)
+    return count_votes(np.sum([votes(window, moved[window]) for window in windows], 0))[1]
+
+
+def _best_place(
+    disparity: np.ndarray, windows: Sequence[tuple[slice, slice]], votes: Votes
+) -> tuple[int, int]:
+    """The place to which fewest object.
+
+    The busiest window is asked where it should lie: from where it is by steps of 4, then 2, then 1, as long
+    as fewer object. The others have to agree.
+    """
+    told: dict[tuple[int, int], float] = {}
+
+    def ask_around(place: tuple[int, int], stride: int) -> list[float]:
+        steps = ((0, 0), (0, stride), (0, -stride), (stride, 0), (-stride, 0))
+        around = [(place[0] + down, place[1] + right) for down, right in steps]
+        around = [offset for offset in around if max(map(abs, offset)) <= _FARTHEST]
+        for offset in around:
+            if offset not in told:
+                told[offset] = _objections(disparity, offset, windows[:1], votes)
+        return [told[offset] for offset in around]
+
+    best = (0, 0)
+    here, *beside = ask_around(best, 2)
+    if min(beside) >= _CLEARLY * here:
+        return best
+    for stride in _STRIDES:
+        before = None
+        while best != before:
+            before = best
+            ask_around(best, stride)
+            best = min(told, key=lambda offset: told[offset])
+    if best == (0, 0):
+        return best
+    here, there = (_objections(disparity, offset, windows, votes) for offset in ((0, 0), best))
+    return best if there <= _BETTER * here else (0, 0)
