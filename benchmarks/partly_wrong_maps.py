@@ -6,18 +6,13 @@ everywhere and by ``auto``. Edge PSNR in dB.
 """
 
 import argparse
-from itertools import islice
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from bokehnet.classical.rays_renderer import rays
-from bokehnet.inference.disparity_repair import DisparityRepair, RepairMode
+from benchmarks.repair_table import print_repairs
 from train.degradation import DEGRADED, degrade
-from train.evaluation_sets import path_traced_shots, scene_folders
-from train.metrics import compare
-
-WAYS: tuple[RepairMode, ...] = ("off", "on", "auto")
 
 
 def half_wrong(values: np.ndarray, kind: str) -> np.ndarray:
@@ -32,21 +27,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--shots", type=int, default=2, help="of each scene, from the first on")
     arguments = parser.parse_args()
-    repair = DisparityRepair()
-    everything = []
-    print(f"{'scene':20s}{'half':10s}" + "".join(f"{way:>8s}" for way in WAYS))
-    for folder in scene_folders(arguments.folder):
-        shots = list(islice(path_traced_shots(folder), arguments.shots))
-        for kind in DEGRADED:
-            rows = []
-            for shot in shots:
-                wrong = half_wrong(shot.defocus, kind)
-                maps = [repair(shot.image, wrong, way) for way in WAYS]
-                renders = [rays(shot.image, values, aperture=shot.aperture) for values in maps]
-                rows.append([compare(render, shot.truth, shot.defocus)["edge_psnr"] for render in renders])
-            everything += rows
-            print(f"{folder.name:20s}{kind:10s}" + "".join(f"{x:8.2f}" for x in np.mean(rows, 0)), flush=True)
-    print(f"{'mean':30s}" + "".join(f"{x:8.2f}" for x in np.mean(everything, 0)))
+    kinds = {f"half {kind}": partial(half_wrong, kind=kind) for kind in DEGRADED}
+    print_repairs(arguments.folder, arguments.shots, kinds)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 from bokehnet.inference.disparity_edges import extremes, with_halo
 from bokehnet.io.row_blocks import make_in_row_blocks
 
-__all__ = ["Votes", "busiest_windows", "count_votes", "find_edge_bias", "shift_edges", "stands_right"]
+__all__ = ["Votes", "busiest_windows", "find_edge_bias", "shift_edges", "stands_right", "vote_shares"]
 
 # Votes of the network on a part of the picture, 4 values: pixels of the far side of steps that should become
 # near, how many there are, and both numbers of the near side.
@@ -43,13 +43,18 @@ def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
 
 def stands_right(votes: np.ndarray) -> bool:
     """Whether about as many steps ask to grow as to shrink, by the votes of the network, (4,)."""
-    return abs(count_votes(votes)[0]) < _CLOSE
+    return abs(_count(votes)[0]) < _CLOSE
 
 
-def count_votes(votes: np.ndarray) -> tuple[float, float]:
-    """By how much more steps ask to grow than to shrink, and how many ask for either; shares."""
+def vote_shares(votes: np.ndarray) -> tuple[float, float]:
+    """Shares of the far sides that ask to become near, and of the near sides that ask to become far."""
     grow, far, shrink, near = (float(vote) for vote in votes)
-    out, back = grow / max(far, 1), shrink / max(near, 1)
+    return grow / max(far, 1), shrink / max(near, 1)
+
+
+def _count(votes: np.ndarray) -> tuple[float, float]:
+    """By how much more steps ask to grow than to shrink, and how many ask for either; shares."""
+    out, back = vote_shares(votes)
     return out - back - _RIGHT, out + back
 
 
@@ -72,20 +77,20 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
     asked = [(window, votes(window, disparity[window])) for window in busiest_windows(busy)]
     if not asked:
         return 0
-    overall = count_votes(np.sum([vote for _, vote in asked], 0))[0]
+    overall = _count(np.sum([vote for _, vote in asked], 0))[0]
     if abs(overall) < _CLOSE:
         return 0
     way = 1 if overall > 0 else -1
     # Where a part of the map alone is off, the others have no say in how far.
-    objecting = [part for part in asked if way * count_votes(part[1])[0] >= _CLOSE] or asked
+    objecting = [part for part in asked if way * _count(part[1])[0] >= _CLOSE] or asked
     windows = [window for window, _ in objecting]
-    start = count_votes(np.sum([vote for _, vote in objecting], 0))
+    start = _count(np.sum([vote for _, vote in objecting], 0))
     biases, objections = {0: start[0]}, {0: start[1]}
 
     def bias(shift: int) -> float:
         if shift not in biases:
             moved = [(window, shift_edges(disparity[window], shift)) for window in windows]
-            biases[shift], objections[shift] = count_votes(np.sum([votes(*part) for part in moved], 0))
+            biases[shift], objections[shift] = _count(np.sum([votes(*part) for part in moved], 0))
         return biases[shift]
 
     before, after = 0, 2

@@ -5,11 +5,12 @@ as large as they should be, so that as many steps ask to grow as to shrink: thos
 those on the other. A place is sought where few ask for either.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from bokehnet.inference.edge_bias import Votes, busiest_windows, count_votes, shift_edges
+from bokehnet.inference.edge_bias import Votes, busiest_windows, shift_edges, vote_shares
 
 __all__ = ["find_map_offset", "move_map"]
 
@@ -19,6 +20,9 @@ _STRIDES, _FARTHEST = (4, 2, 1), 7
 # Most objections to a new place, over those to the old one. Maps that lie right, but are wrong otherwise,
 # have 0.75 and more at their best place.
 _BETTER = 0.7
+
+# Least share of objections that goes, for each pixel of the way.
+_LEAST_GAIN = 0.05
 
 # Times as many objections to all places two pixels away as to the map's own, from which on no other is tried.
 _CLEARLY = 1.4
@@ -58,16 +62,16 @@ def find_map_offset(disparity: np.ndarray, shift: int, busy: np.ndarray, votes: 
     if shift == 0:
         return best
     plain = _best_place(disparity, windows, votes)
-    limit = _BETTER * _objections(grown, best, windows, votes)
-    return plain if _objections(disparity, plain, windows, votes) <= limit else best
+    limit = _BETTER * sum(_objections(grown, best, windows, votes))
+    return plain if sum(_objections(disparity, plain, windows, votes)) <= limit else best
 
 
 def _objections(
     disparity: np.ndarray, offset: tuple[int, int], windows: Sequence[tuple[slice, slice]], votes: Votes
-) -> float:
-    """Share of the steps in some windows that object to a place of the map."""
+) -> tuple[float, float]:
+    """Shares of the far and of the near sides of steps in some windows that object to a place of the map."""
     moved = move_map(disparity, offset)
-    return count_votes(np.sum([votes(window, moved[window]) for window in windows], 0))[1]
+    return vote_shares(np.sum([votes(window, moved[window]) for window in windows], 0))
 
 
 def _best_place(
@@ -76,7 +80,8 @@ def _best_place(
     """The place to which fewest object.
 
     The busiest window is asked where it should lie: from where it is by steps of 4, then 2, then 1, as long
-    as fewer object. The others have to agree.
+    as fewer object. The others have to agree, and so have both sides of steps: what only one of them asks for
+    is that near things be larger or smaller.
     """
     told: dict[tuple[int, int], float] = {}
 
@@ -86,7 +91,7 @@ def _best_place(
         around = [offset for offset in around if max(map(abs, offset)) <= _FARTHEST]
         for offset in around:
             if offset not in told:
-                told[offset] = _objections(disparity, offset, windows[:1], votes)
+                told[offset] = sum(_objections(disparity, offset, windows[:1], votes))
         return [told[offset] for offset in around]
 
     best = (0, 0)
@@ -101,5 +106,8 @@ def _best_place(
             best = min(told, key=lambda offset: told[offset])
     if best == (0, 0):
         return best
-    here, there = (_objections(disparity, offset, windows, votes) for offset in ((0, 0), best))
-    return best if there <= _BETTER * here else (0, 0)
+    here_sides, there_sides = (_objections(disparity, place, windows, votes) for place in ((0, 0), best))
+    here, there = sum(here_sides), sum(there_sides)
+    none_loses = there_sides[0] <= here_sides[0] and there_sides[1] <= here_sides[1]
+    gains = there <= _BETTER * here and here - there >= _LEAST_GAIN * math.hypot(*best)
+    return best if none_loses and gains else (0, 0)

@@ -39,6 +39,20 @@ def test_maps_that_are_wrong_otherwise_stay_where_they_are(pixels):
     assert oracle.asked <= (13 + 8 if pixels == 0 else 100)
 
 
+@pytest.mark.parametrize(("back", "wanted"), [(8, (-1, 0)), (10, (0, 0))])
+def test_both_sides_of_steps_have_to_agree(back, wanted):
+    """One pixel up, fewer far sides ask to become near; but more near sides ask to become far, or not."""
+    disparity = np.zeros((64, 96), np.float32)
+    disparity[32, 48] = 1
+
+    def votes(_: object, moved: np.ndarray) -> np.ndarray:
+        row, column = np.unravel_index(moved.argmax(), moved.shape)
+        up_one = (row, column) == (31, 48)
+        return np.array([5, 100, back, 100] if up_one else [30, 100, 9, 100])
+
+    assert find_map_offset(disparity, 0, np.ones((8, 12), bool), votes) == wanted
+
+
 def test_maps_without_steps_are_not_asked_at_all():
     oracle = Oracle(np.zeros((64, 64)))
     assert find_map_offset(np.zeros((64, 64), np.float32), 0, np.zeros((8, 8), bool), oracle) == (0, 0)
