@@ -106,13 +106,14 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
     return min(tried, key=lambda shift: objections[shift])
 
 
-def busiest_windows(busy: np.ndarray) -> Iterator[tuple[slice, slice]]:
+def busiest_windows(busy: np.ndarray, side: int = _SIDE) -> Iterator[tuple[slice, slice]]:
     """Up to four windows of at most 256x256 pixels that do not overlap, those with the most steps first.
 
     Args:
         busy: Which blocks of 8x8 pixels hold steps, (H / 8, W / 8) bool.
+        side: Of the windows, if not 256; a multiple of 8.
     """
-    size = _SIDE // 8
+    size = side // 8
     left_over = busy.astype(np.float64)
     for _ in range(_WINDOWS):
         sums = _window_sums(left_over, size)

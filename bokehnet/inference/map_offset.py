@@ -14,6 +14,9 @@ from bokehnet.inference.edge_bias import Votes, busiest_windows, shift_edges, vo
 
 __all__ = ["find_map_offset", "move_map"]
 
+# Side of the part of the map that is asked, pixels.
+_SIDE = 128
+
 # Steps in pixels by which places are tried, one after the other, and the farthest place.
 _STRIDES, _FARTHEST = (4, 2, 1), 7
 
@@ -54,14 +57,14 @@ def find_map_offset(disparity: np.ndarray, shift: int, busy: np.ndarray, votes: 
     Returns:
         At most 7 either way; 0 and 0 where no place is much better.
     """
-    windows = list(busiest_windows(busy))
+    windows, part = list(busiest_windows(busy)), list(busiest_windows(busy, _SIDE))[:1]
     if not windows:
         return 0, 0
     grown = shift_edges(disparity, shift)
-    best = _best_place(grown, windows, votes)
+    best = _best_place(grown, part, windows, votes)
     if shift == 0:
         return best
-    plain = _best_place(disparity, windows, votes)
+    plain = _best_place(disparity, part, windows, votes)
     limit = _BETTER * sum(_objections(grown, best, windows, votes))
     return plain if sum(_objections(disparity, plain, windows, votes)) <= limit else best
 
@@ -74,16 +77,28 @@ def _objections(
     return vote_shares(np.sum([votes(window, moved[window]) for window in windows], 0))
 
 
+def _is_better(offset: tuple[int, int], there: tuple[float, float], here: tuple[float, float]) -> bool:
+    """Whether far fewer object there than here, of both sides of steps.
+
+    What only one side asks for is that near things be larger or smaller.
+    """
+    after, before = sum(there), sum(here)
+    none_loses = there[0] <= here[0] and there[1] <= here[1]
+    return none_loses and after <= _BETTER * before and before - after >= _LEAST_GAIN * math.hypot(*offset)
+
+
 def _best_place(
-    disparity: np.ndarray, windows: Sequence[tuple[slice, slice]], votes: Votes
+    disparity: np.ndarray,
+    part: Sequence[tuple[slice, slice]],
+    windows: Sequence[tuple[slice, slice]],
+    votes: Votes,
 ) -> tuple[int, int]:
     """The place to which fewest object.
 
-    The busiest window is asked where it should lie: from where it is by steps of 4, then 2, then 1, as long
-    as fewer object. The others have to agree, and so have both sides of steps: what only one of them asks for
-    is that near things be larger or smaller.
+    A busy part of the map is asked where it should lie: from where it is by steps of 4, then 2, then 1, as
+    long as fewer object. Larger windows have to agree.
     """
-    told: dict[tuple[int, int], float] = {}
+    told: dict[tuple[int, int], tuple[float, float]] = {}
 
     def ask_around(place: tuple[int, int], stride: int) -> list[float]:
         steps = ((0, 0), (0, stride), (0, -stride), (stride, 0), (-stride, 0))
@@ -91,23 +106,20 @@ def _best_place(
         around = [offset for offset in around if max(map(abs, offset)) <= _FARTHEST]
         for offset in around:
             if offset not in told:
-                told[offset] = sum(_objections(disparity, offset, windows[:1], votes))
-        return [told[offset] for offset in around]
+                told[offset] = _objections(disparity, offset, part, votes)
+        return [sum(told[offset]) for offset in around]
 
-    best = (0, 0)
-    here, *beside = ask_around(best, 2)
-    if min(beside) >= _CLEARLY * here:
-        return best
+    here = best = (0, 0)
+    own, *beside = ask_around(here, 2)
+    if min(beside) >= _CLEARLY * own:
+        return here
     for stride in _STRIDES:
         before = None
         while best != before:
             before = best
             ask_around(best, stride)
-            best = min(told, key=lambda offset: told[offset])
-    if best == (0, 0):
-        return best
-    here_sides, there_sides = (_objections(disparity, place, windows, votes) for place in ((0, 0), best))
-    here, there = sum(here_sides), sum(there_sides)
-    none_loses = there_sides[0] <= here_sides[0] and there_sides[1] <= here_sides[1]
-    gains = there <= _BETTER * here and here - there >= _LEAST_GAIN * math.hypot(*best)
-    return best if none_loses and gains else (0, 0)
+            best = min(told, key=lambda offset: sum(told[offset]))
+    if best == here or not _is_better(best, told[best], told[here]):
+        return here
+    agreed = (_objections(disparity, offset, windows, votes) for offset in (best, here))
+    return best if _is_better(best, *agreed) else here
