@@ -266,7 +266,7 @@ class DisparityRepair:
         taken = take_misplaced(disparity, repaired)
         reason = f"{100 * taken.misplaced:.2g} % of its edges stood out of place"
         if offset != (0, 0):
-            reason += f", all of it moved {offset[1]:+d} px along and {offset[0]:+d} px down"
+            reason += f", all moved {_in_words(offset)}"
         if taken.part == 0:
             reason = f"only {reason}"
         elif taken.part < _WHOLE:
@@ -404,6 +404,14 @@ class DisparityRepair:
             ]
         work.report(number, 1)
         return np.ascontiguousarray(crop_to(result, height, width)), votes
+
+
+def _in_words(offset: tuple[int, int]) -> str:
+    """Pixels down and to the right in words."""
+    down, right = offset
+    along = f"{abs(right)} px to the {'right' if right > 0 else 'left'}" if right else ""
+    across = f"{abs(down)} px {'down' if down > 0 else 'up'}" if down else ""
+    return " and ".join(filter(None, (along, across)))
 
 
 def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) -> np.ndarray:

@@ -27,6 +27,9 @@ _BETTER = 0.7
 # Least share of objections that goes, for each pixel of the way.
 _LEAST_GAIN = 0.05
 
+# Most objections to a new place, over those to the old one, for a larger part of the map to be asked.
+_WORTH_ASKING = 0.85
+
 # Times as many objections to all places two pixels away as to the map's own, from which on no other is tried.
 _CLEARLY = 1.4
 
@@ -119,7 +122,9 @@ def _best_place(
             before = best
             ask_around(best, stride)
             best = min(told, key=lambda offset: sum(told[offset]))
-    if best == here or not _is_better(best, told[best], told[here]):
-        return here
-    agreed = (_objections(disparity, offset, windows, votes) for offset in (best, here))
-    return best if _is_better(best, *agreed) else here
+    sides = told[best], told[here]
+    for asked in (windows[:1], windows):
+        if best == here or sum(sides[0]) > _WORTH_ASKING * sum(sides[1]):
+            return here
+        sides = _objections(disparity, best, asked, votes), _objections(disparity, here, asked, votes)
+    return best if _is_better(best, *sides) else here
