@@ -15,7 +15,7 @@ from bokehnet.inference.edge_bias import Votes, busiest_windows, shift_edges, vo
 __all__ = ["find_map_offset", "move_map"]
 
 # Side of the part of the map that is asked, pixels.
-_SIDE = 128
+_SIDE = 192
 
 # Steps in pixels by which places are tried, one after the other, and the farthest place.
 _STRIDES, _FARTHEST = (4, 2, 1), 7
