@@ -17,6 +17,9 @@ __all__ = ["find_map_offset", "move_map"]
 # Side of the part of the map that is asked, pixels.
 _SIDE = 192
 
+# Side of the smallest map that is moved, pixels: less shows too little of its steps.
+_SMALLEST = 64
+
 # Steps in pixels by which places are tried, one after the other, and the farthest place.
 _STRIDES, _FARTHEST = (4, 2, 1), 7
 
@@ -61,7 +64,7 @@ def find_map_offset(disparity: np.ndarray, shift: int, busy: np.ndarray, votes: 
         At most 7 either way; 0 and 0 where no place is much better.
     """
     windows, part = list(busiest_windows(busy)), list(busiest_windows(busy, _SIDE))[:1]
-    if not windows:
+    if not windows or min(disparity.shape) < _SMALLEST:
         return 0, 0
     grown = shift_edges(disparity, shift)
     best = _best_place(grown, part, windows, votes)

@@ -87,3 +87,10 @@ def test_the_repair_moves_a_map_and_says_so(offset, factor):
     if offset != (0, 0):
         follows = DisparityRepair().repair(image, given, "auto", plan=found.plan)
         assert (np.abs(follows.disparity - truth) > 0.1)[inner].mean() <= 2e-4
+
+
+@pytest.mark.parametrize("name", ["discs", "slope"])
+def test_a_picture_that_shows_nothing_moves_no_map(name):
+    disparity = blobs() if name == "discs" else np.tile(np.linspace(0, 1, 320, dtype=np.float32), (200, 1))
+    found = DisparityRepair().repair(np.ones((200, 320, 3), np.float32), disparity, "auto")
+    assert found.plan.offset == (0, 0)
