@@ -5,9 +5,7 @@ is moved by some pixels, as a whole; blurred besides; rays with the map as it is
 ``auto``. Edge PSNR in dB; the first row of each scene is the true map.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -34,12 +32,8 @@ def moved(values: np.ndarray, offset: tuple[int, int], deviation: float) -> np.n
 
 def main() -> None:
     """Entry of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--shots", type=int, default=2, help="of each scene, from the first on")
-    arguments = parser.parse_args()
     kinds = {name: partial(moved, offset=offset, deviation=sigma) for name, (offset, sigma) in KINDS.items()}
-    print_repairs(arguments.folder, arguments.shots, kinds)
+    print_repairs(__doc__, kinds)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,7 @@ half of the true map is degraded as :mod:`train.degradation` does; rays with the
 everywhere and by ``auto``. Edge PSNR in dB.
 """
 
-import argparse
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -23,12 +21,8 @@ def half_wrong(values: np.ndarray, kind: str) -> np.ndarray:
 
 def main() -> None:
     """Entry of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--shots", type=int, default=2, help="of each scene, from the first on")
-    arguments = parser.parse_args()
     kinds = {f"half {kind}": partial(half_wrong, kind=kind) for kind in DEGRADED}
-    print_repairs(arguments.folder, arguments.shots, kinds)
+    print_repairs(__doc__, kinds)
 
 
 if __name__ == "__main__":

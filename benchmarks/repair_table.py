@@ -1,5 +1,6 @@
 """Edge PSNR of maps as they are, repaired everywhere, and where they are wrong, on path-traced scenes."""
 
+import argparse
 from collections.abc import Callable, Mapping
 from itertools import islice
 from pathlib import Path
@@ -16,18 +17,21 @@ __all__ = ["print_repairs"]
 _MODES: tuple[RepairMode, ...] = ("off", "on", "auto")
 
 
-def print_repairs(folder: Path, shots: int, kinds: Mapping[str, Callable[[np.ndarray], np.ndarray]]) -> None:
-    """Print a row for each scene and kind of wrong map, and the mean of all.
+def print_repairs(description: str | None, kinds: Mapping[str, Callable[[np.ndarray], np.ndarray]]) -> None:
+    """Read the command line; print a row for each scene and kind of wrong map, and the mean of all.
 
     Args:
-        folder: Scenes as :func:`train.evaluation_sets.path_traced_pictures` reads them.
-        shots: Of each scene, from the first on.
+        description: Of the benchmark, for its help.
         kinds: What makes a right map (H, W) a wrong one, by name.
     """
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--shots", type=int, default=2, help="of each scene, from the first on")
+    arguments = parser.parse_args()
     repair, everything = DisparityRepair(), []
     print(f"{'scene':20s}{'map':14s}" + "".join(f"{mode:>8s}" for mode in _MODES))
-    for scene in scene_folders(folder):
-        read = list(islice(path_traced_shots(scene), shots))
+    for scene in scene_folders(arguments.folder):
+        read = list(islice(path_traced_shots(scene), arguments.shots))
         for kind, spoil in kinds.items():
             rows = []
             for shot in read:

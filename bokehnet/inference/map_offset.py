@@ -7,6 +7,7 @@ those on the other. A place is sought where few ask for either.
 
 import math
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def find_map_offset(disparity: np.ndarray, shift: int, busy: np.ndarray, votes: 
     Returns:
         At most 7 either way; 0 and 0 where no place is much better.
     """
-    windows, part = list(busiest_windows(busy)), list(busiest_windows(busy, _SIDE))[:1]
+    windows, part = list(busiest_windows(busy)), list(islice(busiest_windows(busy, _SIDE), 1))
     if not windows or min(disparity.shape) < _SMALLEST:
         return 0, 0
     grown = shift_edges(disparity, shift)
