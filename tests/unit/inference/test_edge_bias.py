@@ -69,6 +69,16 @@ def test_maps_that_stand_right_are_asked_once_and_kept():
     assert oracle.asked <= 4
 
 
+@pytest.mark.parametrize("value", [0, 1], ids=["holes", "specks"])
+def test_maps_with_blots_are_not_shifted(value):
+    """Sides of blots ask to move, and no shift of the whole map makes them fewer."""
+    truth = blobs()
+    y, x = np.mgrid[: truth.shape[0], : truth.shape[1]]
+    blot = np.hypot(y % 16 - 8, x % 16 - 8) < 4
+    given = np.where(blot, np.float32(value), truth)
+    assert find_edge_bias(given, busy_blocks(given), Oracle(truth)) == 0
+
+
 def test_maps_without_steps_are_not_asked_at_all():
     oracle = Oracle(np.zeros((64, 64)))
     assert find_edge_bias(np.zeros((64, 64), np.float32), np.zeros((8, 8), bool), oracle) == 0
