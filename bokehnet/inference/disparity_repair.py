@@ -1,7 +1,7 @@
 """Disparity repair without torch: the edges of an imperfect map moved to where the picture has them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -28,6 +28,7 @@ from bokehnet.inference.misplaced_edges import (
     step_sizes,
     take_misplaced,
 )
+from bokehnet.inference.noisy_maps import is_noisy, noise_level, without_noise
 from bokehnet.inference.overshoots import without_overshoots
 from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.inference.session import WEIGHTS, load_network
@@ -201,16 +202,17 @@ class DisparityRepair:
     ) -> RepairedMap:
         """Move the edges of a map to where the picture has them, and say whether it was done.
 
-        Every value stays within those nearby, so that flat regions remain as they are; where a soft map
-        lacks what blur has hidden (:mod:`bokehnet.inference.soft_maps`), within those of the map. Maps of
-        large pictures are repaired at half the size first. Memory beyond input and output is that of a
-        tile and a third of the picture.
+        Noise is taken out first (:mod:`bokehnet.inference.noisy_maps`). Every value stays within those
+        nearby, so that flat regions remain as they are; where a soft map lacks what blur has hidden
+        (:mod:`bokehnet.inference.soft_maps`), within those of the map. Maps of large pictures are repaired
+        at half the size first. Memory beyond input and output is that of a tile and a third of the picture.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3).
             disparity: (H, W), any unit and offset, rising towards the camera; a defocus map will do.
-            mode: "on"; "auto" leaves the map as it is wherever nearly all steps around stand right already
-                (:func:`bokehnet.inference.misplaced_edges.take_misplaced`); "off" does so everywhere.
+            mode: "on"; "auto" leaves the map as it is, but for noise, wherever nearly all steps around stand
+                right already (:func:`bokehnet.inference.misplaced_edges.take_misplaced`); "off" does so
+                everywhere.
             progress: Called with (steps done, steps in all); what it raises ends the repair.
             plan: What the shot has decided; "auto" follows it. Default: all is decided by this map.
 
@@ -227,6 +229,29 @@ class DisparityRepair:
         if span == 0 or mode == "off":
             reason = "switched off" if mode == "off" else "the map is constant"
             return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason)
+        if image.min() < 0:
+            image = np.maximum(image, 0)
+        noise = noise_level(disparity) if plan is None else plan.noise
+        if not is_noisy(noise):
+            return self._move_edges(image, disparity, mode, progress, plan)
+        quiet = without_noise(image, disparity, noise * span)
+        found = self._move_edges(image, quiet, mode, progress, plan)
+        return replace(
+            found,
+            reason=f"{found.reason}; noise of {100 * noise:.2g} % of its range taken out",
+            plan=None if found.plan is None else replace(found.plan, noise=noise),
+        )
+
+    def _move_edges(
+        self,
+        image: np.ndarray,
+        disparity: np.ndarray,
+        mode: RepairMode,
+        progress: Progress | None,
+        plan: RepairPlan | None,
+    ) -> RepairedMap:
+        """Repair a map without noise, other than "off"; see :meth:`repair`."""
+        span = float(disparity.max()) - float(disparity.min())
         if plan is not None and mode == "auto":
             if not plan.repaired:
                 reason = "as most of the shot"
@@ -237,8 +262,6 @@ class DisparityRepair:
         if softness > SOFT:
             given = without_overshoots(disparity)
             start = repair_soft_edges(given)
-        if image.min() < 0:
-            image = np.maximum(image, 0)
         sizes = [image.transpose(2, 0, 1)]
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(_half(sizes[-1]))

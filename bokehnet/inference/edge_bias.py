@@ -27,10 +27,6 @@ _RIGHT = 0.1
 # Difference from that up to which a map counts as right.
 _CLOSE = 0.2
 
-# Most objections to a shifted map, over those to the map as it is. Maps with grown or shrunken things have up
-# to 0.55, others, that are wrong in another way, 1.2 and more.
-_BETTER = 0.75
-
 
 def shift_edges(disparity: np.ndarray, pixels: int) -> np.ndarray:
     """Let whatever is near grow by so many pixels, or shrink where negative; (H, W), any unit."""
@@ -67,8 +63,8 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
 
     A network sees whether a step stands too far in or out, but hardly how far. So the map is shifted until as
     many of its steps ask to grow as to shrink: twice as far each time until the answer turns, then halfway
-    between the last two. Of the shifts tried, the one that fewest pixels object to is taken, if they are far
-    fewer than before. Only those parts are asked that object to the map as it is.
+    between the last two. Of the shifts tried, and none at all, the one that fewest pixels object to is taken.
+    Only those parts are asked that object to the map as it is.
 
     Args:
         disparity: (H, W), sides multiples of 8.
@@ -106,9 +102,7 @@ def find_edge_bias(disparity: np.ndarray, busy: np.ndarray, votes: Votes) -> int
             before = middle
         else:
             after = middle
-    tried = [shift for shift in objections if shift != 0 or before == 0]
-    best = min(tried, key=lambda shift: objections[shift])
-    return best if objections[best] <= _BETTER * objections[0] else 0
+    return min(objections, key=lambda shift: objections[shift])
 
 
 def busiest_windows(busy: np.ndarray, side: int = _SIDE) -> Iterator[tuple[slice, slice]]:

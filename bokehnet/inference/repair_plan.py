@@ -15,12 +15,14 @@ class RepairPlan:
         softness: Share of soft steps.
         shift: Pixels by which near things grow everywhere.
         offset: Pixels down and to the right by which the map is moved.
+        noise: Deviation of the map's noise, as a share of its range.
     """
 
     repaired: bool
     softness: float
     shift: int
     offset: tuple[int, int] = (0, 0)
+    noise: float = 0.0
 
 
 def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
@@ -28,7 +30,7 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
 
     Examples:
         >>> common_plan([RepairPlan(repaired=x > 1, softness=0.1 * x, shift=x) for x in (0, 2, 5)])
-        RepairPlan(repaired=True, softness=0.2, shift=2, offset=(0, 0))
+        RepairPlan(repaired=True, softness=0.2, shift=2, offset=(0, 0), noise=0.0)
     """
     middle = (len(plans) - 1) // 2
     down, right = (sorted(plan.offset[axis] for plan in plans)[middle] for axis in (0, 1))
@@ -37,4 +39,5 @@ def common_plan(plans: Sequence[RepairPlan]) -> RepairPlan:
         softness=sorted(plan.softness for plan in plans)[middle],
         shift=sorted(plan.shift for plan in plans)[middle],
         offset=(down, right),
+        noise=sorted(plan.noise for plan in plans)[middle],
     )
