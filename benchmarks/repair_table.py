@@ -29,7 +29,7 @@ def print_repairs(description: str | None, kinds: Mapping[str, Callable[[np.ndar
     parser.add_argument("--shots", type=int, default=2, help="of each scene, from the first on")
     arguments = parser.parse_args()
     repair, everything = DisparityRepair(), []
-    print(f"{'scene':20s}{'map':14s}" + "".join(f"{mode:>8s}" for mode in _MODES))
+    print(f"{'scene':20s}{'map':15s}" + "".join(f"{mode:>8s}" for mode in _MODES))
     for scene in scene_folders(arguments.folder):
         read = list(islice(path_traced_shots(scene), arguments.shots))
         for kind, spoil in kinds.items():
@@ -40,5 +40,5 @@ def print_repairs(description: str | None, kinds: Mapping[str, Callable[[np.ndar
                 renders = [rays(shot.image, values, aperture=shot.aperture) for values in maps]
                 rows.append([compare(render, shot.truth, shot.defocus)["edge_psnr"] for render in renders])
             everything += rows
-            print(f"{scene.name:20s}{kind:14s}" + "".join(f"{x:8.2f}" for x in np.mean(rows, 0)), flush=True)
-    print(f"{'mean':34s}" + "".join(f"{x:8.2f}" for x in np.mean(everything, 0)))
+            print(f"{scene.name:20s}{kind:15s}" + "".join(f"{x:8.2f}" for x in np.mean(rows, 0)), flush=True)
+    print(f"{'mean':35s}" + "".join(f"{x:8.2f}" for x in np.mean(everything, 0)))

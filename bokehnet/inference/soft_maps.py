@@ -12,6 +12,7 @@ yet. That the guide is blurred as the map is, so that the filter sharpens, is ou
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import prange
@@ -19,7 +20,7 @@ from numba import prange
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["blur_map", "explain_soft_map", "find_softness"]
+__all__ = ["Softness", "blur_map", "explain_soft_map", "find_softness"]
 
 # Standard deviations of the blur between which the map's is sought, pixels; the least is that of no soft map.
 _DEVIATIONS = tuple(1.25**i for i in range(1, 9))
@@ -93,11 +94,24 @@ def _find_rests(given, repaired, ys, xs, weights, rests):  # type: ignore[no-unt
         rests[i] = abs(given[ys[i], xs[i]] - blurred)
 
 
-def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> float:
-    """Standard deviation in pixels of the Gaussian that best brings a repaired map back to the given one.
+class Softness(NamedTuple):
+    """How soft a map is.
+
+    Attributes:
+        deviation: Standard deviation in pixels of the Gaussian that best brings a repaired map back to the
+            given one; 0 where that is hardly soft.
+        rest: By how much it stays away from it then: the mean of square roots.
+    """
+
+    deviation: float
+    rest: float
+
+
+def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> Softness:
+    """Find the blur that lies between a repaired map and the given one.
 
     Most pixels are to come out right: the square root counts the others little. Some thousands, evenly
-    spread, stand for all. 0 where the map is hardly soft.
+    spread, stand for all.
 
     Args:
         given: (H, W) float32.
@@ -106,7 +120,7 @@ def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> 
     """
     ys, xs = np.nonzero(soft)
     if len(ys) == 0:
-        return 0.0
+        return Softness(0.0, 0.0)
     every = -(-len(ys) // _SAMPLES)
     ys, xs = ys[::every], xs[::every]
     means, rests = [], np.empty(len(ys), np.float32)
@@ -116,10 +130,10 @@ def find_softness(given: np.ndarray, repaired: np.ndarray, soft: np.ndarray) -> 
         means.append(float(np.sqrt(rests).mean()))
     best = int(np.argmin(means))
     if best in (0, len(means) - 1):
-        return _DEVIATIONS[best] if best else 0.0
+        return Softness(_DEVIATIONS[best] if best else 0.0, means[best])
     before, least, after = means[best - 1 : best + 2]
     peak = 0.5 * (before - after) / max(before - 2 * least + after, 1e-12)  # of a parabola through three
-    return _DEVIATIONS[best] * 1.25**peak
+    return Softness(_DEVIATIONS[best] * 1.25**peak, least)
 
 
 @njit(cache=True)
