@@ -56,7 +56,7 @@ def test_maps_of_files_are_made_steady(noisy, cli):
 @pytest.mark.parametrize("steady", ["on", "off"])
 def test_the_repair_is_decided_once(noisy, cli, steady):
     told = json.loads(cli(*SHOT, "--steady", steady, "--json").out)
-    assert set(told["plan"]) == {"repaired", "softness", "shift", "offset"}
+    assert set(told["plan"]) == {"repaired", "softness", "shift", "offset", "noise"}
     assert {frame["repaired"] for frame in told["frames"].values()} == {told["plan"]["repaired"]}
 
 
