@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
-from bokehnet.inference.alike_median import settle_soft_steps, soft_steps
+from bokehnet.inference.alike_median import soft_steps
 from bokehnet.inference.disparity_edges import (
     SOFT,
     STEP,
@@ -19,6 +19,7 @@ from bokehnet.inference.disparity_edges import (
 from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import find_edge_bias, shift_edges, stands_right
+from bokehnet.inference.halving import half_image, half_map
 from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.map_offset import find_map_offset, move_map
 from bokehnet.inference.memory import give_back, keeps_freed
@@ -32,9 +33,9 @@ from bokehnet.inference.noisy_maps import is_noisy, noise_level, without_noise
 from bokehnet.inference.overshoots import without_overshoots
 from bokehnet.inference.repair_plan import RepairPlan
 from bokehnet.inference.session import WEIGHTS, load_network
-from bokehnet.inference.soft_maps import explain_soft_map, find_softness
+from bokehnet.inference.settled_steps import SoftMap
 from bokehnet.io.row_blocks import Progress, make_in_row_blocks
-from bokehnet.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
+from bokehnet.pyramid import crop_to, pad_to_multiple, upsample2
 
 __all__ = [
     "REPAIR_MODES",
@@ -75,10 +76,6 @@ _WHOLE = 0.995
 # to 0.17.
 _RAMPS = 0.2
 
-# What is left of a shifted soft map when it is explained, over what is left of the given one, up to which it
-# is believed. Maps that were grown or shrunk before they were blurred have 0.24 to 0.7, others 0.68 to 0.92.
-_BELIEVED = 0.73
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RepairedMap:
@@ -100,38 +97,6 @@ class RepairedMap:
 def network_memory(height: int, width: int) -> int:
     """Bytes that the network takes while it looks at a picture of that size."""
     return _NETWORK_BYTES * min(height * width, TILE)
-
-
-@dataclass(frozen=True, slots=True)
-class _SoftMap:
-    """A map with soft steps, in one or two versions: with things as large as given, and shifted.
-
-    Attributes:
-        versions: Where steps are soft, (H, W) bool, and the map, (H, W), of each.
-    """
-
-    versions: tuple[tuple[np.ndarray, np.ndarray], ...]
-
-    def half(self) -> "_SoftMap":
-        """The same at half its size."""
-        return _SoftMap(tuple((_half_mask(steps), _half_map(given)) for steps, given in self.versions))
-
-    def settle(self, image: np.ndarray, repaired: np.ndarray, span: float) -> np.ndarray:
-        """Put into a repaired map (H, W) what it lacks, and its steps where the colours of (H, W, 3) part.
-
-        It lacks what a version of the map shows: the shifted one if that comes out far better. Things that
-        were grown before they were blurred come out so; where blur alone makes thin ones seem larger, the
-        given one tells more.
-        """
-        whole = [_explained(image, *version, repaired) for version in self.versions]
-        best = 0
-        if len(whole) > 1:
-            rests = [
-                find_softness(given, values, steps).rest
-                for (steps, given), values in zip(self.versions, whole, strict=True)
-            ]
-            best = int(rests[1] < _BELIEVED * rests[0])
-        return settle_soft_steps(image, whole[best], self.versions[best][0], span)
 
 
 class _Placement(NamedTuple):
@@ -276,12 +241,12 @@ class DisparityRepair:
             start = repair_soft_edges(given)
         sizes = [image.transpose(2, 0, 1)]
         while max(sizes[-1].shape) > _LARGEST_SIDE:
-            sizes.append(_half(sizes[-1]))
+            sizes.append(half_image(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress)
         if plan is None:
             small = start
             for _ in sizes[1:]:
-                small = _half_map(small)
+                small = half_map(small)
             placement, times = self._place(sizes[-1], small, span, work), 2 ** (len(sizes) - 1)
             shift, offset = (
                 times * placement.shift,
@@ -295,7 +260,7 @@ class DisparityRepair:
         soft = None
         if softness > _RAMPS:
             versions = [given] if shift == 0 else [given, _shifted_where(given, shift, placement.where)]
-            soft = _SoftMap(tuple((soft_steps(x), x) for x in versions))
+            soft = SoftMap(tuple((soft_steps(x), x) for x in versions))
         repaired = self._repair(sizes, maps, span, work, placement.repaired, soft)
         if mode == "on":
             reason = "asked for" if plan is None else "as most of the shot"
@@ -374,7 +339,7 @@ class DisparityRepair:
         span: float,
         work: "_Work",
         smallest: np.ndarray | None,
-        soft: "_SoftMap | None",
+        soft: SoftMap | None,
     ) -> np.ndarray:
         """Repair a map with the help of the picture, at this and at smaller sizes.
 
@@ -391,7 +356,7 @@ class DisparityRepair:
         too_large = max(height, width) > _NETWORK_SIDE
         repaired = None if sizes else smallest
         if sizes:
-            small = _half_map(disparity)
+            small = half_map(disparity)
             below = soft.half() if soft is not None and too_large else None
             repaired_small = self._repair(sizes, [small], span, work, smallest, below)
             change = repaired_small - small
@@ -452,12 +417,6 @@ def _in_words(offset: tuple[int, int]) -> str:
     return " and ".join(filter(None, (along, across)))
 
 
-def _explained(image: np.ndarray, steps: np.ndarray, given: np.ndarray, repaired: np.ndarray) -> np.ndarray:
-    """A repaired map (H, W) with what it lacks of a given one that is soft at those steps."""
-    deviation = find_softness(given, repaired, steps).deviation
-    return explain_soft_map(image, given, repaired, deviation) if deviation else repaired
-
-
 def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) -> np.ndarray:
     """The map (H, W) with near things grown by so many pixels where asked, in equal blocks, or all over."""
     shifted = shift_edges(disparity, shift)
@@ -467,31 +426,6 @@ def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) 
         np.arange(side) * blocks // side for side, blocks in zip(disparity.shape, where.shape, strict=True)
     )
     return np.where(where[rows[:, None], columns], shifted, disparity)
-
-
-def _half_map(disparity: np.ndarray) -> np.ndarray:
-    """Map (H, W) at half its size."""
-    height, width = (-(-side // 2) for side in disparity.shape)
-
-    def make(rows: slice) -> np.ndarray:
-        return downsample2(pad_to_multiple(disparity[2 * rows.start : 2 * rows.stop], 2))
-
-    return make_in_row_blocks(make, (height, width), np.float32)
-
-
-def _half_mask(mask: np.ndarray) -> np.ndarray:
-    """Mask (H, W) at half its size: a pixel is in it if one of its four was."""
-    return np.logical_or.reduce([pad_to_multiple(mask, 2)[y::2, x::2] for y in (0, 1) for x in (0, 1)])
-
-
-def _half(image: np.ndarray) -> np.ndarray:
-    """Picture (3, H, W) at half its size, without a larger copy of it."""
-    height, width = (-(-side // 2) for side in image.shape[1:])
-
-    def make(rows: slice) -> np.ndarray:
-        return downsample2(pad_to_multiple(image[:, 2 * rows.start : 2 * rows.stop], 2)).transpose(1, 2, 0)
-
-    return make_in_row_blocks(make, (height, width, 3), np.float32).transpose(2, 0, 1)
 
 
 def _with_moved(
