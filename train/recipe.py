@@ -119,6 +119,7 @@ class _Running:
         Raises:
             SystemExit: One has failed.
         """
+        self.progress.go_on()
         for sentinel in multiprocessing.connection.wait(list(self._begun), timeout=1):
             begun = self._begun[cast(int, sentinel)]
             if self._end(begun):
@@ -138,7 +139,7 @@ class _Running:
     def _end(self, begun: _Begun) -> int:
         code = begun.job.code()
         del self._begun[begun.job.sentinel]
-        self.progress.end(begun.step, time.monotonic() - begun.at, done=code == 0)
+        self.progress.end(begun.step, done=code == 0)
         return code
 
 

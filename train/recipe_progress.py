@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,9 @@ from train.recipe_plan import Recipe, Step
 from train.recipe_queue import expected_seconds
 
 __all__ = ["Progress", "time_in_words"]
+
+# Seconds after which the time that running steps have taken is written down: a killed start loses no more.
+_NOTE_EVERY = 20.0
 
 
 def time_in_words(seconds: float) -> str:
@@ -27,6 +31,7 @@ class Progress:
     Args:
         recipe: The steps.
         out: Folder in which everything is made.
+        clock: Tells the time in seconds.
 
     Attributes:
         taken: Time in seconds of all starts, up to what was noted last.
@@ -35,11 +40,13 @@ class Progress:
         DataFileError: The file is there and is none of ours.
     """
 
-    def __init__(self, recipe: Recipe, out: Path) -> None:
+    def __init__(self, recipe: Recipe, out: Path, clock: Callable[[], float] = time.monotonic) -> None:
         self.recipe, self.out = recipe, out
         self._path = out / "recipe.json"
         self._told: dict[str, dict[str, Any]] = {}
-        self.taken, self._noted = 0.0, time.monotonic()
+        self._running: set[str] = set()
+        self._clock = clock
+        self.taken, self._noted = 0.0, clock()
         if self._path.exists():
             try:
                 there = json.loads(self._path.read_text(encoding="utf-8"))
@@ -105,16 +112,33 @@ class Progress:
 
     def begin(self, step: Step) -> None:
         """Note that a step is begun."""
-        self._note(step, done=False, seconds=self.seconds(step))
-
-    def end(self, step: Step, seconds: float, done: bool) -> None:
-        """Note that a step has come to an end after a time, and whether it is done."""
-        self._note(step, done=done, seconds=self.seconds(step) + seconds)
-
-    def _note(self, step: Step, *, done: bool, seconds: float) -> None:
+        self._count()
         asked, own = (self.recipe.fingerprint(step, with_needs=needs) for needs in (True, False))
-        self._told[step.makes] = {"asked": asked, "own": own, "done": done, "seconds": seconds}
-        self.taken += time.monotonic() - self._noted
-        self._noted = time.monotonic()
+        self._told[step.makes] = {"asked": asked, "own": own, "done": False, "seconds": self.seconds(step)}
+        self._running.add(step.makes)
+        self._write()
+
+    def go_on(self) -> None:
+        """Note from time to time how long the steps that run have taken."""
+        if self._clock() - self._noted >= _NOTE_EVERY:
+            self._count()
+            self._write()
+
+    def end(self, step: Step, done: bool) -> None:
+        """Note that a step that was begun has come to an end, and whether it is done."""
+        self._count()
+        self._running.remove(step.makes)
+        self._told[step.makes]["done"] = done
+        self._write()
+
+    def _count(self) -> None:
+        """Count the time that has passed, for all and for each step that runs."""
+        now = self._clock()
+        passed, self._noted = now - self._noted, now
+        self.taken += passed
+        for makes in self._running:
+            self._told[makes]["seconds"] += passed
+
+    def _write(self) -> None:
         text = json.dumps({"seconds": self.taken, "steps": self._told}, indent=1)
         write_text(self._path, text + "\n", error=DataFileError)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -168,7 +169,8 @@ def finished(progress: Progress, *numbers: int) -> None:
         path = progress.out / step.makes.removeprefix("bokehnet/")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.mkdir(exist_ok=True)
-        progress.end(step, 1.0, done=True)
+        progress.begin(step)
+        progress.end(step, done=True)
 
 
 def test_a_step_is_done_while_it_and_all_that_it_needs_are_as_asked_for(tmp_path):
@@ -196,16 +198,24 @@ def test_a_training_on_what_is_asked_for_otherwise_now_is_not_gone_on_with(tmp_p
     progress.check(longer.steps[3])
 
 
-def test_a_step_that_fails_is_begun_and_its_time_counts(tmp_path):
-    recipe = recipe_of(PLANES)
-    step = recipe.steps[0]
+def test_a_step_that_fails_or_is_killed_is_begun_and_its_time_counts(tmp_path):
+    recipe = recipe_of(PLANES, PLANES_VAL)
+    failing, killed = recipe.steps
+    clock = SimpleNamespace(now=0.0)
     for _ in range(2):
-        progress = Progress(recipe, tmp_path)
-        progress.begin(step)
-        progress.end(step, 20.0, done=False)
+        progress = Progress(recipe, tmp_path, lambda: clock.now)
+        progress.begin(killed)
+        clock.now += 5
+        progress.begin(failing)
+        clock.now += 40
+        progress.end(failing, done=False)
+        clock.now += 60
+        progress.go_on()
+        clock.now += 10  # what nobody has noted before the kill
     progress = Progress(recipe, tmp_path)
-    assert progress.seconds(step) == 40
-    assert progress.state(step) == "begun, 40 s so far"
+    assert progress.state(failing) == "begun, 80 s so far"
+    assert progress.seconds(killed) == 210
+    assert progress.taken == 210
 
 
 def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
