@@ -3,14 +3,17 @@
 All on the perceptual scale of :func:`bokehnet.optics.encoding.encode`.
 """
 
+from dataclasses import dataclass, fields
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from bokehnet.errors import ConfigError
 from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import encode
 
-__all__ = ["ERROR_TARGETS", "arnet_loss", "iunet_loss", "measured_error"]
+__all__ = ["ERROR_TARGETS", "LossWeights", "arnet_loss", "iunet_loss", "measured_error"]
 
 # From geometry, by the disparity alone; or from the pictures, by what the classical render got wrong.
 ERROR_TARGETS = ("geometric", "measured")
@@ -47,8 +50,36 @@ def _gradient_l1(prediction: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
     return across + down
 
 
+@dataclass(frozen=True, kw_only=True)
+class LossWeights:
+    """How much each part of ARNet's loss counts.
+
+    Attributes:
+        neural: The network's picture, above all where the target is 1.
+        gradient: Its slopes, there.
+        fused: What its error map makes of it and the classical render, everywhere.
+        error_map: The error map's distance to the target. The more it counts, the less the map chooses
+            what is better at each pixel.
+    """
+
+    neural: float = 1.0
+    gradient: float = 0.2
+    fused: float = 0.5
+    error_map: float = 0.1
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            if not 0 <= (found := getattr(self, part.name)) < float("inf"):
+                raise ConfigError(f"loss.{part.name}: expected 0 or more, found {found}")
+
+
 def arnet_loss(
-    bokeh: Tensor, error_map: Tensor, classical: Tensor, truth: Tensor, target: Tensor
+    bokeh: Tensor,
+    error_map: Tensor,
+    classical: Tensor,
+    truth: Tensor,
+    target: Tensor,
+    weights: LossWeights | None = None,
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Loss of the coarse network.
 
@@ -58,18 +89,20 @@ def arnet_loss(
         classical: Classical render at the same size.
         truth: Ray-traced bokeh at the same size.
         target: One of ``ERROR_TARGETS``, (B, 1, H, W).
+        weights: Of the parts; default: those of a fresh network.
 
     Returns:
         The sum, and its parts by name.
     """
+    counts = weights or LossWeights()
     wanted, neural = _encode_signed(truth), _encode_signed(bokeh)
     weight = OUTSIDE + (1 - OUTSIDE) * target
     fused = _encode_signed(fuse(classical, bokeh, error_map))
     parts = {
-        "neural": _distance(neural, wanted, weight),
-        "gradient": 0.2 * _gradient_l1(neural, wanted, weight),
-        "fused": 0.5 * _distance(fused, wanted, torch.ones_like(weight)),
-        "error_map": 0.1 * F.mse_loss(error_map, target),
+        "neural": counts.neural * _distance(neural, wanted, weight),
+        "gradient": counts.gradient * _gradient_l1(neural, wanted, weight),
+        "fused": counts.fused * _distance(fused, wanted, torch.ones_like(weight)),
+        "error_map": counts.error_map * F.mse_loss(error_map, target),
     }
     return torch.stack(list(parts.values())).sum(), parts
 
@@ -80,7 +113,7 @@ def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, di
     weight = OUTSIDE + (1 - OUTSIDE) * target
     parts = {
         "neural": _distance(neural, wanted, weight),
-        "gradient": 0.2 * _gradient_l1(neural, wanted, weight),
+        "gradient": LossWeights.gradient * _gradient_l1(neural, wanted, weight),
     }
     return torch.stack(list(parts.values())).sum(), parts
 

@@ -11,7 +11,7 @@ from bokehnet.checks import check_choice
 from bokehnet.models.arnet import ARNetConfig
 from train.command import run_command
 from train.data import DataConfig, PreparedCrops
-from train.losses import ERROR_TARGETS, arnet_loss, measured_error
+from train.losses import ERROR_TARGETS, LossWeights, arnet_loss, measured_error
 from train.schedule import OptimConfig
 from train.task import Task, run_task
 from train.validation import held_out_examples, score_coarse_to_fine
@@ -24,7 +24,7 @@ class ARNetRun:
     """A training run of ARNet.
 
     Attributes:
-        data, optim, model: See there.
+        data, optim, model, loss: See there.
         held_out: Held-out pictures scored at each validation.
         error_target: What the error map is to learn, one of ``ERROR_TARGETS``.
         start: Checkpoint or export of an ARNet of the same shape that a new run starts from; empty for none.
@@ -33,6 +33,7 @@ class ARNetRun:
     data: DataConfig
     optim: OptimConfig
     model: ARNetConfig = field(default_factory=ARNetConfig)
+    loss: LossWeights = field(default_factory=LossWeights)
     held_out: int = 24
     error_target: str = "geometric"
     start: str = ""
@@ -51,7 +52,7 @@ def task(config: ARNetRun, device: torch.device) -> Task:
         classical, truth, target = batch["classical"], batch["truth"], batch["target"]
         if config.error_target == "measured":
             target = measured_error(classical, truth)
-        return arnet_loss(bokeh, error_map, classical, truth, target)
+        return arnet_loss(bokeh, error_map, classical, truth, target, config.loss)
 
     return Task(
         network="arnet",

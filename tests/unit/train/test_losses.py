@@ -1,9 +1,9 @@
 import pytest
 import torch
 
-from bokehnet.errors import ParameterError
+from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.optics.encoding import decode
-from train.losses import arnet_loss, iunet_loss, measured_error
+from train.losses import LossWeights, arnet_loss, iunet_loss, measured_error
 from train.train_arnet import ARNetRun
 
 
@@ -28,6 +28,30 @@ def test_an_error_inside_the_target_counts_more_than_one_outside():
     inside[..., 0] += 0.2
     outside[..., 7] += 0.2
     assert iunet_loss(inside, truth, target)[0] > 2 * iunet_loss(outside, truth, target)[0]
+
+
+def test_the_parts_of_the_loss_add_up_as_they_are_asked_to_count():
+    truth, bokeh, classical = pictures()
+    error_map, target = 0.5 * torch.ones(1, 1, 8, 8), torch.ones(1, 1, 8, 8)
+    asked = {"neural": 3.0, "gradient": 0.0, "fused": 5.0, "error_map": 2.0}
+    alone = {
+        name: arnet_loss(
+            bokeh, error_map, classical, truth, target, LossWeights(**{**dict.fromkeys(asked, 0), name: 1})
+        )[0]
+        for name in asked
+    }
+    assert min(alone.values()) > 0
+    assert alone["error_map"] == 0.25
+    loss, parts = arnet_loss(bokeh, error_map, classical, truth, target, LossWeights(**asked))
+    for name, weight in asked.items():
+        torch.testing.assert_close(parts[name], weight * alone[name])
+    torch.testing.assert_close(loss, sum(parts.values()))
+
+
+@pytest.mark.parametrize("found", [-1.0, float("nan"), float("inf")])
+def test_a_part_that_cannot_count_so_is_told(found):
+    with pytest.raises(ConfigError, match=r"loss\.fused: expected 0 or more, found"):
+        LossWeights(fused=found)
 
 
 def test_negative_predictions_are_pulled_back():
