@@ -98,13 +98,13 @@ def python_process() -> Callable[..., Outcome]:
 
 @pytest.fixture(scope="session")
 def random_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder, called fast, with a small untrained network and its manifest."""
+    """A folder, called neural, with a small untrained ARNet and its manifest."""
     torch = pytest.importorskip("torch")
     from bokehnet.models.arnet import ARNet, ARNetConfig
     from bokehnet.models.onnx_export import export_networks
 
     torch.manual_seed(0)
-    folder = tmp_path_factory.mktemp("weights") / "fast"
+    folder = tmp_path_factory.mktemp("weights") / "neural"
     export_networks({"arnet": ARNet(ARNetConfig(width=8))}, folder, {"classical": "scatter"})
     return folder
 

@@ -36,13 +36,25 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
-__all__ = ["CLASSICAL_HALVES", "ENGINES", "Engine", "EngineResult", "Progress", "ray_reach"]
+__all__ = [
+    "CLASSICAL_HALVES",
+    "ENGINES",
+    "REFINES",
+    "Engine",
+    "EngineResult",
+    "Progress",
+    "networks_folder",
+    "ray_reach",
+]
 
-# Engines with networks: the best, on the rays, a faster one on the scatter, and the published method.
+# Engines with networks: on the rays; the published method, on the scatter, without IUNet and with it.
 HYBRIDS = ("hybrid", "fast", "neural")
 
 # The classical half of each, as the networks that ship with the package tell it.
 CLASSICAL_HALVES = {"hybrid": "rays", "fast": "scatter", "neural": "scatter"}
+
+# Whether an IUNet leads up to full size where there is one; without it the classical half's detail is kept.
+REFINES = {"hybrid": True, "fast": False, "neural": True}
 
 # Classical renderers are engines of their own.
 ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
@@ -75,6 +87,11 @@ class EngineResult:
     largest_blur: float = 0.0
     mixed_pixels: KnownSurfaces | None = None
     expected_error: np.ndarray | None = None
+
+
+def networks_folder(engine: str) -> Path:
+    """Where the package's own networks of an engine are: ``fast`` is ``neural`` without its IUNet."""
+    return WEIGHTS / ("neural" if engine == "fast" else engine)
 
 
 def _to_batch(array: np.ndarray) -> np.ndarray:
@@ -185,7 +202,11 @@ class Engine:
         if self.device != "cpu" and tuple(providers) == CPU:
             providers = providers_on(self.device)
         self._networks = (
-            load_networks(weights or WEIGHTS / name, threads, providers, session_options) if neural else None
+            load_networks(
+                weights or networks_folder(name), threads, providers, session_options, refine=REFINES[name]
+            )
+            if neural
+            else None
         )
         self.classical_name = self._networks.classical if self._networks else name
         baseline = name in BASELINES

@@ -155,7 +155,12 @@ def load_network(folder: Path, name: str, input_names: tuple[str, ...], threads:
 
 
 def load_networks(
-    folder: Path, threads: int = 0, providers: Sequence[str] = CPU, options: Any = None
+    folder: Path,
+    threads: int = 0,
+    providers: Sequence[str] = CPU,
+    options: Any = None,
+    *,
+    refine: bool = True,
 ) -> Networks:
     """Load ARNet, and IUNet if there is one, after checking them against their manifest.
 
@@ -164,6 +169,7 @@ def load_networks(
         threads: Threads inside a network; 0 takes all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
         options: ``onnxruntime.SessionOptions`` in place of our own.
+        refine: Whether to load IUNet; ARNet does without it.
 
     Raises:
         ParameterError: A provider that ONNX Runtime does not have here.
@@ -175,7 +181,7 @@ def load_networks(
     settings = (threads, providers, options)
     arnet = OnnxNetwork(_read_model(folder, "arnet", manifest), (*inputs, "features"), *settings)
     iunet = None
-    if "iunet" in manifest["networks"]:
+    if refine and "iunet" in manifest["networks"]:
         model = _read_model(folder, "iunet", manifest)
         iunet = OnnxNetwork(model, (*inputs, "coarse", "features"), *settings)
     return Networks(

@@ -3,8 +3,6 @@
 The formulas are those of that module, called with values of the graph.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 import onnx
 
@@ -24,16 +22,10 @@ def _count_halvings(g: Graph, defocus: Value, network_max_radius: float) -> Valu
     return (abs(defocus).max() > limits).astype(np.int64).sum()
 
 
-def _written_in(g: Graph, network: onnx.ModelProto) -> Callable[..., tuple[Value, Value]]:
-    """An ARNet, which wants batches, as part of the graph: a :class:`CoarseNetwork` for (C, H, W)."""
-
-    def call(image: Value, defocus: Value, classical: Value, _: None) -> tuple[Value, Value]:
-        inputs = {"image": image, "defocus": defocus, "classical": classical}
-        results = g.inline(network, {name: g.op("Unsqueeze", x, g.sizes(0)) for name, x in inputs.items()})
-        bokeh, error_map = (g.op("Squeeze", x, g.sizes(0)) for x in results)
-        return bokeh, error_map
-
-    return call
+def _run(g: Graph, network: onnx.ModelProto, **inputs: Value) -> list[Value]:
+    """Write a network, which wants batches, into the graph, for (C, H, W) in and out."""
+    batches = {name: g.op("Unsqueeze", x, g.sizes(0)) for name, x in inputs.items()}
+    return [g.op("Squeeze", x, g.sizes(0)) for x in g.inline(network, batches)]
 
 
 def render_neural(
@@ -44,10 +36,11 @@ def render_neural(
     classical_error_map: Value,
     *,
     arnet: onnx.ModelProto,
+    iunet: onnx.ModelProto | None,
     network_max_radius: float,
     max_valid_radius: float,
 ) -> tuple[Value, Value]:
-    """Render the neural half, as :func:`bokehnet.coarse_to_fine.render_neural` without an IUNet.
+    """Render the neural half, as :func:`bokehnet.coarse_to_fine.render_neural`, IUNet over whole pictures.
 
     Args:
         g: The open graph.
@@ -55,36 +48,46 @@ def render_neural(
         defocus: Signed blur radius in pixels, (H, W).
         classical: Classical render, (3, H, W).
         classical_error_map: Its error map, (H, W).
-        arnet: The network.
+        arnet: The coarse network.
+        iunet: The refining network; without it ARNet's change is laid over the classical render.
         network_max_radius: Largest radius ``arnet`` was trained for, pixels.
-        max_valid_radius: Largest blur radius that it may correct, pixels.
+        max_valid_radius: Largest blur radius that the networks may correct, pixels.
 
     Returns:
         Bokeh (3, H, W) and error map (1, H, W).
     """
     height, width = defocus.size(0), defocus.size(1)
     halvings = _count_halvings(g, defocus, network_max_radius)
-    factor = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64).take(halvings)
+    powers = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64)
+    factor = powers.take(halvings)
     scale = factor.astype(np.float32)
+    pictures = {"image": image, "defocus": defocus.reshape(1, height, width), "classical": classical}
+    padded = {name: pad_to_multiple(g, x, factor * BLOCK) for name, x in pictures.items()}
 
-    def small(x: Value) -> Value:
-        return shrink(pad_to_multiple(g, x, factor * BLOCK), factor)
+    def level(factor: Value) -> dict[str, Value]:
+        """All of it at the size at which a pixel is ``factor`` of the picture's."""
+        small = {name: shrink(x, factor) for name, x in padded.items()}
+        return small | {"defocus": small["defocus"] / factor.astype(np.float32)}
 
-    low_classical = small(classical)
+    def written_in(image: Value, defocus: Value, classical: Value, _: None) -> tuple[Value, Value]:
+        bokeh, error_map = _run(g, arnet, image=image, defocus=defocus, classical=classical)
+        return bokeh, error_map
+
+    low = level(factor)
     bokeh, learned = ask_arnet(
-        _written_in(g, arnet),
-        small(image),
-        small(defocus.reshape(1, height, width)) / scale,
-        low_classical,
-        None,
-        max_valid_radius / scale,
+        written_in, low["image"], low["defocus"], low["classical"], None, max_valid_radius / scale
     )
-    change = find_change(bokeh, low_classical)
 
-    def climb(_: Value, change: Value, learned: Value) -> tuple[list[Value], list[Value]]:
-        return [double(g, change), double(g, learned)], []
+    def climb(turn: Value, found: Value, learned: Value) -> tuple[list[Value], list[Value]]:
+        if iunet is None:
+            return [double(g, found), double(g, learned)], []
+        inputs = level(powers.take(halvings - 1 - turn))
+        [refined] = _run(g, iunet, **inputs, coarse=found)
+        return [refined, double(g, learned)], []
 
-    change, learned = (
-        x.cut(1, 0, height).cut(2, 0, width) for x in g.loop(climb, [change, learned], times=halvings)
+    start = bokeh if iunet is not None else find_change(bokeh, low["classical"])
+    found, learned = (
+        x.cut(1, 0, height).cut(2, 0, width) for x in g.loop(climb, [start, learned], times=halvings)
     )
-    return lay_over(classical, change), learned * classical_error_map.reshape(1, height, width)
+    neural = found if iunet is not None else lay_over(classical, found)
+    return neural, learned * classical_error_map.reshape(1, height, width)

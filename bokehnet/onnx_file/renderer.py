@@ -2,15 +2,17 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import onnx
 
+from bokehnet.checks import check_choice
 from bokehnet.errors import ModelFileError
 from bokehnet.fusion import fuse
-from bokehnet.inference.engine import Engine
-from bokehnet.inference.session import WEIGHTS, load_networks
+from bokehnet.inference.engine import REFINES, Engine, networks_folder
+from bokehnet.inference.session import load_networks
 from bokehnet.io.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
@@ -21,7 +23,10 @@ from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.version import __version__
 
-__all__ = ["PARITY", "build_model", "export_renderer"]
+__all__ = ["ONE_FILE_ENGINES", "PARITY", "build_model", "export_renderer"]
+
+# Engines that can be one file: those with networks on the scatter.
+ONE_FILE_ENGINES = ("fast", "neural")
 
 # Least PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
 PARITY = 50.0
@@ -31,38 +36,60 @@ PARITY = 50.0
 _TRIALS = ((97, 131, 9.0, 1.0), (301, 154, 30.0, 1.0), (150, 203, 220.0, 1.0), (120, 90, 20.0, 2.2))
 
 
-def _read_network(weights: Path) -> tuple[onnx.ModelProto, float, float]:
-    """ARNet, checked, the largest radius it was made for, and the largest that it may correct, pixels."""
-    networks = load_networks(weights, threads=1)
-    if networks.classical != "scatter" or networks.iunet is not None:
-        found = networks.classical + ("" if networks.iunet is None else " and has an IUNet")
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Networks:
+    """What is written into the file; the largest radii, pixels, that networks know and may correct."""
+
+    arnet: onnx.ModelProto
+    iunet: onnx.ModelProto | None
+    network_max_radius: float
+    max_valid_radius: float
+
+
+def _read_networks(weights: Path, engine: str) -> _Networks:
+    """The networks of a folder that the engine has, checked."""
+    networks = load_networks(weights, threads=1, refine=REFINES[engine])
+    if networks.classical != "scatter":
         raise ModelFileError(
-            f"{weights}: expected an ARNet alone that corrects the scatter, found one that corrects {found}"
+            f"{weights}: expected networks that correct the scatter, found some that correct the "
+            f"{networks.classical}"
         )
     entries = json.loads((weights / "manifest.json").read_text(encoding="utf-8"))["networks"]
-    path = weights / entries["arnet"]["file"]
-    arnet = onnx.load(path)
-    versions = {item.domain: item.version for item in arnet.opset_import}
-    if versions != {"": OPSET}:
-        raise ModelFileError(f"{path}: expected operator set {OPSET}, found {versions}; export again")
-    return arnet, networks.network_max_radius, networks.max_valid_radius
+
+    def read(name: str) -> onnx.ModelProto:
+        path = weights / entries[name]["file"]
+        network = onnx.load(path)
+        versions = {item.domain: item.version for item in network.opset_import}
+        if versions != {"": OPSET}:
+            raise ModelFileError(f"{path}: expected operator set {OPSET}, found {versions}; export again")
+        return network
+
+    return _Networks(
+        arnet=read("arnet"),
+        iunet=None if networks.iunet is None else read("iunet"),
+        network_max_radius=networks.network_max_radius,
+        max_valid_radius=networks.max_valid_radius,
+    )
 
 
-def build_model(weights: Path | None = None) -> onnx.ModelProto:
-    """Return the engine ``fast`` as one ONNX model of standard operators.
+def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.ModelProto:
+    """Return an engine as one ONNX model of standard operators.
 
     Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
     ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
-    ``bokeh`` (H, W, 3), scene-linear. The network only knows gamma 1; with any other the result is the
+    ``bokeh`` (H, W, 3), scene-linear. The networks only know gamma 1; with any other the result is the
     scatter's alone, as of the engine ``scatter``, and gamma is held within 0.2 to 5.
 
     Args:
-        weights: Folder with the network and its manifest; by default those of the engine ``fast``.
+        weights: Folder with the networks and their manifest; by default those of the engine.
+        engine: ``"fast"`` or ``"neural"``.
 
     Raises:
-        ModelFileError: The network is missing or damaged, or does not correct the scatter by itself.
+        ParameterError: Another engine.
+        ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
-    arnet, network_max_radius, max_valid_radius = _read_network(weights or WEIGHTS / "fast")
+    check_choice("engine", engine, ONE_FILE_ENGINES)
+    networks = _read_networks(weights or networks_folder(engine), engine)
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])
@@ -83,9 +110,10 @@ def build_model(weights: Path | None = None) -> onnx.ModelProto:
             defocus,
             classical,
             classical_error_map,
-            arnet=arnet,
-            network_max_radius=network_max_radius,
-            max_valid_radius=max_valid_radius,
+            arnet=networks.arnet,
+            iunet=networks.iunet,
+            network_max_radius=networks.network_max_radius,
+            max_valid_radius=networks.max_valid_radius,
         )
         return fuse(classical, neural, error_map)
 
@@ -118,12 +146,12 @@ def _ignore(done: int, total: int) -> None:
 
 
 def _compare(
-    model: bytes, weights: Path | None = None, progress: Callable[[int, int], None] | None = None
+    model: bytes, weights: Path | None, engine: str, progress: Callable[[int, int], None] | None
 ) -> list[float]:
     """PSNR in dB between a file's content in ONNX Runtime and the package, one for each trial."""
     report = progress or _ignore
     session = OnnxSession(model, options={"log_severity_level": 3})
-    hybrid, plain = Engine("fast", weights=weights), Engine("scatter")
+    hybrid, plain = Engine(engine, weights=weights), Engine("scatter")
     found: list[float] = []
     for height, width, blur, gamma in _TRIALS:
         report(len(found), len(_TRIALS))
@@ -140,24 +168,30 @@ def _compare(
 
 
 def export_renderer(
-    path: Path, weights: Path | None = None, progress: Callable[[int, int], None] | None = None
+    path: Path,
+    weights: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    engine: str = "fast",
 ) -> float:
-    """Write the engine ``fast`` as one ONNX file, after proof that it renders what the package renders.
+    """Write an engine as one ONNX file, after proof that it renders what the package renders.
 
     Args:
         path: The file.
         weights: As of :func:`build_model`.
         progress: Called with (trials of the proof done, trials in all).
+        engine: As of :func:`build_model`.
 
     Returns:
         The lowest PSNR of the proof, dB.
 
     Raises:
+        ParameterError: As of :func:`build_model`.
         ModelFileError: As of :func:`build_model`; a PSNR is below ``PARITY``, or the file cannot be written;
             an older file is kept.
     """
-    content = build_model(weights).SerializeToString()
-    lowest = min(_compare(content, weights, progress))
+    content = build_model(weights, engine).SerializeToString()
+    lowest = min(_compare(content, weights, engine, progress))
     if not lowest >= PARITY:
         raise ModelFileError(
             f"{path}: expected at least {PARITY:g} dB between the file and the package, found {lowest:.1f}; "

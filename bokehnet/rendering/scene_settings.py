@@ -351,8 +351,9 @@ class EngineSettings(Group):
 
     name: EngineName | None = setting(
         None,
-        "rays (default, sees occlusion), scatter (faster), hybrid or fast (either, with networks), "
-        "neural (the published BokehMe); or a method of the literature, see docs/theses.md.",
+        "rays (default, sees occlusion), scatter (faster), hybrid (rays, with a network), neural (the "
+        "published BokehMe), fast (neural without its last network, sooner); or a method of the literature, "
+        "see docs/theses.md.",
         flag="engine",
         metavar="NAME",
         of_a_look=True,

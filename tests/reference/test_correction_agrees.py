@@ -10,7 +10,7 @@ import torch
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import render_neural
-from bokehnet.errors import ModelFileError, ParameterError
+from bokehnet.errors import ParameterError
 from bokehnet.fusion import fuse
 from bokehnet.inference.strips import BYTES_PER_PIXEL
 from bokehnet.models.arnet import ARNet, ARNetConfig
@@ -50,6 +50,16 @@ def weights(arnet, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pair")
+    arnet, iunet = random_networks()
+    export_networks(
+        {"arnet": arnet, "iunet": iunet}, folder, {"classical": "scatter", "max_valid_radius": TRUSTED}
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
 def one_file(weights):
     return start(build_model(weights))
 
@@ -70,6 +80,12 @@ def in_torch(image, defocus, arnet, iunet=None):
     return bokeh, error_map[..., 0], classical
 
 
+def in_one_file(session, image, defocus):
+    numbers = {"K": 1.0, "focus": 0.0, "gamma": 1.0}
+    scalars = {name: np.array(x, np.float32) for name, x in numbers.items()}
+    return session.run(None, {"image": image, "disparity": defocus, **scalars})[0]
+
+
 @pytest.mark.parametrize("radius", [8.0, 17.0, 40.0])
 def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     """No, one and two halvings; sides that no block divides; enough rows for several strips."""
@@ -82,9 +98,7 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     whole = renderer.render(image, defocus)
     strips = renderer.render(image, defocus, lambda *call: calls.append(call), max_memory=memory)
     assert calls[-1][1] > 2
-    numbers = {"K": 1.0, "focus": 0.0, "gamma": 1.0}
-    scalars = {name: np.array(x, np.float32) for name, x in numbers.items()}
-    file = one_file.run(None, {"image": image, "disparity": defocus, **scalars})[0]
+    file = in_one_file(one_file, image, defocus)
     for found in (whole.bokeh, strips.bokeh, file):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=TOLERANCE)
     for found in (whole.error_map, strips.error_map):
@@ -92,18 +106,25 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
 
 
 @pytest.mark.parametrize("radius", [8.0, 17.0, 40.0])
-def test_both_ways_with_an_iunet_agree(tmp_path, radius):
-    """The renderer runs it in tiles. Strips and the one file refuse it."""
-    arnet, iunet = random_networks()
-    networks = {"arnet": arnet, "iunet": iunet}
-    export_networks(networks, tmp_path, {"classical": "scatter", "max_valid_radius": TRUSTED})
+def test_all_ways_with_an_iunet_agree(pair, radius):
+    """The renderer runs it in tiles, the one file over the whole picture. Strips refuse it."""
     image, defocus = picture(97, 131), steps(97, 131, radius, seed=4)
-    wanted, error_map, _ = in_torch(image, defocus, arnet, iunet)
-    renderer = BokehRenderer("fast", weights=tmp_path)
+    wanted, error_map, _ = in_torch(image, defocus, *random_networks())
+    renderer = BokehRenderer("neural", weights=pair)
     found = renderer.render(image, defocus)
+    file = in_one_file(start(build_model(pair, "neural")), image, defocus)
     np.testing.assert_allclose(found.bokeh, wanted, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(file, wanted, rtol=0, atol=TOLERANCE)
     np.testing.assert_allclose(found.error_map, error_map, rtol=0, atol=TOLERANCE)
     with pytest.raises(ParameterError, match="these networks need the whole picture"):
         renderer.render(*(np.tile(x, (9, 1, 1)[: x.ndim]) for x in (image, defocus)), max_memory=5_000_000)
-    with pytest.raises(ModelFileError, match="has an IUNet"):
-        build_model(tmp_path)
+
+
+def test_fast_is_neural_without_its_iunet(arnet, pair):
+    image, defocus = picture(97, 131), steps(97, 131, 17.0, seed=4)
+    refined, _, _ = in_torch(image, defocus, *random_networks())
+    wanted, _, _ = in_torch(image, defocus, arnet)
+    assert np.abs(refined - wanted).max() > 0.01
+    renderer, session = BokehRenderer("fast", weights=pair), start(build_model(pair, "fast"))
+    for found in (renderer.render(image, defocus).bokeh, in_one_file(session, image, defocus)):
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=TOLERANCE)

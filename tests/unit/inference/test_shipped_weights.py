@@ -66,10 +66,10 @@ def test_away_from_edges_they_change_nothing_bit_for_bit(renders):
 def test_the_package_stays_small():
     sizes = {
         name: sum(f.stat().st_size for f in (WEIGHTS / name).iterdir())
-        for name in ("hybrid", "repair", "fast", "neural", "error")
+        for name in ("hybrid", "repair", "neural", "error")
     }
     assert sizes["hybrid"] + sizes["repair"] < 12e6
-    assert max(sizes["fast"], sizes["neural"]) < 6e6
+    assert sizes["neural"] < 6e6
     assert sizes["error"] < 1e6
     assert (WEIGHTS / "MODEL_CARD.md").is_file()
 
@@ -104,7 +104,7 @@ def test_engines_on_an_independent_renderer(shared):
     names = ("scatter", "fast", "neural", "rays", "hybrid")
     rows = score(read_shots(folder), {name: whole_engine(name) for name in names})
     scores = {name: mean_scores([row[name] for row in rows]) for name in names}
-    assert scores["fast"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 1
+    assert scores["fast"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 2
     assert scores["neural"]["edge_psnr"] > scores["fast"]["edge_psnr"]
     assert scores["rays"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 4
     assert scores["hybrid"]["edge_psnr"] > scores["rays"]["edge_psnr"] - 0.2

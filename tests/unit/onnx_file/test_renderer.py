@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 import pytest
 
-from bokehnet.errors import ModelFileError
+from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.onnx_file import renderer
 from bokehnet.optics.coc import defocus_from_disparity
@@ -105,11 +105,18 @@ def test_sizes_that_differ_are_refused(render):
         render(picture(40, 50), steps(40, 48, 1), 5)
 
 
-def test_the_shipped_network_is_exported_with_proof(tmp_path):
-    path = tmp_path / "fast.onnx"
-    assert renderer.export_renderer(path) >= 70
-    assert path.stat().st_size > 4e6
-    assert [file.name for file in tmp_path.iterdir()] == ["fast.onnx"]
+@pytest.mark.parametrize(("engine", "megabytes"), [("fast", 5), ("neural", 6)])
+def test_the_shipped_networks_are_exported_with_proof(tmp_path, engine, megabytes):
+    path = tmp_path / "one.onnx"
+    assert renderer.export_renderer(path, engine=engine) >= 70
+    assert path.stat().st_size > megabytes * 1e6
+    assert [file.name for file in tmp_path.iterdir()] == ["one.onnx"]
+
+
+def test_engines_without_networks_on_the_scatter_are_refused(tmp_path):
+    with pytest.raises(ParameterError, match="engine: expected one of fast, neural, got 'rays'"):
+        renderer.export_renderer(tmp_path / "one.onnx", engine="rays")
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_file_that_renders_something_else_is_not_written(tmp_path, random_weights, monkeypatch):
@@ -123,7 +130,7 @@ def test_a_file_that_renders_something_else_is_not_written(tmp_path, random_weig
 
 
 def test_a_network_on_the_rays_is_refused():
-    with pytest.raises(ModelFileError, match="corrects the scatter, found one that corrects rays"):
+    with pytest.raises(ModelFileError, match="correct the scatter, found some that correct the rays"):
         renderer.build_model(WEIGHTS / "hybrid")
 
 

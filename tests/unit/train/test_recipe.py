@@ -48,7 +48,7 @@ def test_all_networks_are_made_within_twelve_hours_on_two_cores():
     assert recipe.workers == 2
     assert expected_seconds(recipe, recipe.steps) < 12 * 3600
     made = {step.makes for step in recipe.steps if step.by == "export"}
-    assert made == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural", "fast")}
+    assert made == {f"bokehnet/weights/{name}" for name in ("repair", "hybrid", "error", "neural")}
 
 
 def test_the_small_recipe_has_the_steps_of_the_full_one_in_their_order():
@@ -285,7 +285,7 @@ def test_the_small_recipe_runs_to_its_end_after_a_kill_and_nothing_is_done_twice
     assert int(begun[1][0]) in (len(begun[0]), len(begun[0]) + 1)
     assert int(begun[1][-1]) == count
     assert (tmp_path / "runs/repair_long/last.pt").stat().st_mtime_ns == before
-    for name in ("repair", "hybrid", "error", "neural", "fast"):
+    for name in ("repair", "hybrid", "error", "neural"):
         manifest = json.loads((tmp_path / "weights" / name / "manifest.json").read_text())
         assert str(tmp_path) in json.dumps(manifest["notes"])
     card = (tmp_path / "runs/model_card.md").read_text()
