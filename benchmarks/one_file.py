@@ -1,7 +1,7 @@
 """Time and memory of the renderer as one ONNX file: ``python -m benchmarks.one_file``.
 
-ONNX Runtime renders with the file that ``bokehnet export`` writes, beside it the package's own engine
-``fast`` in the same run, each in a process of its own, warm; then both on one picture, for their PSNR.
+ONNX Runtime renders with the file that ``bokehnet export`` writes, beside it the package with the same engine
+in the same run, each in a process of its own, warm; then both on one picture, for their PSNR.
 """
 
 import argparse
@@ -12,7 +12,7 @@ import numpy as np
 import onnxruntime
 
 from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
-from bokehnet.onnx_file.renderer import export_renderer
+from bokehnet.onnx_file.renderer import ONE_FILE_ENGINES, export_renderer
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.rendering.renderer import BokehRenderer
 
@@ -33,10 +33,10 @@ class OneFile:
 
 
 class Package:
-    """The engine ``fast``, called likewise."""
+    """The package, called likewise."""
 
-    def __init__(self) -> None:
-        self._renderer = BokehRenderer("fast")
+    def __init__(self, engine: str) -> None:
+        self._renderer = BokehRenderer(engine)
 
     def __call__(self, image: np.ndarray, disparity: np.ndarray, blur: float) -> np.ndarray:
         """Bokeh (H, W, 3), focused on disparity 0."""
@@ -44,19 +44,21 @@ class Package:
         return self._renderer.render(image, defocus).bokeh
 
 
-def measure(path: Path | None, size: tuple[int, int], blur: float, repeats: int) -> tuple[float, float]:
+def measure(
+    path: Path | None, engine: str, size: tuple[int, int], blur: float, repeats: int
+) -> tuple[float, float]:
     """Median seconds and peak memory, GB, of the file, or of the package without one."""
-    render = OneFile(path) if path else Package()
+    render = OneFile(path) if path else Package(engine)
     image, disparity = scene(*size, 1.0)
     render(image[:64, :64].copy(), disparity[:64, :64].copy(), 4.0)
     seconds = median_seconds(lambda: render(image, disparity, blur), repeats)
     return seconds, peak_memory() / 1024**3
 
 
-def parity(path: Path, size: tuple[int, int], blur: float) -> float:
+def parity(path: Path, engine: str, size: tuple[int, int], blur: float) -> float:
     """PSNR of the file to the package, dB, scene-linear."""
     image, disparity = scene(*size, 1.0)
-    one, other = (render(image, disparity, blur) for render in (OneFile(path), Package()))
+    one, other = (render(image, disparity, blur) for render in (OneFile(path), Package(engine)))
     return float(-10 * np.log10(np.square(one - other).mean() + 1e-20))
 
 
@@ -66,16 +68,17 @@ def main() -> None:
     parser.add_argument("--size", type=int, nargs=2, default=(1350, 1080), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--blur", type=float, default=60.0, help="largest radius, pixels")
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--engine", choices=ONE_FILE_ENGINES, default="fast")
     arguments = parser.parse_args()
-    size, blur = tuple(arguments.size), arguments.blur
+    engine, size, blur = arguments.engine, tuple(arguments.size), arguments.blur
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "fast.onnx"
-        export_renderer(path)
+        path = Path(folder) / "one.onnx"
+        export_renderer(path, engine=engine)
         print(f"{size[0]}x{size[1]}, largest blur {blur:g} px, median of {arguments.repeats} warm renders")
         for name, file in (("package", None), ("one file", path)):
-            seconds, memory = in_own_process(measure, file, size, blur, arguments.repeats)
+            seconds, memory = in_own_process(measure, file, engine, size, blur, arguments.repeats)
             print(f"{name:10s} {seconds:6.2f} s  {memory:5.2f} GB", flush=True)
-        print(f"parity     {in_own_process(parity, path, size, blur):6.1f} dB")
+        print(f"parity     {in_own_process(parity, path, engine, size, blur):6.1f} dB")
 
 
 if __name__ == "__main__":

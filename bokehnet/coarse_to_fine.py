@@ -5,10 +5,10 @@ has the picture's size, and laid over: detail is the classical render's.
 
 The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over` and :func:`bokehnet.fusion.fuse`, are
 written once, on operators: for training (torch), for inference (NumPy) and for the one file (ONNX graphs).
-:func:`render_neural` is the whole way for torch and NumPy. Two twins go the way without an IUNet in their own
-fashion: :mod:`bokehnet.inference.coarse_to_fine` in strips and only where the classical render can be wrong,
-and :mod:`bokehnet.onnx_file.neural` with the loops of a graph. ``tests/reference/test_correction_agrees.py``
-holds all of them to one result.
+:func:`render_neural` is the whole way for torch and NumPy. Two twins go it in their own fashion:
+:mod:`bokehnet.inference.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
+be wrong, and :mod:`bokehnet.onnx_file.neural` with the loops of a graph.
+``tests/reference/test_correction_agrees.py`` holds all of them to one result.
 """
 
 import math

@@ -8,16 +8,20 @@ import pytest
 from tests.unit.onnx_file.running import picture, start, steps
 
 
-@pytest.mark.parametrize("flag", [[], ["--full"]], ids=["plain", "as older scripts say it"])
-def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights, flag):
+@pytest.mark.parametrize(
+    ("flags", "engine"),
+    [([], "fast"), (["--full"], "fast"), (["--engine", "neural"], "neural")],
+    ids=["plain", "as older scripts say it", "neural"],
+)
+def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights, flags, engine):
     import numpy as np
     import onnx
 
     path = tmp_path / "out file.onnx"
-    outcome = cli("export", *flag, "-o", path, "--weights", random_weights)
+    outcome = cli("export", *flags, "-o", path, "--weights", random_weights)
     assert (outcome.code, outcome.err) == (0, "")
     assert re.fullmatch(
-        rf"wrote {re.escape(str(path))}: \d+\.\d MB, \d+ dB or more to the engine fast\n", outcome.out
+        rf"wrote {re.escape(str(path))}: \d+\.\d MB, \d+ dB or more to the engine {engine}\n", outcome.out
     )
     scalars = {name: np.array(1, np.float32) for name in ("K", "focus", "gamma")}
     inputs = {"image": picture(20, 30), "disparity": steps(20, 30, 1), **scalars}
@@ -29,6 +33,7 @@ def test_one_file_is_written_that_renders(cli, no_bar, tmp_path, random_weights,
     [
         (["-o", "nowhere/out.onnx"], ["nowhere", "does not exist"]),
         (["-o", "out.onnx", "--weights", "nowhere"], ["nowhere/manifest.json"]),
+        (["-o", "out.onnx", "--engine", "rays"], ["engine: expected one of fast, neural, got 'rays'"]),
         ([], ["--output"]),
     ],
 )
