@@ -26,7 +26,8 @@ from bokehnet.fusion import fuse
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PIXELS, CoarseInput
 from bokehnet.inference.devices import device_of, make_on, providers_on
 from bokehnet.inference.expected_error import ERROR_BYTES, ErrorEstimate, check_expects_error
-from bokehnet.inference.session import WEIGHTS, load_networks
+from bokehnet.inference.hybrids import HYBRIDS
+from bokehnet.inference.session import load_networks
 from bokehnet.inference.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.io.row_blocks import Progress, cut_row_blocks, in_row_blocks
@@ -36,25 +37,7 @@ from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
-__all__ = [
-    "CLASSICAL_HALVES",
-    "ENGINES",
-    "REFINES",
-    "Engine",
-    "EngineResult",
-    "Progress",
-    "networks_folder",
-    "ray_reach",
-]
-
-# Engines with networks: on the rays; the published method, on the scatter, without IUNet and with it.
-HYBRIDS = ("hybrid", "fast", "neural")
-
-# The classical half of each, as the networks that ship with the package tell it.
-CLASSICAL_HALVES = {"hybrid": "rays", "fast": "scatter", "neural": "scatter"}
-
-# Whether an IUNet leads up to full size where there is one; without it the classical half's detail is kept.
-REFINES = {"hybrid": True, "fast": False, "neural": True}
+__all__ = ["ENGINES", "Engine", "EngineResult", "Progress", "ray_reach"]
 
 # Classical renderers are engines of their own.
 ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
@@ -87,11 +70,6 @@ class EngineResult:
     largest_blur: float = 0.0
     mixed_pixels: KnownSurfaces | None = None
     expected_error: np.ndarray | None = None
-
-
-def networks_folder(engine: str) -> Path:
-    """Where the package's own networks of an engine are: ``fast`` is ``neural`` without its IUNet."""
-    return WEIGHTS / ("neural" if engine == "fast" else engine)
 
 
 def _to_batch(array: np.ndarray) -> np.ndarray:
@@ -197,15 +175,15 @@ class Engine:
         if name not in BASELINES:
             check_choice("engine", name, ENGINES)
         self.name, self._threads = name, threads
-        neural = name in HYBRIDS
-        asked, self.device = device, device_of(device, CLASSICAL_HALVES.get(name, name))
+        hybrid = HYBRIDS.get(name)
+        asked, self.device = device, device_of(device, hybrid.classical if hybrid else name)
         if self.device != "cpu" and tuple(providers) == CPU:
             providers = providers_on(self.device)
         self._networks = (
             load_networks(
-                weights or networks_folder(name), threads, providers, session_options, refine=REFINES[name]
+                weights or hybrid.folder, threads, providers, session_options, refine=hybrid.refines
             )
-            if neural
+            if hybrid
             else None
         )
         self.classical_name = self._networks.classical if self._networks else name

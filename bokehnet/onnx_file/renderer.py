@@ -11,7 +11,8 @@ import onnx
 from bokehnet.checks import check_choice
 from bokehnet.errors import ModelFileError
 from bokehnet.fusion import fuse
-from bokehnet.inference.engine import REFINES, Engine, networks_folder
+from bokehnet.inference.engine import Engine
+from bokehnet.inference.hybrids import HYBRIDS
 from bokehnet.inference.session import load_networks
 from bokehnet.io.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
@@ -26,7 +27,7 @@ from bokehnet.version import __version__
 __all__ = ["ONE_FILE_ENGINES", "PARITY", "build_model", "export_renderer"]
 
 # Engines that can be one file: those with networks on the scatter.
-ONE_FILE_ENGINES = ("fast", "neural")
+ONE_FILE_ENGINES = tuple(name for name, hybrid in HYBRIDS.items() if hybrid.classical == "scatter")
 
 # Least PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
 PARITY = 50.0
@@ -48,7 +49,7 @@ class _Networks:
 
 def _read_networks(weights: Path, engine: str) -> _Networks:
     """The networks of a folder that the engine has, checked."""
-    networks = load_networks(weights, threads=1, refine=REFINES[engine])
+    networks = load_networks(weights, threads=1, refine=HYBRIDS[engine].refines)
     if networks.classical != "scatter":
         raise ModelFileError(
             f"{weights}: expected networks that correct the scatter, found some that correct the "
@@ -89,7 +90,7 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
         ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
     check_choice("engine", engine, ONE_FILE_ENGINES)
-    networks = _read_networks(weights or networks_folder(engine), engine)
+    networks = _read_networks(weights or HYBRIDS[engine].folder, engine)
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])

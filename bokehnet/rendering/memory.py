@@ -9,7 +9,8 @@ from bokehnet.classical.base import Place
 from bokehnet.errors import ParameterError
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
 from bokehnet.inference.disparity_repair import network_memory
-from bokehnet.inference.engine import CLASSICAL_HALVES, ENGINES, ray_reach
+from bokehnet.inference.engine import ENGINES, ray_reach
+from bokehnet.inference.hybrids import HYBRIDS
 from bokehnet.inference.strips import BYTES_PER_PIXEL, least_rows
 from bokehnet.io.heif import is_heif
 from bokehnet.io.picture import find_picture
@@ -68,7 +69,7 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
     stages = [started + (_HELD + max(_READ, _FOCUSED)) * pixels]
     if settings.depth.repair != "off" and settings.input.defocus is None:
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
-    classical = CLASSICAL_HALVES.get(engine, engine)
+    classical = HYBRIDS[engine].classical if engine in HYBRIDS else engine
     held = _HELD + (4 if settings.output.save_maps is not None else 0)
     asked = settings.output.expected_error
     tells = asked == "on" or (asked is None and settings.output.save_maps is not None)
@@ -80,7 +81,7 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
     stages.append(PROGRAM + held * pixels + rows * width * BYTES_PER_PIXEL[classical])
     if alpha:
         stages.append(PROGRAM + (_HELD + _GREY) * pixels + rows * width * BYTES_PER_PIXEL[classical])
-    if engine in CLASSICAL_HALVES:
+    if engine in HYBRIDS:
         stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
     return max(stages)
 
