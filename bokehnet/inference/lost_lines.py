@@ -8,6 +8,9 @@ disparity is one thing with both: it takes their disparity, as wide as the pictu
 Where many were found, as of a net, others around of their colours are believed sooner: light and shade may
 cross them, and they may leave the picture. What these restore makes others likely in turn.
 
+Twigs, blades and the wires at the rim of a net end openly: no piece lies at their other end. They are
+believed if the piece that they lead away from is as thin, or if they have the colours of others around.
+
 Lines of a background may also lead from one near thing to another. They seldom look like these things, and
 seldom keep their colours and their width.
 
@@ -70,8 +73,9 @@ _RIM = 7
 _INSIDE = 6
 _OTHER_LINE = 0.04
 
-# Least contrast over what changes along the line; of those that are likely, which light and shade may cross.
-_RATIO, _LIKELY_RATIO = 20.0, 4.0
+# Least contrast over what changes along the line; of those that are likely, which light and shade may cross;
+# and of these if they are straight.
+_RATIO, _LIKELY_RATIO, _STRAIGHT_RATIO = 20.0, 4.0, 2.5
 
 # Radius in pixels of a circle around the end of a piece, and the places on it.
 _RADIUS = 8.0
@@ -87,9 +91,16 @@ _FREE = 0.75
 # Least length over the width, of any line and of those that are likely.
 _LONG, _LIKELY_LONG = 2.0, 1.2
 
-# Largest deviation of the width, pixels, likewise; least of the distance of the ends, over the length.
-_ROUGHNESS, _LIKELY_ROUGHNESS = 1.4, 2.0
-_STRAIGHTNESS = 0.9
+# Largest deviation of the width, pixels, likewise; least of the distance of the ends, over the length: of any
+# line, and of one that is straight.
+_ROUGHNESS, _LIKELY_ROUGHNESS, _STRAIGHT_ROUGHNESS = 1.4, 2.0, 2.5
+_STRAIGHTNESS, _STRAIGHT = 0.9, 0.98
+
+# Pixels by which a line is laid narrower than it looks, as several may be laid over one another.
+_OVERLAP = 0.25
+
+# Share of the steps into a piece beside which there is nothing near, if it is thin.
+_THIN = 0.75
 
 
 @njit(cache=True)
@@ -104,31 +115,36 @@ def _end(disparity, depth, least, y, x, down, right):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def _follow(picture, disparity, least, y, x, depth, angle, leaves, points):  # type: ignore[no-untyped-def]
-    """Follow a line to a piece of that disparity; points (N, 2) on it, how many, and how much it changes.
+def _follow(picture, disparity, least, y, x, depth, angle, likely, open_ends, points):  # type: ignore[no-untyped-def]
+    """Follow a line to a piece of that disparity, or to an open end if there may be one.
 
-    If it ``leaves`` the picture, that is an end, too.
+    Lines that are ``likely`` may leave the picture.
+
+    Returns:
+        How many of ``points`` (N, 2) are set, 0 for no line; how much it changes; whether its end is open.
     """
     height, width = disparity.shape
     kept, profile = np.empty((3, 3)), np.empty((3, 3))
     look_across(picture, y, x, math.sin(angle), math.cos(angle), kept)
-    change, gaps = 0.0, 0
+    change, sure, gaps = 0.0, 0.0, 0
     for count in range(1, _MOST + 1):
         angle, _ = turned(picture, y, x, angle, _TURNS, _TURN, _AHEAD, kept, profile)
         down, right = math.sin(angle), math.cos(angle)
         y, x = y + STRIDE * down, x + STRIDE * right
         row, column = int(y + 0.5), int(x + 0.5)
-        if not (0 <= row < height and 0 <= column < width):
-            return (count - 1, change / count) if leaves and count > _LEAST else (0, 0.0)
-        if disparity[row, column] > depth + least:
-            return 0, 0.0
+        leaves = not (0 <= row < height and 0 <= column < width)
+        if leaves or disparity[row, column] > depth + least:
+            is_end = count > _LEAST and (open_ends or (likely and leaves))
+            return (count - 1, change / count, not (likely and leaves)) if is_end else (0, 0.0, False)
         look_across(picture, y, x, down, right, profile)
         apart = unlike(profile, kept)
         change += apart
         gaps = gaps + 1 if apart > _GAP else 0
         if gaps > _GAPS:
-            return 0, 0.0
+            count -= gaps
+            return (count, sure / count, True) if open_ends and count > _LEAST else (0, 0.0, False)
         if gaps == 0:
+            sure = change
             for k in range(3):
                 for c in range(3):
                     kept[k, c] += 0.07 * (profile[k, c] - kept[k, c])
@@ -137,8 +153,8 @@ def _follow(picture, disparity, least, y, x, depth, angle, leaves, points):  # t
         if ahead >= 0:
             for step in range(ahead):
                 points[count + step, 0], points[count + step, 1] = y + step * down, x + step * right
-            return count + ahead, change / count
-    return 0, 0.0
+            return count + ahead, change / count, False
+    return 0, 0.0, False
 
 
 @njit(cache=True)
@@ -164,12 +180,23 @@ def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _is_line(picture, disparity, farthest, points, count, change, color):  # type: ignore[no-untyped-def]
+def _is_thin(disparity, farthest, y, x, down, right):  # type: ignore[no-untyped-def]
+    """Whether a piece is thin ahead: near, with nothing near beside it."""
+    thin = 0
+    for step in range(1, _INSIDE + 1):
+        ahead, aside = y + step * down, x + step * right
+        v, u = int(ahead + 0.5), int(aside + 0.5)
+        if 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1] and disparity[v, u] > farthest:
+            thin += _stands_free(disparity, farthest, ahead, aside, down, right)
+    return thin >= _THIN * _INSIDE
+
+
+@njit(cache=True)
+def _is_line(picture, disparity, farthest, points, count, change, color, likely):  # type: ignore[no-untyped-def]
     """Whether what was followed keeps its colours and its width, and stands out from both sides.
 
-    Unless it is NaN, ``color`` is what it has to have, too, and then it is believed sooner.
+    Unless it is NaN, ``color`` is what it has to have, too. If it is ``likely``, it is believed sooner.
     """
-    likely = not math.isnan(color[0])
     contrasts, widths, free = np.empty(count), np.empty(count), 0
     mean, square = np.zeros(3), np.zeros(3)
     length = 0.0
@@ -194,9 +221,13 @@ def _is_line(picture, disparity, farthest, points, count, change, color):  # typ
         return False
     contrast = ranked(contrasts, count // 10)
     apart = math.sqrt((points[count - 1, 0] - points[0, 0]) ** 2 + (points[count - 1, 1] - points[0, 1]) ** 2)
-    ratio = _LIKELY_RATIO if likely else _RATIO
+    if likely and apart > _STRAIGHT * length:
+        ratio, least, roughness = _STRAIGHT_RATIO, _LIKELY_LONG, _STRAIGHT_ROUGHNESS
+    elif likely:
+        ratio, least, roughness = _LIKELY_RATIO, _LIKELY_LONG, _LIKELY_ROUGHNESS
+    else:
+        ratio, least, roughness = _RATIO, _LONG, _ROUGHNESS
     stands_out = contrast > _CONTRAST and contrast > ratio * change and free > _FREE * count
-    least, roughness = (_LIKELY_LONG, _LIKELY_ROUGHNESS) if likely else (_LONG, _ROUGHNESS)
     is_long = length > least * widths.mean() and apart > _STRAIGHTNESS * length
     return stands_out and is_long and widths.std() < roughness
 
@@ -227,11 +258,12 @@ def _depth_inside(disparity, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _line_from(picture, disparity, least, place, color, points):  # type: ignore[no-untyped-def]
+def _line_from(picture, disparity, least, place, color, open_ends, points):  # type: ignore[no-untyped-def]
     """Find the line that leads away from a near piece; points (N, 2) on it, and how many: 0 for none.
 
     A line of the ``color`` of those that were found around, (3,), is believed sooner. If that is NaN, the
-    piece has to end there, and the line to go on in the pieces at both its ends.
+    piece has to end there, and the line to go on in the pieces at both its ends. Of a line with an open end
+    the piece has to be thin, or the colour right.
     """
     y, x, v, u = place
     likely = not math.isnan(color[0])
@@ -245,10 +277,13 @@ def _line_from(picture, disparity, least, place, color, points):  # type: ignore
     if change > _GAP or contrast_across(picture, y, x, math.sin(angle), math.cos(angle)) < _CONTRAST:
         return 0
     depth = _depth_inside(disparity, v, u)
-    count, change = _follow(picture, disparity, least, float(y), float(x), depth, angle, likely, points)
-    if count == 0 or not _is_line(picture, disparity, depth - least, points, count, change, color):
+    count, change, is_open = _follow(
+        picture, disparity, least, float(y), float(x), depth, angle, likely, open_ends, points
+    )
+    is_sure = likely and not is_open
+    if count == 0 or not _is_line(picture, disparity, depth - least, points, count, change, color, is_sure):
         return 0
-    if likely:
+    if is_sure:
         return count
     kept = np.empty((3, 3))
     down, right = math.sin(angle), math.cos(angle)
@@ -257,6 +292,8 @@ def _line_from(picture, disparity, least, place, color, points):  # type: ignore
     y, x = y - apart * down, x - apart * right
     if _change_inside(picture, y, x, -down, -right, kept[::-1], profile) > _OTHER_LINE:
         return 0
+    if is_open:
+        return count if likely or _is_thin(disparity, depth - least, y, x, -down, -right) else 0
     y, x = points[count - 1]
     down, right = heading(points, count, count - 1)
     return count if _change_inside(picture, y, x, down, right, kept, profile) <= _OTHER_LINE else 0
@@ -299,34 +336,37 @@ def _are_likely(picture, restored, places, found, colors):  # type: ignore[no-un
 
 
 @njit(cache=True, parallel=True)
-def _find_lines(picture, disparity, least, places, colors, found):  # type: ignore[no-untyped-def]
+def _find_lines(picture, disparity, least, places, colors, open_ends, found):  # type: ignore[no-untyped-def]
     """Mark the places from which lines lead."""
     for i in prange(len(places)):
         points = np.empty((_MOST + _END, 2))
-        found[i] = _line_from(picture, disparity, least, places[i], colors[i], points) > 0
+        found[i] = _line_from(picture, disparity, least, places[i], colors[i], open_ends, points) > 0
 
 
 @njit(cache=True)
-def _lay_lines(picture, disparity, least, places, colors, result):  # type: ignore[no-untyped-def]
+def _lay_lines(picture, disparity, least, places, colors, open_ends, result):  # type: ignore[no-untyped-def]
     """Write the lines that lead from there, as wide as they are."""
     height, width = disparity.shape
-    points, reach = np.empty((_MOST + _END, 2)), np.empty(_MOST + _END)
+    points, sides = np.empty((_MOST + _END, 2)), np.empty((2, _MOST + _END))
     for number in range(len(places)):
         place = places[number]
-        count = _line_from(picture, disparity, least, place, colors[number], points)
+        count = _line_from(picture, disparity, least, place, colors[number], open_ends, points)
         depth = _depth_inside(disparity, place[2], place[3])
-        for side in range(-1, 2, 2):
-            for i in range(count):
-                down, right = heading(points, count, i)
-                reach[i] = half_width(picture, points[i, 0], points[i, 1], down, right, side)
-            for i in range(count):
-                down, right = heading(points, count, i)
-                around = reach[max(0, i - 5) : min(count, i + 6)]
-                wide = ranked(around, len(around) // 2)
-                for k in range(math.ceil(2.0 * wide)):
-                    y = int(points[i, 0] + 0.5 * side * k * right + 0.5)
-                    x = int(points[i, 1] - 0.5 * side * k * down + 0.5)
-                    if 0 <= y < height and 0 <= x < width:
+        for i in range(count):
+            down, right = heading(points, count, i)
+            for side in range(2):
+                sides[side, i] = half_width(picture, points[i, 0], points[i, 1], down, right, 2 * side - 1)
+        for i in range(count):
+            down, right = heading(points, count, i)
+            first, last = max(0, i - 5), min(count, i + 6)
+            before = ranked(sides[0, first:last], (last - first) // 2) - _OVERLAP
+            after = ranked(sides[1, first:last], (last - first) // 2) - _OVERLAP
+            reach = int(max(before, after)) + 2
+            row, column = int(points[i, 0]), int(points[i, 1])
+            for y in range(max(0, row - reach), min(height, row + reach + 1)):
+                for x in range(max(0, column - reach), min(width, column + reach + 1)):
+                    v, u = y - points[i, 0], x - points[i, 1]
+                    if abs(v * down + u * right) <= STRIDE and -before <= v * right - u * down <= after:
                         result[y, x] = max(result[y, x], depth)
 
 
@@ -341,8 +381,8 @@ def restore_lost_lines(
         image: All-in-focus picture, scene-linear, not negative, (H, W, 3), float32.
         disparity: (H, W), float32, rising towards the camera.
         least: Difference of disparity from which on two pixels belong to two surfaces.
-        spread: Whether what was found makes others likely. In maps that were soft, and have got back what
-            blur had hidden, that makes lines of what is none.
+        spread: Whether what was found makes others likely, and lines may have open ends. In maps that were
+            soft, and have got back what blur had hidden, that makes lines of what is none.
 
     Returns:
         A new map (H, W), nowhere farther away than the given one.
@@ -356,7 +396,7 @@ def restore_lost_lines(
     with parallel_region:
         _find_places(disparity, least, ys, xs, places, found)
     every = places[found]
-    _lay(picture, disparity, least, every, np.full((len(every), 3), np.nan), result)
+    _lay(picture, disparity, least, every, np.full((len(every), 3), np.nan), spread, result)
     before = 0
     for _ in range(_ROUNDS if spread else 0):
         restored = result != disparity
@@ -367,7 +407,7 @@ def restore_lost_lines(
         found, colors = np.empty(len(every), np.bool_), np.empty((len(every), 3))
         with parallel_region:
             _are_likely(picture, restored, every, found, colors)
-        _lay(picture, disparity, least, every[found], colors[found], result)
+        _lay(picture, disparity, least, every[found], colors[found], spread, result)
     return result
 
 
@@ -377,10 +417,11 @@ def _lay(
     least: float,
     places: np.ndarray,
     colors: np.ndarray,
+    open_ends: bool,
     result: np.ndarray,
 ) -> None:
     """Write the lines that lead from some places (N, 4), of colours (N, 3), into ``result``."""
     found = np.empty(len(places), np.bool_)
     with parallel_region:
-        _find_lines(picture, disparity, least, places, colors, found)
-        _lay_lines(picture, disparity, least, places[found], colors[found], result)
+        _find_lines(picture, disparity, least, places, colors, open_ends, found)
+        _lay_lines(picture, disparity, least, places[found], colors[found], open_ends, result)

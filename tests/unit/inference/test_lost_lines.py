@@ -161,3 +161,45 @@ def test_a_wire_of_a_net_may_leave_the_picture():
     assert (alone[lost] == truth[lost]).mean() < 0.4
     assert (together[lost] == truth[lost]).mean() > 0.8
     assert (together != truth)[border & (truth != np.float32(NEAR))].mean() < 0.1
+
+
+def twig(last=78):
+    """Picture of a twig from the left border on, its disparity, and a map that has its beginning alone."""
+    picture = checkered_cloth()
+    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float32)
+    wood = (np.abs(y - 48 - 0.15 * (x - 48)) < 2.5) & (x < last)
+    picture[wood] = (0.85, 0.85, 0.9)
+    truth = np.where(wood, np.float32(NEAR), np.float32(0.1))
+    return picture, truth, without(truth, np.s_[:], np.s_[30:])
+
+
+def test_a_twig_whose_beginning_is_there_comes_back_to_its_tip():
+    picture, truth, lost = twig()
+    restored = restore_lost_lines(picture, lost, LEAST)
+    missing = truth != lost
+    assert (restored[missing] == np.float32(NEAR)).mean() > 0.85
+    assert (restored != lost)[~missing].mean() < 0.01
+
+
+def test_a_twig_goes_on_behind_what_is_nearer():
+    picture, truth, lost = twig()
+    picture[:, 60:70], truth[:, 60:70], lost[:, 60:70] = (0.2, 0.7, 0.2), 0.95, 0.95
+    before = np.s_[:, 32:56]
+    restored = restore_lost_lines(picture, lost, LEAST)
+    missing = (truth != lost)[before]
+    assert (restored[before][missing] == np.float32(NEAR)).mean() > 0.85
+    assert (restored[:, 60:70] == np.float32(0.95)).all()
+
+
+def test_in_maps_that_were_soft_no_line_ends_openly():
+    picture, _, lost = twig()
+    assert np.array_equal(restore_lost_lines(picture, lost, LEAST, spread=False), lost)
+
+
+def test_a_line_of_the_background_that_meets_the_tip_of_a_twig_stays_behind():
+    """It has another colour, or another width."""
+    picture, truth, lost = twig(last=30)
+    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float32)
+    behind = (np.abs(y - 48 - 0.15 * (x - 48)) < 2.5) & (x >= 30)
+    picture[behind] = (0.6, 0.25, 0.3)
+    assert np.array_equal(restore_lost_lines(picture, lost, LEAST), truth)
