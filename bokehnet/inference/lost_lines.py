@@ -104,12 +104,18 @@ _THIN = 0.75
 
 
 @njit(cache=True)
+def _disparity_at(disparity, y, x):  # type: ignore[no-untyped-def]
+    """Disparity of the pixel at a place, NaN outside the map."""
+    row, column = int(y + 0.5), int(x + 0.5)
+    inside = 0 <= row < disparity.shape[0] and 0 <= column < disparity.shape[1]
+    return disparity[row, column] if inside else np.nan
+
+
+@njit(cache=True)
 def _end(disparity, depth, least, y, x, down, right):  # type: ignore[no-untyped-def]
     """Pixels ahead at which the map has that disparity again, -1 for none."""
     for ahead in range(_END):
-        v, u = int(y + ahead * down + 0.5), int(x + ahead * right + 0.5)
-        inside = 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1]
-        if inside and abs(disparity[v, u] - depth) < least:
+        if abs(_disparity_at(disparity, y + ahead * down, x + ahead * right) - depth) < least:
             return ahead
     return -1
 
@@ -123,7 +129,6 @@ def _follow(picture, disparity, least, y, x, depth, angle, likely, open_ends, po
     Returns:
         How many of ``points`` (N, 2) are set, 0 for no line; how much it changes; whether its end is open.
     """
-    height, width = disparity.shape
     kept, profile = np.empty((3, 3)), np.empty((3, 3))
     look_across(picture, y, x, math.sin(angle), math.cos(angle), kept)
     change, sure, gaps = 0.0, 0.0, 0
@@ -131,11 +136,12 @@ def _follow(picture, disparity, least, y, x, depth, angle, likely, open_ends, po
         angle, _ = turned(picture, y, x, angle, _TURNS, _TURN, _AHEAD, kept, profile)
         down, right = math.sin(angle), math.cos(angle)
         y, x = y + STRIDE * down, x + STRIDE * right
-        row, column = int(y + 0.5), int(x + 0.5)
-        leaves = not (0 <= row < height and 0 <= column < width)
-        if leaves or disparity[row, column] > depth + least:
-            is_end = count > _LEAST and (open_ends or (likely and leaves))
-            return (count - 1, change / count, not (likely and leaves)) if is_end else (0, 0.0, False)
+        there = _disparity_at(disparity, y, x)
+        leaves = math.isnan(there)
+        if leaves or there > depth + least:
+            is_open = not (likely and leaves)
+            is_end = count > _LEAST and (open_ends or not is_open)
+            return (count - 1, change / count, is_open) if is_end else (0, 0.0, False)
         look_across(picture, y, x, down, right, profile)
         apart = unlike(profile, kept)
         change += apart
@@ -172,9 +178,7 @@ def _change_inside(picture, y, x, down, right, kept, profile):  # type: ignore[n
 def _stands_free(disparity, farthest, y, x, down, right):  # type: ignore[no-untyped-def]
     """Whether what is beside a line on both sides is farther away than that."""
     for side in range(-SIDE, SIDE + 1, 2 * SIDE):
-        v, u = int(y + side * right + 0.5), int(x - side * down + 0.5)
-        inside = 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1]
-        if inside and disparity[v, u] > farthest:
+        if _disparity_at(disparity, y + side * right, x - side * down) > farthest:
             return False
     return True
 
@@ -185,8 +189,7 @@ def _is_thin(disparity, farthest, y, x, down, right):  # type: ignore[no-untyped
     thin = 0
     for step in range(1, _INSIDE + 1):
         ahead, aside = y + step * down, x + step * right
-        v, u = int(ahead + 0.5), int(aside + 0.5)
-        if 0 <= v < disparity.shape[0] and 0 <= u < disparity.shape[1] and disparity[v, u] > farthest:
+        if _disparity_at(disparity, ahead, aside) > farthest:
             thin += _stands_free(disparity, farthest, ahead, aside, down, right)
     return thin >= _THIN * _INSIDE
 

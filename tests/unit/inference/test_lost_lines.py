@@ -196,8 +196,7 @@ def test_in_maps_that_were_soft_no_line_ends_openly():
     assert np.array_equal(restore_lost_lines(picture, lost, LEAST, spread=False), lost)
 
 
-def test_a_line_of_the_background_that_meets_the_tip_of_a_twig_stays_behind():
-    """It has another colour, or another width."""
+def test_a_line_of_another_colour_that_meets_the_tip_of_a_twig_stays_behind():
     picture, truth, lost = twig(last=30)
     y, x = np.mgrid[:SIZE, :SIZE].astype(np.float32)
     behind = (np.abs(y - 48 - 0.15 * (x - 48)) < 2.5) & (x >= 30)
