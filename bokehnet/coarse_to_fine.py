@@ -1,10 +1,12 @@
 """The neural half from coarse to fine: ARNet where the blur is small, then up to full size.
 
 The way up is IUNet's, level by level. Without it ARNet's change of the classical render is doubled until it
-has the picture's size, and laid over: detail is the classical render's.
+has the picture's size, and laid over: detail is the classical render's. A scatter's detail is not to be
+trusted everywhere: see :func:`mend_before_focus`.
 
-The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over` and :func:`bokehnet.fusion.fuse`, are
-written once, on operators: for training (torch), for inference (NumPy) and for the one file (ONNX graphs).
+The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over`, :func:`mend_before_focus` and
+:func:`bokehnet.fusion.fuse`, are written once, on operators: for training (torch), for inference (NumPy) and
+for the one file (ONNX graphs).
 :func:`render_neural` is the whole way for torch and NumPy. Two twins go it in their own fashion:
 :mod:`bokehnet.inference.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
 be wrong, and :mod:`bokehnet.onnx_file.neural` with the loops of a graph.
@@ -16,11 +18,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from bokehnet.checks import Array
+from bokehnet.checks import Array, array_namespace
+from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import decode, encode
 from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = [
+    "LEAVE_OUTLINES",
     "CoarseNetwork",
     "Level",
     "NeuralResult",
@@ -30,9 +34,19 @@ __all__ = [
     "build_levels",
     "find_change",
     "lay_over",
+    "mend_before_focus",
     "refine_whole",
     "render_neural",
 ]
+
+# Classical renderers whose result must go through :func:`mend_before_focus`.
+LEAVE_OUTLINES = ("scatter",)
+
+# Blur in front of focus, in pixels of the coarse size, from which on no detail of such a render is kept.
+_DETAIL_ENDS = 3.0
+
+# And from which on the root of the error map takes its place.
+_FAR = 9.0
 
 
 class CoarseNetwork(Protocol):
@@ -77,15 +91,18 @@ class Level:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NeuralResult:
-    """The neural half of the hybrid.
+    """The neural half of the hybrid, and the blend of both.
 
     Attributes:
+        bokeh: The blend, (B, 3, H, W), at the picture's size. Where the error map is 0 it is the classical
+            render bit for bit.
         steps: Bokeh (B, 3, h, w) at every level, coarse to fine; without an IUNet at the first and the last
             one only. The last has the picture's size.
         error_map: (B, 1, H, W) in [0, 1], at the picture's size: ARNet's times the classical renderer's, so
             that nothing changes where the classical render is right.
     """
 
+    bokeh: Array
     steps: list[Array]
     error_map: Array
 
@@ -142,6 +159,33 @@ def lay_over(classical: Array, change: Array) -> Array:
     return decode(encode(classical) + change).clip(min=0)
 
 
+def mend_before_focus(
+    classical: Array, defocus: Array, coarse: Array, coarse_defocus: Array, error_map: Array
+) -> tuple[Array, Array]:
+    """Rely less on a scatter where something stands before focus and the network doubts the render.
+
+    No detail there is finer than the blur, but a scatter does not know what a foreground hides, and keeps its
+    outline. At the coarse size the same render has the same light without the line. And the farther before
+    focus, the more a doubt counts.
+
+    Args:
+        classical: Scene-linear.
+        defocus: Signed radius in pixels of the coarse size.
+        coarse: ``classical`` as it is at the coarse size, doubled up to full size.
+        coarse_defocus: The same of ``defocus``: an outline has two sides, and that of the background is a
+            coarse pixel wide.
+        error_map: Where the render is wrong, in [0, 1].
+
+    Returns:
+        Both, mended. Where the error map is 0, and away from what stands before focus, bit for bit as before.
+    """
+    radius = array_namespace(defocus).maximum(defocus, coarse_defocus)
+    doubt = (2 * error_map).clip(0, 1)
+    mended = fuse(classical, coarse, (radius / _DETAIL_ENDS).clip(0, 1) * doubt)
+    far = ((radius - _DETAIL_ENDS) / (_FAR - _DETAIL_ENDS)).clip(0, 1)
+    return mended, fuse(error_map, error_map**0.5, far)
+
+
 def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
     """Run IUNet on the whole picture at once."""
     return iunet(level.image, level.defocus, level.classical, coarse, level.features)
@@ -180,8 +224,9 @@ def render_neural(
     refine: Refine = refine_whole,
     features: Array | None = None,
     extra_halvings: int = 0,
+    leaves_outlines: bool = False,
 ) -> NeuralResult:
-    """Render the neural half.
+    """Render the neural half, and blend.
 
     The published method resizes by max|r| over the radius that ARNet was trained for; here the factor is the
     next power of two, so that every step doubles exactly, no step loses detail, and pixels of all sizes are
@@ -199,6 +244,7 @@ def render_neural(
         refine: How IUNet is run at each level.
         features: What the classical renderer knows besides, see :class:`Level`.
         extra_halvings: Start this many sizes lower than needed (for training).
+        leaves_outlines: Whether the classical renderer is one of ``LEAVE_OUTLINES``.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
@@ -211,14 +257,22 @@ def render_neural(
         arnet, low.image, low.defocus, low.classical, low.features, max_valid_radius / 2**halvings
     )
     steps = [bokeh]
-    change = find_change(bokeh, low.classical)
+    change, light, radius = find_change(bokeh, low.classical), low.classical, low.defocus
     for level in levels[1:]:
         learned = upsample2(learned)
+        if leaves_outlines:
+            light, radius = upsample2(light), upsample2(radius)
         if iunet is None:
             change = upsample2(change)
         else:
             steps.append(refine(iunet, level, steps[-1], learned * level.classical_error_map))
+    error_map, classical = learned * full.classical_error_map, full.classical
+    if leaves_outlines:
+        at_full_size = full.defocus / 2**halvings
+        classical, error_map = mend_before_focus(classical, at_full_size, light, radius, error_map)
     if iunet is None:
-        steps.append(lay_over(full.classical, change))
-    steps[-1] = crop_to(steps[-1], height, width)
-    return NeuralResult(steps=steps, error_map=crop_to(learned * full.classical_error_map, height, width))
+        steps.append(lay_over(classical, change))
+    blend, steps[-1], error_map = (
+        crop_to(x, height, width) for x in (fuse(classical, steps[-1], error_map), steps[-1], error_map)
+    )
+    return NeuralResult(bokeh=blend, steps=steps, error_map=error_map)

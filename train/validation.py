@@ -1,21 +1,30 @@
 """What a network is worth on held-out, ray-traced scenes, while it trains."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bokehnet.coarse_to_fine import RefineNetwork, render_neural
-from bokehnet.fusion import fuse
+from bokehnet.coarse_to_fine import LEAVE_OUTLINES, RefineNetwork, render_neural
 from bokehnet.io.color import linear_to_srgb
 from train.logbook import over_held_out
 from train.metrics import compare, mean_scores
 from train.prepared import PLANES, PreparedSet
 
-__all__ = ["held_out_examples", "score_coarse_to_fine"]
+__all__ = ["HeldOut", "held_out_examples", "score_coarse_to_fine"]
 
 
-def held_out_examples(folder: str, limit: int) -> list[dict[str, Tensor]]:
-    """At most ``limit`` whole examples of a prepared set, spread over it; (1, C, H, W) each."""
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """Whole examples, planes (1, C, H, W) by name, and the renderer that made their classical half."""
+
+    examples: list[dict[str, Tensor]]
+    classical: str
+
+
+def held_out_examples(folder: str, limit: int) -> HeldOut:
+    """At most ``limit`` examples of a prepared set, spread over it."""
     prepared = PreparedSet(folder)
     chosen = np.unique(np.linspace(0, len(prepared) - 1, min(limit, len(prepared))).astype(int))
     examples = []
@@ -27,7 +36,7 @@ def held_out_examples(folder: str, limit: int) -> list[dict[str, Tensor]]:
             dim=1,
         )
         examples.append(example)
-    return examples
+    return HeldOut(examples, prepared.classical)
 
 
 def _array(tensor: Tensor) -> np.ndarray:
@@ -39,12 +48,12 @@ def score_coarse_to_fine(
     arnet: nn.Module,
     iunet: RefineNetwork | None,
     network_max_radius: float,
-    held_out: list[dict[str, Tensor]],
+    held_out: HeldOut,
     device: torch.device,
 ) -> tuple[dict[str, float], dict[str, Tensor]]:
     """Render all examples with the hybrid; mean scores beside the classical ones, and pictures of a few."""
     rows, pictures = [], {}
-    for number, example in enumerate(over_held_out(held_out)):
+    for number, example in enumerate(over_held_out(held_out.examples)):
         keys = ("image", "defocus", "classical", "classical_error_map", "features")
         image, radius, classical, classical_error_map, features = (example[key].to(device) for key in keys)
         defocus = example["defocus"][0, 0].numpy()
@@ -57,14 +66,14 @@ def score_coarse_to_fine(
             arnet=arnet,
             iunet=iunet,
             network_max_radius=network_max_radius,
+            leaves_outlines=held_out.classical in LEAVE_OUTLINES,
         )
-        hybrid = fuse(classical, result.steps[-1], result.error_map)
         truth = _array(example["truth"])
-        scores = {f"hybrid/{key}": x for key, x in compare(_array(hybrid), truth, defocus).items()}
+        scores = {f"hybrid/{key}": x for key, x in compare(_array(result.bokeh), truth, defocus).items()}
         scores |= {f"classical/{key}": x for key, x in compare(_array(classical), truth, defocus).items()}
         rows.append(scores)
         if number < 4:
-            shown = [classical, result.steps[-1], hybrid, example["truth"].to(device)]
+            shown = [classical, result.steps[-1], result.bokeh, example["truth"].to(device)]
             encoded = [linear_to_srgb(picture.clamp(0, 1))[0] for picture in shown]
             encoded.append(result.error_map[0].expand(3, -1, -1))
             pictures[f"classical_neural_hybrid_truth_error/{number}"] = torch.cat(encoded, dim=-1).cpu()

@@ -1,11 +1,10 @@
-"""ARNet's correction: found once on a small copy of the picture, then laid over any rows of it.
+"""The networks' correction: ARNet's alone, found once on a small copy of the picture; or level by level.
 
-The formulas and the result are those of :func:`bokehnet.coarse_to_fine.render_neural` without an IUNet. But
-there are no levels: only what is small is kept, and only pixels where the classical render can be wrong are
-touched at full size.
+Without an IUNet the formulas and the result are those of :func:`bokehnet.coarse_to_fine.render_neural`. But
+there are no levels: only what is small is kept, then laid over any rows of the picture, and only pixels where
+the classical render can be wrong are touched at full size.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +12,11 @@ from numba import prange
 
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.coarse_to_fine import CoarseNetwork, ask_arnet, find_change, lay_over
+from bokehnet.coarse_to_fine import ask_arnet, find_change, lay_over, mend_before_focus, render_neural
 from bokehnet.fusion import fuse
+from bokehnet.inference.session import Networks
 from bokehnet.inference.small_copy import SmallCopy
+from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.kernels import njit
 from bokehnet.pyramid import count_halvings, upsample2
 
@@ -26,6 +27,7 @@ __all__ = [
     "CoarseCorrection",
     "CoarseInput",
     "Corrected",
+    "correct_level_by_level",
 ]
 
 # Bytes that ARNet takes for a pixel that it sees; pixels that it sees at most, and where memory is bounded at
@@ -66,24 +68,32 @@ class CoarseCorrection:
     """What ARNet says of a picture.
 
     Attributes:
-        values: Change of the encoded colours and error map, (h, w, 4), at the size of the small copy.
+        values: Change of the encoded colours, error map and, where the classical renderer leaves outlines,
+            its render and the defocus: (h, w, 4 or 8), at the size of the small copy.
         halvings: How often the picture was halved.
     """
 
     values: np.ndarray
     halvings: int
 
-    def apply(self, classical: np.ndarray, classical_error_map: np.ndarray, first: int = 0) -> Corrected:
+    def apply(
+        self, classical: np.ndarray, classical_error_map: np.ndarray, defocus: np.ndarray, first: int = 0
+    ) -> Corrected:
         """Correct rows of a picture where the classical render can be wrong; elsewhere nothing changes.
 
         Args:
             classical: Classical render, scene-linear, (H, W, 3).
             classical_error_map: The classical renderer's own error map, (H, W).
-            first: Row of the picture at which both begin.
+            defocus: Signed radius in pixels of the picture, (H, W).
+            first: Row of the picture at which all begin.
         """
         rows, columns = np.nonzero(classical_error_map)
         light, found = classical[rows, columns], self._at(rows + first, columns)
         blend = found[:, 3] * classical_error_map[rows, columns]
+        if found.shape[1] > 4:
+            radius = defocus[rows, columns, None] / np.float32(2**self.halvings)
+            light, mended = mend_before_focus(light, radius, found[:, 4:7], found[:, 7:], blend[:, None])
+            blend = mended[:, 0]
         seen = lay_over(light, found[:, :3])
         bokeh, neural, error_map = classical.copy(), classical.copy(), np.zeros_like(classical_error_map)
         bokeh[rows, columns] = fuse(light, seen, blend[:, None])
@@ -91,7 +101,7 @@ class CoarseCorrection:
         return Corrected(bokeh=bokeh, neural=neural, error_map=error_map)
 
     def _at(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Values at pixels of the picture, (N, 4)."""
+        """Values at pixels of the picture, (N, 4 or 8)."""
         if self.halvings == 0 or not len(rows):
             return self.values[rows, columns]
         factor = 2**self.halvings
@@ -143,24 +153,51 @@ class CoarseInput:
             parts["classical_error_map"] = classical.error_map[..., None]
         self._small.add(first, parts)
 
-    def correct(self, arnet: CoarseNetwork, max_valid_radius: float = math.inf) -> CoarseCorrection:
-        """Run ARNet, once all rows have been added.
-
-        Args:
-            arnet: The network.
-            max_valid_radius: As of :func:`bokehnet.coarse_to_fine.ask_arnet`, in pixels of the picture.
-        """
+    def correct(self, networks: Networks) -> CoarseCorrection:
+        """Run ARNet, once all rows have been added."""
         batch, halvings = self._small.batch(), self._small.halvings
         names = ("occluded_background", "disocclusion_weight", "classical_error_map")
         features = [batch[name] for name in names if name in batch]
         bokeh, learned = ask_arnet(
-            arnet,
+            networks.arnet,
             batch["image"],
             batch["defocus"],
             batch["classical"],
             np.concatenate(features, axis=1) if features else None,
-            max_valid_radius / 2**halvings,
+            networks.max_valid_radius / 2**halvings,
         )
         change = find_change(bokeh[0], batch["classical"][0])
-        values = np.concatenate([change, learned[0]]).transpose(1, 2, 0)
+        seen = [batch["classical"][0], batch["defocus"][0]] if networks.leaves_outlines else []
+        values = np.concatenate([change, learned[0], *seen]).transpose(1, 2, 0)
         return CoarseCorrection(values=np.ascontiguousarray(values), halvings=halvings)
+
+
+def _to_batch(array: np.ndarray) -> np.ndarray:
+    """(H, W) or (H, W, C) to (1, C, H, W)."""
+    return np.ascontiguousarray(np.atleast_3d(array).transpose(2, 0, 1)[None])
+
+
+def correct_level_by_level(
+    networks: Networks, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
+) -> Corrected:
+    """The way of networks with an IUNet: at full size as well, in tiles.
+
+    Args:
+        networks: ARNet and IUNet.
+        image: Scene-linear, (H, W, 3).
+        defocus: Signed radius in pixels, (H, W).
+        classical: The render.
+    """
+    batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
+    result = render_neural(
+        *batches,
+        features=None if classical.features is None else _to_batch(classical.features),
+        arnet=networks.arnet,
+        iunet=networks.iunet,
+        network_max_radius=networks.network_max_radius,
+        max_valid_radius=networks.max_valid_radius,
+        refine=refine_in_tiles,
+        leaves_outlines=networks.leaves_outlines,
+    )
+    bokeh, neural = (np.ascontiguousarray(x[0].transpose(1, 2, 0)) for x in (result.bokeh, result.steps[-1]))
+    return Corrected(bokeh=bokeh, neural=neural, error_map=result.error_map[0, 0])

@@ -20,16 +20,19 @@ from bokehnet.classical.base import (
 )
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
-from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
-from bokehnet.fusion import fuse
-from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS, MOST_PIXELS, CoarseInput
+from bokehnet.inference.coarse_to_fine import (
+    ARNET_BYTES,
+    LEAST_PIXELS,
+    MOST_PIXELS,
+    CoarseInput,
+    correct_level_by_level,
+)
 from bokehnet.inference.devices import device_of, make_on, providers_on
 from bokehnet.inference.expected_error import ERROR_BYTES, ErrorEstimate, check_expects_error
 from bokehnet.inference.hybrids import HYBRIDS
 from bokehnet.inference.session import load_networks
 from bokehnet.inference.strips import StripAccumulator, cut_strips, working_memory
-from bokehnet.inference.tiling import refine_in_tiles
 from bokehnet.io.row_blocks import Progress, cut_row_blocks, in_row_blocks
 from bokehnet.onnx_session import CPU
 from bokehnet.optics.aperture import Aperture
@@ -70,11 +73,6 @@ class EngineResult:
     largest_blur: float = 0.0
     mixed_pixels: KnownSurfaces | None = None
     expected_error: np.ndarray | None = None
-
-
-def _to_batch(array: np.ndarray) -> np.ndarray:
-    """(H, W, C) or (H, W) to (1, C, H, W)."""
-    return array[None, None] if array.ndim == 2 else np.ascontiguousarray(array.transpose(2, 0, 1))[None]
 
 
 def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> float:
@@ -291,6 +289,8 @@ class Engine:
         )
         if expected_error:
             check_expects_error(self.classical_name, lens.lens_response, gamma, self.name)
+        if overwrite and defocus.flags.writeable and self._reads_defocus_again:
+            memory_taken += defocus.nbytes  # of the error map, which cannot take its place
         strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = (
             progress or _ignore,
@@ -311,6 +311,11 @@ class Engine:
             result = self._render_whole(image, defocus, lens, curve, report, gathered)
         told = None if estimate is None else estimate.tell()
         return replace(result, largest_blur=largest, expected_error=told)
+
+    @property
+    def _reads_defocus_again(self) -> bool:
+        """Whether networks want it once the classical half is there."""
+        return self._networks is not None and self._networks.leaves_outlines
 
     def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int | None, taken: int) -> list[Strip | None]:
         """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
@@ -370,15 +375,18 @@ class Engine:
                 mixed_pixels=classical.mixed_pixels,
             )
         if gathered.coarse is None:
-            result = self._render_coarse_to_fine(image, defocus, classical)
+            found = correct_level_by_level(self._networks, image, defocus, classical)
         else:
-            correction = gathered.coarse.correct(self._networks.arnet, self._networks.max_valid_radius)
-            found = correction.apply(classical.bokeh, classical.error_map)
-            result = EngineResult(
-                bokeh=found.bokeh, classical=classical.bokeh, neural=found.neural, error_map=found.error_map
-            )
+            correction = gathered.coarse.correct(self._networks)
+            found = correction.apply(classical.bokeh, classical.error_map, defocus)
         report(2 * _STEPS, steps)
-        return replace(result, mixed_pixels=classical.mixed_pixels)
+        return EngineResult(
+            bokeh=found.bokeh,
+            classical=classical.bokeh,
+            neural=found.neural,
+            error_map=found.error_map,
+            mixed_pixels=classical.mixed_pixels,
+        )
 
     def _render_strips(
         self,
@@ -393,7 +401,10 @@ class Engine:
     ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
-        results = [StripAccumulator(array, overwrite) for array in (image, defocus)]
+        results = [
+            StripAccumulator(image, overwrite),
+            StripAccumulator(defocus, overwrite and not self._reads_defocus_again),
+        ]
         bokeh, error_map = (result.array for result in results)
         height, mixed = len(defocus), []
         steps = _STEPS * (len(strips) + (networks is not None))
@@ -418,9 +429,9 @@ class Engine:
             del part, kept, array  # before the next strip needs their memory
         if networks is not None and gathered.coarse is not None:
             report(_STEPS * len(strips), steps)
-            correction = gathered.coarse.correct(networks.arnet, networks.max_valid_radius)
+            correction = gathered.coarse.correct(networks)
             for rows in cut_row_blocks(bokeh.shape):
-                found = correction.apply(bokeh[rows], error_map[rows], rows.start)
+                found = correction.apply(bokeh[rows], error_map[rows], defocus[rows], rows.start)
                 bokeh[rows], error_map[rows] = found.bokeh, found.error_map
         report(steps, steps)
         classical = bokeh if networks is None else None
@@ -470,24 +481,3 @@ class Engine:
             bokeh=curve.decode(result.bokeh),
             mixed_pixels=mixed and mixed.in_light(curve.decode),
         )
-
-    def _render_coarse_to_fine(
-        self, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult
-    ) -> EngineResult:
-        """The way of networks with an IUNet: level by level, at full size as well."""
-        assert self._networks is not None
-        assert self._networks.iunet is not None
-        batches = [_to_batch(x) for x in (image, defocus, classical.bokeh, classical.error_map)]
-        result = render_neural(
-            *batches,
-            features=None if classical.features is None else _to_batch(classical.features),
-            arnet=self._networks.arnet,
-            iunet=self._networks.iunet,
-            network_max_radius=self._networks.network_max_radius,
-            max_valid_radius=self._networks.max_valid_radius,
-            refine=refine_in_tiles,
-        )
-        neural = np.ascontiguousarray(result.steps[-1][0].transpose(1, 2, 0))
-        error_map = result.error_map[0, 0]
-        bokeh = fuse(classical.bokeh, neural, error_map[..., None])
-        return EngineResult(bokeh=bokeh, classical=classical.bokeh, neural=neural, error_map=error_map)

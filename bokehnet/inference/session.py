@@ -12,6 +12,7 @@ import numpy as np
 
 from bokehnet.checks import check_choice
 from bokehnet.classical.base import CLASSICAL_RENDERERS
+from bokehnet.coarse_to_fine import LEAVE_OUTLINES
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.memory import keeps_freed
 from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
@@ -90,6 +91,11 @@ class Networks:
     network_max_radius: float
     classical: str
     max_valid_radius: float = math.inf
+
+    @property
+    def leaves_outlines(self) -> bool:
+        """Whether what they correct has outlines in front of focus that it should not have."""
+        return self.classical in LEAVE_OUTLINES
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:

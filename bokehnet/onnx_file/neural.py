@@ -6,7 +6,8 @@ The formulas are those of that module, called with values of the graph.
 import numpy as np
 import onnx
 
-from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over
+from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over, mend_before_focus
+from bokehnet.fusion import fuse
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
 
@@ -39,14 +40,14 @@ def render_neural(
     iunet: onnx.ModelProto | None,
     network_max_radius: float,
     max_valid_radius: float,
-) -> tuple[Value, Value]:
-    """Render the neural half, as :func:`bokehnet.coarse_to_fine.render_neural`, IUNet over whole pictures.
+) -> Value:
+    """Blend as :func:`bokehnet.coarse_to_fine.render_neural`, IUNet over whole pictures.
 
     Args:
         g: The open graph.
         image: All-in-focus picture, scene-linear, (3, H, W).
         defocus: Signed blur radius in pixels, (H, W).
-        classical: Classical render, (3, H, W).
+        classical: The scatter's render, (3, H, W).
         classical_error_map: Its error map, (H, W).
         arnet: The coarse network.
         iunet: The refining network; without it ARNet's change is laid over the classical render.
@@ -54,7 +55,7 @@ def render_neural(
         max_valid_radius: Largest blur radius that the networks may correct, pixels.
 
     Returns:
-        Bokeh (3, H, W) and error map (1, H, W).
+        Bokeh (3, H, W).
     """
     height, width = defocus.size(0), defocus.size(1)
     halvings = _count_halvings(g, defocus, network_max_radius)
@@ -78,16 +79,20 @@ def render_neural(
         written_in, low["image"], low["defocus"], low["classical"], None, max_valid_radius / scale
     )
 
-    def climb(turn: Value, found: Value, learned: Value) -> tuple[list[Value], list[Value]]:
+    def climb(turn: Value, found: Value, *others: Value) -> tuple[list[Value], list[Value]]:
+        doubled = [double(g, x) for x in others]
         if iunet is None:
-            return [double(g, found), double(g, learned)], []
+            return [double(g, found), *doubled], []
         inputs = level(powers.take(halvings - 1 - turn))
         [refined] = _run(g, iunet, **inputs, coarse=found)
-        return [refined, double(g, learned)], []
+        return [refined, *doubled], []
 
     start = bokeh if iunet is not None else find_change(bokeh, low["classical"])
-    found, learned = (
-        x.cut(1, 0, height).cut(2, 0, width) for x in g.loop(climb, [start, learned], times=halvings)
+    found, learned, coarse, coarse_defocus = (
+        x.cut(1, 0, height).cut(2, 0, width)
+        for x in g.loop(climb, [start, learned, low["classical"], low["defocus"]], times=halvings)
     )
-    neural = found if iunet is not None else lay_over(classical, found)
-    return neural, learned * classical_error_map.reshape(1, height, width)
+    error_map = learned * classical_error_map.reshape(1, height, width)
+    radius = pictures["defocus"] / scale
+    classical, error_map = mend_before_focus(classical, radius, coarse, coarse_defocus, error_map)
+    return fuse(classical, found if iunet is not None else lay_over(classical, found), error_map)

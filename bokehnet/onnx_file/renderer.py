@@ -10,7 +10,6 @@ import onnx
 
 from bokehnet.checks import check_choice
 from bokehnet.errors import ModelFileError
-from bokehnet.fusion import fuse
 from bokehnet.inference.engine import Engine
 from bokehnet.inference.hybrids import HYBRIDS
 from bokehnet.inference.session import load_networks
@@ -105,7 +104,7 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
 
     def corrected() -> Value:
         classical_error_map = geometric_error_map(g, defocus)
-        neural, error_map = render_neural(
+        return render_neural(
             g,
             image,
             defocus,
@@ -116,7 +115,6 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
             network_max_radius=networks.network_max_radius,
             max_valid_radius=networks.max_valid_radius,
         )
-        return fuse(classical, neural, error_map)
 
     bokeh = g.branch(linear, corrected, lambda: classical).transpose(1, 2, 0)
     about = {"producer": f"bokehnet {__version__}", "license": "Apache-2.0", "light": "scene-linear"}

@@ -70,7 +70,8 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
     if settings.depth.repair != "off" and settings.input.defocus is None:
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
     classical = HYBRIDS[engine].classical if engine in HYBRIDS else engine
-    held = _HELD + (4 if settings.output.save_maps is not None else 0)
+    corrects_scatter = engine in HYBRIDS and classical == "scatter"  # its error map stands beside the defocus
+    held = _HELD + (4 if settings.output.save_maps is not None or corrects_scatter else 0)
     asked = settings.output.expected_error
     tells = asked == "on" or (asked is None and settings.output.save_maps is not None)
     held += _TOLD if tells and classical == "rays" else 0

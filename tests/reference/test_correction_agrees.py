@@ -11,7 +11,6 @@ from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.errors import ParameterError
-from bokehnet.fusion import fuse
 from bokehnet.inference.strips import BYTES_PER_PIXEL
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
@@ -73,10 +72,14 @@ def in_torch(image, defocus, arnet, iunet=None):
     ]
     with torch.no_grad():
         found = render_neural(
-            *batch, arnet=arnet, iunet=iunet, network_max_radius=10.0, max_valid_radius=TRUSTED
+            *batch,
+            arnet=arnet,
+            iunet=iunet,
+            network_max_radius=10.0,
+            max_valid_radius=TRUSTED,
+            leaves_outlines=True,
         )
-        blend = fuse(batch[2], found.steps[-1], found.error_map)
-    bokeh, error_map = (x[0].permute(1, 2, 0).numpy() for x in (blend, found.error_map))
+    bokeh, error_map = (x[0].permute(1, 2, 0).numpy() for x in (found.bokeh, found.error_map))
     return bokeh, error_map[..., 0], classical
 
 

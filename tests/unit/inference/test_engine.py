@@ -10,7 +10,6 @@ from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import Level, refine_whole, render_neural
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.fusion import fuse
 from bokehnet.inference import tiling
 from bokehnet.inference.session import load_networks
 from bokehnet.models.arnet import ARNet, ARNetConfig
@@ -48,15 +47,12 @@ def test_inference_equals_the_torch_cascade(pair, height, width, radius):
     result = BokehRenderer("hybrid", weights=folder).render(image, defocus)
     classical = scatter(image, defocus)
     tensors = [torch.from_numpy(x).permute(2, 0, 1)[None] for x in (image, defocus[..., None], classical)]
-    everywhere = torch.ones(1, 1, height, width)
+    error_map = torch.from_numpy(geometric_error_map(defocus))[None, None]
+    networks = {"arnet": arnet.eval(), "iunet": iunet.eval()}
     with torch.no_grad():
-        wanted = render_neural(
-            *tensors, everywhere, arnet=arnet.eval(), iunet=iunet.eval(), network_max_radius=10.0
-        )
-    error_map = wanted.error_map * torch.from_numpy(geometric_error_map(defocus))
-    fused = fuse(tensors[2], wanted.steps[-1], error_map)
-    assert_allclose(result.bokeh, fused[0].permute(1, 2, 0).numpy(), atol=1e-4)
-    assert_allclose(result.error_map, error_map[0, 0].numpy(), atol=1e-4)
+        wanted = render_neural(*tensors, error_map, **networks, network_max_radius=10.0, leaves_outlines=True)
+    assert_allclose(result.bokeh, wanted.bokeh[0].permute(1, 2, 0).numpy(), atol=1e-4)
+    assert_allclose(result.error_map, wanted.error_map[0, 0].numpy(), atol=1e-4)
 
 
 def test_tiles_give_the_same_picture_as_the_whole(pair, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 
 from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.inference.session import WEIGHTS
-from bokehnet.onnx_file import renderer
+from bokehnet.onnx_file import neural, renderer
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.rendering.renderer import BokehRenderer
 from tests.unit.onnx_file.running import decibels, picture, start, steps
@@ -122,8 +122,8 @@ def test_engines_without_networks_on_the_scatter_are_refused(tmp_path):
 def test_a_file_that_renders_something_else_is_not_written(tmp_path, random_weights, monkeypatch):
     path = tmp_path / "fast.onnx"
     path.write_bytes(b"older")
-    whole = renderer.fuse
-    monkeypatch.setattr(renderer, "fuse", lambda *arrays: whole(*arrays) * 1.02)
+    whole = neural.fuse
+    monkeypatch.setattr(neural, "fuse", lambda *arrays: whole(*arrays) * 1.02)
     with pytest.raises(ModelFileError, match=r"fast\.onnx: expected at least 50 dB .* found [34]\d\."):
         renderer.export_renderer(path, random_weights)
     assert path.read_bytes() == b"older"
