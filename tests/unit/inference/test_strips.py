@@ -180,6 +180,20 @@ def test_the_result_may_take_the_place_of_what_was_given(engine):
     assert np.array_equal(over.error_map, beside.error_map)
 
 
+def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
+    """Oracle: the same strips beside their input, bit for bit."""
+    image, defocus = tall_picture()
+    before = defocus.copy()
+    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter"]
+    renderer = BokehRenderer("fast")
+    beside = renderer.render(image, defocus, max_memory=memory)
+    over = renderer.render(image, defocus, max_memory=memory + defocus.nbytes, overwrite=True)
+    assert over.bokeh is image
+    assert np.array_equal(defocus, before)
+    assert np.array_equal(over.bokeh, beside.bokeh)
+    assert np.array_equal(over.error_map, beside.error_map)
+
+
 def test_what_cannot_be_written_to_is_left_alone():
     image, defocus = tall_picture()
     defocus.flags.writeable = False
