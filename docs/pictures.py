@@ -82,6 +82,17 @@ def show_engines(image: np.ndarray, truth: Path) -> None:
     write("method_engines.jpg", [shown[:2], shown[2:]])
 
 
+def show_outlines(truth: Path) -> None:
+    """Leaves far before focus: by the engines on the scatter, by rays, and as a lens sees them."""
+    names = ("scatter", "fast", "neural", "rays")
+    shown = [(name, render(DISPARITY, "far", "--engine", name)) for name in names]
+    shown = [*shown, ("ray traced", bokehnet.read_image(truth / "truth_far.png"))]
+    left, top, width, height = BRANCH
+    place = (slice(top, top + height), slice(left, left + width))
+    parts = [(name, picture[place]) for name, picture in shown]
+    write("method_outlines.jpg", [parts[:3], parts[3:]])
+
+
 def show_hidden(image: np.ndarray, disparity: np.ndarray) -> None:
     """The picture, and what is taken to stand behind it."""
     defocus = bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS["middle"])
@@ -134,6 +145,7 @@ def main() -> None:
     image, disparity = bokehnet.read_image(PICTURE), read_disparity(DISPARITY)
     show_maps(image, disparity)
     show_engines(image, truth)
+    show_outlines(truth)
     show_hidden(image, disparity)
     show_repair()
     show_shapes()
