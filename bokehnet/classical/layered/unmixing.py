@@ -47,7 +47,7 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["HELD", "LEAST_WEIGHT", "PRIOR", "TIE", "MixedPixels", "mean_color", "unmix"]
+__all__ = ["HELD", "LEAST_WEIGHT", "OF_LIGHTS", "PRIOR", "TIE", "MixedPixels", "mean_color", "unmix"]
 
 # What the pixel filter sees of each of its pixels at the least: neighbours tell the two surfaces apart.
 LEAST_WEIGHT = 1e-3
@@ -123,6 +123,9 @@ _NEAR_WINDOW = np.exp(-np.add.outer(*2 * [np.arange(-1, 2) ** 2]).ravel() / PRIO
 # What a pixel shows of a surface of its neighbour: nothing, it alone, or it as its nearer or farther one.
 _NOTHING, _WHOLLY, _NEAR_SIDE, _FAR_SIDE = range(4)
 
+# Weight of lights among the first colours of a surface: of a bright frame before the dark they are all.
+OF_LIGHTS = 1e-6
+
 # Bit of sides beside those of discontinuities: pixels that are known to be mixed, and their weight.
 HELD, _KNOWN_MIXED = 4, 1e-3
 
@@ -186,19 +189,19 @@ def _surfaces(defocus, weights, y, x, least):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def mean_color(image, defocus, spared, sides, y, x, depth, apart, color):  # type: ignore[no-untyped-def]
+def mean_color(image, defocus, spared, sides, y, x, depth, apart, color, of_spared=0.0):  # type: ignore[no-untyped-def]
     """Write the colour of the surface at ``depth`` around (y, x); return its variance, below 0 if none.
 
-    What is within ``apart`` of that depth belongs to it.
+    What is within ``apart`` of that depth belongs to it. Spared pixels have the weight ``of_spared``.
     """
     height, width = defocus.shape
     total = square = 0.0
     color[:] = 0.0
     for v in range(max(0, y - PRIOR.window), min(height, y + PRIOR.window + 1)):
         for u in range(max(0, x - PRIOR.window), min(width, x + PRIOR.window + 1)):
-            if spared[v, u] or abs(defocus[v, u] - depth) > apart:
+            if abs(defocus[v, u] - depth) > apart or (spared[v, u] and of_spared == 0.0):
                 continue
-            weight = _WINDOW[abs(v - y), abs(u - x)]
+            weight = _WINDOW[abs(v - y), abs(u - x)] * (of_spared if spared[v, u] else 1.0)
             if sides[v, u] != 0:
                 weight *= _KNOWN_MIXED if sides[v, u] & HELD else PRIOR.mixed
             total += weight
@@ -322,8 +325,8 @@ def _unmix(image, defocus, weights, spared, sides, places, held, shares, colors,
             near, far, share, spread = held[i, 0], held[i, 1], held[i, 2], 0.0
             is_front = share >= 0.5
         apart = half_step(near, far)
-        front_variance = mean_color(image, defocus, spared, sides, y, x, near, apart, colors[i, 0])
-        back_variance = mean_color(image, defocus, spared, sides, y, x, far, apart, colors[i, 1])
+        front_variance = mean_color(image, defocus, spared, sides, y, x, near, apart, colors[i, 0], OF_LIGHTS)
+        back_variance = mean_color(image, defocus, spared, sides, y, x, far, apart, colors[i, 1], OF_LIGHTS)
         shares[i, 0], shares[i, 1] = share, spread
         surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
         surfaces[i, 2] = _part_means(image[y, x], colors[i], share, spread, front_variance, back_variance)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bokehnet.checks import check_rank
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
-from bokehnet.classical.layered.unmixing import LEAST_WEIGHT, PRIOR, TIE
+from bokehnet.classical.layered.unmixing import LEAST_WEIGHT, OF_LIGHTS, PRIOR, TIE
 from bokehnet.errors import ShapeError
 from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
 
@@ -227,7 +227,7 @@ def unmix(
     around, colors, pixel = window.of(depth), window.of(light), light[places]
     purity = 1.0 - (1.0 - PRIOR.mixed) * window.of(sides).to(image.dtype)
     falloff = torch.exp(-(window.offsets**2).sum(0) / PRIOR.square).to(image.dtype)
-    usable = (window.inside & window.of(kept)) * purity * falloff
+    usable = window.inside * torch.where(window.of(kept), 1.0, OF_LIGHTS) * purity * falloff
 
     means, variances = [], []
     for surface in (near, far):

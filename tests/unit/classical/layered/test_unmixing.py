@@ -199,6 +199,21 @@ def test_a_held_coverage_stays_and_both_surfaces_add_up():
     assert error(found) < 1.1 * error(estimated)
 
 
+def test_a_surface_that_is_all_light_is_known_by_its_lights():
+    """A white frame before the night, all of it a light; its outline is not bright enough to be one."""
+    front = np.zeros((20, 24), bool)
+    front[8:12] = True
+    share = np.where(front, 1.0, 0.0)
+    share[7] = 0.35
+    image = (share[..., None] * 0.5 + (1 - share[..., None]) * 0.007).repeat(3, axis=-1).astype(np.float32)
+    defocus = np.where(front, 9.0, 0.0).astype(np.float32)
+    found = unmix(image, defocus, discontinuity_sides(defocus), front)
+    outline = found.rows == 7
+    assert outline.sum() == 24
+    np.testing.assert_allclose(found.front[outline], 0.5, rtol=0.05)
+    np.testing.assert_allclose(found.coverage[outline], 0.35, atol=0.05)
+
+
 def test_a_light_is_spared_though_its_coverage_is_held():
     image, defocus, *_ = scene()
     spared = NOTHING_SPARED.copy()
