@@ -87,19 +87,16 @@ def show_outlines(truth: Path) -> None:
     names = ("scatter", "fast", "neural", "rays")
     shown = [(name, render(DISPARITY, "far", "--engine", name)) for name in names]
     shown = [*shown, ("ray traced", bokehnet.read_image(truth / "truth_far.png"))]
-    left, top, width, height = BRANCH
-    place = (slice(top, top + height), slice(left, left + width))
-    parts = [(name, picture[place]) for name, picture in shown]
-    write("method_outlines.jpg", [parts[:3], parts[3:]])
+    shown = [(name, enlarged(picture, BRANCH, factor=1)) for name, picture in shown]
+    write("method_outlines.jpg", [shown[:3], shown[3:]])
 
 
 def show_hidden(image: np.ndarray, disparity: np.ndarray) -> None:
     """The picture, and what is taken to stand behind it."""
     defocus = bokehnet.defocus_from_disparity(disparity, BLUR, FOCUS["middle"])
     hidden, _ = bokehnet.occluded_background(image, defocus)
-    left, top, width, height = BRANCH
-    place = (slice(top, top + height), slice(left, left + width))
-    write("method_hidden.jpg", [[("picture", image[place]), ("occluded background", hidden[place])]])
+    shown = [("picture", image), ("occluded background", hidden)]
+    write("method_hidden.jpg", [[(name, enlarged(picture, BRANCH, factor=1)) for name, picture in shown]])
 
 
 def show_repair() -> None:

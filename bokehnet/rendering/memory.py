@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bokehnet.baselines.registry import BASELINES
 from bokehnet.classical.base import Place
+from bokehnet.coarse_to_fine import LEAVE_OUTLINES
 from bokehnet.errors import ParameterError
 from bokehnet.inference.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
 from bokehnet.inference.disparity_repair import network_memory
@@ -70,8 +71,8 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
     if settings.depth.repair != "off" and settings.input.defocus is None:
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
     classical = HYBRIDS[engine].classical if engine in HYBRIDS else engine
-    corrects_scatter = engine in HYBRIDS and classical == "scatter"  # its error map stands beside the defocus
-    held = _HELD + (4 if settings.output.save_maps is not None or corrects_scatter else 0)
+    reads_defocus_again = engine in HYBRIDS and classical in LEAVE_OUTLINES
+    held = _HELD + (4 if settings.output.save_maps is not None or reads_defocus_again else 0)
     asked = settings.output.expected_error
     tells = asked == "on" or (asked is None and settings.output.save_maps is not None)
     held += _TOLD if tells and classical == "rays" else 0
