@@ -36,6 +36,9 @@ _SMOOTH = 2
 # sure to go on.
 _FADING = 16.0
 
+# Lines are at most this many times as bright as the mean around: what is brighter is a lamp, and ends.
+_BRIGHTER = 2.5
+
 
 @njit(cache=True)
 def _step(defocus, steps, y, x, v, u, length):  # type: ignore[no-untyped-def]
@@ -214,16 +217,28 @@ def _fade_in(ys, xs, distances, lines, look_alikes, colors):  # type: ignore[no-
             colors[y, x, c] += share * (guess - colors[y, x, c])
 
 
+@njit(cache=True)
+def _scale_down(color, limit):  # type: ignore[no-untyped-def]
+    """Scale a colour, (3,) in place, down to ``limit`` where it is brighter."""
+    brightest = max(color[0], color[1], color[2])
+    if brightest > max(limit, 0.0):
+        for c in range(3):
+            color[c] *= max(limit, 0.0) / brightest
+
+
 @njit(cache=True, parallel=True)
 def _dim(ys, xs, limit, colors):  # type: ignore[no-untyped-def]
     """Scale what is hidden, (N), down to ``limit``, (H, W), where it is brighter."""
     for i in prange(len(ys)):
-        y, x = ys[i], xs[i]
-        brightest = max(colors[y, x, 0], colors[y, x, 1], colors[y, x, 2])
-        if brightest > limit[y, x]:
-            share = limit[y, x] / brightest
-            for c in range(3):
-                colors[y, x, c] *= share
+        _scale_down(colors[ys[i], xs[i]], limit[ys[i], xs[i]])
+
+
+@njit(cache=True, parallel=True)
+def _dim_lines(ys, xs, means, lines):  # type: ignore[no-untyped-def]
+    """Scale lines, at (N) places, down to so many times ``means``, (H, W, 3)."""
+    for i in prange(len(ys)):
+        mean = means[ys[i], xs[i]]
+        _scale_down(lines[ys[i], xs[i]], _BRIGHTER * max(mean[0], mean[1], mean[2]))
 
 
 def occluded_background(
@@ -240,7 +255,8 @@ def occluded_background(
     of their lengths, so that what is hidden goes over from one side to the other. Each way brings an average
     over samples that lie the wider apart the longer it is, since what is farther inside is known less.
     Lights are not carried on: one behind the edge says nothing of another. Near the edge lines of the surface
-    go on (:mod:`bokehnet.classical.layered.structure_transport`), and its texture
+    go on (:mod:`bokehnet.classical.layered.structure_transport`) but where they are far brighter than the
+    mean, as the rims of lamps are, and its texture
     (:mod:`bokehnet.classical.layered.look_alikes`): the mean of both.
 
     Args:
@@ -288,6 +304,7 @@ def occluded_background(
         _write(ys, xs, defocus, smooth_colors, smooth_depths, colors, depths)
         del smooth_colors, smooth_depths
         lines = carry_lines_on(image, defocus, lights, depths, hidden, colors)
+        _dim_lines(ys, xs, colors, lines)
         look_alikes = fill_with_look_alikes(image, defocus, lights, depths, distances, hidden, lines)
         _fade_in(ys, xs, distances, lines, look_alikes, colors)
         _dim(ys, xs, limit, colors)

@@ -96,6 +96,13 @@ def _mean(colors: Tensor, weights: Tensor, pixel: Tensor) -> tuple[Tensor, Tenso
     return found, torch.where(none, -1.0, variance)
 
 
+def _most_variances(colors: Tensor, pure: list[Tensor], pixel: Tensor) -> list[Tensor]:
+    """Most variance of parted pixels of two surfaces, (N,) each, by which of windows (N, window) are pure."""
+    most = [PRIOR.pure_ratio * _mean(colors, which.to(colors.dtype), pixel)[1] for which in pure]
+    known = (pure[0].sum(1) >= PRIOR.pure) & (pure[1].sum(1) >= PRIOR.pure)
+    return [torch.where(known, variance, torch.inf) for variance in most]
+
+
 def _part(
     pixel: Tensor,
     front: Tensor,
@@ -228,13 +235,15 @@ def unmix(
     purity = 1.0 - (1.0 - PRIOR.mixed) * window.of(sides).to(image.dtype)
     falloff = torch.exp(-(window.offsets**2).sum(0) / PRIOR.square).to(image.dtype)
     usable = window.inside * torch.where(window.of(kept), 1.0, OF_LIGHTS) * purity * falloff
+    alone = window.inside & ~window.of(sides)
 
+    there = [(around - surface[:, None]).abs() <= DISCONTINUITY_THRESHOLD for surface in (near, far)]
+    most = _most_variances(colors, [alone & is_there for is_there in there], pixel)
     means, variances = [], []
-    for surface in (near, far):
-        is_there = (around - surface[:, None]).abs() <= DISCONTINUITY_THRESHOLD
+    for is_there, limit in zip(there, most, strict=True):
         mean, variance = _mean(colors, usable * is_there, pixel)
         means.append(mean)
-        variances.append(variance)
+        variances.append(torch.minimum(variance, limit))
     spread = PRIOR.share_spread
     front, back, parted = _part_means(pixel, means, variances, first[:, None], spread)
 
@@ -251,11 +260,11 @@ def unmix(
             found = near, far, front, back, parted
             first, spread = _placed(first, wide.of(index), wide.inside * far_off, found), PRIOR.placed_spread
         means, variances = [], []
-        for surface in (near, far):
+        for surface, limit in zip((near, far), most, strict=True):
             shown, weight = _shown(surface[:, None], others, around, colors, (near, far, front, back, parted))
             mean, variance = _mean(shown, usable * weight, pixel)
             means.append(mean)
-            variances.append(variance)
+            variances.append(torch.minimum(variance, limit))
         front, back, parted = _part_means(pixel, means, variances, first[:, None], spread)
 
     def put(values: Tensor, found: Tensor) -> Tensor:

@@ -91,6 +91,18 @@ def test_lights_are_not_carried_on():
     assert colors[inside].max() < 5.0
 
 
+def test_a_lamp_that_is_cut_is_no_beam_behind_what_cuts_it():
+    """A disc of 81 pixels by night, cut by a bright wall, beside which it is no light."""
+    rows, columns = np.mgrid[:64, :96]
+    image = np.full((64, 96, 3), 0.01, np.float32)
+    image[np.hypot(rows - 32, columns - 46) < 5] = 0.7
+    image[:, 48:] = 0.4
+    defocus = np.where(columns < 48, 0.0, 24.0).astype(np.float32)
+    colors, _ = occluded_background(image, defocus)
+    assert colors[24:41, 48].max() > 0.5
+    assert np.count_nonzero(colors[:, 56:72, 0] > 0.3) < 40
+
+
 def test_a_pole_behind_a_blade_of_grass_stays_a_pole():
     """A blade two pixels wide crosses a pole before a wall: both go on behind it."""
     image = np.full((30, 40, 3), (0.1, 0.2, 0.8), np.float32)

@@ -88,7 +88,7 @@ def test_a_better_share_is_found_by_its_gradient():
     defocus = torch.where(columns < 6, 7.0, -7.0).expand(1, 1, 9, 12)
     share = torch.full((1, 1, 9, 12), 0.9, requires_grad=True)
     losses = []
-    for _ in range(40):
+    for _ in range(80):
         found = unmix(image, defocus, share)
         loss = ((found.front[..., 5] - front[:, None]) ** 2).sum() + (
             (found.back[..., 5] - back[:, None]) ** 2
