@@ -96,14 +96,16 @@ class NeuralResult:
     Attributes:
         bokeh: The blend, (B, 3, H, W), at the picture's size. Where the error map is 0 it is the classical
             render bit for bit.
-        steps: Bokeh (B, 3, h, w) at every level, coarse to fine; without an IUNet at the first and the last
-            one only. The last has the picture's size.
+        steps: Bokeh (B, 3, h, w) at every level, coarse to fine; without an IUNet at the first one only.
+        picture: The networks' own, (B, 3, H, W): ARNet's change laid over the classical render; with an IUNet
+            the mean of that, which has all detail, and of IUNet's last step, which relies on none.
         error_map: (B, 1, H, W) in [0, 1], at the picture's size: ARNet's times the classical renderer's, so
             that nothing changes where the classical render is right.
     """
 
     bokeh: Array
     steps: list[Array]
+    picture: Array
     error_map: Array
 
 
@@ -259,20 +261,19 @@ def render_neural(
     steps = [bokeh]
     change, light, radius = find_change(bokeh, low.classical), low.classical, low.defocus
     for level in levels[1:]:
-        learned = upsample2(learned)
+        learned, change = upsample2(learned), upsample2(change)
         if leaves_outlines:
             light, radius = upsample2(light), upsample2(radius)
-        if iunet is None:
-            change = upsample2(change)
-        else:
+        if iunet is not None:
             steps.append(refine(iunet, level, steps[-1], learned * level.classical_error_map))
     error_map, classical = learned * full.classical_error_map, full.classical
     if leaves_outlines:
         at_full_size = full.defocus / 2**halvings
         classical, error_map = mend_before_focus(classical, at_full_size, light, radius, error_map)
-    if iunet is None:
-        steps.append(lay_over(classical, change))
-    blend, steps[-1], error_map = (
-        crop_to(x, height, width) for x in (fuse(classical, steps[-1], error_map), steps[-1], error_map)
-    )
-    return NeuralResult(bokeh=blend, steps=steps, error_map=error_map)
+    picture = lay_over(classical, change)
+    if iunet is not None:
+        picture = 0.5 * (picture + steps[-1])
+        steps[-1] = crop_to(steps[-1], height, width)
+    found = (fuse(classical, picture, error_map), picture, error_map)
+    bokeh, picture, error_map = (crop_to(x, height, width) for x in found)
+    return NeuralResult(bokeh=bokeh, steps=steps, picture=picture, error_map=error_map)

@@ -73,7 +73,7 @@ def score_coarse_to_fine(
         scores |= {f"classical/{key}": x for key, x in compare(_array(classical), truth, defocus).items()}
         rows.append(scores)
         if number < 4:
-            shown = [classical, result.steps[-1], result.bokeh, example["truth"].to(device)]
+            shown = [classical, result.picture, result.bokeh, example["truth"].to(device)]
             encoded = [linear_to_srgb(picture.clamp(0, 1))[0] for picture in shown]
             encoded.append(result.error_map[0].expand(3, -1, -1))
             pictures[f"classical_neural_hybrid_truth_error/{number}"] = torch.cat(encoded, dim=-1).cpu()

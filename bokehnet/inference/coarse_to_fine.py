@@ -199,5 +199,5 @@ def correct_level_by_level(
         refine=refine_in_tiles,
         leaves_outlines=networks.leaves_outlines,
     )
-    bokeh, neural = (np.ascontiguousarray(x[0].transpose(1, 2, 0)) for x in (result.bokeh, result.steps[-1]))
+    bokeh, neural = (np.ascontiguousarray(x[0].transpose(1, 2, 0)) for x in (result.bokeh, result.picture))
     return Corrected(bokeh=bokeh, neural=neural, error_map=result.error_map[0, 0])

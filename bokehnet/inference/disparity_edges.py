@@ -5,6 +5,7 @@ import numpy as np
 from bokehnet.io.row_blocks import cut_row_blocks, make_in_row_blocks
 
 __all__ = [
+    "SHARPENED",
     "SLOPE_HALO",
     "SOFT",
     "STEP",
@@ -26,6 +27,9 @@ SOFT = 0.3
 
 # Half widths of the windows, one after the other; together they turn ramps of ten pixels into steps.
 _RADII = (3, 2)
+
+# Pixels around one on which depends what it becomes when soft steps are made sharp.
+SHARPENED = sum(_RADII)
 
 # A slope goes on: from pixels this far to either side to those at thrice that way it rises as much again, all
 # differences together within this share. Gaussians wider than 6 pixels and ramps longer than 13 pass for
@@ -130,7 +134,7 @@ def repair_soft_edges(disparity: np.ndarray, span: float | None = None) -> np.nd
     least = STEP * (np.ptp(disparity) if span is None else span)
 
     def make(rows: slice) -> np.ndarray:
-        window, inner = with_halo(rows, SLOPE_HALO + sum(_RADII))
+        window, inner = with_halo(rows, SLOPE_HALO + SHARPENED)
         sharp = values = disparity[window]
         for radius in _RADII:
             low, high = extremes(sharp, radius)

@@ -11,8 +11,10 @@ import numpy.typing as npt
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.inference.alike_median import soft_steps
 from bokehnet.inference.disparity_edges import (
+    SHARPENED,
     SOFT,
     STEP,
+    extremes,
     repair_soft_edges,
     soft_edge_fraction,
 )
@@ -261,7 +263,7 @@ class DisparityRepair:
         if softness > _RAMPS:
             versions = [given] if shift == 0 else [given, _shifted_where(given, shift, placement.where)]
             soft = SoftMap(tuple((soft_steps(x), x) for x in versions))
-        repaired = self._repair(sizes, maps, span, work, placement.repaired, soft)
+        repaired = self._repair(sizes, maps, span, work, placement.repaired, soft, ramps=softness > SOFT)
         if mode == "on":
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift, offset=offset)
@@ -340,6 +342,8 @@ class DisparityRepair:
         work: "_Work",
         smallest: np.ndarray | None,
         soft: SoftMap | None,
+        *,
+        ramps: bool,
     ) -> np.ndarray:
         """Repair a map with the help of the picture, at this and at smaller sizes.
 
@@ -350,6 +354,7 @@ class DisparityRepair:
             work: Is told of what is done.
             smallest: The repaired map at the smallest of the sizes, where it is known.
             soft: The map as it was given, where many of its steps were ramps.
+            ramps: Whether wide ones may be left all over the map.
         """
         image, disparity, number = sizes.pop(0), maps.pop(), len(sizes)
         height, width = disparity.shape
@@ -358,10 +363,10 @@ class DisparityRepair:
         if sizes:
             small = half_map(disparity)
             below = soft.half() if soft is not None and too_large else None
-            repaired_small = self._repair(sizes, [small], span, work, smallest, below)
+            repaired_small = self._repair(sizes, [small], span, work, smallest, below, ramps=ramps)
             change = repaired_small - small
             del small
-            disparity = _with_moved(disparity, repaired_small, change, STEP * span)
+            disparity = _with_moved(disparity, repaired_small, change, STEP * span, everywhere=ramps)
             del repaired_small, change
             if too_large:
                 aligned = align_steps(image.transpose(1, 2, 0), disparity, STEP * span)
@@ -429,7 +434,7 @@ def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) 
 
 
 def _with_moved(
-    disparity: np.ndarray, repaired_small: np.ndarray, change: np.ndarray, least: float
+    disparity: np.ndarray, repaired_small: np.ndarray, change: np.ndarray, least: float, *, everywhere: bool
 ) -> np.ndarray:
     """Take over what moved by more than ``least`` at half the size, with steps as sharp as here.
 
@@ -438,19 +443,24 @@ def _with_moved(
         repaired_small: The repaired map at half the size.
         change: What the repair changed there.
         least: In the unit of the map.
+        everywhere: Whether steps are made sharp where nothing moved as well. It spoils thin things at exact
+            places before others.
     """
-    found = False
+    moved_at = np.zeros(disparity.shape, np.bool_)
 
     def make(rows: slice) -> np.ndarray:
-        nonlocal found
         top = max(0, rows.start // 2 - 1)
         window = slice(top, -(-rows.stop // 2) + 1)
         inner = slice(rows.start - 2 * top, rows.stop - 2 * top)
         coarse, moved = (upsample2(x[window])[inner, : disparity.shape[1]] for x in (repaired_small, change))
-        here = np.abs(moved) > least
-        found = found or bool(here.any())
-        return np.where(here, coarse, disparity[rows])
+        moved_at[rows] = np.abs(moved) > least
+        return np.where(moved_at[rows], coarse, disparity[rows])
 
     joined = make_in_row_blocks(make, disparity.shape, np.float32)
+    if not moved_at.any():
+        return joined
     # What moved comes from the smaller map, and is as soft as that.
-    return repair_soft_edges(joined) if found else joined
+    sharp = repair_soft_edges(joined)
+    if not everywhere:
+        np.copyto(sharp, joined, where=~extremes(moved_at, SHARPENED)[1])
+    return sharp

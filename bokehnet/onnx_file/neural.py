@@ -79,20 +79,22 @@ def render_neural(
         written_in, low["image"], low["defocus"], low["classical"], None, max_valid_radius / scale
     )
 
-    def climb(turn: Value, found: Value, *others: Value) -> tuple[list[Value], list[Value]]:
-        doubled = [double(g, x) for x in others]
+    def climb(turn: Value, *found: Value) -> tuple[list[Value], list[Value]]:
+        doubled = [double(g, x) for x in found[: len(once)]]
         if iunet is None:
-            return [double(g, found), *doubled], []
+            return doubled, []
         inputs = level(powers.take(halvings - 1 - turn))
-        [refined] = _run(g, iunet, **inputs, coarse=found)
-        return [refined, *doubled], []
+        return [*doubled, *_run(g, iunet, **inputs, coarse=found[-1])], []
 
-    start = bokeh if iunet is not None else find_change(bokeh, low["classical"])
-    found, learned, coarse, coarse_defocus = (
+    once = [find_change(bokeh, low["classical"]), learned, low["classical"], low["defocus"]]
+    change, learned, coarse, coarse_defocus, *refined = (
         x.cut(1, 0, height).cut(2, 0, width)
-        for x in g.loop(climb, [start, learned, low["classical"], low["defocus"]], times=halvings)
+        for x in g.loop(climb, [*once, *([] if iunet is None else [bokeh])], times=halvings)
     )
     error_map = learned * classical_error_map.reshape(1, height, width)
     radius = pictures["defocus"] / scale
     classical, error_map = mend_before_focus(classical, radius, coarse, coarse_defocus, error_map)
-    return fuse(classical, found if iunet is not None else lay_over(classical, found), error_map)
+    picture = lay_over(classical, change)
+    if iunet is not None:
+        picture = 0.5 * (picture + refined[0])
+    return fuse(classical, picture, error_map)

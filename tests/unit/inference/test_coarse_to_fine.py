@@ -58,7 +58,7 @@ def test_it_equals_the_way_of_training_without_an_iunet(height, width, radius):
     in_reach = classical.error_map > 0
     assert in_reach.mean() > 0.1
     assert_allclose(result.error_map, wanted.error_map[0, 0], atol=2e-5)
-    neural = wanted.steps[-1][0].transpose(1, 2, 0)
+    neural = wanted.picture[0].transpose(1, 2, 0)
     assert_allclose(result.neural[in_reach], neural[in_reach], atol=2e-4)
     assert_array_equal(result.bokeh[~in_reach], classical.bokeh[~in_reach])
 

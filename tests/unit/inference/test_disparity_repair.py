@@ -54,7 +54,7 @@ def test_a_shift_is_taken_back_where_the_network_asks_for_it(untrained, monkeypa
     given = np.where(np.arange(640) < grown, maximum_filter(right, (1, 5), mode="nearest"), right)
     repair, seen = DisparityRepair(untrained[0]), []
     repair._look = lambda *_: (right.copy(), np.zeros(4))
-    repair._repair = lambda sizes, maps, *_: seen.append(maps[0]) or maps[0].copy()
+    repair._repair = lambda sizes, maps, *_, **__: seen.append(maps[0]) or maps[0].copy()
     monkeypatch.setattr(disparity_repair, "stands_right", lambda votes: False)
     monkeypatch.setattr(disparity_repair, "find_edge_bias", lambda *_: -2)
     monkeypatch.setattr(disparity_repair, "find_map_offset", lambda *_: (0, 0))
@@ -106,6 +106,21 @@ def test_the_networks_memory_is_given_back_before_the_map_is_enlarged(untrained,
     monkeypatch.setattr(disparity_repair, "align_steps", lambda *a: order.append("enlarged") or enlarge(*a))
     repair(*scene(128, 128))
     assert order == [32, 64, "given back", "enlarged"]
+
+
+def test_in_large_pictures_thin_things_stay_where_something_else_is_put_right(monkeypatch):
+    """Authority: the exact map: three depths by turns on the left; on the right a disc, shrunk by 6 px."""
+    monkeypatch.setattr(disparity_repair, "_LARGEST_SIDE", 128)
+    y, x = np.mgrid[:192, :256]
+    surface = np.where(x < 128, np.digitize(x % 12, [4, 8]), 2 * (np.hypot(y - 96, x - 192) < 40))
+    colors = np.array([[0.1, 0.2, 0.6], [0.7, 0.1, 0.1], [0.8, 0.8, 0.3]])
+    image = colors[surface] + np.random.default_rng(0).normal(0, 0.01, (192, 256, 3))
+    true = np.array([0.1, 0.5, 0.9], np.float32)[surface]
+    given = np.where(x < 128, true, minimum_filter(true, 13))
+    found = DisparityRepair()(image.clip(0).astype(np.float32), given)
+    disc = np.s_[:, 140:]
+    assert np.mean(found[disc] != true[disc]) < 0.6 * np.mean(given[disc] != true[disc])
+    assert np.mean(np.abs(found - true)[:, :120] > 0.1) < 0.02
 
 
 @pytest.mark.parametrize(("scale", "offset"), [(37.0, 0.0), (0.01, -3.0)])
