@@ -220,10 +220,10 @@ def _fade_in(ys, xs, distances, lines, look_alikes, colors):  # type: ignore[no-
 @njit(cache=True)
 def _scale_down(color, limit):  # type: ignore[no-untyped-def]
     """Scale a colour, (3,) in place, down to ``limit`` where it is brighter."""
-    brightest = max(color[0], color[1], color[2])
-    if brightest > max(limit, 0.0):
+    limit, brightest = max(limit, 0.0), max(color[0], color[1], color[2])
+    if brightest > limit:
         for c in range(3):
-            color[c] *= max(limit, 0.0) / brightest
+            color[c] *= limit / brightest
 
 
 @njit(cache=True, parallel=True)

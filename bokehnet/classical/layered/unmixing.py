@@ -325,8 +325,9 @@ def _part(pixel, front, back, share, share_spread, front_variance, back_variance
 
 
 @njit(cache=True)
-def _part_means(pixel, colors, share, share_spread, front_variance, back_variance):  # type: ignore[no-untyped-def]
-    """As :func:`_part`, of means (2, 3) and their variances, below 0 where there is nothing to average."""
+def _part_means(pixel, colors, share, share_spread, variances, most):  # type: ignore[no-untyped-def]
+    """As :func:`_part`, of means (2, 3) and two variances, at most ``most``; below 0: nothing to average."""
+    front_variance, back_variance = min(variances[0], most[0]), min(variances[1], most[1])
     least = PRIOR.least * PRIOR.least
     if front_variance < 0.0 or back_variance < 0.0:  # nothing tells the two apart
         colors[0], colors[1] = pixel, pixel
@@ -364,8 +365,8 @@ def _unmix(image, defocus, weights, spared, sides, places, held, shares, most, c
             most[i] = np.inf
         shares[i, 0], shares[i, 1] = share, spread
         surfaces[i, 0], surfaces[i, 1], surfaces[i, 3] = near, far, is_front
-        front_variance, back_variance = min(front_variance, most[i, 0]), min(back_variance, most[i, 1])
-        surfaces[i, 2] = _part_means(image[y, x], colors[i], share, spread, front_variance, back_variance)
+        variances = front_variance, back_variance
+        surfaces[i, 2] = _part_means(image[y, x], colors[i], share, spread, variances, most[i])
 
 
 @njit(cache=True, parallel=True)
@@ -375,10 +376,10 @@ def _unmix_again(image, index, kin, places, shares, most, colors, surfaces, new_
         y, x = places[i, 0], places[i, 1]
         front_variance = _parted_mean(image, index, kin[i, 0], colors, surfaces, y, x, new_colors[i, 0])
         back_variance = _parted_mean(image, index, kin[i, 1], colors, surfaces, y, x, new_colors[i, 1])
-        front_variance, back_variance = min(front_variance, most[i, 0]), min(back_variance, most[i, 1])
         new_surfaces[i] = surfaces[i]
+        variances = front_variance, back_variance
         new_surfaces[i, 2] = _part_means(
-            image[y, x], new_colors[i], shares[i, 0], shares[i, 1], front_variance, back_variance
+            image[y, x], new_colors[i], shares[i, 0], shares[i, 1], variances, most[i]
         )
 
 

@@ -140,9 +140,15 @@ def _part(
 
 
 def _part_means(
-    pixel: Tensor, means: list[Tensor], variances: list[Tensor], share: Tensor, share_spread: float
+    pixel: Tensor,
+    found: list[tuple[Tensor, Tensor]],
+    most: list[Tensor],
+    share: Tensor,
+    share_spread: float,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """As :func:`_part`, of variances (N,) that are below 0 where there was nothing to average."""
+    """As :func:`_part`, of means and variances (N,), below 0 for nothing to average, at the most ``most``."""
+    means = [mean for mean, _ in found]
+    variances = [torch.minimum(variance, limit) for (_, variance), limit in zip(found, most, strict=True)]
     alone = ((variances[0] < 0) | (variances[1] < 0))[:, None]  # nothing tells the two apart
     front, back = (torch.where(alone, pixel, mean) for mean in means)
     least = PRIOR.least**2 + PRIOR.relative**2 * (front**2 + back**2).sum(1, keepdim=True) / 3.0
@@ -239,13 +245,9 @@ def unmix(
 
     there = [(around - surface[:, None]).abs() <= DISCONTINUITY_THRESHOLD for surface in (near, far)]
     most = _most_variances(colors, [alone & is_there for is_there in there], pixel)
-    means, variances = [], []
-    for is_there, limit in zip(there, most, strict=True):
-        mean, variance = _mean(colors, usable * is_there, pixel)
-        means.append(mean)
-        variances.append(torch.minimum(variance, limit))
+    found = [_mean(colors, usable * is_there, pixel) for is_there in there]
     spread = PRIOR.share_spread
-    front, back, parted = _part_means(pixel, means, variances, first[:, None], spread)
+    front, back, parted = _part_means(pixel, found, most, first[:, None], spread)
 
     index = torch.full(mixed.shape, -1, device=rows.device)
     index[places] = torch.arange(len(rows), device=rows.device)
@@ -254,18 +256,16 @@ def unmix(
     falloff = torch.exp(-(close.offsets**2).sum(0) / PRIOR.near_square).to(image.dtype)
     usable = (close.inside & close.of(kept)) * falloff
     for number in range(PRIOR.rounds + PRIOR.placed_rounds if len(rows) else 0):
+        before = near, far, front, back, parted
         if number == PRIOR.rounds:
             wide = _Windows(places, PRIOR.edge_window, height, width)
             far_off = torch.exp(-(wide.offsets**2).sum(0) / PRIOR.edge_square).to(image.dtype)
-            found = near, far, front, back, parted
-            first, spread = _placed(first, wide.of(index), wide.inside * far_off, found), PRIOR.placed_spread
-        means, variances = [], []
-        for surface, limit in zip((near, far), most, strict=True):
-            shown, weight = _shown(surface[:, None], others, around, colors, (near, far, front, back, parted))
-            mean, variance = _mean(shown, usable * weight, pixel)
-            means.append(mean)
-            variances.append(torch.minimum(variance, limit))
-        front, back, parted = _part_means(pixel, means, variances, first[:, None], spread)
+            first, spread = _placed(first, wide.of(index), wide.inside * far_off, before), PRIOR.placed_spread
+        found = []
+        for surface in (near, far):
+            shown, weight = _shown(surface[:, None], others, around, colors, before)
+            found.append(_mean(shown, usable * weight, pixel))
+        front, back, parted = _part_means(pixel, found, most, first[:, None], spread)
 
     def put(values: Tensor, found: Tensor) -> Tensor:
         return values.index_put(places, found).movedim(-1, 1)
