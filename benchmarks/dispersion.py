@@ -17,17 +17,17 @@ import numpy as np
 import bokehnet
 from benchmarks.measurement import time_in_turns
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.maps import read_disparity
 from bokehnet.lenses import PrescriptionLens, catalog_names
 from bokehnet.lenses.catalog import find_prescription
-from bokehnet.optics.chromatic_aberration import ChromaticAberration, achromat_curve, glass_curve
-from bokehnet.optics.field_maps import make_field_map
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration, achromat_curve, glass_curve
+from bokehnet.optics.aberrations.field_maps import make_field_map
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
-from bokehnet.optics.spectrum import LONGEST, SHORTEST
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
-from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
+from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
+from bokehnet.tools.contact_sheet import contact_sheet
+from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 
 RECIPROCAL = make_field_map("inversion,reciprocal")
 SECTORS = make_field_map("square,angular:2")

@@ -25,11 +25,11 @@ from bokehnet import (
     read_image,
     read_scene,
 )
-from bokehnet.classical.layered.supersampled import reduce_supersampled
+from bokehnet.classical.layered.boundaries.supersampled import reduce_supersampled
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.pixel_filter import PixelFilter
-from bokehnet.optics.supersampling import reduce_fine
-from bokehnet.rendering.depth_source import DefocusMap
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.scene.depth.depth_source import DefocusMap
 from train.evaluation_sets import path_traced_shots, scene_folders
 from train.metrics import compare
 

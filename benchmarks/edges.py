@@ -16,15 +16,15 @@ import numpy as np
 
 from benchmarks.measurement import scene
 from benchmarks.quality import Engine, print_header, print_scores, score
-from bokehnet.classical.layered import mixed_pixels
-from bokehnet.classical.layered.edge_spread import estimate_filter
-from bokehnet.classical.layered.unmixing import MixedPixels
+from bokehnet.classical.layered.boundaries import mixed_pixels
+from bokehnet.classical.layered.boundaries.edge_spread import estimate_filter
+from bokehnet.classical.layered.boundaries.unmixing import MixedPixels
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.optics.pixel_filter import parse_pixel_filter
+from bokehnet.optics.pixels.pixel_filter import parse_pixel_filter
 from train.evaluation_sets import path_traced_shots, scene_folders
 
 SHARED = Path("../shared")

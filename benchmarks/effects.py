@@ -16,9 +16,9 @@ import numpy as np
 from benchmarks.classical import photograph
 from benchmarks.measurement import in_own_process, time_in_turns
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette
-from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import write_image
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.tools.contact_sheet import contact_sheet
 
 BARREL = DivisionModel(strength=-0.15)
 BROWN = BrownConrady(radial=(-0.15, 0.02, 0.0), decentring=(0.002, -0.001))

@@ -27,13 +27,13 @@ import numpy as np
 from benchmarks.classical import BLUR, FOCUS, photograph
 from benchmarks.measurement import scene, time_in_turns
 from benchmarks.rivals import double_loop
+from bokehnet.arrays.resample import resample
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.inference.engine import ENGINES
+from bokehnet.engines.engine import ENGINES
+from bokehnet.io.containers.png import write_png
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map
-from bokehnet.io.png import write_png
-from bokehnet.io.resample import resample
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 
 PUBLISHED = "published wiring"
 

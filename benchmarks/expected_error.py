@@ -17,8 +17,8 @@ import torch
 from scipy.ndimage import uniform_filter
 from scipy.stats import spearmanr
 
-from bokehnet.inference.disparity_repair import DisparityRepair
-from bokehnet.inference.engine import Engine
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.engines.engine import Engine
 from train.degradation import DEGRADATIONS, degrade
 from train.evaluation_sets import SETS, Shot, list_pictures
 from train.train_error import reliability, true_error

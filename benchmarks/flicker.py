@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 import bokehnet
 from bokehnet import BokehRenderer, RelativeDisparity, RenderSettings, make_scene, read_image
-from bokehnet.inference.repair_plan import RepairPlan, common_plan
-from bokehnet.inference.steady_shot import SteadyShot
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
+from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.sequence.filtered_shot import SteadyShot
 
 Array = npt.NDArray[np.float32]
 

@@ -27,7 +27,7 @@ from torch.utils._pytree import tree_leaves
 from benchmarks.measurement import median_seconds, scene
 from bokehnet.classical.scatter import pyramid_levels
 from bokehnet.classical.torch.pyramid_levels import scatter_sums
-from bokehnet.inference.engine import Engine
+from bokehnet.engines.engine import Engine
 
 __all__ = ["Traffic", "main"]
 

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 
 import bokehnet.classical.rays_renderer as rays_renderer
-from bokehnet.classical.layered.defocus_bins import TILE
-from bokehnet.classical.layered.ray_marching import march
-from bokehnet.classical.layered.sample_counts import FirstPass
+from bokehnet.arrays.resample import resample
+from bokehnet.classical.layered.march.defocus_bins import TILE
+from bokehnet.classical.layered.march.ray_marching import march
+from bokehnet.classical.layered.march.sample_counts import FirstPass
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
-from bokehnet.io.resample import resample
 from bokehnet.optics.coc import defocus_from_disparity
 
 FOCUS = 0.35

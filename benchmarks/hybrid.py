@@ -10,8 +10,8 @@ import numpy as np
 
 from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
 from benchmarks.rivals import double_loop
-from bokehnet.inference.engine import ENGINES
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.engines.engine import ENGINES
+from bokehnet.render.renderer import BokehRenderer
 
 RIVAL = "double loop"
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.true_layers import BLUR, Scene, clutter, planes
 from bokehnet import rays
-from bokehnet.baselines.image_based_rays import trace_height_fields
-from bokehnet.baselines.umbra import cull_umbra
+from bokehnet.baselines.rays.image_based_rays import trace_height_fields
+from bokehnet.baselines.rays.umbra import cull_umbra
 from bokehnet.classical.known_layers import Layers
 from bokehnet.optics.coc import defocus_from_disparity
 from train.metrics import compare

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from bokehnet.io.image import read_image, write_image
-from bokehnet.lenses.look_fit.discs import find_discs
-from bokehnet.lenses.look_fit.fit import fit_look
-from bokehnet.optics.chromatic_aberration import glass_curve
-from bokehnet.optics.glass import make_glass
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.lenses.fit.discs import find_discs
+from bokehnet.lenses.fit.fit import fit_look
+from bokehnet.optics.aberrations.chromatic_aberration import glass_curve
+from bokehnet.optics.spectral.glass import make_glass
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 WIDTH, HEIGHT, PITCH = 480, 320, 0.04  # pixels, mm
 HALF = 0.5 * math.hypot(WIDTH, HEIGHT)

@@ -20,11 +20,11 @@ from bokehnet.effects.lamps import Lamps
 from bokehnet.io.image import write_image
 from bokehnet.lenses import load_lens
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.diffraction import disc_kernel, ring_kernel, star_kernel
-from bokehnet.rendering.depth_source import DefocusMap
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import make_scene
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.optics.spectral.diffraction import disc_kernel, ring_kernel, star_kernel
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.depth.depth_source import DefocusMap
+from bokehnet.scene.scene import make_scene
+from bokehnet.settings.settings import RenderSettings
 
 HEIGHT, WIDTH = 1080, 1920
 PITCH = 36000 / WIDTH  # micrometres

@@ -16,15 +16,15 @@ import torch
 
 from bokehnet.checks import Array
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.image import write_image
 from bokehnet.lenses import LensModel, PrescriptionLens, Rays, load_lens
-from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
 from bokehnet.lenses.stop_rays import chief_rays
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.raytrace import Camera, Plane, Scene, Tracer, background_from, plane_texture, world_from_scene
-from bokehnet.raytrace.textures import checkers, dead_leaves, fractal_colours, glyph_page
+from bokehnet.raytrace.surfaces.textures import checkers, dead_leaves, fractal_colours, glyph_page
+from bokehnet.tools.contact_sheet import contact_sheet
 from train.metrics import edge_pixels, encode, psnr
 
 __all__ = ["main"]

@@ -1,9 +1,9 @@
 """Thesis 002's ways to save views of meshes: ``python -m benchmarks.level_of_detail``.
 
 Nine bumpy balls of 131 072 triangles each, from near to far behind focus, are drawn by
-:mod:`bokehnet.baselines.mesh_views` in N views with S subsamples around each. Printed are processor seconds,
-triangles, PSNR and SSIM against 256 views of all triangles; last what Embree takes for the same rays on all
-triangles and on the fewest.
+:mod:`bokehnet.baselines.rays.mesh_views` in N views with S subsamples around each. Printed are processor
+seconds, triangles, PSNR and SSIM against 256 views of all triangles; last what Embree takes for the same rays
+on all triangles and on the fewest.
 """
 
 import argparse
@@ -13,9 +13,9 @@ from time import process_time
 
 import numpy as np
 
-from bokehnet.baselines.mesh_views import MeshObject, Picture, render_views
-from bokehnet.baselines.n_buffers import n_buffers
-from bokehnet.baselines.subsample_blur import subsample_blur
+from bokehnet.baselines.rays.mesh_views import MeshObject, Picture, render_views
+from bokehnet.baselines.rays.n_buffers import n_buffers
+from bokehnet.baselines.rays.subsample_blur import subsample_blur
 from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens
 from train.metrics import encode, psnr, similarity
@@ -102,8 +102,8 @@ def embree(objects: list[MeshObject], level: int, rays: int) -> float:
     """Seconds for rays through the pupil, on objects of one level, once the tree stands."""
     import torch
 
-    from bokehnet.raytrace.meshes import Mesh
-    from bokehnet.raytrace.space import SpaceRays
+    from bokehnet.raytrace.geometry.meshes import Mesh
+    from bokehnet.raytrace.geometry.space import SpaceRays
 
     parts, count = [], 0
     corners = np.concatenate([thing.levels[level][0] for thing in objects])

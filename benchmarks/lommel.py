@@ -1,8 +1,8 @@
 """Lommel's functions beside a Fourier transform: ``python -m benchmarks.lommel``.
 
 Prints, for defocus from 0 to 20 waves, by how much the light around a point as
-:func:`bokehnet.baselines.lommel_functions.lommel_intensity` has it differs from that of a pupil that is
-defocused by a phase and transformed, relative to the latter's L2 norm over the plane.
+:func:`bokehnet.baselines.spread.lommel_functions.lommel_intensity` has it differs from that of a pupil that
+is defocused by a phase and transformed, relative to the latter's L2 norm over the plane.
 """
 
 import argparse
@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from bokehnet.baselines.lommel_functions import lommel_intensity
+from bokehnet.baselines.spread.lommel_functions import lommel_intensity
 
 __all__ = ["CELLS", "relative_error", "transformed_pupil"]
 

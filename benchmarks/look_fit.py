@@ -15,11 +15,11 @@ import numpy as np
 
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image, write_image
-from bokehnet.lenses.look_fit.discs import find_discs
-from bokehnet.lenses.look_fit.fit import LookFit, fit_look
+from bokehnet.lenses.fit.discs import find_discs
+from bokehnet.lenses.fit.fit import LookFit, fit_look
+from bokehnet.optics.aberrations.chromatic_aberration import glass_curve
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.chromatic_aberration import glass_curve
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 WIDTH, HEIGHT = 720, 480
 HALF = 0.5 * np.hypot(WIDTH, HEIGHT)

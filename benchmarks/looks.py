@@ -13,15 +13,15 @@ import numba
 from benchmarks.classical import photograph
 from benchmarks.measurement import in_own_process, time_in_turns
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
-from bokehnet.optics.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.sliders import AberrationSliders
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 
 def effects() -> dict[str, tuple[Aperture, LensResponse]]:

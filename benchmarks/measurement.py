@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bokehnet.rendering.peak_memory import PeakMemory, memory_status
+from bokehnet.tools.peak_memory import PeakMemory, memory_status
 
 __all__ = ["extra_memory", "in_own_process", "median_seconds", "peak_memory", "scene", "time_in_turns"]
 

@@ -8,9 +8,9 @@ import argparse
 
 import numpy as np
 
-from bokehnet.io.color import linear_to_srgb
-from bokehnet.io.mixed import repair_mixed, share_of_mixed
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
+from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.render.renderer import BokehRenderer
 
 HEIGHT, WIDTH, FINE = 180, 240, 4
 BLUR = 14.0

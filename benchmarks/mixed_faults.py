@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.repair_table import print_repairs
-from bokehnet.inference.edge_bias import shift_edges
+from bokehnet.depth_repair.edge_bias import shift_edges
 
 # Pixels by which near things grow, negative where they shrink, and the deviation of the blur, pixels.
 KINDS = {

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.repair_table import print_repairs
-from bokehnet.inference.map_offset import move_map
+from bokehnet.depth_repair.map_offset import move_map
 
 # Pixels down and to the right, and the deviation of the blur, pixels.
 KINDS = {

@@ -18,11 +18,11 @@ from benchmarks.edges import without_unmixing
 from bokehnet import rays
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.optics.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.synth import ClutterConfig, SynthConfig
-from bokehnet.synth.baked_scene import View
-from bokehnet.synth.clutter import Clutter, random_clutter
-from bokehnet.synth.lamps import add_lamps
+from bokehnet.synth.clutter.baked_scene import View
+from bokehnet.synth.clutter.lamps import add_lamps
+from bokehnet.synth.clutter.scenes import Clutter, random_clutter
 from bokehnet.synth.pairs import lens_for_view
 from train.metrics import compare, psnr
 

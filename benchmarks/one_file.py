@@ -14,7 +14,7 @@ import onnxruntime
 from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
 from bokehnet.onnx_file.renderer import ONE_FILE_ENGINES, export_renderer
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 
 
 class OneFile:

@@ -13,7 +13,7 @@ import numpy as np
 
 from bokehnet import MetricDepth, read_scene
 from bokehnet.io.image import read_image
-from bokehnet.rendering.pair_fit import fit_pair
+from bokehnet.tools.pair_fit import fit_pair
 
 
 def main() -> None:

@@ -7,8 +7,8 @@ import numpy as np
 from bokehnet.checks import Array
 from bokehnet.lenses import Rays, ThinLens
 from bokehnet.synth import SynthConfig
-from bokehnet.synth.baked_scene import View
-from bokehnet.synth.clutter import random_clutter
+from bokehnet.synth.clutter.baked_scene import View
+from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
 from train.metrics import encode

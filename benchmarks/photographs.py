@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bokehnet.inference.disparity_repair import DisparityRepair
-from bokehnet.io.contact_sheet import contact_sheet
+from bokehnet.arrays.pyramid import downsample2
+from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.pyramid import downsample2
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.tools.contact_sheet import contact_sheet
 
 BLURS = (30.0, 60.0, 120.0)
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from bokehnet.precompiled.kernel import record_calls
-from bokehnet.rendering.demo import demo_scene, demo_settings
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.tools.demo import demo_scene, demo_settings
 
 _LOOKS: dict[str, dict[str, Any]] = {
     "scatter": {"engine": {"name": "scatter"}},

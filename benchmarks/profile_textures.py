@@ -8,7 +8,7 @@ wavelengths, without what is made once for the lens, which stands beside it.
 import argparse
 
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.profile_comparison import compare_profiles
+from bokehnet.lenses.lookup.profile_comparison import compare_profiles
 
 _LENSES = ("double_gauss", "petzval", "telephoto", "catadioptric")
 

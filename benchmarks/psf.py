@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.aberration_fit import aberration_misfit, fit_aberration_map
-from bokehnet.lenses.point_spread import correlation
-from bokehnet.lenses.psf_pairs import PsfPair, psf_pairs
-from bokehnet.rendering.psf_sheet import write_psf_sheet
+from bokehnet.lenses.aberrations.aberration_fit import aberration_misfit, fit_aberration_map
+from bokehnet.lenses.aberrations.point_spread import correlation
+from bokehnet.lenses.aberrations.psf_pairs import PsfPair, psf_pairs
+from bokehnet.tools.psf_sheet import write_psf_sheet
 
 __all__ = ["main"]
 

@@ -13,13 +13,13 @@ import numpy as np
 
 from benchmarks.measurement import median_seconds
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
-from bokehnet.classical.layered.defocus_bins import as_radii, occupied_bins
 from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.march.defocus_bins import as_radii, occupied_bins
 from bokehnet.io.image import write_image
-from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
+from bokehnet.optics.aberrations.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture, transmission
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
 
 RADII = (3, 10, 30, 100, 300)
 SHAPES = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.inference.disparity_repair import DisparityRepair, RepairMode
+from bokehnet.depth_repair.repair import DisparityRepair, RepairMode
 from train.evaluation_sets import path_traced_shots, scene_folders
 from train.metrics import compare
 

@@ -19,14 +19,14 @@ from bokehnet.lenses.base import Rays
 from bokehnet.lenses.catalog import catalog_names, load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
-from bokehnet.optics.aberration_map import AberrationMap
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.sampling import disc_from_square, halton
-from bokehnet.optics.sliders import AberrationSliders
 from bokehnet.optics.tone import Highlights
-from bokehnet.rendering.demo import ASSETS, BLUR
-from bokehnet.rendering.demo import FOCUS as DEMO_FOCUS
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.tools.demo import ASSETS, BLUR
+from bokehnet.tools.demo import FOCUS as DEMO_FOCUS
 
 # Times the f-number of the open lens, and shares of the way to the corner.
 STOPS = (1, 1.4, 2, 2.8, 4, 8)

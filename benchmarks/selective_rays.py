@@ -3,7 +3,7 @@
 Three scenes are drawn from seeds, a room, a place in the open and a table, whose triangles Embree meets. The
 truth is 1024 rays a pixel, the full count 64. Hybrids may send 35 % of that; below each stand full rays in
 the processor time that it took. The last hybrid sets out from our rays through the picture, and sends rays
-into the scene where :mod:`bokehnet.inference.expected_error` expects these to err. Edge PSNR is that of
+into the scene where :mod:`bokehnet.engines.expected_error` expects these to err. Edge PSNR is that of
 :mod:`train.metrics`.
 """
 
@@ -13,14 +13,14 @@ from time import process_time
 
 import numpy as np
 
-from bokehnet.baselines.ray_mask import normals_of_depth
-from bokehnet.baselines.selective_rays import SelectiveResult, selective_rays
+from bokehnet.baselines.rays.ray_mask import normals_of_depth
+from bokehnet.baselines.rays.selective_rays import SelectiveResult, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.inference.engine import Engine
-from bokehnet.optics.sample_allocation import neyman
+from bokehnet.engines.engine import Engine
+from bokehnet.optics.pixels.sample_allocation import neyman
 from bokehnet.synth import SynthConfig
-from bokehnet.synth.baked_scene import BakedScene, View
-from bokehnet.synth.clutter import random_clutter
+from bokehnet.synth.clutter.baked_scene import BakedScene, View
+from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import ClutterConfig
 from bokehnet.synth.pairs import lens_for_view
 from train.metrics import compare

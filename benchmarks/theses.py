@@ -22,8 +22,8 @@ from benchmarks.pan import flicker, pan
 from benchmarks.theses_table import Found, merged, table
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
+from bokehnet.engines.engine import Engine
 from bokehnet.errors import ParameterError
-from bokehnet.inference.engine import Engine
 from bokehnet.optics.aperture import Aperture
 from bokehnet.scores.flip import flip_map
 from train.evaluation_sets import Shot, path_traced_shots

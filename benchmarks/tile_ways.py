@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.theses import SCENES
 from bokehnet import baselines
-from bokehnet.baselines.half_size import extreme_of_four
-from bokehnet.baselines.scatter_as_you_gather import tile_ways
-from bokehnet.baselines.tiles import dilated_tiles
+from bokehnet.baselines.gather.half_size import extreme_of_four
+from bokehnet.baselines.gather.scatter_as_you_gather import tile_ways
+from bokehnet.baselines.gather.tiles import dilated_tiles
 from train.evaluation_sets import path_traced_shots
 from train.metrics import depth_step_pixels, encode, psnr
 

@@ -14,20 +14,20 @@ import numpy as np
 import torch
 
 import bokehnet
-from bokehnet.baselines.image_space_slices import image_space
+from bokehnet.baselines.rays.image_space_slices import image_space
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import write_image
 from bokehnet.lenses import ThinLens, TiltShift
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.raytrace import Body, Camera, Material, Quad, Tracer, World, plane_texture
-from bokehnet.raytrace.textures import fractal_noise
-from bokehnet.rendering.demo import demo_scene
-from bokehnet.rendering.depth_source import MetricDepth
-from bokehnet.rendering.focus import FocusedLens, focus_lens
-from bokehnet.rendering.scene import make_scene
-from bokehnet.rendering.settings import CameraSettings, DepthSettings, FocusSettings, RenderSettings
+from bokehnet.raytrace.surfaces.textures import fractal_noise
+from bokehnet.scene.depth.depth_source import MetricDepth
+from bokehnet.scene.focus import FocusedLens, focus_lens
+from bokehnet.scene.scene import make_scene
 from bokehnet.scenes.sensor_depth import depth_along_sensor
+from bokehnet.settings.settings import CameraSettings, DepthSettings, FocusSettings, RenderSettings
+from bokehnet.tools.demo import demo_scene
 
 __all__ = ["TILTS", "best_focus", "focus_of", "sensor_axes", "tilted_camera", "trace_wall", "zero_line"]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.lenses import ThinLens
 from bokehnet.raytrace import (
     Background,
@@ -25,8 +25,8 @@ from bokehnet.raytrace import (
     render_disparity,
 )
 from bokehnet.synth import ClutterConfig, SynthConfig
-from bokehnet.synth.baked_scene import View
-from bokehnet.synth.clutter import random_clutter
+from bokehnet.synth.clutter.baked_scene import View
+from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.pairs import lens_for_view, make_sample
 from bokehnet.synth.scenes import random_scene
 

@@ -14,15 +14,15 @@ from bokehnet import rays
 from bokehnet.classical.known_layers import Layers
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.optics.pixel_filter import PixelFilter
-from bokehnet.optics.pixel_layers import merge_surfaces
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.pixel_layers import merge_surfaces
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.raytrace.distribution import halton_points
 from bokehnet.raytrace.peeling import peel
 from bokehnet.raytrace.world import world_from_scene
 from bokehnet.synth import SceneConfig, SynthConfig
-from bokehnet.synth.baked_scene import BakedScene, View, sensor_xy
-from bokehnet.synth.clutter import random_clutter
+from bokehnet.synth.clutter.baked_scene import BakedScene, View, sensor_xy
+from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.scenes import random_scene
 from train.metrics import compare

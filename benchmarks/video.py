@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 
 import bokehnet
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.arrays.resample import resample
+from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image
-from bokehnet.io.resample import resample
-from bokehnet.io.video import video_info
+from bokehnet.io.video.frames import video_info
 
 _DEMO = Path(bokehnet.__file__).parent / "assets"
 _BITS, _BASE = 9, Fraction(1, 24000)

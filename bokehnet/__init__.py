@@ -1,7 +1,7 @@
 """Bokeh from a picture and its depth: classical, neural and hybrid renderers.
 
 The public names load on first use: importing the package imports neither torch nor onnxruntime. Open first:
-:mod:`bokehnet.rendering`.
+:mod:`bokehnet.render`.
 """
 
 from importlib import import_module
@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 from bokehnet.version import __version__ as __version__
 
 if TYPE_CHECKING:  # what type checkers see of the lazy names
+    from bokehnet.classical.layered.background.occluded_background import (
+        occluded_background as occluded_background,
+    )
     from bokehnet.classical.layered.layers import Layers as Layers
     from bokehnet.classical.layered.layers import split_layers as split_layers
-    from bokehnet.classical.layered.occluded_background import occluded_background as occluded_background
     from bokehnet.classical.rays_renderer import rays as rays
     from bokehnet.classical.scatter_renderer import scatter as scatter
+    from bokehnet.depth_repair.repair import DisparityRepair as DisparityRepair
     from bokehnet.errors import BokehnetError as BokehnetError
-    from bokehnet.inference.disparity_repair import DisparityRepair as DisparityRepair
     from bokehnet.io.image import read_image as read_image
     from bokehnet.io.image import write_image as write_image
     from bokehnet.lenses.base import defocus_map as defocus_map
@@ -27,51 +29,51 @@ if TYPE_CHECKING:  # what type checkers see of the lazy names
     from bokehnet.optics.coc import defocus_from_disparity as defocus_from_disparity
     from bokehnet.optics.coc import disparity_from_depth as disparity_from_depth
     from bokehnet.optics.tone import Highlights as Highlights
-    from bokehnet.rendering.demo import demo_scene as demo_scene
-    from bokehnet.rendering.demo import demo_sheet as demo_sheet
-    from bokehnet.rendering.depth_source import ConstantDisparity as ConstantDisparity
-    from bokehnet.rendering.depth_source import DefocusMap as DefocusMap
-    from bokehnet.rendering.depth_source import DepthSource as DepthSource
-    from bokehnet.rendering.depth_source import EmbeddedDepth as EmbeddedDepth
-    from bokehnet.rendering.depth_source import MetricDepth as MetricDepth
-    from bokehnet.rendering.depth_source import NetworkDepth as NetworkDepth
-    from bokehnet.rendering.depth_source import RelativeDisparity as RelativeDisparity
-    from bokehnet.rendering.preset import Preset as Preset
-    from bokehnet.rendering.preset import load_preset as load_preset
-    from bokehnet.rendering.preset import presets as presets
-    from bokehnet.rendering.renderer import BokehRenderer as BokehRenderer
-    from bokehnet.rendering.result import RenderReport as RenderReport
-    from bokehnet.rendering.result import RenderResult as RenderResult
-    from bokehnet.rendering.scene import FocusedScene as FocusedScene
-    from bokehnet.rendering.scene import Scene as Scene
-    from bokehnet.rendering.scene import make_scene as make_scene
-    from bokehnet.rendering.scene import read_scene as read_scene
-    from bokehnet.rendering.sequence import SequenceSettings as SequenceSettings
-    from bokehnet.rendering.sequence import make_pull as make_pull
-    from bokehnet.rendering.sequence import settings_at_frame as settings_at_frame
-    from bokehnet.rendering.settings import ApertureSettings as ApertureSettings
-    from bokehnet.rendering.settings import CameraSettings as CameraSettings
-    from bokehnet.rendering.settings import ColorSettings as ColorSettings
-    from bokehnet.rendering.settings import DepthSettings as DepthSettings
-    from bokehnet.rendering.settings import EffectSettings as EffectSettings
-    from bokehnet.rendering.settings import EngineSettings as EngineSettings
-    from bokehnet.rendering.settings import FocusSettings as FocusSettings
-    from bokehnet.rendering.settings import HighlightSettings as HighlightSettings
-    from bokehnet.rendering.settings import InputSettings as InputSettings
-    from bokehnet.rendering.settings import LensSettings as LensSettings
-    from bokehnet.rendering.settings import LightSettings as LightSettings
-    from bokehnet.rendering.settings import OutputSettings as OutputSettings
-    from bokehnet.rendering.settings import RenderSettings as RenderSettings
-    from bokehnet.rendering.settings_file import load_settings as load_settings
-    from bokehnet.rendering.settings_file import save_settings as save_settings
+    from bokehnet.render.renderer import BokehRenderer as BokehRenderer
+    from bokehnet.render.result import RenderReport as RenderReport
+    from bokehnet.render.result import RenderResult as RenderResult
+    from bokehnet.scene.depth.depth_source import ConstantDisparity as ConstantDisparity
+    from bokehnet.scene.depth.depth_source import DefocusMap as DefocusMap
+    from bokehnet.scene.depth.depth_source import DepthSource as DepthSource
+    from bokehnet.scene.depth.depth_source import EmbeddedDepth as EmbeddedDepth
+    from bokehnet.scene.depth.depth_source import MetricDepth as MetricDepth
+    from bokehnet.scene.depth.depth_source import NetworkDepth as NetworkDepth
+    from bokehnet.scene.depth.depth_source import RelativeDisparity as RelativeDisparity
+    from bokehnet.scene.scene import FocusedScene as FocusedScene
+    from bokehnet.scene.scene import Scene as Scene
+    from bokehnet.scene.scene import make_scene as make_scene
+    from bokehnet.scene.scene import read_scene as read_scene
+    from bokehnet.sequence.sequence import SequenceSettings as SequenceSettings
+    from bokehnet.sequence.sequence import make_pull as make_pull
+    from bokehnet.sequence.sequence import settings_at_frame as settings_at_frame
+    from bokehnet.settings.preset import Preset as Preset
+    from bokehnet.settings.preset import load_preset as load_preset
+    from bokehnet.settings.preset import presets as presets
+    from bokehnet.settings.settings import ApertureSettings as ApertureSettings
+    from bokehnet.settings.settings import CameraSettings as CameraSettings
+    from bokehnet.settings.settings import ColorSettings as ColorSettings
+    from bokehnet.settings.settings import DepthSettings as DepthSettings
+    from bokehnet.settings.settings import EffectSettings as EffectSettings
+    from bokehnet.settings.settings import EngineSettings as EngineSettings
+    from bokehnet.settings.settings import FocusSettings as FocusSettings
+    from bokehnet.settings.settings import HighlightSettings as HighlightSettings
+    from bokehnet.settings.settings import InputSettings as InputSettings
+    from bokehnet.settings.settings import LensSettings as LensSettings
+    from bokehnet.settings.settings import LightSettings as LightSettings
+    from bokehnet.settings.settings import OutputSettings as OutputSettings
+    from bokehnet.settings.settings import RenderSettings as RenderSettings
+    from bokehnet.settings.settings_file import load_settings as load_settings
+    from bokehnet.settings.settings_file import save_settings as save_settings
+    from bokehnet.tools.demo import demo_scene as demo_scene
+    from bokehnet.tools.demo import demo_sheet as demo_sheet
 
 _HOMES = {
-    "bokehnet.classical.layered.occluded_background": ("occluded_background",),
+    "bokehnet.classical.layered.background.occluded_background": ("occluded_background",),
     "bokehnet.classical.layered.layers": ("Layers", "split_layers"),
     "bokehnet.classical.rays_renderer": ("rays",),
     "bokehnet.classical.scatter_renderer": ("scatter",),
     "bokehnet.errors": ("BokehnetError",),
-    "bokehnet.inference.disparity_repair": ("DisparityRepair",),
+    "bokehnet.depth_repair.repair": ("DisparityRepair",),
     "bokehnet.io.image": ("read_image", "write_image"),
     "bokehnet.lenses.base": ("defocus_map",),
     "bokehnet.lenses.catalog": ("catalog_names", "load_lens"),
@@ -79,8 +81,8 @@ _HOMES = {
     "bokehnet.optics.aperture": ("Aperture",),
     "bokehnet.optics.coc": ("defocus_from_disparity", "disparity_from_depth"),
     "bokehnet.optics.tone": ("Highlights",),
-    "bokehnet.rendering.demo": ("demo_scene", "demo_sheet"),
-    "bokehnet.rendering.depth_source": (
+    "bokehnet.tools.demo": ("demo_scene", "demo_sheet"),
+    "bokehnet.scene.depth.depth_source": (
         "ConstantDisparity",
         "DefocusMap",
         "DepthSource",
@@ -89,12 +91,12 @@ _HOMES = {
         "NetworkDepth",
         "RelativeDisparity",
     ),
-    "bokehnet.rendering.preset": ("Preset", "load_preset", "presets"),
-    "bokehnet.rendering.renderer": ("BokehRenderer",),
-    "bokehnet.rendering.result": ("RenderReport", "RenderResult"),
-    "bokehnet.rendering.scene": ("FocusedScene", "Scene", "make_scene", "read_scene"),
-    "bokehnet.rendering.sequence": ("SequenceSettings", "make_pull", "settings_at_frame"),
-    "bokehnet.rendering.settings": (
+    "bokehnet.settings.preset": ("Preset", "load_preset", "presets"),
+    "bokehnet.render.renderer": ("BokehRenderer",),
+    "bokehnet.render.result": ("RenderReport", "RenderResult"),
+    "bokehnet.scene.scene": ("FocusedScene", "Scene", "make_scene", "read_scene"),
+    "bokehnet.sequence.sequence": ("SequenceSettings", "make_pull", "settings_at_frame"),
+    "bokehnet.settings.settings": (
         "ApertureSettings",
         "CameraSettings",
         "ColorSettings",
@@ -109,7 +111,7 @@ _HOMES = {
         "OutputSettings",
         "RenderSettings",
     ),
-    "bokehnet.rendering.settings_file": ("load_settings", "save_settings"),
+    "bokehnet.settings.settings_file": ("load_settings", "save_settings"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

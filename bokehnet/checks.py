@@ -105,7 +105,7 @@ def check_image(name: str, image: Array) -> None:
     if image.shape[2] != 3:
         raise ShapeError(f"{name}: expected 3 channels, got {image.shape[2]}; convert it to RGB first")
     white = _WHITES.get(str(image.dtype))
-    decoded = f"bokehnet.io.color.srgb_to_linear({name} / {white}) makes light of sRGB" if white else ""
+    decoded = f"bokehnet.io.color.srgb.srgb_to_linear({name} / {white}) makes light of sRGB" if white else ""
     check_floats(name, image, decoded)
     check_finite(name, image)
 

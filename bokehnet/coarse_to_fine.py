@@ -8,7 +8,7 @@ The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over`, :func:`m
 :func:`bokehnet.fusion.fuse`, are written once, on operators: for training (torch), for inference (NumPy) and
 for the one file (ONNX graphs).
 :func:`render_neural` is the whole way for torch and NumPy. Two twins go it in their own fashion:
-:mod:`bokehnet.inference.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
+:mod:`bokehnet.engines.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
 be wrong, and :mod:`bokehnet.onnx_file.neural` with the loops of a graph.
 ``tests/reference/test_correction_agrees.py`` holds all of them to one result.
 """
@@ -18,10 +18,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from bokehnet.arrays.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 from bokehnet.checks import Array, array_namespace
 from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import decode, encode
-from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 
 __all__ = [
     "LEAVE_OUTLINES",

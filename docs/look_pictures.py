@@ -12,8 +12,8 @@ import numpy as np
 
 import bokehnet
 from bokehnet.cli.app import run
-from bokehnet.io.contact_sheet import contact_sheet
-from bokehnet.rendering.preset import presets as preset_names
+from bokehnet.settings.preset import presets as preset_names
+from bokehnet.tools.contact_sheet import contact_sheet
 from examples.night_scene import FOCUS, night_scene
 
 HERE = Path(__file__).parent

@@ -13,10 +13,10 @@ import numpy as np
 
 import bokehnet
 from bokehnet.cli.app import run
-from bokehnet.io.color import srgb_to_linear
-from bokehnet.io.contact_sheet import contact_sheet
+from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.io.maps import read_disparity
-from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
+from bokehnet.tools.contact_sheet import contact_sheet
+from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 from train.degradation import degrade
 
 HERE = Path(__file__).parent

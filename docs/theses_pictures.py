@@ -11,9 +11,9 @@ import numpy as np
 
 import bokehnet
 from bokehnet import baselines
-from bokehnet.io.contact_sheet import contact_sheet
 from bokehnet.io.maps import read_disparity
-from bokehnet.rendering.demo import ASSETS, BLUR, FOCUS
+from bokehnet.tools.contact_sheet import contact_sheet
+from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 
 FOLDER = Path(__file__).parent / "theses"
 QUALITY = 80

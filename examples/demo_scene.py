@@ -32,12 +32,12 @@ from bokehnet.raytrace import (
     render_bokeh,
     render_disparity,
 )
-from bokehnet.raytrace.shapes import Canvas
-from bokehnet.raytrace.textures import fractal_noise
-from bokehnet.rendering.demo import BLUR, FOCUS
+from bokehnet.raytrace.surfaces.shapes import Canvas
+from bokehnet.raytrace.surfaces.textures import fractal_noise
 from bokehnet.synth import SynthConfig
 from bokehnet.synth.pairs import lens_for_view
 from bokehnet.synth.photographs import photograph_files
+from bokehnet.tools.demo import BLUR, FOCUS
 
 SEED = 7
 WIDTH, HEIGHT = 720, 480

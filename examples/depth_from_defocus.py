@@ -22,11 +22,11 @@ import typer
 from torch import Tensor
 
 from bokehnet.classical.torch.autograd import scatter
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.rendering.demo import ASSETS
+from bokehnet.tools.demo import ASSETS
 
 # Radii of the farthest and the nearest point at the start, pixels: blur 40, focus 0.1, 0.5 and 0.9.
 STARTS = ((4.0, 36.0), (20.0, 20.0), (36.0, 4.0))

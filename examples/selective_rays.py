@@ -14,13 +14,13 @@ import numpy as np
 import torch
 
 import bokehnet
-from bokehnet.baselines.selective_rays import TraceRays, selective_rays
+from bokehnet.baselines.rays.selective_rays import TraceRays, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.io.contact_sheet import contact_sheet
-from bokehnet.optics.sample_allocation import neyman
+from bokehnet.optics.pixels.sample_allocation import neyman
+from bokehnet.raytrace.geometry.space import SpaceRays
 from bokehnet.raytrace.paths import trace_paths
-from bokehnet.raytrace.space import SpaceRays
 from bokehnet.scenes import SceneJob, read_scene
+from bokehnet.tools.contact_sheet import contact_sheet
 from train.metrics import compare
 
 _SCENE = Path(__file__).parents[1] / "configs" / "scene_balls.toml"

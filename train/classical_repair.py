@@ -4,7 +4,7 @@ import kornia
 import numpy as np
 import torch
 
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 
 __all__ = ["guided", "joint_bilateral"]
 

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bokehnet.arrays.pyramid import count_halvings, downsample2
 from bokehnet.errors import DataFileError, ParameterError
-from bokehnet.pyramid import count_halvings, downsample2
 from train.examples import Skips
 from train.prepared import PLANES, PreparedSet
 

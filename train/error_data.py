@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bokehnet.arrays.pyramid import downsample2
 from bokehnet.classical.base import Place
 from bokehnet.classical.rays_renderer import scatter_beyond
 from bokehnet.errors import DataFileError
 from bokehnet.models.error import FEATURES
 from bokehnet.optics.aperture import Aperture
-from bokehnet.pyramid import downsample2
 from train.data import CropsConfig, best_window
 from train.examples import Skips
 from train.prepared import PLANES, PreparedSet

@@ -21,8 +21,8 @@ import torch
 from tqdm import tqdm
 
 from bokehnet.checks import check_choice, check_number, require_extra
+from bokehnet.engines.engine import ENGINES
 from bokehnet.errors import BokehnetError, ParameterError
-from bokehnet.inference.engine import ENGINES
 from train.degradation import DEGRADATIONS, EDGE_SHIFT, degrade
 from train.evaluation_sets import SETS, Picture, list_pictures
 from train.methods import Method, load_repair, parse_method

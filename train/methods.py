@@ -9,11 +9,11 @@ import numba
 import numpy as np
 
 from bokehnet.checks import check_choice
-from bokehnet.inference.disparity_repair import DisparityRepair
-from bokehnet.inference.engine import ENGINES
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.engines.engine import ENGINES
 from bokehnet.optics.aperture import Aperture
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.result import RenderResult
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.render.result import RenderResult
 from train.classical_repair import guided, joint_bilateral
 
 __all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]

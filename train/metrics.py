@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt
 from skimage.metrics import structural_similarity
 
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 
 __all__ = [
     "BANDS",

@@ -23,8 +23,8 @@ from tqdm import tqdm
 from bokehnet.classical.base import make_classical
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.config import check_same, load_config, renamed, to_dict
+from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import BokehnetError, ConfigError, DataFileError
-from bokehnet.inference.disparity_repair import DisparityRepair
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.synth.dataset import start_worker

@@ -9,7 +9,7 @@ import torch
 from scipy.stats import spearmanr
 from torch import Tensor, nn
 
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.models.error import FEATURES, ErrorNetConfig
 from train.command import run_command
 from train.error_data import ErrorCrops, ErrorDataConfig, as_tensors, error_parts

@@ -10,10 +10,10 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
+from bokehnet.arrays.pyramid import downsample2
 from bokehnet.coarse_to_fine import render_neural
 from bokehnet.models.checkpoint import load_network
 from bokehnet.models.iunet import IUNetConfig
-from bokehnet.pyramid import downsample2
 from train.command import run_command
 from train.data import DataConfig, PreparedCrops
 from train.losses import iunet_loss

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from bokehnet.coarse_to_fine import LEAVE_OUTLINES, RefineNetwork, render_neural
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 from train.logbook import over_held_out
 from train.metrics import compare, mean_scores
 from train.prepared import PLANES, PreparedSet

@@ -18,15 +18,15 @@ from bokehnet.checks import Array
 from bokehnet.errors import DataFileError
 from bokehnet.io.atomic import write_text
 from bokehnet.io.channels import write_channels
-from bokehnet.io.encode import encode as write_pixels
+from bokehnet.io.formats.encode import encode as write_pixels
 from bokehnet.io.image import write_image
 from bokehnet.lenses import Rays, ThinLens
 from bokehnet.optics.aperture import Aperture, transmission
 from bokehnet.synth import SynthConfig
-from bokehnet.synth.baked_scene import View
-from bokehnet.synth.clutter import Clutter, random_clutter
+from bokehnet.synth.clutter.baked_scene import View
+from bokehnet.synth.clutter.lamps import add_lamps
+from bokehnet.synth.clutter.scenes import Clutter, random_clutter
 from bokehnet.synth.config import ClutterConfig
-from bokehnet.synth.lamps import add_lamps
 from train.metrics import depth_step_pixels, encode, psnr
 
 __all__ = ["SCENES", "make_scene", "prepare", "summary"]

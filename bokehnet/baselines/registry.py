@@ -38,23 +38,23 @@ _BLIND = "foreground and background mix without order"
 
 # Name, file in this folder, openings and paper of each.
 _METHODS = """
-gather_basic      basic_gather           outline   thesis 004
-gather_spiral     spiral_gather          outline   Gustafsson 2018
-gather_bokeh      bokeh_gather           cats-eye  thesis 004
-gather_passes     multi_pass_gather      outline   thesis 004
-jimenez           scatter_as_you_gather  outline   Jimenez 2014
-tan               scatter_as_you_gather  outline   Tan 2022
-abadie            layered_gather         outline   Abadie 2018
-diffusion         heat_diffusion         disc      Kass 2006
-overlap           overlap_filter         disc      Zhou 2007
-low_rank          low_rank_filter        any       McGraw 2014
-lommel            lommel_spots           disc      Potmesil and Chakravarty 1981
-rectangle         spreading              disc      Kosloff 2009
-perimeter         spreading              any       Kosloff 2009
-hybrid_spreading  spreading              any       Kosloff 2010
-lens_spreading    lens_tables            any       thesis 001
-image_rays        image_based_rays       any       Lee 2010
-bokehme_scatter   bokehme                disc      Peng 2022
+gather_basic      gather.basic_gather           outline   thesis 004
+gather_spiral     gather.spiral_gather          outline   Gustafsson 2018
+gather_bokeh      gather.bokeh_gather           cats-eye  thesis 004
+gather_passes     gather.multi_pass_gather      outline   thesis 004
+jimenez           gather.scatter_as_you_gather  outline   Jimenez 2014
+tan               gather.scatter_as_you_gather  outline   Tan 2022
+abadie            gather.layered_gather         outline   Abadie 2018
+diffusion         filters.heat_diffusion        disc      Kass 2006
+overlap           filters.overlap_filter        disc      Zhou 2007
+low_rank          filters.low_rank_filter       any       McGraw 2014
+lommel            spread.lommel_spots           disc      Potmesil and Chakravarty 1981
+rectangle         spread.spreading              disc      Kosloff 2009
+perimeter         spread.spreading              any       Kosloff 2009
+hybrid_spreading  spread.spreading              any       Kosloff 2010
+lens_spreading    spread.lens_tables            any       thesis 001
+image_rays        rays.image_based_rays         any       Lee 2010
+bokehme_scatter   spread.bokehme                disc      Peng 2022
 """
 
 # Those that know what a lens does beyond focusing.

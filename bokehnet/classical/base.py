@@ -12,9 +12,9 @@ from bokehnet.checks import check_choice, check_floats, check_light, check_map, 
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ParameterError
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
 
 __all__ = [
     "ALIGNED",

@@ -14,7 +14,7 @@ from numba import prange
 from bokehnet.classical.base import Frame
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.aberrations.lens_response import LensResponse
 
 __all__ = ["Fringes", "fringed_scatter", "fringes_alone"]
 

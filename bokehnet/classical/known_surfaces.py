@@ -1,6 +1,6 @@
 """Both surfaces of pixels at edges, known beforehand: what an alpha, deep samples or a finer picture tell.
 
-They take the place of what :mod:`bokehnet.classical.layered.unmixing` would estimate there.
+They take the place of what :mod:`bokehnet.classical.layered.boundaries.unmixing` would estimate there.
 """
 
 from collections.abc import Callable, Sequence

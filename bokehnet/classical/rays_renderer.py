@@ -15,22 +15,22 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import fringed_scatter, fringes_alone
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
-from bokehnet.classical.layered.aberrated_rays import lens_table
-from bokehnet.classical.layered.bundle_extents import bundle_extents, reach_by_rings, stray_map
-from bokehnet.classical.layered.defocus_bins import TILE, occupied_bins
-from bokehnet.classical.layered.intersection import layer_cells
+from bokehnet.classical.layered.boundaries.mixed_pixels import told_of
 from bokehnet.classical.layered.layers import Layers, split_picture
-from bokehnet.classical.layered.mixed_pixels import told_of
-from bokehnet.classical.layered.ray_averages import window_halo
-from bokehnet.classical.layered.ray_marching import SETS, march
-from bokehnet.classical.layered.smooth_tiles import render_smooth_tiles
+from bokehnet.classical.layered.march.aberrated_rays import lens_table
+from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
+from bokehnet.classical.layered.march.defocus_bins import TILE, occupied_bins
+from bokehnet.classical.layered.march.intersection import layer_cells
+from bokehnet.classical.layered.march.ray_averages import window_halo
+from bokehnet.classical.layered.march.ray_marching import SETS, march
+from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.fusion import fuse
 from bokehnet.kernels import njit
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture, pupil_points
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
+from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.sampling import sobol
 
 __all__ = ["CPU", "Device", "rays", "render_rays", "scatter_beyond"]
@@ -41,7 +41,8 @@ class Device(NamedTuple):
 
     Attributes:
         scatter: As :func:`bokehnet.classical.scatter_renderer.scatter`.
-        march: Sends rays, see ``send`` of :func:`bokehnet.classical.layered.ray_marching.march`; ``None`` for
+        march: Sends rays, see ``send`` of :func:`bokehnet.classical.layered.march.ray_marching.march`;
+            ``None`` for
             the kernel on the CPU.
     """
 

@@ -10,21 +10,21 @@ from typing import Annotated
 
 import typer
 
-from bokehnet.cli.compare import compare
-from bokehnet.cli.demo import demo
-from bokehnet.cli.depth import depth
-from bokehnet.cli.export import export
-from bokehnet.cli.info import info
-from bokehnet.cli.lens import lens
-from bokehnet.cli.models import models
+from bokehnet.cli.commands.compare import compare
+from bokehnet.cli.commands.demo import demo
+from bokehnet.cli.commands.depth import depth
+from bokehnet.cli.commands.export import export
+from bokehnet.cli.commands.info import info
+from bokehnet.cli.commands.models import models
+from bokehnet.cli.commands.presets import presets
+from bokehnet.cli.commands.serve import serve
+from bokehnet.cli.commands.studio import studio
+from bokehnet.cli.commands.synth import synth
+from bokehnet.cli.commands.trace import trace
+from bokehnet.cli.commands.warm_up import warm_up
+from bokehnet.cli.lens.command import lens
 from bokehnet.cli.options import QuickGroup, SectionedCommand, told
-from bokehnet.cli.presets import presets
-from bokehnet.cli.render import render
-from bokehnet.cli.serve import serve
-from bokehnet.cli.studio import studio
-from bokehnet.cli.synth import synth
-from bokehnet.cli.trace import trace
-from bokehnet.cli.warm_up import warm_up
+from bokehnet.cli.render.command import render
 from bokehnet.errors import BokehnetError
 from bokehnet.version import __version__
 

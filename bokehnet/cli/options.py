@@ -13,11 +13,11 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from bokehnet.errors import BokehnetError, ParameterError
-from bokehnet.rendering.preset import load_preset
-from bokehnet.rendering.sequence import SequenceSettings
-from bokehnet.rendering.setting import Group, Setting, field_settings
-from bokehnet.rendering.settings import RenderSettings, all_settings, merged
-from bokehnet.rendering.settings_file import read_toml, settings_from_table
+from bokehnet.sequence.sequence import SequenceSettings
+from bokehnet.settings.fields import Group, Setting, field_settings
+from bokehnet.settings.preset import load_preset
+from bokehnet.settings.settings import RenderSettings, all_settings, merged
+from bokehnet.settings.settings_file import read_toml, settings_from_table
 
 __all__ = [
     "Given",

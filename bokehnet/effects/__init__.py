@@ -6,7 +6,7 @@ A room of its own because it works on whole pictures, of which :mod:`bokehnet.op
 from bokehnet.effects.camera import CameraEffects
 from bokehnet.effects.view import View
 from bokehnet.effects.warp import Warp
-from bokehnet.optics.distortion import BrownConrady, DivisionModel
+from bokehnet.optics.aberrations.distortion import BrownConrady, DivisionModel
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.vignette import Vignette
 

@@ -17,7 +17,7 @@ from bokehnet.effects.row_blocks import in_row_blocks
 from bokehnet.effects.view import View, cast_like
 from bokehnet.effects.warp import Warp
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.optics.distortion import Distortion
+from bokehnet.optics.aberrations.distortion import Distortion
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.scalars import is_absent
 from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, table_factor, with_color
@@ -46,8 +46,9 @@ class CameraEffects:
         optical_vignetting: Shift of the barrel's rim in the corner, in radii of the pupil, 0 to 1.5, as
             ``Aperture.cats_eye``: darkening by what it cuts off.
         shading: Light that a lens leaves over that in the middle, at even steps from the middle of the
-            picture to its corner (:func:`bokehnet.lenses.relative_illumination.relative_illumination`), above
-            0; beyond the corner it stays as it is there. Empty is 1 everywhere.
+            picture to its corner
+            (:func:`bokehnet.lenses.aberrations.relative_illumination.relative_illumination`), above 0; beyond
+            the corner it stays as it is there. Empty is 1 everywhere.
         vignette: One of taste.
         grain: Noise of the sensor.
 

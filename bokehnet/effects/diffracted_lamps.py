@@ -9,7 +9,7 @@ import numpy as np
 from bokehnet.effects.convolution import convolve
 from bokehnet.effects.lamps import Lamps
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.diffraction import disc_kernel, ring_kernel, star_kernel
+from bokehnet.optics.spectral.diffraction import disc_kernel, ring_kernel, star_kernel
 
 __all__ = ["add_rings", "add_stars"]
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bokehnet.arrays.pyramid import upsample2
 from bokehnet.effects.lamps import Lamps
 from bokehnet.lenses.ghosts import Ghost, trace_ghosts
 from bokehnet.lenses.prescription import PrescriptionLens
-from bokehnet.optics.coating import Coating
-from bokehnet.pyramid import upsample2
+from bokehnet.optics.spectral.coating import Coating
 
 __all__ = ["Ghosts", "draw_ghost"]
 

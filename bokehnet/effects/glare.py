@@ -6,7 +6,7 @@ import numpy as np
 
 from bokehnet.checks import check_range
 from bokehnet.effects.convolution import convolve
-from bokehnet.optics.scattering import scatter_kernel
+from bokehnet.optics.spectral.scattering import scatter_kernel
 
 __all__ = ["Glare"]
 

@@ -9,8 +9,8 @@ from bokehnet.checks import Array, array_namespace, check_kind, check_range
 from bokehnet.effects.row_blocks import in_row_blocks
 from bokehnet.effects.view import View, cast_like
 from bokehnet.errors import ParameterError
-from bokehnet.optics.distortion import BrownConrady, Distortion, DivisionModel
-from bokehnet.optics.resampling import inside, sample
+from bokehnet.optics.aberrations.distortion import BrownConrady, Distortion, DivisionModel
+from bokehnet.optics.pixels.resampling import inside, sample
 from bokehnet.optics.scalars import is_absent, value_of
 
 __all__ = ["Warp"]

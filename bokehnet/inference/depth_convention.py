@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
+from bokehnet.arrays.resample import Kernel, resample
 from bokehnet.config import load_config
 from bokehnet.errors import ConfigError
-from bokehnet.io.color import linear_to_srgb
-from bokehnet.io.resample import Kernel, resample
+from bokehnet.io.color.srgb import linear_to_srgb
 
 __all__ = ["DepthConvention", "convention_names", "find_convention"]
 

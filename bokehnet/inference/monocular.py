@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from bokehnet.arrays.resample import resample
 from bokehnet.checks import check_image
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.depth_convention import DepthConvention
 from bokehnet.inference.point_maps import shift_of_points
-from bokehnet.io.resample import resample
 from bokehnet.onnx_session import OnnxSession
 
 __all__ = ["DepthEstimator"]

@@ -14,7 +14,7 @@ from bokehnet.checks import check_choice
 from bokehnet.classical.base import CLASSICAL_RENDERERS
 from bokehnet.coarse_to_fine import LEAVE_OUTLINES
 from bokehnet.errors import ModelFileError
-from bokehnet.inference.memory import keeps_freed
+from bokehnet.inference.process_memory import keeps_freed
 from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
 
 __all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_network", "load_networks"]

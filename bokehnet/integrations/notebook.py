@@ -4,11 +4,11 @@ from typing import Any
 
 from bokehnet.checks import require_extra
 from bokehnet.errors import BokehnetError
-from bokehnet.rendering.html import picture_url
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.result import RenderResult
-from bokehnet.rendering.scene import Scene
-from bokehnet.rendering.settings import RenderSettings, merged
+from bokehnet.render.notebook import picture_url
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.render.result import RenderResult
+from bokehnet.scene.scene import Scene
+from bokehnet.settings.settings import RenderSettings, merged
 
 require_extra("anywidget", "notebook")
 
@@ -56,7 +56,7 @@ class FocusWidget(anywidget.AnyWidget):
         result: The last one; None before any.
 
     Examples:
-        >>> from bokehnet.rendering.demo import small_demo_scene
+        >>> from bokehnet.tools.demo import small_demo_scene
         >>> widget = FocusWidget(small_demo_scene())
         >>> widget.clicked = [0.5, 0.5]
         >>> widget.line

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.window import Window
-from bokehnet.rendering.depth_source import DefocusMap, DepthSource, MetricDepth, RelativeDisparity
-from bokehnet.rendering.result import RenderResult
-from bokehnet.rendering.scene import Scene, make_scene
+from bokehnet.render.result import RenderResult
+from bokehnet.scene.depth.depth_source import DefocusMap, DepthSource, MetricDepth, RelativeDisparity
+from bokehnet.scene.scene import Scene, make_scene
 
 __all__ = ["SharedPixels"]
 

@@ -30,11 +30,12 @@ from typing import Any, TextIO
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.integrations.shared_pixels import SharedPixels
 from bokehnet.io.frame import detached
-from bokehnet.rendering.output import check_output
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.result import RenderReport
-from bokehnet.rendering.scene import read_scene
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.render.memory_bounds import check_memory
+from bokehnet.render.output import check_output
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.render.result import RenderReport
+from bokehnet.scene.scene import read_scene
+from bokehnet.settings.settings import RenderSettings
 from bokehnet.version import __version__
 
 __all__ = ["WarmRenderer", "main"]
@@ -129,6 +130,7 @@ class WarmRenderer:
         for name in ("picture", "output"):
             if not isinstance(request.get(name), str):
                 raise ParameterError(name, "the path of a file", request.get(name))
+        check_memory(request["picture"], settings)
         scene = read_scene(request["picture"], settings)
         if request.get("plain") and scene.frame is not None:
             scene = replace(scene, frame=detached(scene.frame))

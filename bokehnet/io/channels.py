@@ -10,7 +10,7 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from bokehnet.errors import ShapeError
-from bokehnet.io.encode import encode
+from bokehnet.io.formats.encode import encode
 from bokehnet.io.image import check_writable
 from bokehnet.io.pixels import ImageFile
 

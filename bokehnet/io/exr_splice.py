@@ -15,7 +15,7 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.exr_header import Attribute, ExrHeaders, channel_sizes, read_headers, with_channels
+from bokehnet.io.exr.header import Attribute, ExrHeaders, channel_sizes, read_headers, with_channels
 from bokehnet.io.pixels import ImageFile, Part
 
 __all__ = ["write_replaced"]

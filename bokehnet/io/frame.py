@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.arrays.row_blocks import Progress, part_of
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
-from bokehnet.io.camera import Camera, camera_from_exif, camera_from_exr
-from bokehnet.io.choices import choices
-from bokehnet.io.color_space import LINEAR_REC709, ColorSpace
-from bokehnet.io.encode import check_readable
+from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
+from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.exr_splice import write_replaced
-from bokehnet.io.file_color import file_color_space
-from bokehnet.io.heif import is_heif, read_heif
+from bokehnet.io.formats.encode import check_readable
+from bokehnet.io.formats.heif import is_heif, read_heif
 from bokehnet.io.image import check_beside, check_writable
-from bokehnet.io.metadata import Metadata, read_metadata
+from bokehnet.io.metadata.camera import Camera, camera_from_exif, camera_from_exr
+from bokehnet.io.metadata.photo_metadata import Metadata, read_metadata
+from bokehnet.io.metadata.rendered_by import renderer_of
 from bokehnet.io.output_format import Bits, OutputFormat, check_format, choose_bits, target_space
+from bokehnet.io.part_choices import choices
 from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
-from bokehnet.io.rendered_by import renderer_of
-from bokehnet.io.row_blocks import Progress, part_of
 from bokehnet.io.store import store_picture
 from bokehnet.io.window import Window
 
@@ -55,7 +55,8 @@ class Frame:
         space: Colour space that the values of the file have.
         bits: Of its channels; None where a result need not have as many.
         metadata: Its EXIF and XMP, and what of the file a result will not have.
-        renderer: What wrote the file, as :func:`bokehnet.io.rendered_by.renderer_of` knows it, or None.
+        renderer: What wrote the file, as :func:`bokehnet.io.metadata.rendered_by.renderer_of` knows it, or
+            None.
         path: The file; None for arrays.
         choices: What was chosen where the file holds several pictures, a line each.
     """

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ParameterError
 from bokehnet.io.atomic import check_target
-from bokehnet.io.color_space import LINEAR_REC709, ColorSpace, convert
-from bokehnet.io.dither import quantise
-from bokehnet.io.encode import encode
-from bokehnet.io.file_color import file_color_space
-from bokehnet.io.heif import is_heif, read_heif
-from bokehnet.io.intact import check_name
-from bokehnet.io.metadata import read_metadata
+from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace, convert
+from bokehnet.io.color.dither import quantise
+from bokehnet.io.color.file_color import file_color_space
+from bokehnet.io.containers.input_checks import check_name
+from bokehnet.io.formats.encode import encode
+from bokehnet.io.formats.heif import is_heif, read_heif
+from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.output_format import (
     IMAGE_EXTENSIONS,
     Bits,

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.arrays.row_blocks import Progress, in_row_blocks
 from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile, Part
-from bokehnet.io.row_blocks import Progress, in_row_blocks
 from bokehnet.io.window import Window
 
 __all__ = [

@@ -9,10 +9,10 @@ import OpenImageIO as oiio  # noqa: N813
 
 from bokehnet.checks import check_choice, check_flag, check_range
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.io.color_space import COLOR_SPACES, LINEAR_REC709, SRGB, ColorSpace
-from bokehnet.io.icc import make_profile
-from bokehnet.io.transfer import LINEAR
-from bokehnet.io.whole_picture import WHOLE_EXTENSIONS, check_encoder
+from bokehnet.io.color.color_space import COLOR_SPACES, LINEAR_REC709, SRGB, ColorSpace
+from bokehnet.io.color.icc import make_profile
+from bokehnet.io.color.transfer import LINEAR
+from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS, check_encoder
 
 __all__ = [
     "COLOR_SPACE_NAMES",

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
-from bokehnet.io.apple_depth import apple_depth
-from bokehnet.io.color_space import SRGB, ColorSpace, convert
-from bokehnet.io.depth_coding import StoredDepth
-from bokehnet.io.file_color import file_color_space
-from bokehnet.io.google_depth import google_depth
-from bokehnet.io.heif import is_heif, read_heif_depth
-from bokehnet.io.jpeg import JPEG_START, jpeg_layout
-from bokehnet.io.metadata import read_metadata
+from bokehnet.io.color.color_space import SRGB, ColorSpace, convert
+from bokehnet.io.color.file_color import file_color_space
+from bokehnet.io.containers.jpeg import JPEG_START, jpeg_layout
+from bokehnet.io.depth.apple_depth import apple_depth
+from bokehnet.io.depth.depth_coding import StoredDepth
+from bokehnet.io.depth.google_depth import google_depth
+from bokehnet.io.formats.heif import is_heif, read_heif_depth
+from bokehnet.io.metadata.photo_metadata import read_metadata
+from bokehnet.io.metadata.xmp import jpeg_xmp
 from bokehnet.io.picture import find_picture, read_light
 from bokehnet.io.pixels import ImageFile, apply_orientation
-from bokehnet.io.xmp import jpeg_xmp
 
 __all__ = ["PhoneDepth", "read_phone_depth"]
 

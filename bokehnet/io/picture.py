@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.arrays.row_blocks import in_row_blocks
 from bokehnet.errors import ImageFileError
-from bokehnet.io.color_space import ColorSpace
+from bokehnet.io.color.color_space import ColorSpace
+from bokehnet.io.color.transfer import Curve
 from bokehnet.io.pixels import ImageFile, Part, as_stored
-from bokehnet.io.row_blocks import in_row_blocks
-from bokehnet.io.transfer import Curve
 
 __all__ = ["Picture", "find_picture", "picture_layers", "read_light", "read_light_and_alpha"]
 

@@ -13,13 +13,13 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
+from bokehnet.arrays.row_blocks import Progress
 from bokehnet.errors import ImageFileError
-from bokehnet.io.deep import flatten
-from bokehnet.io.deep_chunks import DeepSamples, read_samples
-from bokehnet.io.exr_header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
-from bokehnet.io.intact import check_intact, check_pixel_count
-from bokehnet.io.pfm import PfmInput, is_pfm
-from bokehnet.io.row_blocks import Progress
+from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
+from bokehnet.io.containers.pfm import PfmInput, is_pfm
+from bokehnet.io.exr.deep import flatten
+from bokehnet.io.exr.deep_chunks import DeepSamples, read_samples
+from bokehnet.io.exr.header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.window import Window
 
 __all__ = [
@@ -49,7 +49,8 @@ class Part:
     For EXR they are those of the data window, and ``name`` is that of the part. ``formats`` are the types
     of the channels (``"half"``, ``"uint8"``, ...). ``alpha`` is the name of the alpha channel, and
     ``premultiplied`` tells whether the colours are already multiplied by it. ``window`` tells where the
-    pixels lie in the shown picture. A part that is ``deep`` is read flattened, see :mod:`bokehnet.io.deep`.
+    pixels lie in the shown picture. A part that is ``deep`` is read flattened, see
+    :mod:`bokehnet.io.exr.deep`.
     """
 
     index: int

@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.arrays.row_blocks import Progress, cut_row_blocks
 from bokehnet.errors import ImageFileError
-from bokehnet.io.color_space import LINEAR_REC709, SRGB, ColorSpace, chromaticities_of, convert
-from bokehnet.io.dither import quantise
-from bokehnet.io.encode import encode
-from bokehnet.io.metadata import Metadata, add_metadata
+from bokehnet.io.color.color_space import LINEAR_REC709, SRGB, ColorSpace, chromaticities_of, convert
+from bokehnet.io.color.dither import quantise
+from bokehnet.io.containers.png import compressed_profile, text_chunk
+from bokehnet.io.formats.encode import encode
+from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS, Coding, encode_whole
+from bokehnet.io.metadata.photo_metadata import Metadata, add_metadata
 from bokehnet.io.output_format import (
     Bits,
     OutputFormat,
@@ -21,9 +24,6 @@ from bokehnet.io.output_format import (
     profile_to_embed,
     target_space,
 )
-from bokehnet.io.png import compressed_profile, text_chunk
-from bokehnet.io.row_blocks import Progress, cut_row_blocks
-from bokehnet.io.whole_picture import WHOLE_EXTENSIONS, Coding, encode_whole
 
 __all__ = ["store_picture"]
 

@@ -2,13 +2,13 @@
 
 from bokehnet.lenses.base import LensModel, Rays, defocus_map
 from bokehnet.lenses.catalog import catalog_names, load_lens
-from bokehnet.lenses.depth_of_field import depth_of_field
+from bokehnet.lenses.lookup.transfer import TransferLens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
+from bokehnet.lenses.reports.depth_of_field import depth_of_field
 from bokehnet.lenses.thick import ThickLens
 from bokehnet.lenses.thin import ThinLens
 from bokehnet.lenses.tilt_shift import TiltShift
-from bokehnet.lenses.transfer import TransferLens
 
 __all__ = [
     "LensModel",

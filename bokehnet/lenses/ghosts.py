@@ -15,7 +15,7 @@ import numpy as np
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.stop_rays import chief_rays
 from bokehnet.lenses.surface_trace import Beam, Met, Surface, meet, pass_surface
-from bokehnet.optics.coating import Coating, reflectance
+from bokehnet.optics.spectral.coating import Coating, reflectance
 
 __all__ = ["Ghost", "trace_ghosts"]
 

@@ -31,7 +31,7 @@ import numpy as np
 from bokehnet.config import load_config
 from bokehnet.errors import ConfigError, LensError
 from bokehnet.lenses.surface_trace import Surface
-from bokehnet.optics.glass import (
+from bokehnet.optics.spectral.glass import (
     D_LINE,
     AbbeGlass,
     FormulaGlass,
@@ -65,19 +65,19 @@ class SurfaceRow:
         odd: The same of the powers 3, 5, 7, ..., mm^-2, mm^-4, ...
         stop: Whether this is the aperture stop: a plane in air, or in the glass of the row in front of it,
             which it then names again. Only a stop may stand behind what comes next, thickness below 0.
-        glass: Name of a glass that :mod:`bokehnet.optics.glass` knows.
+        glass: Name of a glass that :mod:`bokehnet.optics.spectral.glass` knows.
         abbe: Index nd and Abbe number Vd.
         sellmeier: b1, b2, b3, c1, c2, c3.
         schott: a0 to a5.
-        formula: Any other formula, as :class:`bokehnet.optics.glass.FormulaGlass`.
-        table: Wavelengths, nm, and indices, as :class:`bokehnet.optics.glass.TableGlass`.
+        formula: Any other formula, as :class:`bokehnet.optics.spectral.glass.FormulaGlass`.
+        table: Wavelengths, nm, and indices, as :class:`bokehnet.optics.spectral.glass.TableGlass`.
         mirror: Whether it reflects; what is behind it, in the way of the light, is what was in front. Radii
             and distances behind a mirror are told as seen in it: thicknesses stay positive, and radii
             above 0 have their centre where the light goes.
         inner_radius: Rays nearer to the axis than this are stopped, mm: by the back of another mirror, or a
             hole.
         shift: How far the vertex stands off its place on the axis, x, y and along the light, mm; of one copy
-            of a lens, as :mod:`bokehnet.lenses.tolerances` puts it together.
+            of a lens, as :mod:`bokehnet.lenses.assembly.tolerances` puts it together.
         tilt: Degrees about axes along x and y by which the surface is turned about its vertex.
         comment: What the source calls the surface.
     """

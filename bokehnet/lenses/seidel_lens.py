@@ -20,10 +20,15 @@ from bokehnet.errors import ParameterError
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
 from bokehnet.lenses.surface_trace import Surface
-from bokehnet.optics.aberration_map import AberrationMap, term
+from bokehnet.optics.aberrations.aberration_map import AberrationMap, term
+from bokehnet.optics.aberrations.seidel import (
+    SeidelCoefficients,
+    SeidelSums,
+    surface_sums,
+    uniform_irradiance,
+)
 from bokehnet.optics.paraxial import focused_rays
-from bokehnet.optics.seidel import SeidelCoefficients, SeidelSums, surface_sums, uniform_irradiance
-from bokehnet.optics.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
 
 __all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_aberration_map", "seidel_by_surface"]
 

@@ -1,4 +1,4 @@
-"""Pictures of other sizes as ONNX operators: what :mod:`bokehnet.pyramid` does. All are (..., H, W)."""
+"""Pictures of other sizes as ONNX operators, as in :mod:`bokehnet.arrays.pyramid`. All are (..., H, W)."""
 
 import numpy as np
 

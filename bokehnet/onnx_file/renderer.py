@@ -9,9 +9,9 @@ import numpy as np
 import onnx
 
 from bokehnet.checks import check_choice
+from bokehnet.engines.engine import Engine
+from bokehnet.engines.hybrids import HYBRIDS
 from bokehnet.errors import ModelFileError
-from bokehnet.inference.engine import Engine
-from bokehnet.inference.hybrids import HYBRIDS
 from bokehnet.inference.session import load_networks
 from bokehnet.io.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value

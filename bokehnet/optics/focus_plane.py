@@ -18,7 +18,7 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace, check_number, check_numbers, check_rank
 from bokehnet.errors import LensError, ParameterError
-from bokehnet.optics.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
 
 __all__ = [
     "STEEPEST",

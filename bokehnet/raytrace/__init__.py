@@ -9,14 +9,14 @@ from bokehnet.checks import require_extra
 require_extra("torch", "train")
 
 from bokehnet.raytrace.camera import Camera
+from bokehnet.raytrace.geometry.meshes import Mesh, read_mesh
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.spheres import Sphere
 from bokehnet.raytrace.integrator import render_all_in_focus, render_bokeh, render_disparity
-from bokehnet.raytrace.lights import Environment, PointLight
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.meshes import Mesh, read_mesh
 from bokehnet.raytrace.peeling import Peeled, peel
-from bokehnet.raytrace.quads import Quad
 from bokehnet.raytrace.scene import Background, Plane, Scene, background_from, plane_texture
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.surfaces.lights import Environment, PointLight
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import Accumulation, Maps, Tracer
 from bokehnet.raytrace.views import accumulate_views
 from bokehnet.raytrace.world import Body, World, world_from_scene

@@ -1,9 +1,9 @@
 """Samples where they are needed: pixels get the more of a tracer's samples the more theirs differ.
 
 All pixels send ``_FIRST`` samples; then rounds of ``_BLOCK`` a pixel, in the mean, go where
-:mod:`bokehnet.optics.sample_allocation` sends them. What counts is the variance of the luminance, times the
-slope of the sRGB curve squared, which is noise as it is seen, and of the pixel and its neighbours together: a
-pixel whose first samples agree by chance does not keep its error.
+:mod:`bokehnet.optics.pixels.sample_allocation` sends them. What counts is the variance of the luminance,
+times the slope of the sRGB curve squared, which is noise as it is seen, and of the pixel and its neighbours
+together: a pixel whose first samples agree by chance does not keep its error.
 
 Source: Mitchell, "Generating antialiased images at low sampling densities", SIGGRAPH 1987; Kirk and Arvo,
 "Unbiased sampling techniques for image synthesis", SIGGRAPH 1991, for the bias that counts bring which depend
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
-from bokehnet.optics.sample_allocation import Allocation, neyman
+from bokehnet.optics.pixels.sample_allocation import Allocation, neyman
 from bokehnet.raytrace.tracer import Accumulation, Tracer
 
 __all__ = ["advance_adaptive"]

@@ -15,7 +15,7 @@ from bokehnet.checks import check_at_least
 from bokehnet.lenses import Rays
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
 from bokehnet.raytrace.camera import Camera
-from bokehnet.raytrace.intersect import (
+from bokehnet.raytrace.geometry.intersect import (
     PreparedPlane,
     Window,
     centre_rays,

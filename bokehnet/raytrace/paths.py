@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from bokehnet.raytrace.frames import cosine_directions
-from bokehnet.raytrace.ggx import ggx_reflectance, sample_ggx
-from bokehnet.raytrace.space import SpaceRays, dot, unit
-from bokehnet.raytrace.tables import join, pick
+from bokehnet.raytrace.geometry.frames import cosine_directions
+from bokehnet.raytrace.geometry.space import SpaceRays, dot, unit
+from bokehnet.raytrace.geometry.tables import join, pick
+from bokehnet.raytrace.surfaces.ggx import ggx_reflectance, sample_ggx
 from bokehnet.raytrace.world import SurfaceHit, World
 
 __all__ = ["DIMENSIONS_PER_BOUNCE", "Numbers", "Traced", "trace_paths"]

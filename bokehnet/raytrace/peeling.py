@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 
 from bokehnet.checks import check_at_least
-from bokehnet.optics.pixel_layers import merge_surfaces
+from bokehnet.optics.pixels.pixel_layers import merge_surfaces
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution
+from bokehnet.raytrace.geometry.space import SpaceRays, dot
+from bokehnet.raytrace.geometry.tables import pick
 from bokehnet.raytrace.paths import trace_paths
-from bokehnet.raytrace.space import SpaceRays, dot
-from bokehnet.raytrace.tables import pick
 from bokehnet.raytrace.tracer import lens_rays
 from bokehnet.raytrace.world import SurfaceHit, World
 
@@ -59,9 +59,9 @@ def peel(
     """Take a scene apart, surface by surface.
 
     Each sample is a ray through a place of its own in the pixel, so that outlines have coverage; surfaces of
-    all samples are merged (:func:`bokehnet.optics.pixel_layers.merge_surfaces`). A single sample is a ray
-    through the pixel's centre. Sides of closed bodies that are seen from within do not count: no ray of the
-    lens comes there.
+    all samples are merged (:func:`bokehnet.optics.pixels.pixel_layers.merge_surfaces`). A single sample is a
+    ray through the pixel's centre. Sides of closed bodies that are seen from within do not count: no ray of
+    the lens comes there.
 
     Args:
         world: The scene, in the middle of the shutter's opening.

@@ -8,12 +8,12 @@ from torch import Tensor
 
 from bokehnet.checks import check_at_least, check_choice
 from bokehnet.errors import ParameterError
-from bokehnet.optics.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution, LensSamples
+from bokehnet.raytrace.geometry.space import SpaceRays
+from bokehnet.raytrace.geometry.tables import pick
 from bokehnet.raytrace.paths import trace_paths
-from bokehnet.raytrace.space import SpaceRays
-from bokehnet.raytrace.tables import pick
 from bokehnet.raytrace.world import World
 
 __all__ = ["METHODS", "Accumulation", "Maps", "Tracer", "lens_rays"]

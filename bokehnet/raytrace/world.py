@@ -8,14 +8,14 @@ import torch
 from torch import Tensor
 
 from bokehnet.lenses import Rays
-from bokehnet.raytrace.intersect import look_up_background
-from bokehnet.raytrace.lights import AreaLight, Environment, Light, PointLight
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.quads import Quad
+from bokehnet.raytrace.geometry.intersect import look_up_background
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.space import Hits, Shape, SpaceRays
+from bokehnet.raytrace.geometry.spheres import Sphere
+from bokehnet.raytrace.geometry.tables import pick
 from bokehnet.raytrace.scene import Background, Plane, Scene, Vector
-from bokehnet.raytrace.space import Hits, Shape, SpaceRays
-from bokehnet.raytrace.spheres import Sphere
-from bokehnet.raytrace.tables import pick
+from bokehnet.raytrace.surfaces.lights import AreaLight, Environment, Light, PointLight
+from bokehnet.raytrace.surfaces.materials import Material
 
 __all__ = ["Body", "SurfaceHit", "World", "world_from_scene"]
 

@@ -25,12 +25,12 @@ from bokehnet.io.image import read_image
 from bokehnet.io.pixels import ImageFile
 from bokehnet.lenses import LensModel, PrescriptionLens, ThinLens, TiltShift, load_lens
 from bokehnet.raytrace.camera import Camera
-from bokehnet.raytrace.lights import Environment, PointLight
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.meshes import Mesh, read_mesh
-from bokehnet.raytrace.quads import Quad
+from bokehnet.raytrace.geometry.meshes import Mesh, read_mesh
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.spheres import Sphere
 from bokehnet.raytrace.scene import Background, Vector, plane_texture
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.surfaces.lights import Environment, PointLight
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import METHODS, Tracer, lens_rays
 from bokehnet.raytrace.world import Body, World
 from bokehnet.scenes.sensor_depth import depth_along_sensor

@@ -8,8 +8,8 @@ length and sensor are in millimetres. Files are named relative to the scene file
 import math
 from dataclasses import dataclass, field
 
-from bokehnet.raytrace.materials import Color
 from bokehnet.raytrace.scene import Vector
+from bokehnet.raytrace.surfaces.materials import Color
 
 __all__ = [
     "BackgroundTable",
@@ -112,7 +112,7 @@ class BackgroundTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MaterialTable:
-    """See :class:`bokehnet.raytrace.materials.Material`; the texture is a picture, maybe with alpha."""
+    """See :class:`~bokehnet.raytrace.surfaces.materials.Material`; the texture may have alpha."""
 
     color: Color = _BLACK
     specular: Color = _BLACK

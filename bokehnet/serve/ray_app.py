@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from bokehnet.checks import require_extra
-from bokehnet.rendering.setting import field_settings
 from bokehnet.serve.service_settings import ServiceSettings
+from bokehnet.settings.fields import field_settings
 
 __all__ = ["application", "settings_of_environment"]
 

@@ -12,10 +12,10 @@ from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.inference.depth_convention import convention_names
 from bokehnet.inference.depth_models import find_depth_model
 from bokehnet.lenses.catalog import catalog_names
-from bokehnet.rendering.focus import check_focus
-from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.settings import RenderSettings, all_settings, merged
-from bokehnet.rendering.settings_file import settings_from_table
+from bokehnet.scene.focus import check_focus
+from bokehnet.settings.preset import load_preset, presets
+from bokehnet.settings.settings import RenderSettings, all_settings, merged
+from bokehnet.settings.settings_file import settings_from_table
 
 __all__ = ["FILES", "FORMATS", "check_request", "file_name", "job_settings"]
 

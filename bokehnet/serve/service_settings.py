@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from bokehnet.rendering.setting import Group, parse_bytes, setting
+from bokehnet.settings.fields import Group, parse_bytes, setting
 
 __all__ = ["ServiceSettings"]
 

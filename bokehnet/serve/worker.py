@@ -32,7 +32,7 @@ def work(pipe: Connection, threads: int, max_pixels: int) -> None:
     import numba
     import OpenImageIO as oiio  # noqa: N813
 
-    from bokehnet.rendering.renderer import BokehRenderer
+    from bokehnet.render.renderer import BokehRenderer
 
     numba.set_num_threads(min(threads, numba.get_num_threads()))
     oiio.attribute("threads", threads)
@@ -68,8 +68,9 @@ def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixel
 
 
 def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixels: int) -> dict[str, Any]:
-    from bokehnet.rendering.cancelling import watched
-    from bokehnet.rendering.scene import read_scene
+    from bokehnet.render.cancellation import watched
+    from bokehnet.render.memory_bounds import check_memory
+    from bokehnet.scene.scene import read_scene
     from bokehnet.serve.requests import job_settings
 
     request = json.loads((folder / "request.json").read_text())
@@ -84,6 +85,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
                 f"{field}: expected at most {max_pixels} pixels, found {width}x{height}; send a smaller one",
                 {"parameter": field, "max_pixels": max_pixels},
             )
+    check_memory(image, settings)
     scene = read_scene(image, settings, progress=watched(watch.stage("reading", 0.0, 0.1), watch))
     focused = renderer.prepare(scene, settings, watch.stage("depth", 0.1, 0.35), cancel=watch)
     del scene
@@ -112,7 +114,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
 
 def _size(path: Path) -> tuple[int, int]:
     """Height and width of a picture or a map, by its header."""
-    from bokehnet.io.heif import heif_size, is_heif
+    from bokehnet.io.formats.heif import heif_size, is_heif
     from bokehnet.io.pixels import ImageFile
 
     if is_heif(path):

@@ -1,7 +1,7 @@
 """The studio: a page in the browser, served from this machine to this machine, on which one plays with bokeh.
 
-In goes a picture with whatever tells its depth, opened by :func:`bokehnet.rendering.scene.read_scene`, and
-changes of :class:`~bokehnet.rendering.settings.RenderSettings`. Out come previews, quick ones first, and
+In goes a picture with whatever tells its depth, opened by :func:`bokehnet.scene.scene.read_scene`, and
+changes of :class:`~bokehnet.settings.settings.RenderSettings`. Out come previews, quick ones first, and
 files whose bytes are those of the command line that the page shows. It knows the public room and how to draw;
 nothing of the field.
 

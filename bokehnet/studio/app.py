@@ -15,8 +15,8 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
-from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.settings import InputSettings, RenderSettings
+from bokehnet.settings.preset import load_preset, presets
+from bokehnet.settings.settings import InputSettings, RenderSettings
 from bokehnet.studio.display import SPACES
 from bokehnet.studio.guard import Application, Guard
 from bokehnet.studio.opened import Opened, Region

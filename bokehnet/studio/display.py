@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.io.color import linear_to_srgb
-from bokehnet.io.color_space import COLOR_SPACES, SRGB, ColorSpace, convert
+from bokehnet.io.color.color_space import COLOR_SPACES, SRGB, ColorSpace, convert
+from bokehnet.io.color.srgb import linear_to_srgb
 
 __all__ = ["SPACES", "to_rgba"]
 

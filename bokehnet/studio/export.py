@@ -4,13 +4,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bokehnet.inference.engine import Progress
+from bokehnet.arrays.row_blocks import part_of
+from bokehnet.engines.engine import Progress
 from bokehnet.io.image import check_writable, write_map
-from bokehnet.io.row_blocks import part_of
-from bokehnet.rendering.output import check_output
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import read_scene
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.render.memory_bounds import check_memory
+from bokehnet.render.output import check_output
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.scene import read_scene
+from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.opened import Opened
 
 __all__ = ["render_file", "with_painted_map"]
@@ -29,6 +30,7 @@ def render_file(image: Path, output: Path, settings: RenderSettings, *, report: 
     check_output(output, settings.output)
     renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights)
     renderer.check(settings)
+    check_memory(image, settings)
     scene = read_scene(image, settings, progress=part_of(report, 0, 4))
     check_output(output, settings.output, scene.frame)
     focused = renderer.prepare(scene, settings, part_of(report, 1, 4))

@@ -9,9 +9,9 @@ from collections.abc import Callable
 from time import monotonic
 from typing import Any, Protocol
 
+from bokehnet.engines.engine import Progress
 from bokehnet.errors import BokehnetError, RenderCancelled
-from bokehnet.inference.engine import Progress
-from bokehnet.rendering.cancelling import CancelSignal
+from bokehnet.render.cancellation import CancelSignal
 
 __all__ = ["Helper", "Task"]
 

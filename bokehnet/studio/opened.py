@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bokehnet.arrays.resample import resample
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.engines.engine import Progress
 from bokehnet.errors import BokehnetError
-from bokehnet.inference.disparity_repair import DisparityRepair
-from bokehnet.inference.engine import Progress
-from bokehnet.io.color_space import LINEAR_REC709, ColorSpace
+from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
-from bokehnet.io.resample import resample
 from bokehnet.io.window import Window
-from bokehnet.rendering.depth_source import depth_source
-from bokehnet.rendering.focus import disparity_at_pixel
-from bokehnet.rendering.scene import Scene, fitted_map, is_exact, read_scene
-from bokehnet.rendering.settings import (
+from bokehnet.scene.depth.depth_source import depth_source
+from bokehnet.scene.focus import disparity_at_pixel
+from bokehnet.scene.scene import Scene, fitted_map, is_exact, read_scene
+from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
     FocusSettings,

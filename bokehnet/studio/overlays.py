@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.errors import ParameterError
-from bokehnet.io.color_space import SRGB
+from bokehnet.io.color.color_space import SRGB
 from bokehnet.io.window import Window
-from bokehnet.rendering.depth_source import DefocusMap
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import make_scene
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.depth.depth_source import DefocusMap
+from bokehnet.scene.scene import make_scene
+from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.display import to_rgba
 from bokehnet.studio.opened import Opened
 from bokehnet.studio.preview import Picture, quick_settings

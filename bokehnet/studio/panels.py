@@ -7,8 +7,8 @@ from typing import Any
 
 from bokehnet.errors import ParameterError
 from bokehnet.lenses.catalog import catalog_names
-from bokehnet.rendering.setting import Setting, field_settings, to_plain
-from bokehnet.rendering.settings import RenderSettings, all_settings, group_types
+from bokehnet.settings.fields import Setting, field_settings, to_plain
+from bokehnet.settings.settings import RenderSettings, all_settings, group_types
 
 __all__ = ["check_reachable", "is_path", "panels"]
 

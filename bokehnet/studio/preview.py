@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from bokehnet.classical.scatter.aperture_scatter import lay_out
 from bokehnet.classical.scatter.aperture_table import KEPT, LARGEST_TABLE
+from bokehnet.engines.engine import Progress
 from bokehnet.errors import RenderCancelled
-from bokehnet.inference.engine import Progress
-from bokehnet.rendering.cancelling import CancelSignal
-from bokehnet.rendering.look import make_aperture
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import Scene
-from bokehnet.rendering.settings import (
+from bokehnet.render.cancellation import CancelSignal
+from bokehnet.render.look import make_aperture
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.scene import Scene
+from bokehnet.settings.settings import (
     ApertureSettings,
     ColorSettings,
     EngineSettings,

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError, RenderCancelled
-from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.setting import field_settings
-from bokehnet.rendering.settings import InputSettings, RenderSettings, all_settings, merged
-from bokehnet.rendering.settings_file import save_settings
+from bokehnet.settings.fields import field_settings
+from bokehnet.settings.preset import load_preset, presets
+from bokehnet.settings.settings import InputSettings, RenderSettings, all_settings, merged
+from bokehnet.settings.settings_file import save_settings
 from bokehnet.studio.archive import read_session, write_session
 from bokehnet.studio.export import render_file, with_painted_map
 from bokehnet.studio.helper import Helper

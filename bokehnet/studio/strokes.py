@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bokehnet.errors import ParameterError
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 
 __all__ = ["Effect", "Stroke", "painted"]
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bokehnet.rendering.setting import to_plain
-from bokehnet.rendering.settings import RenderSettings, all_settings
+from bokehnet.settings.fields import to_plain
+from bokehnet.settings.settings import RenderSettings, all_settings
 
 __all__ = ["command_line", "look_of", "python_lines"]
 

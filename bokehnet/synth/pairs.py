@@ -8,12 +8,12 @@ import numpy as np
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import LensModel, ThinLens
-from bokehnet.optics.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import reduce_fine
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
-from bokehnet.synth.baked_scene import View
-from bokehnet.synth.clutter import random_clutter
+from bokehnet.synth.clutter.baked_scene import View
+from bokehnet.synth.clutter.lamps import add_lamps
+from bokehnet.synth.clutter.scenes import random_clutter
 from bokehnet.synth.config import SynthConfig
-from bokehnet.synth.lamps import add_lamps
 from bokehnet.synth.scenes import random_scene
 from bokehnet.synth.shards import TrainingSample
 from bokehnet.synth.subpixel import draw_pixel_filter

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bokehnet.raytrace.scene import Background, Plane, Scene, background_from, plane_texture
-from bokehnet.raytrace.shapes import OPEN_SHAPES, SOLID_SHAPES, THIN_SHAPES, draw_shape
-from bokehnet.raytrace.textures import light_points
+from bokehnet.raytrace.surfaces.shapes import OPEN_SHAPES, SOLID_SHAPES, THIN_SHAPES, draw_shape
+from bokehnet.raytrace.surfaces.textures import light_points
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.surface_textures import surface_texture
 

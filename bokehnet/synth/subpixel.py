@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bokehnet.optics.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
 
 __all__ = ["draw_pixel_filter"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bokehnet.raytrace.textures import TEXTURES, dead_leaves
+from bokehnet.raytrace.surfaces.textures import TEXTURES, dead_leaves
 from bokehnet.synth.config import SceneConfig
 from bokehnet.synth.photographs import crop_photograph, photograph_files
 

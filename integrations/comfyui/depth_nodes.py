@@ -5,8 +5,8 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
+from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.inference.disparity_repair import DisparityRepair
 
 from .host import CATEGORY, FrameBar, frames_of_map, light, map_image, maps, told
 

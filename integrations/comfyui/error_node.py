@@ -4,7 +4,7 @@ from typing import Any, ClassVar
 
 import torch
 
-from bokehnet.rendering.result import LEVELS_SHOWN
+from bokehnet.render.result import LEVELS_SHOWN
 
 from .host import told
 from .render_nodes import FOCUS, CommonInputs, RenderNode, common_widgets, optional_widgets

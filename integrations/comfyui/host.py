@@ -11,7 +11,7 @@ import torch
 from PIL import Image
 
 from bokehnet.errors import BokehnetError, RenderCancelled, ShapeError
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 
 __all__ = [
     "CATEGORY",

@@ -3,9 +3,9 @@
 from typing import Any, ClassVar
 
 from bokehnet.lenses.catalog import catalog_names
-from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.setting import Setting
-from bokehnet.rendering.settings import RenderSettings, all_settings, merged
+from bokehnet.settings.fields import Setting
+from bokehnet.settings.preset import load_preset, presets
+from bokehnet.settings.settings import RenderSettings, all_settings, merged
 
 from .host import CATEGORY, told
 

@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
+from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.errors import ConfigError
-from bokehnet.inference.repair_plan import RepairPlan
-from bokehnet.rendering.depth_source import RelativeDisparity
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.result import RenderReport, RenderResult
-from bokehnet.rendering.scene import Scene, make_scene
-from bokehnet.rendering.settings import RenderSettings, merged
-from bokehnet.rendering.settings_file import settings_from_table
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.render.result import RenderReport, RenderResult
+from bokehnet.scene.depth.depth_source import RelativeDisparity
+from bokehnet.scene.scene import Scene, make_scene
+from bokehnet.settings.settings import RenderSettings, merged
+from bokehnet.settings.settings_file import settings_from_table
 
 from .host import CATEGORY, Cancel, FrameBar, frames_of_map, image_tensor, light, maps, mattes, told
 

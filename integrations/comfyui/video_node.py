@@ -12,11 +12,11 @@ import numpy as np
 import torch
 
 from bokehnet.errors import ParameterError
-from bokehnet.rendering.depth_source import DepthSource, RelativeDisparity
-from bokehnet.rendering.scene import Scene, make_scene
-from bokehnet.rendering.sequence import SequenceSettings, make_pull, settings_at_frame
-from bokehnet.rendering.settings import RenderSettings
-from bokehnet.rendering.shot import Shot, SteadyDepth, decide_shot
+from bokehnet.scene.depth.depth_source import DepthSource, RelativeDisparity
+from bokehnet.scene.scene import Scene, make_scene
+from bokehnet.sequence.sequence import SequenceSettings, make_pull, settings_at_frame
+from bokehnet.sequence.shot import Shot, SteadyDepth, decide_shot
+from bokehnet.settings.settings import RenderSettings
 
 from .host import frames_of_map, light, maps, mattes, told
 from .render_nodes import BLUR, FOCUS, CommonInputs, RenderNode, common_widgets, optional_widgets
@@ -24,7 +24,7 @@ from .render_nodes import BLUR, FOCUS, CommonInputs, RenderNode, common_widgets,
 
 @dataclass(frozen=True)
 class _Frames:
-    """A batch as the frames of a shot; see :class:`bokehnet.rendering.shot.ShotFrames`."""
+    """A batch as the frames of a shot; see :class:`bokehnet.sequence.shot.ShotFrames`."""
 
     image: torch.Tensor
     maps: np.ndarray

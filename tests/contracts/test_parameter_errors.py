@@ -12,14 +12,14 @@ from bokehnet.errors import BokehnetError, LensError, ParameterError
 from bokehnet.lenses import ThinLens
 from bokehnet.lenses.thick import ThickLens
 from bokehnet.lenses.tilt_shift import TiltShift
-from bokehnet.optics.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.focus_plane import FocusPlane
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.sliders import AberrationSliders
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.optics.tone import Highlights
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
 
 THIN = ThinLens(focal_length=50.0, f_number=2.0)
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from bokehnet.cli.app import run
-from bokehnet.io.color import linear_to_srgb
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import read_scene
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.scene import read_scene
+from bokehnet.settings.settings import RenderSettings
 
 from .conftest import Studio, until
 

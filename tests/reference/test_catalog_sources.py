@@ -7,7 +7,7 @@ import pytest
 
 from bokehnet.lenses import PrescriptionLens, load_lens
 from bokehnet.lenses.surface_trace import beam_between, trace
-from bokehnet.optics.seidel import surface_sums
+from bokehnet.optics.aberrations.seidel import surface_sums
 
 # US 3,583,791, example I: columns I to V of its table of Seidel coefficients, R1 to R14.
 NIKKOR = """

@@ -10,13 +10,13 @@ import torch
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import render_neural
+from bokehnet.engines.strips import BYTES_PER_PIXEL
 from bokehnet.errors import ParameterError
-from bokehnet.inference.strips import BYTES_PER_PIXEL
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
 from bokehnet.models.onnx_export import export_networks
 from bokehnet.onnx_file.renderer import build_model
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 from tests.unit.onnx_file.running import picture, start, steps
 
 # Of scene-linear light, white is 1, and of error maps. Measured: 8e-7, a few roundings of float32.

@@ -7,7 +7,7 @@ import pytest
 from skimage.data import coffee
 
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.lenses import ThinLens, defocus_map
 from bokehnet.raytrace import (
     Camera,

@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.field_maps import inversion
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.spectrum import LONGEST, SHORTEST
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.field_maps import inversion
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 HEIGHT, WIDTH = 96, 240
 HALF_DIAGONAL = 0.5 * np.hypot(HEIGHT, WIDTH)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from bokehnet.lenses import Rays, catalog_names, depth_of_field, load_lens
-from bokehnet.lenses.plot import spot
+from bokehnet.lenses import Rays, catalog_names, load_lens
 from bokehnet.lenses.pupils import paraxial_lens, traced_focal_length, traced_pupils
-from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
+from bokehnet.lenses.reports import depth_of_field
+from bokehnet.lenses.reports.plot import spot
+from bokehnet.optics.spectral.glass import C_LINE, D_LINE, F_LINE
 
 ANGLES = np.linspace(0, 2 * np.pi, 64, endpoint=False)
 RIM = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)

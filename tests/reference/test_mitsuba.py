@@ -12,11 +12,11 @@ import torch
 
 from bokehnet.lenses import ThinLens
 from bokehnet.raytrace.camera import Camera
-from bokehnet.raytrace.lights import Environment, PointLight
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.meshes import Mesh
-from bokehnet.raytrace.quads import Quad
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.geometry.meshes import Mesh
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.spheres import Sphere
+from bokehnet.raytrace.surfaces.lights import Environment, PointLight
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import Tracer
 from bokehnet.raytrace.world import Body, World
 

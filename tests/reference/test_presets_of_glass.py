@@ -7,11 +7,11 @@ import pytest
 
 from bokehnet import RenderSettings, load_preset
 from bokehnet.lenses import PrescriptionLens, load_lens
-from bokehnet.lenses.point_spread import aberration_psf, correlation, traced_psf
+from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, traced_psf
 from bokehnet.lenses.seidel_lens import reduce_lens
-from bokehnet.optics.chromatic_aberration import make_curve
-from bokehnet.optics.glass import C_LINE, D_LINE, F_LINE
-from bokehnet.rendering.look import make_lens_response
+from bokehnet.optics.aberrations.chromatic_aberration import make_curve
+from bokehnet.optics.spectral.glass import C_LINE, D_LINE, F_LINE
+from bokehnet.render.look import make_lens_response
 
 SIDE = 61
 ONE = {"wavelengths": np.array([D_LINE]), "colors": np.ones((1, 1)), "field": (0.0, 0.0), "size": SIDE}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bokehnet import rays
+from bokehnet.classical.layered.background.occluded_background import occluded_background
 from bokehnet.classical.layered.layers import Layers
-from bokehnet.classical.layered.occluded_background import occluded_background
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.raytrace.peeling import peel

@@ -19,6 +19,7 @@ from benchmarks.tilt_shift import (
 )
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.lenses import ThinLens, TiltShift
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.focus_plane import (
     FocusPlane,
     distance_to_sensor,
@@ -26,7 +27,6 @@ from bokehnet.optics.focus_plane import (
     plane_defocus,
     tilted_lens,
 )
-from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
 from bokehnet.raytrace import Camera
 

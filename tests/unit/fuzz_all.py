@@ -21,7 +21,7 @@ from bokehnet import BokehRenderer, RenderSettings, make_scene
 from bokehnet.cli.app import run
 from bokehnet.errors import BokehnetError
 from bokehnet.io.image import read_image
-from bokehnet.rendering.depth_source import DefocusMap, MetricDepth, RelativeDisparity
+from bokehnet.scene.depth.depth_source import DefocusMap, MetricDepth, RelativeDisparity
 from tests.unit.cli.test_render_fuzz import FLAGS, ODD_NUMBERS
 from tests.unit.io.fuzz_unusual import read_all
 from tests.unit.io.unusual_files import MAKERS

@@ -4,7 +4,7 @@ import torch
 import torch.nn.functional as F
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
+from bokehnet.arrays.pyramid import count_halvings, crop_to, downsample2, pad_to_multiple, upsample2
 
 
 @pytest.mark.parametrize("shape", [(1, 3, 8, 6), (2, 1, 2, 10), (1, 1, 1, 1)])

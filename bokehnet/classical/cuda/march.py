@@ -1,4 +1,4 @@
-"""Rays on a CUDA device, for :func:`bokehnet.classical.layered.ray_marching.march`."""
+"""Rays on a CUDA device, for :func:`bokehnet.classical.layered.march.ray_marching.march`."""
 
 import warnings
 from functools import cache
@@ -10,9 +10,9 @@ from numba import float32, float64
 
 from bokehnet.classical.base import Place
 from bokehnet.classical.cuda.ray_walk import GROUP_RAYS, make_march
-from bokehnet.classical.layered.defocus_bins import BINS, TILE, DefocusBins, bin_runs
-from bokehnet.classical.layered.ray_accumulators import GROUPS, PLAIN
-from bokehnet.classical.layered.ray_marching import SETS
+from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, DefocusBins, bin_runs
+from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
+from bokehnet.classical.layered.march.ray_marching import SETS
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import cats_eye_shift
 

@@ -1,8 +1,8 @@
 """The rays of one pixel, one after the other, for compilers without vectors.
 
-The same walk, sum by sum, as :mod:`bokehnet.classical.layered.intersection` and ``ray_marching`` do for eight
-rays at once, where it is explained. :func:`make_march` compiles it: with ``cuda.jit`` for a device, with
-numba's own decorator in tests.
+The same walk, sum by sum, as :mod:`bokehnet.classical.layered.march.intersection` and ``ray_marching`` do for
+eight rays at once, where it is explained. :func:`make_march` compiles it: with ``cuda.jit`` for a device,
+with numba's own decorator in tests.
 """
 
 import math
@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from bokehnet.classical.layered.defocus_bins import BINS, TILE
+from bokehnet.classical.layered.boundaries.pixel_boundaries import LEVELS, PER_SLOPE, STEPS
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
-from bokehnet.classical.layered.intersection import BELOW_ONE, CLOSE, LOOKS, SHORT, STEEPEST
-from bokehnet.classical.layered.pixel_boundaries import LEVELS, PER_SLOPE, STEPS
-from bokehnet.classical.layered.ray_accumulators import FILTERED_RADIUS, PLAIN
-from bokehnet.classical.layered.ray_marching import SETS, scramble
+from bokehnet.classical.layered.march.defocus_bins import BINS, TILE
+from bokehnet.classical.layered.march.intersection import BELOW_ONE, CLOSE, LOOKS, SHORT, STEEPEST
+from bokehnet.classical.layered.march.ray_accumulators import FILTERED_RADIUS, PLAIN
+from bokehnet.classical.layered.march.ray_marching import SETS, scramble
 
 __all__ = ["GROUP_RAYS", "make_march"]
 

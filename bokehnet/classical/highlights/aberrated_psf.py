@@ -20,8 +20,8 @@ from bokehnet.classical.highlights.psf_images import passing, profile_sums, shar
 from bokehnet.classical.highlights.ray_polynomials import NODES, RayPolynomials, polynomials, solve_nodes
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["AberratedPsf"]
 

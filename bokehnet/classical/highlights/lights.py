@@ -21,13 +21,13 @@ from bokehnet.classical.highlight_detection import light_limit
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
 from bokehnet.classical.highlights.psf_images import PerfectPsf, place_psf_images
 from bokehnet.classical.highlights.psf_splatting import splat_psf_images
-from bokehnet.classical.layered.defocus_bins import DefocusBins
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
 from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.march.defocus_bins import DefocusBins
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.lens_response import LensResponse
 
 __all__ = ["add_lights", "separate_lights"]
 
@@ -195,9 +195,9 @@ def add_lights(
     Args:
         lights: From :func:`separate_lights`, (N, 8).
         cells: What can stand in front of them, from
-            :func:`bokehnet.classical.layered.intersection.layer_cells`.
+            :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
         rays_mask: Pixels to add to, (H, W) bool.
-        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
+        bins: From :func:`bokehnet.classical.layered.march.defocus_bins.occupied_bins`.
         aperture: Shape of the discs.
         result: Changed in place, (H, W, 3), float32.
         lens_response: Of the lens; default: a perfect one.

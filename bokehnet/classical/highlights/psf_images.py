@@ -103,7 +103,7 @@ def vignetting_shares(
     Args:
         aperture: The opening, without its cat's-eye.
         vignetting_apertures: Pairs (shift, radius) as in
-            :class:`bokehnet.optics.aberration_map.AberrationMap`.
+            :class:`bokehnet.optics.aberrations.aberration_map.AberrationMap`.
 
     Returns:
         Shares above 0; in front of focus first. Lights are divided by them, as everything else in the

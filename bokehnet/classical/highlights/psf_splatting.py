@@ -11,10 +11,10 @@ visibility of its own for each light; rays through layers and the second look at
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs, tile_sets
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
-from bokehnet.classical.layered.intersection import intersect
-from bokehnet.classical.layered.ray_marching import fair_stride
+from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, bin_runs, tile_sets
+from bokehnet.classical.layered.march.intersection import intersect
+from bokehnet.classical.layered.march.ray_marching import fair_stride
 from bokehnet.classical.simd.float8 import LANES, ORDER, broadcast8, indices8, load8
 from bokehnet.kernels import njit
 
@@ -41,7 +41,7 @@ def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y,
         offset_y: The same, down.
         chance: Surfaces with less coverage are passed.
         visibility: Counts, in pixels' order.
-        work: Results of :func:`bokehnet.classical.layered.intersection.intersect`.
+        work: Results of :func:`bokehnet.classical.layered.march.intersection.intersect`.
     """
     flat, size, tiles = scene
     per_pixel, half = broadcast8(np.float32(1.0 / light[2])), broadcast8(np.float32(0.5))
@@ -158,9 +158,9 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
         starts: First pixel of each PSF image, (N,).
         psf_images: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the
             transverse aberration E in pixels with which rays start, (pixels, 5).
-        cells: From :func:`bokehnet.classical.layered.intersection.layer_cells`.
+        cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
         rays_mask: (H, W) bool.
-        bins: From :func:`bokehnet.classical.layered.defocus_bins.occupied_bins`.
+        bins: From :func:`bokehnet.classical.layered.march.defocus_bins.occupied_bins`.
         result: Changed in place, (H, W, 3).
     """
     height, width = rays_mask.shape

@@ -15,8 +15,8 @@ import numpy as np
 
 from bokehnet.classical.base import Frame
 from bokehnet.kernels import njit
-from bokehnet.optics.aberration_map import TERMS
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.aberrations.aberration_map import TERMS
+from bokehnet.optics.aberrations.lens_response import LensResponse
 
 __all__ = ["NODES", "RayPolynomials", "polynomials", "solve_nodes"]
 

@@ -11,13 +11,13 @@ from numba import prange
 from bokehnet.classical.highlight_detection import are_lights, light_limit
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.background.occluded_background import occluded_background
+from bokehnet.classical.layered.boundaries.mixed_pixels import find_mixed_pixels
+from bokehnet.classical.layered.boundaries.unmixing import MixedPixels
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
-from bokehnet.classical.layered.mixed_pixels import find_mixed_pixels
-from bokehnet.classical.layered.occluded_background import occluded_background
-from bokehnet.classical.layered.unmixing import MixedPixels
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
-from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
+from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["Layers", "split_layers", "split_picture"]
 
@@ -87,17 +87,19 @@ def split_layers(
 
     Soft steps of the defocus are sharpened
     (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge,
-    whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.unmixing.unmix`; lights by
-    :func:`bokehnet.classical.layered.light_carriers.part_lights`), and the occluded background is filled from
-    what is left
-    (:func:`bokehnet.classical.layered.occluded_background.occluded_background`). Where that background hides
-    something in turn, as a leaf behind a leaf hides the sky, there is a third layer, filled alike: rays that
-    pass both leaves would end nowhere, and what is left of the others would be too much of leaves.
+    whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.boundaries.unmixing.unmix`;
+    lights by :func:`bokehnet.classical.layered.boundaries.light_carriers.part_lights`), and the occluded
+    background is filled from what is left
+    (:func:`bokehnet.classical.layered.background.occluded_background.occluded_background`). Where that
+    background hides something in turn, as a leaf behind a leaf hides the sky, there is a third layer, filled
+    alike: rays that pass both leaves would end nowhere, and what is left of the others would be too much of
+        leaves.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        max_coc_radius: As for :func:`bokehnet.classical.layered.occluded_background.occluded_background`.
+        max_coc_radius: As for
+            :func:`bokehnet.classical.layered.background.occluded_background.occluded_background`.
         pixel_filter: Of the picture.
         known: Surfaces of pixels at edges that need not be estimated.
 

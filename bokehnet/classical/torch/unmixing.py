@@ -1,9 +1,9 @@
 """Pixels at depth discontinuities parted into the two surfaces that they mix, with gradients. Needs torch.
 
-Model and formulas are those of :mod:`bokehnet.classical.layered.unmixing`, on tensors of any device. Which
-pixels are mixed, and which two surfaces they show, follows from the defocus and has no gradient; colours and
-shares are differentiable in the picture and in a share that is given, as a network predicts it. Slight steps
-(:mod:`bokehnet.classical.layered.slight_steps`) are not looked for here.
+Model and formulas are those of :mod:`bokehnet.classical.layered.boundaries.unmixing`, on tensors of any
+device. Which pixels are mixed, and which two surfaces they show, follows from the defocus and has no
+gradient; colours and shares are differentiable in the picture and in a share that is given, as a network
+predicts it. Slight steps (:mod:`bokehnet.classical.layered.slight_steps`) are not looked for here.
 """
 
 from typing import NamedTuple
@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from bokehnet.checks import check_rank
+from bokehnet.classical.layered.boundaries.unmixing import LEAST_WEIGHT, OF_LIGHTS, PRIOR, TIE
 from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
-from bokehnet.classical.layered.unmixing import LEAST_WEIGHT, OF_LIGHTS, PRIOR, TIE
 from bokehnet.errors import ShapeError
-from bokehnet.optics.pixel_filter import DEFAULT_FILTER, PixelFilter
+from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["Unmixed", "unmix"]
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 from bokehnet.errors import LensError
+from bokehnet.lenses.assembly.tolerances import Tolerances, assembled
 from bokehnet.lenses.files.reading import LENS_FILES, import_lens, is_lens_file
+from bokehnet.lenses.lookup.transfer_file import read_transfer
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, read_prescription
-from bokehnet.lenses.tolerances import Tolerances, assembled
-from bokehnet.lenses.transfer_file import read_transfer
 
 __all__ = ["catalog_names", "find_prescription", "load_lens"]
 
@@ -71,13 +71,13 @@ def load_lens(
 
     Args:
         name: Name in the catalog, or path of a lens file, as :func:`find_prescription` takes it; rays of a
-            transfer table (:mod:`bokehnet.lenses.transfer_file`) are looked up.
+            transfer table (:mod:`bokehnet.lenses.lookup.transfer_file`) are looked up.
         focal_length: Wanted effective focal length, mm; the whole lens is scaled. None keeps the design's.
         f_number: None is fully open.
         focus_distance: mm from the entrance pupil.
         focusing: What focus means, as :class:`PrescriptionLens` has it.
         copy_to_copy: How far elements stand off their places: so many times the default
-            :class:`bokehnet.lenses.tolerances.Tolerances`; 0 is the design.
+            :class:`bokehnet.lenses.assembly.tolerances.Tolerances`; 0 is the design.
         copy_seed: Which copy.
 
     Raises:

@@ -13,7 +13,7 @@ from bokehnet.lenses.files.glasses import GlassCatalogues
 from bokehnet.lenses.files.media import medium_of
 from bokehnet.lenses.files.structure import FileLens, FilePosition, FileSurface, fail
 from bokehnet.lenses.files.text import number, read_lines
-from bokehnet.optics.glass import Glass, TableGlass
+from bokehnet.optics.spectral.glass import Glass, TableGlass
 
 __all__ = ["read_codev"]
 

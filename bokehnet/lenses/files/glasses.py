@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bokehnet.errors import LensError
 from bokehnet.lenses.files.text import read_lines
-from bokehnet.optics.glass import AbbeGlass, FormulaGlass, Glass, TableGlass, make_glass
+from bokehnet.optics.spectral.glass import AbbeGlass, FormulaGlass, Glass, TableGlass, make_glass
 
 __all__ = ["GlassCatalogues", "approximate", "plain_name", "read_agf", "read_yaml_glass"]
 
@@ -29,7 +29,7 @@ _Powers = tuple[tuple[float, float], ...]
 
 @dataclass
 class GlassCatalogues:
-    """Glasses of some files and folders, then those of :mod:`bokehnet.optics.glass`.
+    """Glasses of some files and folders, then those of :mod:`bokehnet.optics.spectral.glass`.
 
     Attributes:
         places: AGF files, YAML files, and folders that hold such; the first that knows a name has it.

@@ -5,7 +5,7 @@ import re
 from bokehnet.lenses.files.glasses import GlassCatalogues, approximate, plain_name
 from bokehnet.lenses.files.old_glasses import OLD_GLASSES
 from bokehnet.lenses.files.structure import FileLens, fail
-from bokehnet.optics.glass import FormulaGlass, Glass
+from bokehnet.optics.spectral.glass import FormulaGlass, Glass
 
 __all__ = ["medium_of"]
 

@@ -13,7 +13,7 @@ from bokehnet.lenses.files.glasses import GlassCatalogues
 from bokehnet.lenses.files.media import medium_of
 from bokehnet.lenses.files.structure import FileLens, FileSurface, fail
 from bokehnet.lenses.files.text import read_lines
-from bokehnet.optics.glass import FormulaGlass, Glass, TableGlass
+from bokehnet.optics.spectral.glass import FormulaGlass, Glass, TableGlass
 
 __all__ = ["read_rayoptics"]
 

@@ -15,7 +15,7 @@ from typing import NoReturn
 from bokehnet.errors import LensError
 from bokehnet.lenses.prescription_file import FocusRow, Prescription, SurfaceRow
 from bokehnet.lenses.pupils import ParaxialLens, paraxial_lens
-from bokehnet.optics.glass import D_LINE, Glass
+from bokehnet.optics.spectral.glass import D_LINE, Glass
 
 __all__ = ["FARTHEST", "FileLens", "FilePosition", "FileSurface", "fail", "to_prescription"]
 

@@ -7,10 +7,10 @@ import pytest
 
 from bokehnet import baselines
 from bokehnet.baselines import diffusion, low_rank, overlap
-from bokehnet.baselines.heat_diffusion import diffuse_rows
-from bokehnet.baselines.low_rank_filter import separable_terms
+from bokehnet.baselines.filters.heat_diffusion import diffuse_rows
+from bokehnet.baselines.filters.low_rank_filter import separable_terms
+from bokehnet.baselines.filters.overlap_filter import overlap_share
 from bokehnet.baselines.openings import psf_image, radius_ladder, rungs
-from bokehnet.baselines.overlap_filter import overlap_share
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines import gather_basic, gather_bokeh, gather_passes, gather_spiral
-from bokehnet.baselines.basic_gather import random_number
-from bokehnet.baselines.bokeh_gather import squeezed
-from bokehnet.baselines.half_size import doubled, extreme_of_four, halved
+from bokehnet.baselines.gather.basic_gather import random_number
+from bokehnet.baselines.gather.bokeh_gather import squeezed
+from bokehnet.baselines.gather.half_size import doubled, extreme_of_four, halved
+from bokehnet.baselines.gather.spiral import spiral
+from bokehnet.baselines.gather.tiles import dilated_tiles
 from bokehnet.baselines.openings import ANGLES, outline, psf_image
-from bokehnet.baselines.spiral import spiral
-from bokehnet.baselines.tiles import dilated_tiles
 from bokehnet.optics.aperture import Aperture
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from bokehnet import baselines
-from bokehnet.baselines.height_field import walk_corners, walk_edges
-from bokehnet.baselines.image_based_rays import trace_height_fields
-from bokehnet.baselines.umbra import cull_umbra
+from bokehnet.baselines.rays.height_field import walk_corners, walk_edges
+from bokehnet.baselines.rays.image_based_rays import trace_height_fields
+from bokehnet.baselines.rays.umbra import cull_umbra
 from bokehnet.classical.known_layers import Layers
 from bokehnet.errors import ParameterError, ShapeError
 

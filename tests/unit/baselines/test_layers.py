@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines import abadie, jimenez, tan
-from bokehnet.baselines import scatter_as_you_gather as sayg
-from bokehnet.baselines.layered_gather import part_lights
+from bokehnet.baselines.gather import scatter_as_you_gather as sayg
+from bokehnet.baselines.gather.layered_gather import part_lights
+from bokehnet.baselines.gather.tiles import dilated_tiles
 from bokehnet.baselines.openings import outline, psf_image
-from bokehnet.baselines.tiles import dilated_tiles
 from bokehnet.optics.aperture import Aperture
 
 

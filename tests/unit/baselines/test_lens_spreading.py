@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bokehnet import baselines
+from bokehnet.engines.engine import Engine
 from bokehnet.errors import ParameterError
-from bokehnet.inference.engine import Engine
 from bokehnet.lenses import load_lens
-from bokehnet.lenses.aberration_fit import fit_aberration_map
-from bokehnet.lenses.point_spread import aberration_psf, correlation
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, sobol
 
 HEIGHT, WIDTH = 61, 91

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.lommel import relative_error
 from bokehnet.baselines import lommel
-from bokehnet.baselines.lommel_functions import bessel_orders, lommel_intensity
-from bokehnet.baselines.lommel_spots import lommel_table
+from bokehnet.baselines.spread.lommel_functions import bessel_orders, lommel_intensity
+from bokehnet.baselines.spread.lommel_spots import lommel_table
 from bokehnet.errors import ParameterError
 
 scipy_special = pytest.importorskip("scipy.special")

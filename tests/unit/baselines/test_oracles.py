@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from bokehnet import baselines
-from bokehnet.baselines.basic_gather import random_number
-from bokehnet.baselines.lens_tables import _ladder, _tables
-from bokehnet.baselines.lommel_spots import WAVELENGTHS, lommel_table
+from bokehnet.baselines.gather.basic_gather import random_number
+from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
 from bokehnet.baselines.openings import psf_image, radius_ladder
-from bokehnet.baselines.spiral import GOLDEN_ANGLE
+from bokehnet.baselines.spread.lens_tables import _ladder, _tables
+from bokehnet.baselines.spread.lommel_spots import WAVELENGTHS, lommel_table
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, sobol
 
 LUMA = np.array([0.2126, 0.7152, 0.0722])

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bokehnet.baselines.height_field import first_between, walk_corners
-from bokehnet.baselines.lommel_functions import bessel_orders, lommel_intensity
+from bokehnet.baselines.rays.height_field import first_between, walk_corners
+from bokehnet.baselines.spread.lommel_functions import bessel_orders, lommel_intensity
 
 
 def translate(t):

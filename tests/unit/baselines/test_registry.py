@@ -7,11 +7,11 @@ import pytest
 
 from bokehnet import Aperture, BokehRenderer, baselines, read_image, write_image
 from bokehnet.baselines import BASELINES
+from bokehnet.engines.engine import ENGINES, Engine
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.inference.engine import ENGINES, Engine
 from bokehnet.io.image import write_map
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
 
 NAMES = [*BASELINES]
 

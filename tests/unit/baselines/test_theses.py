@@ -10,7 +10,7 @@ from benchmarks.fault_probes import FAULTS, disc_of_lamp, edge_profile, faults, 
 from benchmarks.pan import flicker, pan
 from benchmarks.theses_table import merged, table
 from bokehnet.baselines import BASELINES
-from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.optics.aperture import Aperture
 from train.metrics import encode
 

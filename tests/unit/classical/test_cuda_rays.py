@@ -13,9 +13,9 @@ pytest.importorskip("torch", reason="needs the extra cuda")
 from bokehnet.classical.cuda.march import why_no_rays
 from bokehnet.classical.cuda.ray_walk import GROUP_RAYS, make_march
 from bokehnet.classical.cuda.renderers import make_on_cuda
-from bokehnet.classical.layered.defocus_bins import BINS, TILE, bin_runs
-from bokehnet.classical.layered.ray_accumulators import GROUPS, PLAIN
-from bokehnet.classical.layered.ray_marching import SETS
+from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, bin_runs
+from bokehnet.classical.layered.march.ray_accumulators import GROUPS, PLAIN
+from bokehnet.classical.layered.march.ray_marching import SETS
 from bokehnet.classical.rays_renderer import Device, render_rays
 from bokehnet.classical.torch.device_scatter import scatter_on, why_no_cuda
 from bokehnet.optics.aperture import Aperture, cats_eye_shift

@@ -9,10 +9,10 @@ from bokehnet.classical import rays_renderer
 from bokehnet.classical.base import Strip
 from bokehnet.classical.fringed_scatter import fringes_alone
 from bokehnet.classical.rays_renderer import rays, render_rays
-from bokehnet.optics.aberration_map import AberrationMap, term
-from bokehnet.optics.chromatic_aberration import ChromaticAberration, achromat_curve
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.aberrations.aberration_map import AberrationMap, term
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration, achromat_curve
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from tests.unit.classical.test_lens_response_rays import HEIGHT, WIDTH, decibels, picture, seen
 
 HALF = 0.5 * math.hypot(WIDTH, HEIGHT)

@@ -10,9 +10,9 @@ import pytest
 
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
 from bokehnet.classical.rays_renderer import rays, render_rays
+from bokehnet.engines.engine import Engine
+from bokehnet.engines.strips import BYTES_PER_PIXEL
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.inference.engine import Engine
-from bokehnet.inference.strips import BYTES_PER_PIXEL
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.tone import gamma_curve
 

@@ -9,10 +9,10 @@ import pytest
 from bokehnet.classical.rays_renderer import rays, render_rays
 from bokehnet.classical.scatter_renderer import render_scatter
 from bokehnet.errors import ParameterError
-from bokehnet.optics.aberration_map import AberrationMap, term
+from bokehnet.optics.aberrations.aberration_map import AberrationMap, term
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
 
 HEIGHT, WIDTH = 90, 120

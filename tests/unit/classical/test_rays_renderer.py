@@ -163,7 +163,7 @@ def test_strips_leave_no_seam(monkeypatch):
     image = rng.random((60, 50, 3), dtype=np.float32)
     defocus = np.kron(rng.uniform(-9, 9, (6, 5)), np.ones((10, 10))).astype(np.float32)
     whole = rays(image, defocus)
-    monkeypatch.setattr("bokehnet.classical.layered.ray_marching._STRIP", 13)
+    monkeypatch.setattr("bokehnet.classical.layered.march.ray_marching._STRIP", 13)
     np.testing.assert_array_equal(whole, rays(image, defocus))
 
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bokehnet.classical.scatter_renderer import scatter
-from bokehnet.io.color import luminance
+from bokehnet.io.color.srgb import luminance
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.aperture import Aperture

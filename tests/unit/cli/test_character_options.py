@@ -8,14 +8,14 @@ from numpy.testing import assert_allclose
 
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
-from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.relative_illumination import relative_illumination
 from bokehnet.lenses.catalog import load_lens
-from bokehnet.lenses.relative_illumination import relative_illumination
 from bokehnet.lenses.seidel_lens import seidel_aberration_map
 from bokehnet.lenses.thin import ThinLens
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.sliders import AberrationSliders
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
+from bokehnet.render.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 EXACT = ["--repair-disparity", "off", "--engine", "rays"]  # the picture is noise, nothing to follow

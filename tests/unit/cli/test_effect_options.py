@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, View, Vignette
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity, read_map
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written

@@ -11,8 +11,8 @@ from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.io.image import read_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.focus_plane import FocusPlane, plane_aberration_map
-from bokehnet.optics.lens_response import LensResponse
 
 WIDTH, HEIGHT = 64, 40  # of the pictures in the folder
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written

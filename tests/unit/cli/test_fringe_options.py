@@ -6,11 +6,11 @@ from numpy.testing import assert_allclose
 
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
-from bokehnet.optics.chromatic_aberration import ChromaticAberration, make_curve
-from bokehnet.optics.field_maps import inversion, square
-from bokehnet.optics.lens_response import LensResponse
-from bokehnet.optics.wavelength_sampling import WavelengthSampling
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration, make_curve
+from bokehnet.optics.aberrations.field_maps import inversion, square
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
+from bokehnet.render.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 EXACT = ["--repair-disparity", "off"]  # the picture is noise, nothing to follow

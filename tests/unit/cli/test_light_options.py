@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_disparity
 from bokehnet.optics.tone import Highlights
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 
 HALF = 2**-11  # relative rounding error of the half floats in the EXR that is written
 EXACT = ["--repair-disparity", "off"]  # the picture is noise, nothing to follow

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bokehnet.io.image import read_image, write_image, write_map
-from bokehnet.rendering.memory import least_memory
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.render.memory_bounds import least_memory
+from bokehnet.settings.settings import RenderSettings
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other units of peak memory")
 

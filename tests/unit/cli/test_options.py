@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.io.image import read_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
-from bokehnet.rendering.sequence import SequenceSettings
-from bokehnet.rendering.setting import field_settings
-from bokehnet.rendering.settings import all_settings, group_types
-from bokehnet.rendering.settings_file import load_settings
+from bokehnet.sequence.sequence import SequenceSettings
+from bokehnet.settings.fields import field_settings
+from bokehnet.settings.settings import all_settings, group_types
+from bokehnet.settings.settings_file import load_settings
 
 FAST = ("--engine", "scatter", "--repair-disparity", "off")
 SHORT = ("render", "photo.png", "-o", "out.exr", *FAST)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bokehnet.io.image import read_image
-from bokehnet.lenses import psf_pairs as pairs_module
-from bokehnet.rendering import psf_sheet
+from bokehnet.lenses.aberrations import psf_pairs as pairs_module
+from bokehnet.tools import psf_sheet
 
 
 @pytest.fixture

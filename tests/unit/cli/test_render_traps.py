@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.color.srgb import srgb_to_linear
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.maps import read_map
 from tests.unit.io.exr_files import deep_samples, write_deep, write_exr

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bokehnet.cli.workers import render_in_processes
+from bokehnet.cli.render.workers import render_in_processes
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map
-from bokehnet.rendering.settings import EngineSettings, RenderSettings
+from bokehnet.settings.settings import EngineSettings, RenderSettings
 
 FRAMES = range(1, 5)
 FAST = ("--engine", "scatter", "--repair-disparity", "off", "--mixed-depth", "off")
@@ -263,7 +263,7 @@ def test_no_process_starts_with_interrupts_let_through(python_process):
     source = (
         "import signal\n"
         "from multiprocessing import resource_tracker\n"
-        "from bokehnet.cli.workers import _interrupts_held\n"
+        "from bokehnet.cli.render.workers import _interrupts_held\n"
         "with _interrupts_held():\n"
         "    resource_tracker.ensure_running()\n"
         "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))\n"

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from bokehnet.cli import shot_files, workers
-from bokehnet.inference.steady_shot import SteadyShot
+from bokehnet.cli.render import shot_files, workers
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map
-from bokehnet.rendering import shot as shot_module
-from bokehnet.rendering.video import VideoJob
+from bokehnet.sequence import shot as shot_module
+from bokehnet.sequence.filtered_shot import SteadyShot
+from bokehnet.sequence.video import VideoJob
 
 FRAMES = range(1, 7)
 SHOT = ["render", "in.####.png", "--disparity", "z.####.exr", "-o", "out.####.png", "--engine", "scatter"]
@@ -167,7 +167,7 @@ def test_exact_maps_and_stills_are_no_shot_to_keep(noisy, cli, monkeypatch):
 
 
 def test_a_shot_that_another_process_has_gets_a_folder_of_its_own(noisy, cli):
-    from bokehnet.io.kept_folder import own_folder
+    from bokehnet.sequence.resumable_folder import own_folder
 
     with own_folder(noisy / ".bokehnet-shot-out.0001.png-6") as held:
         assert cli(*SHOT).code == 0
@@ -179,7 +179,7 @@ def test_a_full_disk_is_told_in_one_line(noisy, cli, monkeypatch):
     def full(*given, **options):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bokehnet.inference.steady_shot.np.save", full)
+    monkeypatch.setattr("bokehnet.sequence.filtered_shot.np.save", full)
     outcome = cli(*SHOT)
     assert outcome.code == 1
     assert "steady maps cannot be kept there: No space left on device" in outcome.err
@@ -188,7 +188,7 @@ def test_a_full_disk_is_told_in_one_line(noisy, cli, monkeypatch):
 
 
 def test_files_and_videos_share_what_decides():
-    assert workers.decided_jobs.__module__ == "bokehnet.cli.shot_files"
+    assert workers.decided_jobs.__module__ == "bokehnet.cli.render.shot_files"
     assert shot_files.decide_shot is shot_module.decide_shot
     assert VideoJob.run.__globals__["decide_shot"] is shot_module.decide_shot
 

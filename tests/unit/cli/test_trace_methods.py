@@ -85,7 +85,7 @@ def test_a_picture_on_a_cluster_is_that_of_one_process_though_a_worker_is_killed
 ):
     workers = [cluster.add_node(num_cpus=1) for _ in range(2)]
     cluster.wait_for_nodes()
-    from bokehnet.cli import cluster_tiles
+    from bokehnet.cli.commands import cluster_tiles
 
     killed, arrived = threading.Event(), threading.Event()
 

@@ -12,7 +12,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.ghosts import trace_ghosts
 from bokehnet.optics.aperture import Aperture
-from bokehnet.optics.diffraction import disc_kernel, ring_kernel
+from bokehnet.optics.spectral.diffraction import disc_kernel, ring_kernel
 
 SIZE = 161
 

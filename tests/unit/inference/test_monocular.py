@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from bokehnet.arrays.resample import resample
 from bokehnet.errors import ConfigError, ModelFileError, ParameterError
 from bokehnet.inference.depth_convention import DepthConvention, convention_names, find_convention
 from bokehnet.inference.monocular import DepthEstimator
 from bokehnet.inference.point_maps import shift_of_points
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
-from bokehnet.io.resample import resample
+from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 
 onnx = pytest.importorskip("onnx", reason="makes networks with the extra train")
 FLOAT, HALF = onnx.TensorProto.FLOAT, onnx.TensorProto.FLOAT16

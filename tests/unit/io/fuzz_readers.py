@@ -23,7 +23,7 @@ from bokehnet.io.info import image_info
 from bokehnet.io.maps import read_depth, read_disparity
 from tests.unit.io import profiles
 from tests.unit.io.fuzz_unusual import clean
-from tests.unit.io.test_metadata import exif, packet
+from tests.unit.io.metadata.test_photo_metadata import exif, packet
 
 FILES_PER_FORMAT = 40
 SECONDS_PER_FILE = 10

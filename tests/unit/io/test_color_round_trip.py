@@ -10,13 +10,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image, ImageCms
 
 from bokehnet.errors import ImageFileError, MissingExtraError, ParameterError
-from bokehnet.io.color import linear_to_srgb
-from bokehnet.io.color_space import COLOR_SPACES
+from bokehnet.io.color.color_space import COLOR_SPACES
+from bokehnet.io.color.srgb import linear_to_srgb
+from bokehnet.io.containers.png import png_chunks, write_png
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image, write_image
 from bokehnet.io.info import image_info
 from bokehnet.io.output_format import OutputFormat
-from bokehnet.io.png import png_chunks, write_png
 from tests.unit.io import profiles
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError, ShapeError
-from bokehnet.io.exr_header import Attribute, ExrHeaders, read_headers
+from bokehnet.io.exr.header import Attribute, ExrHeaders, read_headers
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image
 from bokehnet.io.output_format import OutputFormat

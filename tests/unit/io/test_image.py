@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError, ShapeError
-from bokehnet.io.color import linear_to_srgb, srgb_to_linear
+from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.io.image import IMAGE_EXTENSIONS, check_writable, read_image, write_image, write_map
 
 RNG_SEED = 0
@@ -172,7 +172,7 @@ for limit in (0, 100, 5000):
 
 
 def test_what_cannot_be_read_back_never_takes_the_name(tmp_path, monkeypatch):
-    import bokehnet.io.encode as module
+    import bokehnet.io.formats.encode as module
 
     write_image(tmp_path / "a.tif", np.zeros((4, 4, 3)))
     old = (tmp_path / "a.tif").read_bytes()

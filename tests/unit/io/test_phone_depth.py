@@ -8,16 +8,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 from bokehnet.errors import ImageFileError, MissingExtraError
-from bokehnet.io.color import srgb_to_linear
-from bokehnet.io.color_space import convert
+from bokehnet.io.color.color_space import convert
+from bokehnet.io.color.icc import read_profile
+from bokehnet.io.color.srgb import srgb_to_linear
+from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.frame import read_frame, write_frame
-from bokehnet.io.heif import is_heif
-from bokehnet.io.icc import read_profile
 from bokehnet.io.image import read_image
 from bokehnet.io.phone_depth import read_phone_depth
 from tests.unit.io import phone_files as files
 from tests.unit.io import profiles
-from tests.unit.io.test_metadata import exif
+from tests.unit.io.metadata.test_photo_metadata import exif
 
 # A map of depths, mm; 16 bits, so that rounding is below 1e-4 of its range.
 DEPTH = np.tile(np.geomspace(400, 6000, 16), (12, 1))

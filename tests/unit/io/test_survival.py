@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.containers.input_checks import PIXEL_LIMIT_VARIABLE
 from bokehnet.io.frame import read_frame, write_frame
 from bokehnet.io.image import read_image, write_image
-from bokehnet.io.intact import PIXEL_LIMIT_VARIABLE
 from bokehnet.io.maps import read_disparity
 from tests.unit.io.exr_by_hand import MIP, ONE, RIP, scan_lines, tiles
 from tests.unit.io.exr_files import write_exr

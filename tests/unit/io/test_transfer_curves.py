@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bokehnet.io.color_space import COLOR_SPACES, SRGB, cicp_space, convert
-from bokehnet.io.transfer import HLG, PQ, Curve, power
+from bokehnet.io.color.color_space import COLOR_SPACES, SRGB, cicp_space, convert
+from bokehnet.io.color.transfer import HLG, PQ, Curve, power
 
 
 def test_pq_tells_luminance():

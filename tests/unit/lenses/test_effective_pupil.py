@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bokehnet.lenses import catalog_names, load_lens
-from bokehnet.lenses.unvignetted_fraction import unvignetted_fraction
+from bokehnet.lenses.reports.unvignetted_fraction import unvignetted_fraction
 from bokehnet.optics.sampling import disc_from_square, halton
 
 UV = disc_from_square(np.stack([halton(4096, 2), halton(4096, 3)], -1))

@@ -5,8 +5,8 @@ import pytest
 
 from bokehnet.lenses import Rays, load_lens
 from bokehnet.lenses.seidel_lens import reduce_lens
+from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.optics.sampling import disc_from_square, halton
-from bokehnet.optics.sliders import AberrationSliders
 
 SQUARE = np.stack([halton(4096, 2), halton(4096, 3)], -1)
 

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.highlights.psf_images import passing, vignetting_shares
-from bokehnet.classical.layered.aberrated_rays import keep_within
+from bokehnet.classical.layered.march.aberrated_rays import keep_within
 from bokehnet.classical.simd.float8 import broadcast8, load8, store8
 from bokehnet.errors import ConfigError
 from bokehnet.kernels import njit
-from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.wavefront import trace_wavefront
 from bokehnet.lenses.catalog import load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, SurfaceRow, read_prescription
 from bokehnet.lenses.pupils import paraxial_lens
 from bokehnet.lenses.seidel_lens import seidel_by_surface
 from bokehnet.lenses.surface_trace import Beam, Surface, beam_between, trace
-from bokehnet.lenses.wavefront import trace_wavefront
 from bokehnet.optics.aperture import Aperture
 
 

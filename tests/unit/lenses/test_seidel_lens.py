@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from benchmarks.printed_seidel import born_and_wolf, focal_length, in_half_diagonals
 from benchmarks.seidel import compare
 from bokehnet.errors import ParameterError
-from bokehnet.lenses.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
 from bokehnet.lenses.catalog import catalog_names, load_lens
 from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import Prescription, SurfaceRow

@@ -12,7 +12,7 @@ from bokehnet.errors import ModelFileError, ParameterError
 from bokehnet.inference.session import WEIGHTS
 from bokehnet.onnx_file import neural, renderer
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 from tests.unit.onnx_file.running import decibels, picture, start, steps
 
 

@@ -13,12 +13,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from bokehnet.io.color import linear_to_srgb
+from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity
 from bokehnet.onnx_file.renderer import build_model
 from bokehnet.optics.coc import defocus_from_disparity
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 from tests.conftest import ROOT
 from tests.unit.onnx_file.running import decibels, picture, steps
 

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.classical.layered.occluded_background import occluded_background
+from bokehnet.classical.layered.background.occluded_background import occluded_background
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.classical.scatter.disc_table import disc_table
 from bokehnet.classical.scatter_renderer import scatter

@@ -7,11 +7,11 @@ import pytest
 import torch
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.sample_allocation import neyman
+from bokehnet.optics.pixels.sample_allocation import neyman
 from bokehnet.raytrace.adaptive import advance_adaptive
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.quads import Quad
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.spheres import Sphere
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import Accumulation, Tracer
 from bokehnet.raytrace.world import Body, World
 

@@ -14,7 +14,7 @@ from bokehnet.raytrace import (
     render_all_in_focus,
     render_bokeh,
 )
-from bokehnet.raytrace.intersect import centre_rays, look_up_background, prepare_plane
+from bokehnet.raytrace.geometry.intersect import centre_rays, look_up_background, prepare_plane
 
 
 def camera(height=24, width=32, f_number=0.7, focus_distance=1500.0):

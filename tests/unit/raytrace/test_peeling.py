@@ -5,12 +5,12 @@ import torch
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import ThinLens
 from bokehnet.raytrace import Background, Camera
-from bokehnet.raytrace.lights import Environment
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.meshes import Mesh
+from bokehnet.raytrace.geometry.meshes import Mesh
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.spheres import Sphere
 from bokehnet.raytrace.peeling import peel
-from bokehnet.raytrace.quads import Quad
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.surfaces.lights import Environment
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import Tracer
 from bokehnet.raytrace.views import accumulate_views
 from bokehnet.raytrace.world import Body, World, world_from_scene

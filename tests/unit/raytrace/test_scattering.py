@@ -7,12 +7,12 @@ import torch
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses import ThinLens
 from bokehnet.raytrace.camera import Camera
-from bokehnet.raytrace.frames import cosine_directions, from_frame, to_frame
-from bokehnet.raytrace.ggx import ggx_reflectance, sample_ggx
-from bokehnet.raytrace.lights import Environment, PointLight
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.quads import Quad
-from bokehnet.raytrace.space import dot, unit
+from bokehnet.raytrace.geometry.frames import cosine_directions, from_frame, to_frame
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.space import dot, unit
+from bokehnet.raytrace.surfaces.ggx import ggx_reflectance, sample_ggx
+from bokehnet.raytrace.surfaces.lights import Environment, PointLight
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import Tracer
 from bokehnet.raytrace.world import Body, World
 

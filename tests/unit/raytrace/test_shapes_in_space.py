@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from bokehnet.errors import DataFileError, ParameterError
-from bokehnet.raytrace.meshes import Mesh, read_mesh
-from bokehnet.raytrace.quads import Quad
-from bokehnet.raytrace.space import SpaceRays
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.geometry.meshes import Mesh, read_mesh
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.space import SpaceRays
+from bokehnet.raytrace.geometry.spheres import Sphere
 
 trimesh = pytest.importorskip("trimesh", reason="needs trimesh: pip install 'bokehnet[trace]'")
 pytest.importorskip("embreex", reason="needs embreex: pip install 'bokehnet[trace]'")
@@ -182,7 +182,7 @@ def test_without_embree_meshes_say_what_to_install(python_process):
         "import sys; sys.modules['embreex'] = None\n"
         "import numpy as np\n"
         "from bokehnet.errors import MissingExtraError\n"
-        "from bokehnet.raytrace.meshes import Mesh\n"
+        "from bokehnet.raytrace.geometry.meshes import Mesh\n"
         "try: Mesh(np.eye(3), np.array([[0, 1, 2]]))\n"
         "except MissingExtraError as error: print(error)\n"
     )

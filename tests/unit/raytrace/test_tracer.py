@@ -4,7 +4,7 @@ import torch
 
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import Rays, ThinLens
-from bokehnet.optics.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
 from bokehnet.raytrace import (
     Background,
     Camera,
@@ -17,11 +17,11 @@ from bokehnet.raytrace import (
     render_disparity,
 )
 from bokehnet.raytrace.distribution import Distribution, halton_points
-from bokehnet.raytrace.lights import Environment, PointLight
-from bokehnet.raytrace.materials import Material
-from bokehnet.raytrace.meshes import Mesh
-from bokehnet.raytrace.quads import Quad
-from bokehnet.raytrace.spheres import Sphere
+from bokehnet.raytrace.geometry.meshes import Mesh
+from bokehnet.raytrace.geometry.quads import Quad
+from bokehnet.raytrace.geometry.spheres import Sphere
+from bokehnet.raytrace.surfaces.lights import Environment, PointLight
+from bokehnet.raytrace.surfaces.materials import Material
 from bokehnet.raytrace.tracer import Tracer
 from bokehnet.raytrace.world import Body, World, world_from_scene
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bokehnet.io.image import write_image, write_map
-from bokehnet.rendering.settings import RenderSettings
+from bokehnet.settings.settings import RenderSettings
 from bokehnet.studio.session import Session
 
 PORT, TOKEN = 8123, "a-token-that-tests-know"

@@ -10,13 +10,13 @@ import pytest
 
 from bokehnet.cli.app import run
 from bokehnet.errors import ParameterError, RenderCancelled
-from bokehnet.io.color import linear_to_srgb
-from bokehnet.io.color_space import SRGB
+from bokehnet.io.color.color_space import SRGB
+from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.io.image import read_image
-from bokehnet.rendering.preset import load_preset, presets
-from bokehnet.rendering.renderer import BokehRenderer
-from bokehnet.rendering.scene import read_scene
-from bokehnet.rendering.settings import RenderSettings, all_settings, group_types
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.scene.scene import read_scene
+from bokehnet.settings.preset import load_preset, presets
+from bokehnet.settings.settings import RenderSettings, all_settings, group_types
 from bokehnet.studio.display import to_rgba
 from bokehnet.studio.opened import Region
 from bokehnet.studio.panels import is_path, panels
@@ -33,7 +33,7 @@ def shown(light: np.ndarray) -> np.ndarray:
 
 
 def test_bytes_of_the_canvas_are_those_of_the_formula():
-    """Authority: IEC 61966-2-1, as bokehnet.io.color has it in float32."""
+    """Authority: IEC 61966-2-1, as bokehnet.io.color.srgb has it in float32."""
     light = np.random.default_rng(0).random((40, 50, 3), dtype=np.float32) ** 3
     found = to_rgba(light, SRGB)
     assert np.abs(found[..., :3] - shown(light)).max() <= 1

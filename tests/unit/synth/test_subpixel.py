@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.pairs import make_sample
 from bokehnet.synth.subpixel import draw_pixel_filter

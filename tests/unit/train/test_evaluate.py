@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bokehnet.errors import ParameterError
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.render.renderer import BokehRenderer
 from train import methods
 from train.degradation import degrade
 from train.evaluate import evaluate, main

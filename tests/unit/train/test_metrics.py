@@ -9,7 +9,7 @@ from train.metrics import compare, edge_pixels, similarity
 
 def test_psnr_of_a_known_error():
     """An error of 0.1 on the sRGB scale everywhere is 20 dB."""
-    from bokehnet.io.color import srgb_to_linear
+    from bokehnet.io.color.srgb import srgb_to_linear
 
     truth, render = (srgb_to_linear(np.full((40, 40, 3), value)) for value in (0.5, 0.6))
     defocus = np.where(np.arange(40) < 20, 4.0, 0.0)[None].repeat(40, 0)

@@ -50,7 +50,7 @@ def test_a_killed_run_ends_with_the_weights_of_an_uninterrupted_one(tiny_prepare
 def test_iunet_trains_behind_arnet_and_both_export(tiny_prepared, tmp_path):
     """The whole path: pairs, ARNet, IUNet, ONNX, and the torch-free renderer takes the result."""
     from bokehnet.models.onnx_export import export_networks
-    from bokehnet.rendering.renderer import BokehRenderer
+    from bokehnet.render.renderer import BokehRenderer
 
     finish(arguments("arnet", tiny_prepared, tmp_path / "a", 4))
     arnet = tmp_path / "a/last.pt"

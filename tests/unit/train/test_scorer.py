@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.io.color import srgb_to_linear
+from bokehnet.io.color.srgb import srgb_to_linear
 from train.metrics import BANDS, Scorer, band_label, compare, depth_step_pixels
 
 # A near left and a far right half; radii of 15 and 5 px.

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bokehnet.classical.highlights.lights import add_lights
-from bokehnet.classical.layered.defocus_bins import as_radii, occupied_bins
+from bokehnet.classical.layered.march.defocus_bins import as_radii, occupied_bins
 from bokehnet.optics.aperture import Aperture
 
 DISC = Aperture()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bokehnet.optics.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
+from bokehnet.optics.aberrations.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture, transmission
-from bokehnet.optics.chromatic_aberration import ChromaticAberration
-from bokehnet.optics.lens_response import LensResponse
 from tests.unit.classical.highlights.light_scenes import decibel, draw, point
 
 SIZE = 200

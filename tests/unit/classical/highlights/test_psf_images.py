@@ -179,7 +179,7 @@ def test_lights_grow_out_of_the_picture_without_a_step():
 
 
 def test_a_plain_character_changes_no_bit():
-    from bokehnet.optics.lens_response import LensResponse
+    from bokehnet.optics.aberrations.lens_response import LensResponse
 
     plain, idle = (draw(point(30.2, 31.0, 20.0), (64, 64), lens_response=c) for c in (None, LensResponse()))
     assert_array_equal(plain, idle)

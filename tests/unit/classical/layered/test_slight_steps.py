@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered import mixed_pixels
+from bokehnet.classical.layered.boundaries import mixed_pixels
 from bokehnet.classical.layered.depth_discontinuities import BACK, FRONT, discontinuity_sides
 from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.layered.slight_steps import LEAST_STEP, SLIGHT, half_step, sides_with_slight_steps
-from bokehnet.optics.pixel_filter import PixelFilter
-from bokehnet.rendering.renderer import BokehRenderer
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
+from bokehnet.render.renderer import BokehRenderer
 
 HEIGHT, WIDTH = 24, 40
 BOX = PixelFilter("box", 1.0)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from bokehnet.classical.layered import unmixing as numba_side
+from bokehnet.classical.layered.boundaries import unmixing as numba_side
 from bokehnet.classical.layered.depth_discontinuities import discontinuity_sides
 from bokehnet.classical.torch.unmixing import Unmixed, unmix
 from bokehnet.errors import ShapeError
-from bokehnet.optics.pixel_filter import parse_pixel_filter
+from bokehnet.optics.pixels.pixel_filter import parse_pixel_filter
 
 
 def scene(height: int, width: int, seed: int, least: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:

@@ -1,0 +1,33 @@
+"""Pictures, maps and masks at half their size, made without a larger copy."""
+
+import numpy as np
+
+from bokehnet.arrays.pyramid import downsample2, pad_to_multiple
+from bokehnet.arrays.row_blocks import make_in_row_blocks
+
+__all__ = ["half_image", "half_map", "half_mask"]
+
+
+def half_map(disparity: np.ndarray) -> np.ndarray:
+    """Map (H, W) at half its size."""
+    height, width = (-(-side // 2) for side in disparity.shape)
+
+    def make(rows: slice) -> np.ndarray:
+        return downsample2(pad_to_multiple(disparity[2 * rows.start : 2 * rows.stop], 2))
+
+    return make_in_row_blocks(make, (height, width), np.float32)
+
+
+def half_mask(mask: np.ndarray) -> np.ndarray:
+    """Mask (H, W) at half its size: a pixel is in it if one of its four was."""
+    return np.logical_or.reduce([pad_to_multiple(mask, 2)[y::2, x::2] for y in (0, 1) for x in (0, 1)])
+
+
+def half_image(image: np.ndarray) -> np.ndarray:
+    """Picture (3, H, W) at half its size, without a larger copy of it."""
+    height, width = (-(-side // 2) for side in image.shape[1:])
+
+    def make(rows: slice) -> np.ndarray:
+        return downsample2(pad_to_multiple(image[:, 2 * rows.start : 2 * rows.stop], 2)).transpose(1, 2, 0)
+
+    return make_in_row_blocks(make, (height, width, 3), np.float32).transpose(2, 0, 1)

@@ -1,0 +1,1 @@
+"""Separable and diffusing filters of the literature."""

@@ -1,0 +1,1 @@
+"""Gathering methods of the literature: each pixel collects samples around it."""

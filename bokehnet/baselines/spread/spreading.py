@@ -1,0 +1,196 @@
+"""Kosloff's spreading: pixels write the differences of their blur, and sums over the picture make it whole.
+
+Rectangle: sixteen numbers a pixel, whatever its blur. Perimeter: the outline of any opening, row by row.
+Hybrid: the second where contrast is high, the first elsewhere. Faults: foreground and background mix without
+order; a rectangle is a square.
+"""
+
+import math
+
+import numpy as np
+
+from bokehnet.baselines.openings import check_baseline, psf_image, radius_ladder, rungs
+from bokehnet.baselines.spread.psf_spreading import normalised
+from bokehnet.checks import check_above, check_whole
+from bokehnet.kernels import njit
+from bokehnet.optics.aperture import Aperture
+
+__all__ = ["hybrid_spreading", "local_contrast", "perimeter", "rectangle"]
+
+# Numbers of a pixel: light and weight.
+_CHANNELS = 4
+
+
+@njit(cache=True)
+def _add_squares(image, defocus, chosen, sums):  # type: ignore[no-untyped-def]
+    """Write the second differences of a square of each pixel's disc's area, (H + 1, W + 1, 4).
+
+    A side of 2 h pixels around a pixel's middle differs at four places, two at each end, as its ends share
+    pixels. What lies beyond the picture is cut off.
+    """
+    height, width, _ = image.shape
+    at_row, at_column = np.empty(4, np.int64), np.empty(4, np.int64)
+    by_row, by_column = np.empty(4), np.empty(4)
+    for y in range(height):
+        for x in range(width):
+            if not chosen[y, x]:
+                continue
+            half = max(0.5 * math.sqrt(math.pi) * abs(defocus[y, x]), 0.5)
+            whole = int(math.floor(half - 0.5))
+            rest = half - 0.5 - whole
+            for axis in range(2):
+                middle, end = (y, height) if axis == 0 else (x, width)
+                at, by = (at_row, by_row) if axis == 0 else (at_column, by_column)
+                at[0], at[1] = middle - whole - 1, middle - whole
+                at[2], at[3] = middle + whole + 1, middle + whole + 2
+                by[0], by[1], by[2], by[3] = rest, 1.0 - rest, rest - 1.0, -rest
+                for k in range(4):
+                    at[k] = min(max(at[k], 0), end)
+            light = 1.0 / (4.0 * half * half)
+            for j in range(4):
+                for i in range(4):
+                    weight = light * by_row[j] * by_column[i]
+                    if weight == 0.0:
+                        continue
+                    for c in range(3):
+                        sums[at_row[j], at_column[i], c] += weight * image[y, x, c]
+                    sums[at_row[j], at_column[i], 3] += weight
+
+
+@njit(cache=True)
+def _add_outlines(  # type: ignore[no-untyped-def]
+    image, low, upper, starts, down, across, change, chosen, sums
+):
+    """Write the differences along rows of each pixel's image of the opening, (H, W + 1, 4)."""
+    height, width, _ = image.shape
+    for y in range(height):
+        for x in range(width):
+            if low[y, x] < 0 or not chosen[y, x]:
+                continue
+            for step in range(2):
+                share = upper[y, x] if step == 1 else 1.0 - upper[y, x]
+                if share <= 0.0:
+                    continue
+                for k in range(starts[low[y, x] + step], starts[low[y, x] + step + 1]):
+                    row = y + down[k]
+                    if row < 0 or row >= height:
+                        continue
+                    column = min(max(x + across[k], 0), width)
+                    weight = share * change[k]
+                    for c in range(3):
+                        sums[row, column, c] += weight * image[y, x, c]
+                    sums[row, column, 3] += weight
+
+
+def _outlines(
+    aperture: Aperture, radii: np.ndarray, side: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where images of the opening change along rows, one after the other; and where each begins."""
+    starts, found = [0], []
+    for radius in radii:
+        table = psf_image(aperture, float(radius), side)
+        half = len(table) // 2
+        change = np.diff(table, axis=1, prepend=0, append=0)
+        rows, columns = np.nonzero(np.abs(change) > 1e-12 * table.max())
+        found.append((rows - half, columns - half, change[rows, columns]))
+        starts.append(starts[-1] + len(rows))
+    down, across, change = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return np.array(starts), down, across, change
+
+
+def _spread(image: np.ndarray, defocus: np.ndarray, aperture: Aperture, outlined: np.ndarray) -> np.ndarray:
+    """Spread the pixels of the mask ``outlined`` by their outlines, all others by squares."""
+    height, width = defocus.shape
+    squares = np.zeros((height + 1, width + 1, _CHANNELS))
+    _add_squares(image, defocus, ~outlined, squares)
+    sums = squares.cumsum(axis=0)[:height]
+    if outlined.any():
+        for side in (1, -1):
+            radii = radius_ladder(max(0.0, float((side * defocus).max())))
+            low, upper = rungs(defocus, radii, side)
+            _add_outlines(image, low, upper, *_outlines(aperture, radii, side), outlined, sums)
+    sums = sums.cumsum(axis=1)[:, :width]
+    return normalised(sums[..., :3], sums[..., 3], image)
+
+
+def local_contrast(image: np.ndarray, window: int) -> np.ndarray:
+    """How much brighter or darker each pixel is than the mean of the square around it, (H, W), linear light.
+
+    Args:
+        image: Scene-linear, (H, W, 3).
+        window: Half the side of the square, pixels; at the border it is cut.
+    """
+    grey = image.astype(np.float64).mean(axis=2)
+    height, width = grey.shape
+    table = np.pad(grey.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    top, bottom = (np.clip(np.arange(height) + k, 0, height) for k in (-window, window + 1))
+    left, right = (np.clip(np.arange(width) + k, 0, width) for k in (-window, window + 1))
+    total = table[bottom][:, right] - table[top][:, right] - table[bottom][:, left] + table[top][:, left]
+    return np.asarray(np.abs(grey - total / np.outer(bottom - top, right - left)))
+
+
+def rectangle(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
+    """Render by spreading squares of the discs' area, in a time that does not depend on the blur.
+
+    Args:
+        image: Scene-linear, (H, W, 3).
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        aperture: A plain disc or None.
+
+    Returns:
+        Picture (H, W, 3), float32.
+
+    Source:
+        Kosloff, Tao and Barsky, "Depth of field postprocessing for layered scenes using constant-time
+        rectangle spreading", Graphics Interface 2009; thesis 001, 3.2.4 and 4.4.
+    """
+    image, defocus, aperture = check_baseline("rectangle", "disc", image, defocus, aperture)
+    return _spread(image, defocus, aperture, np.zeros(defocus.shape, bool))
+
+
+def perimeter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
+    """Render by spreading outlines, in a time that grows with the blur's radius and not its area.
+
+    Args:
+        image: Scene-linear, (H, W, 3).
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        aperture: Any opening without a cat's-eye; what is not evenly lit costs its area. Default a disc.
+
+    Returns:
+        Picture (H, W, 3), float32.
+
+    Source:
+        As for :func:`rectangle`; thesis 001, figure 3.4.
+    """
+    image, defocus, aperture = check_baseline("perimeter", "any", image, defocus, aperture)
+    return _spread(image, defocus, aperture, np.ones(defocus.shape, bool))
+
+
+def hybrid_spreading(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    aperture: Aperture | None = None,
+    *,
+    threshold: float = 0.02,
+    window: int = 4,
+) -> np.ndarray:
+    """Render by spreading outlines of pixels of high contrast, and squares of all others.
+
+    Args:
+        image: Scene-linear, (H, W, 3).
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        aperture: As for :func:`perimeter`.
+        threshold: :func:`local_contrast` from which on a pixel's outline is spread, linear light.
+        window: Half the side of the square that it is compared with, pixels.
+
+    Returns:
+        Picture (H, W, 3), float32.
+
+    Source:
+        Kosloff, "Fast image filters for depth of field post-processing", 2010, as thesis 001, 3.2.4, tells
+        it.
+    """
+    check_above("threshold", threshold, 0)
+    check_whole("window", window, 1)
+    image, defocus, aperture = check_baseline("hybrid_spreading", "any", image, defocus, aperture)
+    return _spread(image, defocus, aperture, local_contrast(image, window) > threshold)

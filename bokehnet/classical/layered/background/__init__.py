@@ -1,0 +1,1 @@
+"""The occluded background: structures and textures carried on behind foregrounds."""

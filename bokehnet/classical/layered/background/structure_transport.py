@@ -1,0 +1,212 @@
+"""Lines of a background carried on behind what hides it: fences, bricks, horizons, letters.
+
+Hidden pixels are filled from the edge inwards. Each becomes a mean of pixels of its own surface that are seen
+or are filled already; where the surface shows lines, those count that lie along them.
+
+Source: Bornemann and März, "Fast image inpainting based on coherence transport", Journal of Mathematical
+Imaging and Vision 2007, for the order and the weights; Weickert, "Coherence-enhancing diffusion filtering",
+International Journal of Computer Vision 1999, for what coherence is. That filled pixels hand on the structure
+tensor by which they were filled is ours.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from bokehnet.classical.layered.background.inpainting_order import HiddenRings
+from bokehnet.classical.layered.depth_discontinuities import STEP_TILE, are_one_surface
+from bokehnet.kernels import njit
+
+__all__ = ["carry_lines_on"]
+
+# Half the width of the window from which colours and directions are taken.
+_REACH = 3
+
+# How much less pixels count across a line, at the edge of the window: exp(-s^2 / 2).
+_SHARPNESS = 12.0
+
+# Squared contrast of neighbours, of the square root of light, of lines that count in full.
+_CONTRAST = 3e-4
+
+# Weights of a light, and of a pixel beside a step, where surfaces mix, over that of others.
+_LIGHT, _BESIDE_STEP = 1e-3, 0.1
+
+# The least of all weights.
+_LEAST = 1e-9
+
+
+# Rows and columns to the pixels of a window, and how far they are.
+_NEIGHBOURS = np.array(
+    [(v, u) for v in range(-_REACH, _REACH + 1) for u in range(-_REACH, _REACH + 1) if (v, u) != (0, 0)]
+)
+_APART = np.sqrt((_NEIGHBOURS**2).sum(1))
+
+# Pixels that are filled one after the other.
+_CHUNK = 256
+
+
+@njit(cache=True, parallel=True)
+def _brightness(image, result):  # type: ignore[no-untyped-def]
+    """Mean of the square roots of light."""
+    for y in prange(result.shape[0]):
+        for x in range(result.shape[1]):
+            red, green = math.sqrt(max(image[y, x, 0], 0.0)), math.sqrt(max(image[y, x, 1], 0.0))
+            result[y, x] = (red + green + math.sqrt(max(image[y, x, 2], 0.0))) / 3.0
+
+
+@njit(cache=True, parallel=True)
+def _structure(brightness, defocus, lights, wanted, tensors):  # type: ignore[no-untyped-def]
+    """Outer products of the gradient, (H, W, 3): xx, xy, yy; xx is -1 beside lights and other surfaces.
+
+    Only in ``wanted`` tiles; elsewhere nothing is set.
+    """
+    height, width = brightness.shape
+    for y in prange(height):
+        for x in range(width):
+            if not wanted[y // STEP_TILE, x // STEP_TILE]:
+                continue
+            tensors[y, x, 0] = -1.0
+            if not (0 < y < height - 1 and 0 < x < width - 1):
+                continue
+            whole = not lights[y, x]
+            for way in range(-1, 2, 2):
+                whole = whole and not lights[y + way, x] and not lights[y, x + way]
+                whole = whole and are_one_surface(defocus[y + way, x], defocus[y, x], 1.0)
+                whole = whole and are_one_surface(defocus[y, x + way], defocus[y, x], 1.0)
+            if whole:
+                right = 0.5 * (brightness[y, x + 1] - brightness[y, x - 1])
+                down = 0.5 * (brightness[y + 1, x] - brightness[y - 1, x])
+                tensors[y, x, 0] = right * right
+                tensors[y, x, 1] = right * down
+                tensors[y, x, 2] = down * down
+
+
+@njit(cache=True)
+def _tiles_around(ys, xs, tiles):  # type: ignore[no-untyped-def]
+    """Mark the tiles of pixels, and those beside them."""
+    for i in range(len(ys)):
+        row, column = ys[i] // STEP_TILE, xs[i] // STEP_TILE
+        for v in range(max(0, row - 1), min(tiles.shape[0], row + 2)):
+            for u in range(max(0, column - 1), min(tiles.shape[1], column + 2)):
+                tiles[v, u] = True
+
+
+@njit(cache=True)
+def _source(seen, behind, ring, rings, apart, depth):  # type: ignore[no-untyped-def]
+    """Whether a pixel shows a surface (1), hides it but is filled already (2), or neither (0)."""
+    if are_one_surface(seen, depth, apart):
+        return 1
+    return 2 if 0 < ring < rings and are_one_surface(behind, depth, apart) else 0
+
+
+@njit(cache=True)
+def _find_sources(defocus, depths, rings, y, x, kinds):  # type: ignore[no-untyped-def]
+    """Set which kind of source each neighbour of a hidden pixel is, by :func:`_source`."""
+    height, width = defocus.shape
+    for i in range(len(_NEIGHBOURS)):
+        v, u = y + _NEIGHBOURS[i, 0], x + _NEIGHBOURS[i, 1]
+        kinds[i] = 0
+        if 0 <= v < height and 0 <= u < width:
+            ring, own = rings[v, u], rings[y, x]
+            kinds[i] = _source(defocus[v, u], depths[v, u], ring, own, _APART[i], depths[y, x])
+
+
+@njit(cache=True)
+def _direction(kinds, tensors, carried, y, x):  # type: ignore[no-untyped-def]
+    """Mean structure tensor around a hidden pixel."""
+    xx = xy = yy = total = 0.0
+    for i in range(len(_NEIGHBOURS)):
+        v, u = y + _NEIGHBOURS[i, 0], x + _NEIGHBOURS[i, 1]
+        if kinds[i] == 0 or (kinds[i] == 1 and tensors[v, u, 0] < 0.0):
+            continue
+        known = tensors if kinds[i] == 1 else carried
+        weight = 1.0 / _APART[i]
+        total += weight
+        xx += weight * known[v, u, 0]
+        xy += weight * known[v, u, 1]
+        yy += weight * known[v, u, 2]
+    if total > 0.0:
+        xx, xy, yy = xx / total, xy / total, yy / total
+    return xx, xy, yy
+
+
+@njit(cache=True)
+def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
+    """Set a hidden pixel to the mean of its sources, those along the line first."""
+    spread = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)  # of the eigenvalues
+    coherence = spread / (xx + yy + 1e-12)
+    sharpness = _SHARPNESS / _REACH * coherence * coherence * min(1.0, spread / _CONTRAST)
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    across_x, across_y = sharpness * math.cos(angle), sharpness * math.sin(angle)
+    total = red = green = blue = 0.0
+    for i in range(len(_NEIGHBOURS)):
+        if kinds[i] == 0:
+            continue
+        down, right = _NEIGHBOURS[i]
+        v, u, away = y + down, x + right, across_x * right + across_y * down
+        weight = math.exp(-0.5 * away * away) / _APART[i]
+        if kinds[i] == 1:
+            if lights[v, u]:
+                weight *= _LIGHT
+            elif tensors[v, u, 0] < 0.0:
+                weight *= _BESIDE_STEP
+        weight += _LEAST
+        known = image if kinds[i] == 1 else colors
+        red += weight * known[v, u, 0]
+        green += weight * known[v, u, 1]
+        blue += weight * known[v, u, 2]
+        total += weight
+    if total > 0.0:
+        colors[y, x, 0], colors[y, x, 1], colors[y, x, 2] = red / total, green / total, blue / total
+
+
+@njit(cache=True, parallel=True)
+def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, colors, carried):  # type: ignore[no-untyped-def]
+    """Set hidden pixels, ring by ring, to the mean along their line, or to ``means`` without a source."""
+    for ring in range(1, len(ends)):
+        first, last = ends[ring - 1], ends[ring]
+        for chunk in prange((last - first + _CHUNK - 1) // _CHUNK):
+            kinds = np.empty(len(_NEIGHBOURS), np.uint8)
+            start = first + chunk * _CHUNK
+            for i in range(start, min(start + _CHUNK, last)):
+                y, x = ys[i], xs[i]
+                _find_sources(defocus, depths, rings, y, x, kinds)
+                xx, xy, yy = _direction(kinds, tensors, carried, y, x)
+                carried[y, x, 0], carried[y, x, 1], carried[y, x, 2] = xx, xy, yy
+                for c in range(3):
+                    colors[y, x, c] = means[y, x, c]
+                _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x)
+
+
+def carry_lines_on(
+    image: np.ndarray,
+    defocus: np.ndarray,
+    lights: np.ndarray,
+    depths: np.ndarray,
+    hidden: HiddenRings,
+    means: np.ndarray,
+) -> np.ndarray:
+    """Fill hidden pixels with the lines of their surface.
+
+    Args:
+        image: What is seen, scene-linear, (H, W, 3) float32.
+        defocus: Of what is seen, signed blur radius in pixels, (H, W) float32.
+        lights: Seen pixels that are not carried on, (H, W) bool.
+        depths: Defocus of what is hidden, (H, W) float32.
+        hidden: Hidden pixels.
+        means: Means of what is around, (H, W, 3) float32, for those of whose surface nothing is seen.
+
+    Returns:
+        Colours, (H, W, 3) float32, set where something is hidden.
+    """
+    ys, xs, ends, rings = hidden
+    brightness, tensors = np.empty(rings.shape, image.dtype), np.empty_like(image)
+    _brightness(image, brightness)
+    tiles = tuple(-(-size // STEP_TILE) for size in image.shape[:2])
+    wanted = np.zeros(tiles, np.bool_)
+    _tiles_around(ys, xs, wanted)
+    _structure(brightness, defocus, lights, wanted, tensors)
+    lines, carried = np.empty_like(image), np.empty_like(image)  # set and read where something is hidden
+    _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, lines, carried)
+    return lines

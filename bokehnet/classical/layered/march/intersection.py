@@ -1,0 +1,317 @@
+"""Which surface of a stack of layers a ray meets first, for eight rays at once.
+
+A ray starts at a place given by its pixel, and while the defocus s falls from front to back it runs along a
+straight line of pixels. A layer whose defocus the ray crosses inside a pixel is met there. Between
+neighbouring pixels a layer is one surface, a riser, when its defocus differs by no more than
+``DISCONTINUITY_THRESHOLD``; else there is a depth discontinuity, through which rays pass behind the nearer
+surface and meet what lies hidden there.
+A surface that covers its pixel in part has no riser: rays that come in behind it have passed it already, and
+blades of grass one behind the other, a little apart in depth, are no wall.
+
+Where nothing is hidden and no depth discontinuity is near, a layer is one smooth surface, and the place where
+a ray meets it is found in a few looks: :func:`intersect_smooth`.
+
+Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
+through layered height fields; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
+Eurographics 1987, for the walk along the pixels. Risers and coverage are ours.
+"""
+
+import numpy as np
+from numba import prange
+
+from bokehnet.classical.layered.boundaries.pixel_boundaries import coverage_at, with_slopes
+from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRESHOLD
+from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.march.defocus_bins import BINS, TILE
+from bokehnet.classical.parallel import parallel_region
+from bokehnet.classical.simd.bits8 import meets8
+from bokehnet.classical.simd.float8 import (
+    LANES,
+    abs8,
+    and8,
+    and_not8,
+    any8,
+    broadcast8,
+    divide8,
+    floor8,
+    gather_pairs8,
+    less8,
+    max8,
+    min8,
+    select8,
+    store8,
+)
+from bokehnet.kernels import njit
+
+__all__ = [
+    "BELOW_ONE",
+    "CLOSE",
+    "HIDES_NOTHING",
+    "LOOKS",
+    "SHORT",
+    "STEEPEST",
+    "intersect",
+    "intersect_smooth",
+    "layer_cells",
+]
+
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
+_THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
+_NEVER = np.float32(-1e30)
+BELOW_ONE = np.float32(1 - 2**-24)  # the largest chance
+_SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
+SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles pay
+STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
+# The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
+LOOKS, CLOSE = 8, np.float32(0.25)
+# Coverage of a layer behind which a ray need not look for others at that pixel.
+HIDES_NOTHING = np.float32(2)
+
+
+@njit(cache=True, parallel=True)
+def _mark_last(cells):  # type: ignore[no-untyped-def]
+    """Give ``HIDES_NOTHING`` to layers that cover their pixel and have no other depth behind them there."""
+    height, width, layers = cells.shape[:3]
+    for y in prange(height):
+        for x in range(width):
+            for layer in range(layers - 2, -1, -1):
+                own, behind = cells[y, x, layer], cells[y, x, layer + 1]
+                if behind[1] < 1.0 or own[1] < 1.0 or own[0] != behind[0]:
+                    break
+                own[1] = HIDES_NOTHING
+
+
+def layer_cells(layers: Layers) -> np.ndarray:
+    """Defocus and coverage side by side, (H, W, L, 2), so that a look at a pixel reads one place.
+
+    Coverage tells how it changes inside its pixel, see
+    :mod:`bokehnet.classical.layered.boundaries.pixel_boundaries`; where nothing more can be met behind a
+    layer it is ``HIDES_NOTHING``.
+    """
+    cells = np.stack([layers.defocus, with_slopes(layers.defocus, layers.coverage)], axis=-1)
+    with parallel_region:
+        _mark_last(cells)
+    return cells
+
+
+@njit(cache=True, forceinline=True)
+def _ends_aside(where, way, column, row):  # type: ignore[no-untyped-def]
+    """Which rays beside others are at an outline in another pixel, while the others cross theirs.
+
+    Args:
+        where: Columns and rows of the rays' pixels, the defocus at which the others enter and leave the pixel
+            that they cross, lanes; outlines of each pixel alone, flat; size of the cells.
+        way: Where the rays begin and run, lanes (begin_x, begin_y, a_x, a_y).
+        column: Of the pixel that the others cross.
+        row: Likewise.
+    """
+    x, y, entry, leave, outlines, size = where
+    half, zero = broadcast8(_HALF), broadcast8(_ZERO)
+    depth = half * (entry + leave)
+    across, down = x + floor8(way[0] - way[2] * depth), y + floor8(way[1] - way[3] * depth)
+    away = less8(half, max8(abs8(across - column), abs8(down - row)))
+    across = min8(max8(across, zero), broadcast8(np.float32(size[1] - 1)))
+    down = min8(max8(down, zero), broadcast8(np.float32(size[0] - 1)))
+    low, high = gather_pairs8(outlines, down, across, size[1], 2, 0)
+    return and_not8(and_not8(away, less8(entry, low)), less8(high, leave))
+
+
+@njit(cache=True)
+def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):  # type: ignore[no-untyped-def]
+    """Write the first surface on each of eight rays.
+
+    Places beyond the border see the border's pixel. Where the defocus stretches far, tiles in which a ray can
+    meet nothing are passed in one step.
+
+    Args:
+        cells: From :func:`layer_cells`, flat.
+        size: Its height, width and number of layers.
+        tiles: What :func:`bokehnet.classical.layered.march.defocus_bins.tile_sets` gives.
+        runs: Stretches (front, back) of the defocus in which there can be a surface, front to back.
+        count: How many.
+        x: Columns of the rays' pixels, lanes of float32.
+        y: Rows.
+        begin_x: Where the rays are at defocus 0, from the left side of their pixel, lanes; 1/2 is its
+            middle.
+        begin_y: The same from its upper side.
+        u: Where the rays meet the pupil, aperture coordinate along x, lanes.
+        v: Along y.
+        chance: A surface is met where this is below its coverage c at that place of the pixel, lanes, 0 up to
+            1. Behind it (chance - c) / (1 - c) decides, so that each surface is met by its own coverage,
+            whatever those before it have.
+        hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
+            where there is none.
+        outlines: If given, two more rays run beside each, and it is told, behind the rest of ``hits``, which
+            of them are at an outline in another pixel: 1, else 0. Farthest and nearest defocus of outlines,
+            see ``outlines_of`` of :mod:`bokehnet.classical.layered.march.channel_rays`, flat; where in it
+            those begin that the two can be at; where these begin and run, lanes (begin_x, begin_y, a_x, a_y).
+    """
+    height, width, layers = size
+    occupied, tile_rows, tile_columns, lowest_bin, scale = tiles
+    zero, one, threshold = broadcast8(_ZERO), broadcast8(_ONE), broadcast8(_THRESHOLD)
+    hides_nothing = broadcast8(HIDES_NOTHING)
+    half, below_one = broadcast8(_HALF), broadcast8(BELOW_ONE)
+    never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(lowest_bin))
+    per_bin, last_bin = broadcast8(np.float32(scale)), broadcast8(_LAST_BIN)
+    last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
+    last_tile_x, last_tile_y = broadcast8(np.float32(tile_columns - 1)), broadcast8(np.float32(tile_rows - 1))
+    right, down = less8(zero, u), less8(zero, v)
+    step_x, step_y = select8(right, one, zero - one), select8(down, one, zero - one)
+    gain_x = divide8(one, max8(abs8(u), broadcast8(STEEPEST)))
+    gain_y = divide8(one, max8(abs8(v), broadcast8(STEEPEST)))
+    tile_gain_x, tile_gain_y = side * gain_x, side * gain_y
+    hit_row, hit_column, hit_layer, hit_depth = zero, zero, zero - one, zero
+    waiting = less8(zero, one)
+    first_apart, second_apart = zero, zero
+    for run in range(count):
+        front = broadcast8(np.float32(runs[run, 0]))
+        length = broadcast8(np.float32(runs[run, 0] - runs[run, 1]))
+        place_x, place_y = begin_x - u * front, begin_y - v * front
+        column, row = floor8(place_x), floor8(place_y)
+        part_x, part_y = place_x - column, place_y - row
+        column, row = x + column, y + row
+        tile_x, tile_y = floor8(column * broadcast8(_PER_SIDE)), floor8(row * broadcast8(_PER_SIDE))
+        part_x, part_y = column - side * tile_x + part_x, row - side * tile_y + part_y
+        tile_to_x = select8(right, side - part_x, part_x) * gain_x
+        tile_to_y = select8(down, side - part_y, part_y) * gain_y
+        if runs[run, 0] - runs[run, 1] < SHORT:  # walked through without a look at tiles
+            tile_to_x = tile_to_y = length
+        below = never  # the nearest surface under the ray in the pixel before
+        passed, marching = zero, waiting
+        while True:
+            seeking = marching
+            while runs[run, 0] - runs[run, 1] >= SHORT and any8(seeking):
+                end = min8(min8(tile_to_x, tile_to_y), length)
+                first = (front - end - lowest) * per_bin
+                last = (front - passed - lowest) * per_bin
+                found = meets8(
+                    occupied,
+                    min8(max8(tile_y, zero), last_tile_y),
+                    min8(max8(tile_x, zero), last_tile_x),
+                    tile_columns,
+                    min8(max8(first, zero), last_bin),
+                    min8(max8(last, zero), last_bin),
+                )
+                seeking = and_not8(seeking, found)
+                below = select8(seeking, never, below)
+                passed = select8(seeking, end, passed)
+                ended = and_not8(seeking, less8(end, length))
+                marching, seeking = and_not8(marching, ended), and_not8(seeking, ended)
+                across = less8(tile_to_x, tile_to_y)
+                step = and8(seeking, across)
+                tile_x = select8(step, tile_x + step_x, tile_x)
+                tile_to_x = select8(step, tile_to_x + tile_gain_x, tile_to_x)
+                step = and_not8(seeking, across)
+                tile_y = select8(step, tile_y + step_y, tile_y)
+                tile_to_y = select8(step, tile_to_y + tile_gain_y, tile_to_y)
+            if not any8(marching):
+                break
+            end = min8(min8(tile_to_x, tile_to_y), length)
+            start, within = front - passed, end - passed
+            place_x, place_y = begin_x - u * start, begin_y - v * start
+            column, row = floor8(place_x), floor8(place_y)
+            place_x, place_y = place_x - column, place_y - row
+            to_x = select8(right, one - place_x, place_x) * gain_x
+            to_y = select8(down, one - place_y, place_y) * gain_y
+            column, row = x + column, y + row
+            entry, walking = start, marching
+            while True:
+                gone = min8(min8(to_x, to_y), within)
+                leave = start - gone
+                inside_x = min8(max8(column, zero), last_x)
+                inside_y = min8(max8(row, zero), last_y)
+                under = never
+                if outlines is not None:
+                    low, high = gather_pairs8(outlines[0], inside_y, inside_x, width, 2, outlines[1])
+                    beside = and_not8(and_not8(walking, less8(entry, low)), less8(high, leave))
+                    if any8(beside):
+                        ways = (x, y, entry, leave, outlines[0], size)
+                        first = and8(beside, _ends_aside(ways, outlines[2], column, row))
+                        second = and8(beside, _ends_aside(ways, outlines[3], column, row))
+                        first_apart = select8(first, one, first_apart)
+                        second_apart = select8(second, one, second_apart)
+                for layer in range(layers):
+                    depth, cover = gather_pairs8(cells, inside_y, inside_x, width, 2 * layers, 2 * layer)
+                    hides = less8(cover, hides_nothing)
+                    beneath = less8(depth, leave)
+                    under = select8(beneath, max8(under, depth), under)
+                    partly = and8(less8(zero, cover), less8(cover, one))
+                    apart = select8(partly, zero - never, depth - below)
+                    through_discontinuity = and8(less8(entry, depth), less8(threshold, apart))
+                    crossed = and_not8(and_not8(walking, beneath), through_discontinuity)
+                    hit, veiled = and8(crossed, less8(chance, cover)), and8(crossed, partly)
+                    if any8(veiled):
+                        away_x = x + begin_x - u * depth - column - half
+                        away_y = y + begin_y - v * depth - row - half
+                        cover = select8(partly, max8(coverage_at(cover, away_x, away_y), zero), cover)
+                        hit = and8(crossed, less8(chance, cover))
+                        rest = divide8(chance - cover, one - min8(cover, below_one))
+                        missed = and_not8(veiled, hit)
+                        chance = select8(missed, min8(rest, below_one), chance)
+                    hit_row = select8(hit, inside_y, hit_row)
+                    hit_column = select8(hit, inside_x, hit_column)
+                    hit_layer = select8(hit, broadcast8(np.float32(layer)), hit_layer)
+                    hit_depth = select8(hit, depth, hit_depth)
+                    walking, marching = and_not8(walking, hit), and_not8(marching, hit)
+                    waiting = and_not8(waiting, hit)
+                    if layer + 1 < layers and not any8(and8(walking, hides)):
+                        break
+                below, entry = select8(walking, under, below), leave
+                walking = and8(walking, less8(gone, within))
+                if not any8(walking):
+                    break
+                across = less8(to_x, to_y)
+                column = column + select8(across, step_x, zero)
+                row = row + select8(across, zero, step_y)
+                to_x = to_x + select8(across, gain_x, zero)
+                to_y = to_y + select8(across, zero, gain_y)
+            marching = and8(marching, less8(end, length))
+            if not any8(marching):
+                break
+            passed = end
+            across = less8(tile_to_x, tile_to_y)
+            tile_x = tile_x + select8(across, step_x, zero)
+            tile_y = tile_y + select8(across, zero, step_y)
+            tile_to_x = tile_to_x + select8(across, tile_gain_x, zero)
+            tile_to_y = tile_to_y + select8(across, zero, tile_gain_y)
+        if not any8(waiting):
+            break
+    store8(hits, 0, hit_row)
+    store8(hits, LANES, hit_column)
+    store8(hits, 2 * LANES, hit_layer)
+    store8(hits, 3 * LANES, hit_depth)
+    if outlines is not None:
+        store8(hits, 4 * LANES, first_apart)
+        store8(hits, 5 * LANES, second_apart)
+
+
+@njit(cache=True)
+def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):  # type: ignore[no-untyped-def]
+    """Write where eight rays meet the one smooth surface that there is; arguments as for :func:`intersect`.
+
+    A ray meets it at the defocus s that the surface has at the ray's place for s. Each look at the surface
+    gives a better s while it rises by less than a pixel of defocus per pixel.
+
+    Returns:
+        Whether all rays came to rest; if not, ``hits`` is of no use.
+    """
+    height, width, layers = size
+    zero, close = broadcast8(_ZERO), broadcast8(CLOSE)
+    last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
+    stretch = max8(abs8(u), abs8(v))
+    start_x, start_y = x + begin_x, y + begin_y
+    depth, _ = gather_pairs8(cells, y, x, width, 2 * layers, 0)
+    for _ in range(LOOKS):
+        column, row = floor8(start_x - u * depth), floor8(start_y - v * depth)
+        column = min8(max8(column, zero), last_x)
+        row = min8(max8(row, zero), last_y)
+        found, _ = gather_pairs8(cells, row, column, width, 2 * layers, 0)
+        moving = less8(close, stretch * abs8(found - depth))
+        depth = found
+        if not any8(moving):
+            store8(hits, 0, row)
+            store8(hits, LANES, column)
+            store8(hits, 2 * LANES, zero)
+            store8(hits, 3 * LANES, depth)
+            return True
+    return False

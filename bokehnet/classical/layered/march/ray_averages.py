@@ -1,0 +1,290 @@
+"""The picture that comes of the rays' means: blurred surfaces are averaged over windows of pixels.
+
+A disc of radius r has next to nothing at the frequency of pixels, so a window much smaller than r takes noise
+away and leaves the picture. Sharp surfaces, and what their edges cover, are each pixel's own. Windows of more
+than ``_RINGS`` rings are taken of blocks of 2, 4 or 8 pixels a side, and each pixel has its part, in
+straight lines, of those around the four blocks next to it.
+
+Source: Burt and Adelson, "The Laplacian pyramid as a compact image code", 1983, for means of means.
+"""
+
+import math
+
+import numpy as np
+from numba import prange
+
+from bokehnet.classical.layered.march.ray_accumulators import (
+    BACK_GROUP,
+    COLORED,
+    FRONT_GROUP,
+    GROUPS,
+    SHARP_GROUP,
+)
+from bokehnet.kernels import njit
+
+__all__ = ["resolve", "window_halo", "window_reach"]
+
+# Half-width of a window, less its middle, over the radius of the discs; at least 1 pixel, at most _WIDEST.
+_REACH_BY_RADIUS = 1 / 12
+_WIDEST = 32
+
+# The most rings of a window, and levels of blocks.
+_RINGS, _LEVELS = 4, 3
+
+
+def window_halo(radius: float) -> int:
+    """Rows around others on whose means their pixels depend where no disc has more than that radius."""
+    levels = _levels(radius)
+    return math.ceil(_widest(radius)) + (2 << levels if levels else 0)
+
+
+def _widest(radius: float) -> float:
+    """Pixels to either side that the widest window reaches, at least those of single pixels."""
+    return min(max(_REACH_BY_RADIUS * radius, float(_RINGS)), float(_WIDEST))
+
+
+def _levels(radius: float) -> int:
+    """Levels of blocks that are wanted."""
+    return math.ceil(math.log2(_widest(radius) / _RINGS))
+
+
+@njit(cache=True, forceinline=True)
+def window_reach(weight, steepness):  # type: ignore[no-untyped-def]
+    """How many pixels to either side the window of a group may reach, 1 to ``_WIDEST``, not in whole pixels.
+
+    Args:
+        weight: Of the group.
+        steepness: Its weighted sum of 1 / radius, so that the smallest discs prevail.
+    """
+    if weight <= 0.0:
+        return 1.0
+    return min(max(_REACH_BY_RADIUS * weight / steepness, 1.0), float(_WIDEST))
+
+
+@njit(cache=True, forceinline=True)
+def _level_of(reach):  # type: ignore[no-untyped-def]
+    """Level of blocks, of 2^level pixels a side, of which a window is taken that reaches so many pixels."""
+    level = 0
+    while reach > _RINGS << level:
+        level += 1
+    return level
+
+
+@njit(cache=True, forceinline=True)
+def _weight_of(window, group):  # type: ignore[no-untyped-def]
+    """Weight of a group, mean over the colours."""
+    weight, last = 0.0, window.shape[1] - 2
+    for i in range(3, last):
+        weight += window[group, i]
+    return weight / (last - 3)
+
+
+@njit(cache=True, forceinline=True)
+def _add_pixel(sums, v, u, share, window):  # type: ignore[no-untyped-def]
+    for group in range(window.shape[0]):
+        for c in range(window.shape[1]):
+            window[group, c] += share * sums[v, u, group, c]
+
+
+@njit(cache=True)
+def _add_ring(sums, y, x, reach, share, window):  # type: ignore[no-untyped-def]
+    """Add the pixels that are ``reach`` away from a pixel, along either axis, to ``window``."""
+    height, width = sums.shape[:2]
+    for v in range(max(0, y - reach), min(height, y + reach + 1)):
+        whole_row = abs(v - y) == reach
+        for u in range(x - reach, x + reach + 1, 1 if whole_row else 2 * reach):
+            if 0 <= u < width:
+                _add_pixel(sums, v, u, share, window)
+
+
+@njit(cache=True, forceinline=True)
+def _allowed(window, group, level):  # type: ignore[no-untyped-def]
+    """Blocks of a level to either side that the discs of a group in a window allow."""
+    reach = window_reach(_weight_of(window, group), window[group, window.shape[1] - 2])
+    return (reach + 0.5) / (1 << level) - 0.5
+
+
+@njit(cache=True)
+def _average(sums, y, x, group, level, window):  # type: ignore[no-untyped-def]
+    """Let a window that holds the 3x3 blocks of a level grow as far as the discs of a group allow.
+
+    Returns:
+        Whether the discs that came in allow it, too.
+    """
+    last = 1
+    for ring in range(2, _RINGS + 1):
+        share = min(_allowed(window, group, level) - (ring - 1), 1.0)
+        if share <= 0.0:
+            break
+        _add_ring(sums, y, x, ring, share, window)
+        last = ring
+    return _allowed(window, group, level) >= max(last - 1, 1)
+
+
+@njit(cache=True, parallel=True)
+def _halve(sums, smaller):  # type: ignore[no-untyped-def]
+    """Fill ``smaller`` with the sums of 2x2 of ``sums``; what is beyond them counts nothing."""
+    height, width = sums.shape[:2]
+    for y in prange(smaller.shape[0]):
+        for x in range(smaller.shape[1]):
+            smaller[y, x] = 0.0
+            for v in range(2 * y, min(2 * y + 2, height)):
+                for u in range(2 * x, min(2 * x + 2, width)):
+                    _add_pixel(sums, v, u, 1.0, smaller[y, x])
+
+
+@njit(cache=True, parallel=True)
+def _fill_windows(sums, level, windows, fitting):  # type: ignore[no-untyped-def]
+    """Windows around all blocks of a level: all groups, for what is in front; then what is behind, alone."""
+    for y in prange(sums.shape[0]):
+        window = np.empty(sums.shape[2:])
+        for x in range(sums.shape[1]):
+            for i in range(2):
+                window[:] = 0.0
+                _add_pixel(sums, y, x, 1.0, window)
+                _add_ring(sums, y, x, 1, 1.0, window)
+                group = FRONT_GROUP if i == 0 else BACK_GROUP
+                fitting[y, x, i] = _average(sums, y, x, group, level, window)
+                for c in range(window.shape[1]):
+                    if i == 1:
+                        windows[y, x, GROUPS, c] = window[BACK_GROUP, c]
+                        continue
+                    for g in range(GROUPS):
+                        windows[y, x, g, c] = window[g, c]
+
+
+@njit(cache=True)
+def _from_blocks(windows, fitting, y, x, level, group, window):  # type: ignore[no-untyped-def]
+    """Fill ``window`` from those around the four blocks next to a pixel, unless discs in them are too small.
+
+    Returns:
+        Whether they are not.
+    """
+    rows, columns = fitting.shape[:2]
+    side = float(1 << level)
+    v, u = max((y + 0.5) / side - 0.5, 0.0), max((x + 0.5) / side - 0.5, 0.0)
+    top, left = min(int(v), rows - 1), min(int(u), columns - 1)
+    bottom, right = min(top + 1, rows - 1), min(left + 1, columns - 1)
+    down, along = v - top, u - left
+    behind = 1 if group == BACK_GROUP else 0
+    window[:] = 0.0
+    for i in range(2):
+        for j in range(2):
+            row, column = bottom if i else top, right if j else left
+            share = (down if i else 1.0 - down) * (along if j else 1.0 - along)
+            if share == 0.0:
+                continue
+            weight = _weight_of(windows[row, column], GROUPS if behind else FRONT_GROUP)
+            if weight > 0.0 and not fitting[row, column, behind]:
+                return False
+            if behind:
+                for c in range(window.shape[1]):
+                    window[BACK_GROUP, c] += share * windows[row, column, GROUPS, c]
+            else:
+                for g in range(GROUPS):
+                    for c in range(window.shape[1]):
+                        window[g, c] += share * windows[row, column, g, c]
+    return True
+
+
+@njit(cache=True)
+def _widest_window(sums, windows, fitting, y, x, group, start, window):  # type: ignore[no-untyped-def]
+    """Fill ``window`` with as wide a one around a pixel as the discs of a group allow.
+
+    Args:
+        sums: Of the pixels.
+        windows: Of the blocks of each level, from the first on.
+        fitting: Whether the discs in them allow them.
+        y: Row.
+        x: Column.
+        group: Whose discs.
+        start: The window of 3x3 pixels.
+        window: Like it.
+    """
+    reach = window_reach(_weight_of(start, group), start[group, start.shape[1] - 2])
+    for level in range(min(_level_of(reach), len(windows)), 0, -1):
+        if _from_blocks(windows[level - 1], fitting[level - 1], y, x, level, group, window):
+            return
+    for g in range(GROUPS):
+        for c in range(window.shape[1]):
+            window[g, c] = start[g, c]
+    _average(sums, y, x, group, 0, window)
+
+
+@njit(cache=True, parallel=True)
+def _resolve(sums, windows, fitting, rays_mask, first, top, bottom, result, disocclusion_weight):  # type: ignore[no-untyped-def]
+    width, numbers = rays_mask.shape[1], sums.shape[3]
+    own = 1 if numbers == COLORED else 0  # whether each colour has a weight of its own
+    for y in prange(top, bottom):
+        start = np.empty((GROUPS, numbers))
+        front_window, back_window = np.empty((GROUPS, numbers)), np.empty((GROUPS, numbers))
+        row = y - first
+        for x in range(width):
+            if not rays_mask[y, x]:
+                continue
+            start[:] = 0.0
+            _add_pixel(sums, row, x, 1.0, start)
+            _add_ring(sums, row, x, 1, 1.0, start)
+            unseen, weight = 0.0, 0.0
+            for group in range(GROUPS):
+                unseen += start[group, numbers - 1]
+                weight += _weight_of(start, group)
+            if weight > 0.0:
+                disocclusion_weight[y, x] = unseen / weight
+            _widest_window(sums, windows, fitting, row, x, FRONT_GROUP, start, front_window)
+            _widest_window(sums, windows, fitting, row, x, BACK_GROUP, start, back_window)
+            for c in range(3):
+                i = 3 + own * c
+                before, within, beyond = front_window[0, i], front_window[1, i], front_window[2, i]
+                total = before + within + beyond
+                if total <= 0.0:
+                    continue
+                front = before / total
+                sharp, back = sums[row, x, SHARP_GROUP, i], sums[row, x, BACK_GROUP, i]
+                rest = 0.0
+                if sharp > 0.0:
+                    rest += sums[row, x, SHARP_GROUP, c] / (sharp + back)
+                if back > 0.0:
+                    rest += back / (sharp + back) * back_window[2, c] / back_window[2, i]
+                if sharp + back == 0.0 and front < 1.0:
+                    rest = (front_window[1, c] + front_window[2, c]) / (within + beyond)
+                result[y, x, c] = front_window[0, c] / total + (1.0 - front) * rest
+
+
+def resolve(
+    sums: np.ndarray,
+    rays_mask: np.ndarray,
+    first: int,
+    top: int,
+    bottom: int,
+    result: np.ndarray,
+    disocclusion_weight: np.ndarray,
+    radius: float,
+) -> None:
+    """Turn the means of rows ``top`` to ``bottom`` into colours; ``sums`` begin at row ``first``.
+
+    Args:
+        sums: See :mod:`bokehnet.classical.layered.march.ray_accumulators`, (rows, W, GROUPS, numbers),
+            float32; 0
+            where no rays were sent. They hold :func:`window_halo` rows more to either side, or end where the
+            picture does.
+        rays_mask: Pixels to write, (H, W) bool.
+        first: Row of the picture at which ``sums`` begin, a multiple of the largest block's side.
+        top: First row to write.
+        bottom: The row behind the last one.
+        result: (H, W, 3), float32.
+        disocclusion_weight: (H, W), float32.
+        radius: The largest of any disc, pixels.
+    """
+    levels = _levels(radius)
+    windows, fitting, blocks = [], [], sums
+    for level in range(1, _LEVELS + 1):
+        shape = ((len(blocks) + 1) // 2, (blocks.shape[1] + 1) // 2) if level <= levels else (0, 0)
+        smaller = np.empty((*shape, *sums.shape[2:]), np.float32)
+        windows.append(np.empty((*shape, GROUPS + 1, sums.shape[3]), np.float32))
+        fitting.append(np.empty((*shape, 2), np.bool_))
+        _halve(blocks, smaller)
+        _fill_windows(smaller, level, windows[-1], fitting[-1])
+        blocks = smaller
+    outputs = (result, disocclusion_weight)
+    _resolve(sums, tuple(windows), tuple(fitting), rays_mask, first, top, bottom, *outputs)

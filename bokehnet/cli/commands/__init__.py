@@ -1,0 +1,1 @@
+"""Commands of one file each; heavy imports stay inside the functions."""

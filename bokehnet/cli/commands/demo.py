@@ -1,0 +1,30 @@
+"""``bokehnet demo``: the picture that ships with the package, at three focus distances."""
+
+from pathlib import Path
+from typing import Annotated, get_args
+
+import typer
+
+from bokehnet.settings.settings import EngineName
+
+__all__ = ["demo"]
+
+
+def demo(
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="Where the contact sheet goes; its extension picks the format."),
+    ] = Path("bokehnet_demo.png"),
+    engine: Annotated[str, typer.Option(help=f"One of {', '.join(get_args(EngineName))}.")] = "rays",
+) -> None:
+    """Render a picture that comes with the package at three focus distances, as one contact sheet."""
+    from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
+    from bokehnet.io.image import check_writable, write_image
+    from bokehnet.render.renderer import BokehRenderer
+    from bokehnet.tools.demo import demo_sheet
+
+    check_writable(output)
+    renderer = BokehRenderer(engine)  # type: ignore[arg-type]  # it says what is expected
+    with compile_notice(), progress("rendering", counted=False) as report:
+        write_image(output, demo_sheet(renderer, report))
+    typer.echo(f"wrote {output}: the input, its disparity and three focus distances (engine {engine})")

@@ -1,0 +1,88 @@
+"""``bokehnet depth``: disparity for a photo that comes without."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bokehnet.errors import ParameterError
+
+__all__ = ["depth"]
+
+_MM_PER_M = 1000.0
+
+
+def depth(
+    image: Annotated[Path, typer.Argument(help="The photo, also HEIC; EXR and HDR are read as linear.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="EXR, or PNG for relative disparity; near is large.")
+    ],
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="NAME|FILE.onnx",
+            help="Network that guesses depth: a file, or a name that bokehnet models lists; default: the map "
+            "inside a phone's photo.",
+        ),
+    ] = None,
+    convention: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE.toml",
+            help="What the network of a file sees and returns: depth-anything-v2 (default), "
+            "depth-anything-v2-metric, midas, midas-dpt, depth-pro, moge-2 and others, or a file.",
+        ),
+    ] = None,
+    threads: Annotated[int, typer.Option(min=0, help="Of the network; 0 takes all cores.")] = 0,
+) -> None:
+    """Write the disparity of a photo, guessed by a network or stored by a phone.
+
+    Relative disparity runs from 0, far, to 1, near; metric disparity is in 1/m.
+    """
+    # After parsing, so that --help stays fast.
+    from bokehnet.arrays.resample import resample
+    from bokehnet.cli.commands.models import ensure_model
+    from bokehnet.cli.progress import progress
+    from bokehnet.io.image import MAP_EXTENSIONS, check_writable, write_map
+    from bokehnet.scene.depth.depth_source import DepthSource, EmbeddedDepth, NetworkDepth
+    from bokehnet.scene.scene import read_scene
+
+    check_writable(output, MAP_EXTENSIONS)
+    source: DepthSource
+    if model is not None:
+        ensure_model(model)
+        source = NetworkDepth(model=model, convention=convention or "", threads=threads)
+    elif convention is None:
+        source = EmbeddedDepth()
+    else:
+        expected, remedy = "--model for it to act on", "give that, or leave this out"
+        raise ParameterError("--convention", expected, convention, remedy)
+    _check_extension(output, source.kind)
+    try:
+        with progress("estimating depth") as report:
+            report(0, 1)
+            scene = read_scene(image, source=source, progress=report)
+            report(1, 1)
+    except ParameterError as error:
+        if error.parameter != "input.disparity":
+            raise
+        expected = f"a network, since {image} holds no depth map"
+        raise ParameterError(
+            "--model",
+            expected,
+            shown="none",
+            remedy="give its FILE.onnx, or a name that bokehnet models lists",
+        ) from error
+    _check_extension(output, scene.depth.kind)
+    metric = scene.depth.kind == "metric"
+    values, size = scene.depth.values, scene.image.shape[:2]
+    if values.shape != size:
+        values = resample(values, *size)
+    write_map(output, values * _MM_PER_M if metric else values, channel="disparity")
+    if metric:
+        typer.echo(f"wrote {output}: metric disparity, use it as --depth {output} --depth-unit 1/m")
+
+
+def _check_extension(output: Path, kind: str | None) -> None:
+    if kind == "metric" and output.suffix.lower() != ".exr":
+        raise ParameterError("--output", expected=".exr, which metric disparity needs", got=output.suffix)

@@ -1,0 +1,269 @@
+"""``bokehnet lens``: what is known of a lens, files of other programs, two lenses side by side."""
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bokehnet.cli.lens.copy import copy
+from bokehnet.cli.lens.fit import fit
+from bokehnet.cli.lens.tables import aberrations, preset, profile, transfer
+from bokehnet.cli.options import QuickGroup
+from bokehnet.errors import ParameterError
+
+__all__ = ["lens"]
+
+
+class _LensGroup(QuickGroup):
+    """The commands about lenses; what is none of them is the name of a lens to show."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args or (args[0] not in self.commands and args[0] not in ("-h", "--help")):
+            args = ["show", *args]
+        return super().parse_args(ctx, args)  # type: ignore[no-any-return]
+
+
+lens = typer.Typer(
+    name="lens",
+    help="Tell what is known of a lens, take lens files of other programs, compare. NAME alone is show NAME.",
+    cls=_LensGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    rich_markup_mode=None,
+)
+
+_Focal = Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")]
+_FNumber = Annotated[float | None, typer.Option(help="Stop down to this f-number.")]
+_Focus = Annotated[float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")]
+_Paraxial = Annotated[
+    bool, typer.Option("--paraxial", help="Focus rays near the axis, not the whole opening's least blur.")
+]
+_Sheet = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="Write the sheet here: .html, .pdf, or a picture such as .png."),
+]
+# Endings of sheets that are pages; others are figures.
+_PAGES = (".html", ".htm")
+_Json = Annotated[bool, typer.Option("--json", help="Numbers as JSON.")]
+
+
+@lens.command()
+def show(
+    name: Annotated[
+        str | None,
+        typer.Argument(help="Name in the catalog, or a lens file; without one the catalog is listed."),
+    ] = None,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
+    plot: Annotated[Path | None, typer.Option(help="Draw lens, spots and depth of field here.")] = None,
+    psf_sheet: Annotated[
+        Path | None,
+        typer.Option(help="Draw blur of points here: traced beside reduced, over field and depth."),
+    ] = None,
+) -> None:
+    """Tell focal length, pupils and light of a lens, or list the catalog."""
+    from bokehnet.lenses.catalog import catalog_names, find_prescription
+    from bokehnet.lenses.reports.report import describe_lens
+
+    if name is None:
+        if (focal, f_number, focus, plot, psf_sheet) != (None,) * 5:
+            raise ParameterError("NAME", expected="a lens or a TOML file for these options", shown="none")
+        names = catalog_names()
+        width = max(map(len, names))
+        for entry in names:
+            found = find_prescription(entry)
+            typer.echo(f"  {entry:<{width}}  {found.focal_length:g} mm f/{found.f_number:g}, {found.name}")
+        return
+    chosen = _load(name, focal, f_number, focus, paraxial)
+    rows = describe_lens(chosen)
+    if plot is not None:
+        from bokehnet.cli.progress import progress
+        from bokehnet.io.image import check_writable
+        from bokehnet.lenses.reports.plot import plot_lens
+        from bokehnet.tools.figure_file import FIGURE_EXTENSIONS, write_figure
+
+        check_writable(plot, FIGURE_EXTENSIONS)
+        with progress("drawing", counted=False) as report:
+            report(0, 1)
+            write_figure(plot_lens(chosen), plot, dpi=130)
+            report(1, 1)
+    if psf_sheet is not None:
+        rows["blur of points"] = _draw_psfs(chosen, psf_sheet)
+    width = max(map(len, rows))
+    typer.echo(chosen.prescription.name)
+    for label, text in rows.items():
+        typer.echo(f"  {label:<{width}}  {text}")
+
+
+@lens.command("import")
+def import_file(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A lens file: .zmx, .seq, .len, .json, .roa, .csv or .fx; FILE@2 is a second position."
+        ),
+    ],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write the lens here, as TOML.")
+    ] = None,
+    glasses: Annotated[
+        list[Path] | None,
+        typer.Option(help="Glass catalogue: AGF, refractiveindex.info's YAML, or a folder; can be repeated."),
+    ] = None,
+) -> None:
+    """Read a lens file of another program, say what it holds, and write it as one of ours."""
+    from bokehnet.errors import ConfigError
+    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.lenses.files.reading import import_lens
+    from bokehnet.lenses.prescription import PrescriptionLens
+    from bokehnet.lenses.prescription_toml import prescription_toml
+
+    if output is not None:
+        check_target(output, error=ConfigError)
+    found = import_lens(file, glasses or ())
+    made = PrescriptionLens(prescription=found.prescription)
+    if output is not None:
+        write_text(output, prescription_toml(found.prescription), error=ConfigError)
+    glass = sum(row.medium() is not None for row in found.prescription.surfaces)
+    typer.echo(found.prescription.name)
+    typer.echo(f"  {made.focal_length:.6g} mm f/{made.fastest:.4g}, {glass} pieces of glass")
+    for sentence in found.said:
+        typer.echo(f"  {sentence}")
+    if found.skipped:
+        passed = ", ".join(f"{key} ({count})" for key, count in sorted(found.skipped.items()))
+        typer.echo(f"  passed over: {passed}")
+
+
+@lens.command()
+def compare(
+    first: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
+    second: Annotated[str, typer.Argument(help="Another one.")],
+    output: _Sheet = None,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
+    as_json: _Json = False,
+) -> None:
+    """Tell the numbers of two lenses side by side, or draw their sheets so."""
+    from bokehnet.lenses.reports.facts import lens_facts
+    from bokehnet.lenses.reports.report_sheet import lens_curves
+
+    if output is not None:
+        _check_sheet(output)
+    lenses = [_load(name, focal, f_number, focus, paraxial) for name in (first, second)]
+    if output is not None:
+        _write_sheet(lenses, output)
+    if as_json:
+        typer.echo(json.dumps([lens_curves(one) for one in lenses], indent=2))
+        return
+    both = [lens_facts(one) for one in lenses]
+    rows = [("", *(str(facts["name"]) for facts in both))]
+    columns = [_flat(facts) for facts in both]
+    rows += [(label, columns[0][label], columns[1][label]) for label in columns[0]]
+    widths = [max(len(row[i]) for row in rows) for i in range(3)]
+    for row in rows:
+        typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+@lens.command()
+def report(
+    name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
+    output: _Sheet = None,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+    paraxial: _Paraxial = False,
+    as_json: _Json = False,
+) -> None:
+    """Show all that is known of a lens on one sheet, or tell it as JSON."""
+    from bokehnet.lenses.reports.report_sheet import lens_curves
+
+    if output is None and not as_json:
+        raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
+    if output is not None:
+        _check_sheet(output)
+    chosen = _load(name, focal, f_number, focus, paraxial)
+    if output is not None:
+        _write_sheet([chosen], output)
+    if as_json:
+        typer.echo(json.dumps(lens_curves(chosen), indent=2))
+
+
+def _check_sheet(output: Path) -> None:
+    from bokehnet.io.image import check_writable
+    from bokehnet.tools.figure_file import FIGURE_EXTENSIONS
+
+    check_writable(output, (*_PAGES, *FIGURE_EXTENSIONS))
+
+
+def _write_sheet(lenses: list[Any], output: Path) -> None:
+    from bokehnet.cli.progress import progress
+    from bokehnet.errors import ImageFileError
+    from bokehnet.io.atomic import write_text
+    from bokehnet.lenses.reports.report_sheet import report_figure, report_page
+    from bokehnet.tools.figure_file import write_figure
+
+    with progress("drawing", counted=False) as tell:
+        tell(0, 1)
+        if output.suffix.lower() in _PAGES:
+            write_text(output, report_page(lenses), error=ImageFileError)
+        else:
+            write_figure(report_figure(lenses), output, dpi=110)
+        tell(1, 1)
+
+
+lens.command()(copy)
+lens.command()(fit)
+lens.command()(aberrations)
+lens.command()(preset)
+lens.command()(profile)
+lens.command()(transfer)
+
+
+def _flat(facts: dict[str, Any]) -> dict[str, str]:
+    """Label and text of each number; those of fields with their height, the sums of all surfaces."""
+    told: dict[str, str] = {}
+    for key, value in facts.items():
+        label = key.replace("_", " ")
+        if isinstance(value, dict):
+            told |= {f"{label}, {inner}": f"{number:.5g}" for inner, number in value.items()}
+        elif key == "fields":
+            for field, name in zip(value, ("middle", "0.7", "corner"), strict=True):
+                for inner, number in field.items():
+                    text = "none" if number is None else f"{number:.4g}"
+                    told[f"{inner.replace('_', ' ')}, {name}"] = text
+        elif key == "seidel":
+            for inner in [name for name in value[0] if name != "surface"]:
+                told[f"Seidel sum, {inner}"] = f"{sum(row[inner] for row in value):.4g}"
+        elif not isinstance(value, str):
+            told[label] = "infinity" if value is None else f"{value:.5g}"
+    return told
+
+
+def _load(name: str, focal: float | None, f_number: float | None, focus: float | None, paraxial: bool) -> Any:
+    from bokehnet.lenses.catalog import load_lens
+
+    return load_lens(
+        name,
+        focal_length=focal,
+        f_number=f_number,
+        focus_distance=math.inf if focus is None else 1000 * focus,
+        focusing="paraxial" if paraxial else "sharpest",
+    )
+
+
+def _draw_psfs(lens: Any, path: Path) -> str:
+    """Write the sheet and say how well reduced and traced blur agree."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.io.image import check_writable
+    from bokehnet.tools.psf_sheet import write_psf_sheet
+
+    check_writable(path)
+    with progress("tracing") as report:
+        pairs = write_psf_sheet(lens, path, report)
+    found = [pair.correlation for pair in pairs]
+    return f"reduced against traced: correlation {sum(found) / len(found):.3f}, worst {min(found):.3f}"

@@ -1,0 +1,193 @@
+"""``bokehnet lens aberrations``, ``preset``, ``profile``, ``transfer``: lenses as tables, looks, look-ups."""
+
+import dataclasses
+import math
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from bokehnet.errors import ConfigError, ParameterError
+
+__all__ = ["aberrations", "preset", "profile", "transfer"]
+
+_Name = Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")]
+_Focal = Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")]
+_FNumber = Annotated[float | None, typer.Option(help="Stop down to this f-number.")]
+_Focus = Annotated[float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")]
+
+
+def aberrations(
+    name: _Name,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Write the table here, .csv.")],
+    theory: Annotated[
+        Literal["traced", "seidel"],
+        typer.Option(help="By rays through the glass, or by third-order theory at 64 wavelengths."),
+    ] = "traced",
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+) -> None:
+    """Write the aberrations of a lens as a table by wavelength, which --aberration-table takes."""
+    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
+    from bokehnet.lenses.aberrations.aberration_table import aberration_table
+    from bokehnet.lenses.seidel_lens import seidel_aberration_map
+
+    check_target(output, error=ConfigError)
+    lens = _load(name, focal, f_number, focus)
+    found = seidel_aberration_map(lens) if theory == "seidel" else fit_aberration_map(lens)
+    write_text(output, aberration_table(found, _remarks(lens)), error=ConfigError)
+    typer.echo(f"{output}: {len(found.wavelengths)} wavelengths, {len(found.vignetting_apertures)} rims")
+
+
+def preset(
+    name: _Name,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Write the look here, .toml; its table stands beside it.")
+    ],
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+) -> None:
+    """Make a look of a lens: its aberrations as a table, its darkening as a vignette."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.io.atomic import check_target, write_text
+    from bokehnet.lenses.aberrations.aberration_table import aberration_table
+    from bokehnet.lenses.aberrations.lens_preset import lens_preset
+
+    if output.suffix.lower() != ".toml":
+        raise ParameterError("--output", expected="a file that ends in .toml", got=str(output))
+    table = output.with_suffix(".csv")
+    for path in (output, table):
+        check_target(path, error=ConfigError)
+    lens = _load(name, focal, f_number, focus)
+    with progress("tracing", counted=False) as report:
+        report(0, 1)
+        made = lens_preset(lens)
+        report(1, 1)
+    title = f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}"
+    description = (
+        f"{title}: points match traced ones by {made.correlation:.3f}, the worst by {made.worst:.3f}"
+    )
+    escaped = "".join(c for c in description if c.isprintable()).replace("\\", "\\\\").replace('"', '\\"')
+    file = table.name.replace("\\", "\\\\").replace('"', '\\"')
+    lines = [f'description = "{escaped}"', f'aberration-table = "{file}"']
+    if abs(made.vignette.stops) > 1e-3:
+        lines += [
+            f"vignette = {made.vignette.stops:.4f}",
+            f"vignette-radius = {made.vignette.radius:.4f}",
+            f"vignette-softness = {made.vignette.softness:.4f}",
+        ]
+    write_text(table, aberration_table(made.aberrations, _remarks(lens)), error=ConfigError)
+    write_text(output, "\n".join([*lines, ""]), error=ConfigError)
+    typer.echo(description)
+    typer.echo(f"  light off by {100 * made.light_error:.2g} % of the middle's at most")
+
+
+def transfer(
+    name: _Name,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Store the table here, .npz, which is a lens file then."),
+    ] = None,
+    degree: Annotated[int, typer.Option(help="Of the polynomials, 1 to 8.")] = 4,
+    one_colour: Annotated[
+        bool, typer.Option("--one-colour", help="Of the design wavelength only, not 400 to 700 nm.")
+    ] = False,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+) -> None:
+    """Build the ray transfer function of a lens, tell how far its rays are from traced ones, store it."""
+    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.lenses.lookup.transfer import TransferLens
+    from bokehnet.lenses.lookup.transfer_file import transfer_errors, write_transfer
+    from bokehnet.lenses.prescription import PrescriptionLens
+
+    if not 1 <= degree <= 8:
+        raise ParameterError("--degree", expected="1 to 8", got=degree)
+    if output is not None:
+        if output.suffix.lower() != ".npz":
+            raise ParameterError("--output", expected="a file that ends in .npz", got=str(output))
+        check_target(output, error=ConfigError)
+    loaded = _load(name, focal, f_number, focus)
+    fields = {item.name: getattr(loaded, item.name) for item in dataclasses.fields(PrescriptionLens)}
+    lens = TransferLens(**fields, degree=degree, dispersive=not one_colour)
+    if isinstance(loaded, TransferLens):
+        lens = loaded
+    rows = transfer_errors(lens)
+    if output is not None:
+        write_atomic(output, lambda path: _store(write_transfer, lens, path), error=ConfigError)
+    typer.echo(f"{lens.prescription.name}, degree {lens.degree}: {lens.table.coefficients.size} numbers")
+    typer.echo("  field       rms, µm   largest, µm   rays that differ")
+    for row in rows:
+        zone = f"{row.zone[0]:.1f} to {row.zone[1]:.1f}"
+        typer.echo(f"  {zone}{row.rms:9.3g}{row.largest:14.3g}{100 * row.differ:17.2g} %")
+
+
+def profile(
+    name: _Name,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Store the texture here, .npz, with its lens.")
+    ] = None,
+    rows: Annotated[int, typer.Option(help="Distances of the image in the texture, 2 to 4096.")] = 64,
+    columns: Annotated[int, typer.Option(help="Radii in the texture, 2 to 4096.")] = 64,
+    focal: _Focal = None,
+    f_number: _FNumber = None,
+    focus: _Focus = None,
+) -> None:
+    """Trace the profile texture of a lens, compare it with its aberration map, store it."""
+    from bokehnet.cli.progress import progress
+    from bokehnet.io.atomic import check_target, write_atomic
+    from bokehnet.lenses.lookup.profile_comparison import compare_profiles
+    from bokehnet.lenses.lookup.profile_file import write_profile
+
+    for flag, count in (("--rows", rows), ("--columns", columns)):
+        if not 2 <= count <= 4096:
+            raise ParameterError(flag, expected="2 to 4096", got=count)
+    if output is not None:
+        if output.suffix.lower() != ".npz":
+            raise ParameterError("--output", expected="a file that ends in .npz", got=str(output))
+        check_target(output, error=ConfigError)
+    lens = _load(name, focal, f_number, focus)
+    with progress("tracing", counted=False) as report:
+        report(0, 1)
+        texture, kinds = compare_profiles(lens, rows=rows, columns=columns)
+        report(1, 1)
+    if output is not None:
+        write_atomic(
+            output, lambda path: _store(partial(write_profile, texture), lens, path), error=ConfigError
+        )
+    typer.echo(f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}")
+    typer.echo(f"  {'':<16}   bytes  made in, s  a blur in, ms  error on the axis  at 0.5  at 0.9")
+    for kind in kinds:
+        near, half, far = kind.errors
+        typer.echo(
+            f"  {kind.name:<16}{kind.bytes:8d}{kind.made:12.2f}{1000 * kind.blur:15.0f}"
+            f"{near:19.4f}{half:8.4f}{far:8.4f}"
+        )
+
+
+def _store(write: Any, lens: Any, path: Path) -> None:
+    with path.open("wb") as file:
+        write(lens, file)
+
+
+def _remarks(lens: Any) -> dict[str, str]:
+    name = "".join(c for c in lens.prescription.name if c.isprintable())
+    focus = "infinity" if math.isinf(lens.focus_distance) else f"{lens.focus_distance / 1000:.6g} m"
+    return {
+        "name": name,
+        "focal_length": f"{lens.focal_length:.6g} mm",
+        "f_number": f"{lens.thick.f_number:.6g}",
+        "focus": focus,
+    }
+
+
+def _load(name: str, focal: float | None, f_number: float | None, focus: float | None) -> Any:
+    from bokehnet.lenses.catalog import load_lens
+
+    distance = math.inf if focus is None else 1000 * focus
+    return load_lens(name, focal_length=focal, f_number=f_number, focus_distance=distance)

@@ -1,0 +1,4 @@
+"""``bokehnet render``: the command, its frames, workers and summary lines.
+
+Open first: ``command.py``.
+"""

@@ -1,0 +1,64 @@
+"""``bokehnet render`` of a video."""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+
+from bokehnet.cli.commands.models import ensure_model
+from bokehnet.cli.progress import compile_notice, stages
+from bokehnet.cli.render.frame import make_renderer
+from bokehnet.cli.render.run_settings import RunSettings
+from bokehnet.errors import ParameterError
+from bokehnet.io.video.frames import choose_codec, video_info
+from bokehnet.scene.depth.depth_source import tells_distances
+from bokehnet.sequence.sequence import SequenceSettings, make_pull
+from bokehnet.sequence.video import VideoJob
+from bokehnet.settings.settings import RenderSettings
+
+__all__ = ["render_video"]
+
+
+def render_video(
+    video: Path,
+    output: Path,
+    settings: RenderSettings,
+    sequence: SequenceSettings,
+    run: RunSettings,
+    *,
+    quiet: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Render a video, or go on where a run of the same command was stopped.
+
+    Raises:
+        BokehnetError: Options do not fit a video, or a file cannot be read or written.
+    """
+    for name, given in (("--frames", sequence.frames), ("--jobs", run.jobs), ("--ray", run.ray)):
+        if given is not None:
+            raise ParameterError(name, expected="none for a video, all of which is rendered", shown="one")
+    begun, info = perf_counter(), video_info(video)
+    metric = tells_distances(settings, blur_pulled=sequence.blur_from is not None)
+    job = VideoJob(
+        info=info,
+        output=output,
+        settings=settings,
+        codec=choose_codec(output, info, run.video_codec),
+        pull=make_pull(range(1, len(info.times) + 1), sequence, metric=metric),
+        steady=run.steady == "on",
+    )
+    job.check()
+    ensure_model(settings.input.depth_model)
+    with compile_notice(hidden=quiet), stages(hidden=quiet) as begin:
+        report = job.run(make_renderer(settings), begin)
+    seconds = perf_counter() - begun
+    if as_json:
+        told = {"output": str(output), "codec": job.codec, "seconds": round(seconds, 3), **asdict(report)}
+        print(json.dumps(told))  # noqa: T201
+    elif not quiet:
+        there = report.frames - report.rendered
+        line = f"{output}: {report.frames} frames of {info.width}x{info.height}, {job.codec}"
+        line += f", {there} of them rendered before" if there else ""
+        line += ", maps made steady" if report.steady else ""
+        print(f"{line}, {seconds:.1f} s", file=sys.stderr)  # noqa: T201

@@ -1,0 +1,1 @@
+"""Colour of files: primaries, transfer curves, ICC profiles and dithering."""

@@ -1,0 +1,112 @@
+"""The colour space that a file says its picture has."""
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.color.color_space import (
+    COLOR_SPACES,
+    LINEAR_REC709,
+    SRGB,
+    ColorSpace,
+    cicp_space,
+    space_of_chromaticities,
+)
+from bokehnet.io.color.icc import read_profile
+from bokehnet.io.color.transfer import SRGB_CURVE, Curve, power
+from bokehnet.io.containers.png import png_chunks
+from bokehnet.io.metadata.exif import is_adobe_rgb
+from bokehnet.io.pixels import ImageFile, Part
+
+__all__ = ["coded_space", "file_color_space"]
+
+_WITHOUT_PROFILE = ("openexr", "hdr", "pfm")
+
+# A power that viewers show as sRGB, within rounding.
+_USUAL_GAMMA = 1 / 2.2
+_SAME_GAMMA = 0.01
+
+
+def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> ColorSpace:
+    """Return what the stored values of a picture mean.
+
+    The first of these counts: code points (cICP), the profile, in PNG its chunks ``sRGB``, ``gAMA`` and
+    ``cHRM``, what a camera says in EXIF. Without any, whole numbers are sRGB and others linear light.
+
+    Args:
+        file: An open file.
+        part: Of that file.
+        exif: Of that file.
+
+    Raises:
+        ImageFileError: The profile is damaged or of a kind that is not followed.
+
+    Source: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025, 4.3: precedence.
+    """
+    if file.file_format in _WITHOUT_PROFILE:
+        return LINEAR_REC709
+    png = dict(png_chunks(file.path, (b"cICP", b"sRGB", b"gAMA", b"cHRM"))) if _is_png(file) else {}
+    if len(code := png.get(b"cICP", b"")) == 4:
+        coded = coded_space(file.path, code[0], code[1])
+        if coded is not None:
+            return coded
+    profile = file.spec(part).getattribute("ICCProfile")
+    if profile is not None:
+        return read_profile(np.asarray(profile, np.uint8).tobytes(), str(file.path))
+    if part.linear:
+        return LINEAR_REC709
+    if b"sRGB" not in png and (b"gAMA" in png or b"cHRM" in png):
+        return _space_of_chunks(file.path, png.get(b"gAMA", b""), png.get(b"cHRM", b""))
+    if exif is not None and is_adobe_rgb(exif):
+        return COLOR_SPACES["adobe-rgb"]
+    return SRGB
+
+
+def coded_space(path: Path | str, primaries: int, transfer: int) -> ColorSpace | None:
+    """Return the space of code points; None where they leave it open.
+
+    Raises:
+        ImageFileError: They name a space that is not known here.
+    """
+    if primaries == 2 or transfer == 2:  # unspecified
+        return None
+    space = cicp_space(primaries, transfer)
+    if space is None:
+        raise ImageFileError(
+            f"{path}: expected the colours of Rec. 709, P3 or Rec. 2020, found the code points "
+            f"{primaries} and {transfer} of ITU-T H.273; convert the picture first"
+        )
+    return space
+
+
+def _is_png(file: ImageFile) -> bool:
+    return file.file_format == "png"
+
+
+def _space_of_chunks(path: Path, gamma: bytes, chromaticities: bytes) -> ColorSpace:
+    curve, primaries = SRGB_CURVE, None
+    if len(gamma) == 4:
+        exponent = struct.unpack(">I", gamma)[0] / 100000
+        if exponent > 0 and abs(exponent - _USUAL_GAMMA) > _SAME_GAMMA:
+            curve = power(1 / exponent)
+    if len(chromaticities) == 32:
+        numbers = [value / 100000 for value in struct.unpack(">8I", chromaticities)]
+        primaries = [numbers[start : start + 2] for start in (2, 4, 6, 0)]
+    if primaries is None:
+        return SRGB if curve == SRGB_CURVE else _like_srgb(curve)
+    try:
+        space = space_of_chromaticities("the primaries of its header", primaries, curve)
+    except ValueError as problem:
+        raise ImageFileError(
+            f"{path}: the primaries in its header make no colours ({problem}); remove the chunk cHRM"
+        ) from problem
+    if space.shares_primaries(SRGB):
+        return SRGB if curve == SRGB_CURVE else _like_srgb(curve)
+    return space
+
+
+def _like_srgb(curve: Curve) -> ColorSpace:
+    return replace(SRGB, name="sRGB with another gamma", curves=(curve, curve, curve))

@@ -1,0 +1,1 @@
+"""Depth that phones store in photos: one file a maker, and the coding of grey values that they share."""

@@ -1,0 +1,82 @@
+"""Depth maps in photos of iPhones: what their XMP says, and where a JPEG holds them.
+
+Source:
+    Apple, "AVDepthData" and "Creating auxiliary depth data manually", developer.apple.com: disparity
+    in 1/m, depth in m, their range as FloatMinValue and FloatMaxValue, Accuracy ``absolute`` or ``relative``.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from bokehnet.errors import ImageFileError
+from bokehnet.io.containers.jpeg import JPEG_START, jpeg_layout
+from bokehnet.io.depth.depth_coding import DepthCoding, StoredDepth
+from bokehnet.io.metadata.xmp import jpeg_xmp, xmp_properties
+
+__all__ = ["apple_coding", "apple_depth"]
+
+PIXEL_DATA = "http://ns.apple.com/pixeldatainfo/1.0/"
+_DEPTH_DATA = "http://ns.apple.com/depthData/1.0/"
+_MM_PER_M = 1000.0
+_MOST_PICTURES = 16  # in one file
+
+
+def apple_depth(path: Path | str, data: bytes, end: int) -> StoredDepth | None:
+    """Find the depth map of an iPhone photo saved as JPEG: a second picture behind the first; None without.
+
+    Args:
+        path: Of the file, for messages.
+        data: The file.
+        end: Where its first picture ends.
+
+    Raises:
+        ImageFileError: The metadata of the map are damaged.
+    """
+    for start in _further_pictures(data, end):
+        layout = jpeg_layout(data, start)
+        if not any(PIXEL_DATA.encode() in payload for payload in layout.app1):
+            continue
+        coding = apple_coding(path, jpeg_xmp(path, layout.app1))
+        if coding is not None:
+            return StoredDepth(picture=data[start : layout.end], coding=coding)
+    return None
+
+
+def apple_coding(path: Path | str, roots: list[Element]) -> DepthCoding | None:
+    """What the values of an auxiliary picture mean by its XMP; None when it is no depth map.
+
+    Args:
+        path: Of the file, for messages.
+        roots: XMP of that picture.
+
+    Raises:
+        ImageFileError: The range of the values is missing or wrong.
+    """
+    fields = xmp_properties(roots, PIXEL_DATA)
+    kind = fields.get("AuxiliaryImageType")
+    if kind not in ("disparity", "depth"):
+        return None
+    try:
+        low, high = float(fields["FloatMinValue"]), float(fields["FloatMaxValue"])
+    except (KeyError, ValueError):
+        low = high = math.nan
+    if not (-math.inf < low < high < math.inf and (kind == "disparity" or low > 0)):
+        raise ImageFileError(
+            f"{path}: expected a range of {kind} from FloatMinValue to FloatMaxValue, "
+            f"found {fields.get('FloatMinValue')} to {fields.get('FloatMaxValue')}"
+        )
+    absolute = xmp_properties(roots, _DEPTH_DATA).get("Accuracy") == "absolute"
+    ends = (low, high) if kind == "disparity" else (1 / low, 1 / high)
+    return DepthCoding(ends=ends, even=kind, unit=_MM_PER_M if absolute else None)
+
+
+def _further_pictures(data: bytes, position: int) -> Iterator[int]:
+    """Where JPEG pictures begin behind ``position``, a few of them."""
+    for _ in range(_MOST_PICTURES):
+        position = data.find(JPEG_START, position)
+        if position < 0:
+            return
+        yield position
+        position = jpeg_layout(data, position).end

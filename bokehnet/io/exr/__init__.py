@@ -1,0 +1,1 @@
+"""OpenEXR below the decoder: headers as they are stored, and deep samples."""

@@ -1,0 +1,193 @@
+"""HEIF pictures (HEIC of iPhones) and their depth maps, through the extra ``heif``."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bokehnet.arrays.row_blocks import in_row_blocks
+from bokehnet.checks import require_extra
+from bokehnet.errors import ImageFileError
+from bokehnet.io.color.color_space import SRGB, ColorSpace
+from bokehnet.io.color.file_color import coded_space
+from bokehnet.io.color.icc import read_profile
+from bokehnet.io.containers.input_checks import check_pixel_count
+from bokehnet.io.depth.apple_depth import PIXEL_DATA, apple_coding
+from bokehnet.io.depth.depth_coding import DepthCoding
+from bokehnet.io.metadata.photo_metadata import Metadata, checked
+from bokehnet.io.metadata.xmp import parse_xmp
+
+if TYPE_CHECKING:
+    from pillow_heif import HeifDepthImage, HeifFile
+
+__all__ = ["HEIF_EXTENSIONS", "HeifPicture", "heif_size", "is_heif", "read_heif", "read_heif_depth"]
+
+HEIF_EXTENSIONS = (".heic", ".heif")
+
+_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+_HDR_TRANSFERS = (16, 18)  # PQ and HLG: ITU-T H.273, table 3
+_LEFT_OUT = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
+
+# What the decoder raises.
+_DAMAGE = (OSError, ValueError, RuntimeError, SyntaxError, EOFError)
+
+# Packets of further pictures are not handed out by the decoder: found as Adobe's XMP specification,
+# part 3, "packet scanning", tells.
+_PACKET = re.compile(rb"<x:xmpmeta.*?</x:xmpmeta>", re.DOTALL)
+
+
+def is_heif(path: Path | str) -> bool:
+    """Whether a file begins as a HEIF picture coded by HEVC; False for one that cannot be read."""
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(12)
+    except OSError:
+        return False
+    return head[4:8] == b"ftyp" and head[8:] in _BRANDS
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeifPicture:
+    """The primary picture of a file.
+
+    Attributes:
+        image: Linear light in the primaries of ``space``, upright, (H, W, 3), laid over black.
+        space: What its values meant.
+        bits: Of each channel, 8 or more.
+        metadata: EXIF and XMP.
+    """
+
+    image: NDArray[np.float32]
+    space: ColorSpace
+    bits: int
+    metadata: Metadata
+
+
+def heif_size(path: Path | str) -> tuple[int, int]:
+    """Height and width of the primary picture; its header alone is read.
+
+    Raises:
+        ImageFileError: The file is damaged.
+        MissingExtraError: pillow-heif is not installed.
+    """
+    width, height = _open(path).size
+    return int(height), int(width)
+
+
+def read_heif(path: Path | str) -> HeifPicture:
+    """Read the primary picture as light, upright; 1 is white.
+
+    Decoded through its colour profile or its code points (PQ and HLG among them), else from sRGB. Alpha is
+    dropped by laying the picture over black.
+
+    Args:
+        path: HEIC or HEIF file.
+
+    Raises:
+        ImageFileError: The file is damaged or too large, or its profile is of a kind that is not followed.
+        MissingExtraError: pillow-heif is not installed.
+    """
+    file = _open(path)
+    space = _space(path, file)
+    values = _pixels(path, file)
+    colours = min(3, values.shape[2] - (1 if file.has_alpha else 0))
+    image = in_row_blocks(space.decode, np.broadcast_to(values[..., :colours], (*values.shape[:2], 3)))
+    if file.has_alpha:
+        image = image * values[..., -1:]
+    found = checked(path, Metadata(exif=file.info.get("exif"), xmp=file.info.get("xmp")))
+    maps = file.info.get("depth_images") or file.info.get("aux")
+    left_out = (*found.left_out, _LEFT_OUT) if maps else found.left_out
+    return HeifPicture(
+        image=np.ascontiguousarray(image, np.float32),
+        space=space,
+        bits=int(file.info.get("bit_depth", 8)),
+        metadata=Metadata(exif=found.exif, xmp=found.xmp, left_out=tuple(dict.fromkeys(left_out))),
+    )
+
+
+def _space(path: Path | str, file: "HeifFile") -> ColorSpace:
+    """What the values mean; code points of HDR prevail, then the profile, then other code points."""
+    code = file.info.get("nclx_profile") or {}
+    primaries, transfer = (
+        int(code.get(f"{name}", 2)) for name in ("color_primaries", "transfer_characteristics")
+    )
+    profile = file.info.get("icc_profile")
+    if profile and transfer not in _HDR_TRANSFERS:
+        return read_profile(bytes(profile), str(path))
+    return coded_space(path, primaries, transfer) or SRGB
+
+
+def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding] | None:
+    """Read the depth map of the primary picture, upright as that; None if there is none.
+
+    Args:
+        path: HEIC or HEIF file.
+
+    Returns:
+        Stored values (H, W) in [0, 1], and what they mean. Without Apple's metadata they are taken for
+        relative disparity, near is bright.
+
+    Raises:
+        ImageFileError: The file or the map is damaged, or the map holds evenly spaced depths.
+        MissingExtraError: pillow-heif is not installed.
+
+    Source:
+        ISO/IEC 23008-12, "Image File Format", 2022: auxiliary pictures ``urn:mpeg:hevc:2015:auxid:2``.
+        ITU-T H.265, 2023, annex G: depth representation information.
+    """
+    maps = _open(path).info["depth_images"]
+    if not maps:
+        return None
+    coding = _apple_coding(path)
+    if coding is None:
+        kind = str((maps[0].info.get("metadata") or {}).get("representation_type", ""))
+        if kind.endswith("uniform_Z") or kind == "2":
+            raise ImageFileError(f"{path}: expected a map of disparity, found evenly spaced depths")
+        coding = DepthCoding(ends=(0.0, 1.0))
+    return _pixels(path, maps[0])[..., 0], coding
+
+
+def _apple_coding(path: Path | str) -> DepthCoding | None:
+    for packet in _PACKET.findall(Path(path).read_bytes()):
+        if PIXEL_DATA.encode() in packet:
+            coding = apple_coding(path, [parse_xmp(path, packet)])
+            if coding is not None:
+                return coding
+    return None
+
+
+def _open(path: Path | str) -> "HeifFile":
+    require_extra("pillow_heif", "heif")
+    import pillow_heif
+
+    try:
+        file = pillow_heif.open_heif(Path(path), convert_hdr_to_8bit=False)
+    except _DAMAGE as error:
+        raise ImageFileError(f"{path}: the HEIF file is truncated or damaged ({_one_line(error)})") from error
+    if not len(file):
+        raise ImageFileError(f"{path}: the HEIF file is damaged, it holds no picture")
+    return file
+
+
+def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.float32]:
+    """Decode to (H, W, C) in [0, 1]."""
+    width, height = image.size
+    check_pixel_count(path, width, height)
+    try:
+        values = np.asarray(image)
+    except _DAMAGE as error:
+        raise ImageFileError(f"{path}: the pixels are truncated or damaged ({_one_line(error)})") from error
+    values = values if values.ndim == 3 else values[..., None]
+    top = np.iinfo(values.dtype).max
+    bits = image.info.get("bit_depth")
+    bits = bits if isinstance(bits, int) else 8
+    if values.dtype == np.uint16 and 8 < bits < 16:  # at the upper end of 16
+        top = (2**bits - 1) << (16 - bits)
+    return values.astype(np.float32) / np.float32(top)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

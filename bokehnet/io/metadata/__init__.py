@@ -1,0 +1,1 @@
+"""Metadata of pictures: EXIF, XMP, camera attributes, and the program that wrote a file."""

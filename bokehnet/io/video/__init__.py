@@ -1,0 +1,1 @@
+"""Videos: frames to scene-linear light and back, by PyAV (extra ``video``)."""

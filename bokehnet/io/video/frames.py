@@ -1,0 +1,346 @@
+"""Videos: their frames as light, and the same again with other frames, by PyAV (extra ``video``)."""
+
+import contextlib
+import heapq
+import importlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.checks import require_extra
+from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.atomic import write_atomic
+from bokehnet.io.color.color_space import SRGB, ColorSpace
+from bokehnet.io.color.file_color import coded_space
+from bokehnet.io.video.chroma import PixelFormat
+
+__all__ = [
+    "CODECS",
+    "VIDEO_EXTENSIONS",
+    "VideoInfo",
+    "choose_codec",
+    "is_video",
+    "join_segments",
+    "read_luma",
+    "read_video",
+    "video_info",
+    "write_segment",
+]
+
+Array = npt.NDArray[np.float32]
+
+VIDEO_EXTENSIONS = (".mp4", ".m4v", ".mov", ".mkv")
+
+# Name to FFmpeg's encoder and its options. Without frames that look ahead, time stamps rise as they are
+# written, and segments can be put one behind the other.
+CODECS: dict[str, tuple[str, dict[str, str]]] = {
+    "h264": ("libx264", {"crf": "16", "preset": "medium", "bf": "0"}),
+    "h265": ("libx265", {"crf": "16", "preset": "medium", "x265-params": "bframes=0:log-level=error"}),
+    "prores": ("prores_ks", {"profile": "3"}),
+    "ffv1": ("ffv1", {"level": "3", "slicecrc": "1"}),
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class VideoInfo:
+    """What a video's file says.
+
+    Attributes:
+        path: The file.
+        width: Pixels.
+        height: Pixels.
+        times: Of its frames, in units of ``time_base``, rising.
+        time_base: Seconds.
+        rate: Frames a second on average, for encoders; the times prevail.
+        pixels: FFmpeg's name of its pixel format.
+        codes: Primaries, transfer and matrix of ITU-T H.273; 2 where nothing is said.
+        full: Whether numbers use all of their range.
+        space: What its colours mean.
+        timecode: Of the first frame; empty without.
+        aspect: Width of a pixel over its height.
+    """
+
+    path: Path
+    width: int
+    height: int
+    times: tuple[int, ...]
+    time_base: Fraction
+    rate: Fraction
+    pixels: str
+    codes: tuple[int, int, int]
+    full: bool
+    space: ColorSpace
+    timecode: str = ""
+    aspect: Fraction = Fraction(1)
+
+    @property
+    def bits(self) -> int:
+        """Of a number of its pixels."""
+        return PixelFormat.named(_planar(self.pixels), self.codes[2], self.full).bits
+
+
+def is_video(path: Path | str) -> bool:
+    """Whether a file's name is that of a video."""
+    return Path(path).suffix.lower() in VIDEO_EXTENSIONS
+
+
+def video_info(path: Path | str) -> VideoInfo:
+    """Read what a video's file says, and when its frames are shown.
+
+    Raises:
+        ImageFileError: It cannot be read, holds no pictures, or its colours are not known here.
+        MissingExtraError: PyAV is not installed.
+    """
+    with _opened(path) as container:
+        stream = _pictures(path, container)
+        context = stream.codec_context
+        tags = (context.color_primaries, context.color_trc, context.colorspace)
+        primaries, transfer, matrix = (int(tag or 0) or 2 for tag in tags)
+        packets = (packet for packet in container.demux(stream) if packet.size)
+        times = sorted(packet.pts for packet in packets if packet.pts is not None)
+        if not times:
+            raise ImageFileError(f"{path}: expected a video, found no pictures in it")
+        timecodes = [stream.metadata.get("timecode"), container.metadata.get("timecode")]
+        timecodes += [other.metadata.get("timecode") for other in container.streams]
+        timecodes += [container.metadata.get("TIMECODE")]
+        info = VideoInfo(
+            path=Path(path),
+            width=context.width,
+            height=context.height,
+            times=tuple(times),
+            time_base=stream.time_base,
+            rate=stream.average_rate or Fraction(25),
+            pixels=context.pix_fmt,
+            codes=(primaries, transfer, matrix),
+            full=int(context.color_range or 0) == 2,
+            space=coded_space(path, primaries, transfer) or SRGB,
+            timecode=next(filter(None, timecodes), "") or "",
+            aspect=context.sample_aspect_ratio or Fraction(1),
+        )
+    _ = info.bits
+    return info
+
+
+def read_video(info: VideoInfo, first: int = 0) -> Iterator[Array]:
+    """Give the frames from one on, scene-linear in the video's primaries, (H, W, 3).
+
+    Raises:
+        ImageFileError: The file is damaged.
+    """
+    for colors in _encoded(info, first):
+        yield info.space.decode(colors)
+
+
+def read_luma(info: VideoInfo, first: int = 0) -> Iterator[Array]:
+    """Give the mean of the colours of the frames from one on as stored, (H, W): maps of disparity, 0 to 1."""
+    for colors in _encoded(info, first):
+        yield np.clip(colors.mean(2), 0, 1)
+
+
+def write_segment(path: Path, info: VideoInfo, frames: Iterable[tuple[int, Array]], codec: str) -> None:
+    """Write some frames of a video, atomically.
+
+    Args:
+        path: Where they go.
+        info: Of the video they are made of: size, colours and range are kept.
+        frames: Time, in the video's units, and scene-linear light, (H, W, 3).
+        codec: One of ``CODECS``.
+    """
+    av = _av()
+    name = target_pixels(info, codec)
+    pixels = PixelFormat.named(name, info.codes[2], info.full)
+    context = av.CodecContext.create(CODECS[codec][0], "w")
+    _set_up(av, context, info, codec)
+    context.options = dict(CODECS[codec][1])
+    packets = []
+    for time, light in frames:
+        colors = info.space.encode(np.clip(light, 0, None))
+        frame = _frame(av, name, pixels.planes(colors))
+        frame.pts, frame.time_base = time, info.time_base
+        packets += context.encode(frame)
+    packets += context.encode(None)
+    kept = {
+        "data": np.frombuffer(b"".join(map(bytes, packets)), np.uint8),
+        "sizes": np.array([packet.size for packet in packets]),
+        "times": np.array([packet.pts for packet in packets]),
+        "keys": np.array([packet.is_keyframe for packet in packets]),
+    }
+
+    def fill(temporary: Path) -> None:
+        with temporary.open("wb") as file:
+            np.savez(file, allow_pickle=False, **kept)
+
+    write_atomic(path, fill)
+
+
+def join_segments(path: Path, info: VideoInfo, segments: list[Path], codec: str) -> None:
+    """Write a video of segments, with the sound and the timecode of the one they are made of, atomically.
+
+    Raises:
+        ImageFileError: The format cannot hold the sound, or segments are missing.
+    """
+    av = _av()
+
+    def fill(temporary: Path) -> None:
+        with av.open(str(info.path)) as source, av.open(str(temporary), "w") as target:
+            encoder, options = CODECS[codec]
+            stream = target.add_stream(encoder, rate=info.rate, options=dict(options))
+            _set_up(av, stream.codec_context, info, codec)
+            stream.time_base = info.time_base
+            if info.timecode:
+                stream.metadata["timecode"] = target.metadata["timecode"] = info.timecode
+            sounds = {one.index: target.add_stream_from_template(one) for one in source.streams.audio}
+            seen, heard = _seen(av, segments, stream, info), _heard(source, sounds)
+            for _, packet in heapq.merge(seen, heard, key=lambda timed: timed[0]):
+                target.mux(packet)
+
+    try:
+        write_atomic(path, fill)
+    except (av.error.FFmpegError, ValueError) as error:
+        raise ImageFileError(
+            f"{path}: this format cannot hold what {info.path} does ({_reason(error)}); write to .mov or .mkv"
+        ) from error
+
+
+def target_pixels(info: VideoInfo, codec: str) -> str:
+    """FFmpeg's name of the pixels that a codec stores for a video."""
+    if codec == "ffv1":
+        return _planar(info.pixels).replace("yuvj", "yuv")
+    if codec == "prores":
+        return "yuv422p10le"
+    return "yuv420p10le" if codec == "h265" and info.bits > 8 else "yuv420p"
+
+
+def choose_codec(path: Path, info: VideoInfo, wanted: str | None) -> str:
+    """The codec of a result: by its extension, and the bits of the video.
+
+    Raises:
+        ParameterError: The codec cannot keep what is wanted, or the format does not hold it.
+    """
+    extension = path.suffix.lower()
+    own = {".mov": "prores", ".mkv": "ffv1"}.get(extension, "h264" if info.bits == 8 else "h265")
+    codec = wanted or own
+    if extension in (".mp4", ".m4v") and codec in ("prores", "ffv1"):
+        raise ParameterError("--video-codec", "h264 or h265 in MP4", codec, "write to .mov or .mkv")
+    if codec == "h264" and info.codes[1] in (16, 18):
+        raise ParameterError("--video-codec", "h265, prores or ffv1 for PQ and HLG", codec)
+    return codec
+
+
+def _av() -> Any:
+    require_extra("av", "video")
+    return importlib.import_module("av")
+
+
+def _encoded(info: VideoInfo, first: int) -> Iterator[Array]:
+    name = _planar(info.pixels)
+    pixels = PixelFormat.named(name, info.codes[2], info.full)
+    with _opened(info.path) as container:
+        stream = _pictures(info.path, container)
+        stream.thread_type = "AUTO"
+        count = 0
+        for frame in container.decode(stream):
+            count += 1
+            if count > first:
+                frame = frame if frame.format.name == name else frame.reformat(format=name)
+                yield pixels.colors(_planes(frame, pixels))
+    if count != len(info.times):
+        raise ImageFileError(
+            f"{info.path}: expected {len(info.times)} frames, found {count} that can be read"
+        )
+
+
+def _planes(frame: Any, pixels: PixelFormat) -> list[npt.NDArray[np.unsignedinteger]]:
+    kind: Any = np.uint8 if pixels.bits == 8 else "<u2"
+    found = []
+    for plane in frame.planes:
+        rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: plane.height]
+        found.append(np.ascontiguousarray(rows).view(kind)[:, : plane.width])
+    return found
+
+
+def _frame(av: Any, name: str, planes: list[npt.NDArray[np.uint16]]) -> Any:
+    height, width = planes[0].shape
+    frame = av.VideoFrame(width, height, name)
+    for plane, values in zip(frame.planes, planes, strict=True):
+        rows = values.astype(np.uint8 if frame.format.components[0].bits == 8 else "<u2")
+        held = np.zeros((plane.buffer_size // plane.line_size, plane.line_size), np.uint8)
+        stored = np.ascontiguousarray(rows).view(np.uint8)
+        held[: len(stored), : stored.shape[1]] = stored
+        plane.update(held.tobytes())
+    return frame
+
+
+def _set_up(av: Any, context: Any, info: VideoInfo, codec: str) -> None:
+    """Let an encoder keep size, times, colours and range of a video."""
+    context.width, context.height, context.pix_fmt = info.width, info.height, target_pixels(info, codec)
+    context.time_base, context.framerate, context.gop_size = info.time_base, info.rate, 24
+    context.color_primaries, context.color_trc, context.colorspace = info.codes
+    context.color_range = 2 if info.full else 1
+    context.sample_aspect_ratio = info.aspect
+    context.flags |= int(av.codec.context.Flags.global_header)
+
+
+def _seen(av: Any, segments: list[Path], stream: Any, info: VideoInfo) -> Iterator[tuple[float, Any]]:
+    """The pictures of all segments with their times in seconds; each is as long as it lasts to the next."""
+    ends = dict(zip(info.times, info.times[1:], strict=False))
+    written = []
+    for segment in segments:
+        with np.load(segment) as kept:
+            data, first = kept["data"].tobytes(), 0
+            for size, time, key in zip(
+                *(kept[name].tolist() for name in ("sizes", "times", "keys")), strict=True
+            ):
+                packet = av.Packet(data[first : first + size])
+                packet.pts = packet.dts = time
+                packet.time_base, packet.is_keyframe, packet.stream = info.time_base, key, stream
+                if time in ends:
+                    packet.duration = ends[time] - time
+                first += size
+                written.append(time)
+                yield float(time * info.time_base), packet
+    if tuple(written) != info.times:
+        raise ImageFileError(f"{info.path}: expected {len(info.times)} rendered frames, found {len(written)}")
+
+
+def _heard(source: Any, sounds: dict[int, Any]) -> Iterator[tuple[float, Any]]:
+    if not sounds:
+        return
+    for packet in source.demux(tuple(source.streams.audio)):
+        if packet.pts is None or not packet.size:
+            continue
+        time, packet.stream = float(packet.pts * packet.time_base), sounds[packet.stream.index]
+        yield time, packet
+
+
+@contextlib.contextmanager
+def _opened(path: Path | str) -> Iterator[Any]:
+    av = _av()
+    try:
+        with av.open(str(path)) as container:
+            yield container
+    except (av.error.FFmpegError, OSError) as error:
+        raise ImageFileError(
+            f"{path}: expected a video, found what cannot be read: {_reason(error)}"
+        ) from error
+
+
+def _pictures(path: Path | str, container: Any) -> Any:
+    if not container.streams.video:
+        raise ImageFileError(f"{path}: expected a video, found no pictures in it")
+    return container.streams.video[0]
+
+
+def _planar(name: str) -> str:
+    return {"nv12": "yuv420p", "p010le": "yuv420p10le", "gray": "yuv444p", "gray10le": "yuv444p10le"}.get(
+        name, name
+    )
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())

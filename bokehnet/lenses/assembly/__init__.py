@@ -1,0 +1,1 @@
+"""Lenses as assembled: tolerances of their elements, and the misalignment of one copy."""

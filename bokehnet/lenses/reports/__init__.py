@@ -1,0 +1,1 @@
+"""Reports on a lens: cardinal points, curves, plots and sheets."""

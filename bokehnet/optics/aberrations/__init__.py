@@ -1,0 +1,1 @@
+"""Aberrations as formulas: the aberration map, Seidel and Zernike terms, chromatic errors, distortion."""

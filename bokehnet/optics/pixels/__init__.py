@@ -1,0 +1,1 @@
+"""Pixels: filters, layers within a pixel, supersampling and resampling."""

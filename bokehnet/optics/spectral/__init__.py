@@ -1,0 +1,1 @@
+"""Wavelengths: glasses, coatings, colours of the spectrum, diffraction and scattering."""

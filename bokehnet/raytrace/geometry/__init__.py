@@ -1,0 +1,1 @@
+"""Geometry of the ray tracer: rays, shapes and their intersections."""

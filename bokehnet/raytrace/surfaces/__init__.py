@@ -1,0 +1,1 @@
+"""Surfaces of the ray tracer: materials, textures, lights."""

@@ -1,0 +1,51 @@
+"""Ending a rendering from outside."""
+
+from typing import Protocol
+
+from bokehnet.engines.engine import Progress
+from bokehnet.errors import RenderCancelled
+
+__all__ = ["CancelSignal", "watched"]
+
+
+class CancelSignal(Protocol):
+    """Says whether to stop, such as a ``threading.Event``.
+
+    Examples:
+        >>> from time import monotonic
+        >>> class Deadline:
+        ...     def __init__(self, seconds):
+        ...         self.end = monotonic() + seconds
+        ...     def is_set(self):
+        ...         return monotonic() >= self.end
+        >>> import numpy as np
+        >>> from bokehnet import BokehRenderer
+        >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
+        >>> BokehRenderer("scatter").render(picture, defocus, cancel=Deadline(seconds=0))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.RenderCancelled: rendering was cancelled
+    """
+
+    def is_set(self) -> bool:
+        """Whether nobody wants the result any more."""
+        ...
+
+
+def watched(progress: Progress | None, cancel: CancelSignal | None) -> Progress:
+    """Return a progress callback that ends the work once it is cancelled.
+
+    Examples:
+        >>> from threading import Event
+        >>> report = watched(print, Event())  # which nobody has set
+        >>> report(1, 4)
+        1 4
+    """
+
+    def report(done: int, total: int) -> None:
+        if cancel is not None and cancel.is_set():
+            raise RenderCancelled("rendering was cancelled")
+        if progress is not None:
+            progress(done, total)
+
+    return report

@@ -1,0 +1,90 @@
+"""What diffraction, reflections and scatter make of the lamps of a picture, by its settings."""
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.effects.diffracted_lamps import add_rings, add_stars
+from bokehnet.effects.ghosts import Ghosts
+from bokehnet.effects.glare import Glare
+from bokehnet.effects.lamps import Lamps, find_lamps
+from bokehnet.io.window import Window
+from bokehnet.optics.aperture import Aperture
+from bokehnet.render.look import lens_of_picture, make_highlights
+from bokehnet.scene.focus import FocusedLens
+from bokehnet.settings.settings import RenderSettings
+
+__all__ = ["lamps_of", "lit"]
+
+Array = npt.NDArray[np.float32]
+
+# Width of a sensor whose own is not known, mm.
+_SENSOR = 36.0
+
+
+def lamps_of(image: Array, defocus: Array, settings: RenderSettings) -> Lamps | None:
+    """Return the lamps of a picture before it is blurred; None where nothing is made of them.
+
+    Args:
+        image: Scene-linear, (H, W, 3).
+        defocus: Signed blur radius, pixels, (H, W).
+        settings: All that is asked for.
+
+    Examples:
+        >>> image, defocus = np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32)
+        >>> image[1, 2] = 3
+        >>> lamps = lamps_of(image, defocus, RenderSettings().updated({"light": {"starburst": 16}}))
+        >>> len(lamps), lamps_of(image, defocus, RenderSettings())
+        (1, None)
+    """
+    light = settings.light
+    if not (light.rings or light.starburst or light.ghosts):
+        return None
+    highlights = make_highlights(settings.highlights)
+    return find_lamps(image if highlights is None else highlights.expand(image), defocus, light.lamps)
+
+
+def lit(
+    bokeh: Array,
+    lamps: Lamps | None,
+    defocus: Array | None,
+    aperture: Aperture,
+    settings: RenderSettings,
+    lens: FocusedLens | None,
+    window: Window,
+) -> Array:
+    """Return the blurred picture with rings, stars, ghosts and glare; itself where none is asked for.
+
+    Args:
+        bokeh: Scene-linear, (H, W, 3).
+        lamps: What :func:`lamps_of` gave, in pixels of ``bokeh``.
+        defocus: Signed blur radius, pixels, (H, W); needed with lamps.
+        aperture: The opening.
+        settings: All that is asked for.
+        lens: The camera and its focus.
+        window: Where the pixels lie in the shown picture.
+
+    Examples:
+        >>> window, flat = Window.whole(5, 4), np.ones((4, 5, 3), np.float32)
+        >>> lit(flat, None, None, Aperture(), RenderSettings(), None, window) is flat
+        True
+    """
+    light = settings.light
+    if lamps is not None and len(lamps) and defocus is not None:
+        camera = None if lens is None else lens.camera
+        sensor = _SENSOR if camera is None else camera.sensor_width
+        pitch = light.pixel_pitch or 1000 * sensor / window.display_width
+        if light.rings:
+            bokeh = add_rings(bokeh, lamps, defocus, aperture, light.rings / pitch)
+        if light.starburst:
+            bokeh = add_stars(bokeh, lamps, aperture, light.starburst / pitch)
+        if light.ghosts and lens is not None and (glass := lens_of_picture(settings.lens, lens, window)):
+            made, half_diagonal = glass
+            reach = made.prescription.image_radius if half_diagonal is None else half_diagonal
+            ghosts = Ghosts(lens=made, half_diagonal=reach, coating=light.ghosts)
+            bokeh = bokeh + ghosts.light(lamps, *bokeh.shape[:2]).astype(bokeh.dtype)
+    if light.glare:
+        core = {} if light.glare_core is None else {"core": light.glare_core}
+        slope = {} if light.glare_slope is None else {"slope": light.glare_slope}
+        half = 0.5 * float(np.hypot(window.display_width, window.display_height))
+        bokeh = Glare(share=light.glare, **core, **slope).apply(bokeh, half)
+    return bokeh

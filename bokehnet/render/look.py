@@ -1,0 +1,353 @@
+"""From the settings of a look to what the rooms below take: aperture, lens, highlights, effects."""
+
+import math
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette, Warp
+from bokehnet.errors import ConfigError, LensError, ParameterError
+from bokehnet.io.color.srgb import luminance
+from bokehnet.io.image import read_image
+from bokehnet.io.text import read_text
+from bokehnet.io.window import Window
+from bokehnet.lenses.aberrations.aberration_cache import cached_aberration_map
+from bokehnet.lenses.aberrations.aberration_table import parse_aberration_table
+from bokehnet.lenses.aberrations.relative_illumination import relative_illumination
+from bokehnet.lenses.assembly.misalignment import focus_lean
+from bokehnet.lenses.catalog import load_lens
+from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.lenses.seidel_lens import seidel_aberration_map
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration, make_curve
+from bokehnet.optics.aberrations.field_maps import make_field_map
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
+from bokehnet.optics.tone import Highlights
+from bokehnet.scene.focus import FocusedLens
+from bokehnet.settings.error_names import about
+from bokehnet.settings.fields import Group
+from bokehnet.settings.settings import (
+    ApertureSettings,
+    ColorSettings,
+    EffectSettings,
+    HighlightSettings,
+    LensSettings,
+)
+
+__all__ = [
+    "copy_lean",
+    "lens_of_picture",
+    "make_aperture",
+    "make_effects",
+    "make_highlights",
+    "make_lens_response",
+    "picture_aberrations",
+    "picture_shading",
+    "prescription_lens",
+]
+
+# Characters of a file with gains; nobody has more.
+_LONGEST_FILE, _LONGEST_TABLE = 10_000, 4_000_000
+# Light in corners that a lens does not reach, of that in the middle.
+_DARKEST = 1e-3
+
+
+def make_aperture(settings: ApertureSettings) -> Aperture:
+    """Return the lens opening.
+
+    Raises:
+        ParameterError: Nothing is left of the opening.
+        ImageFileError: Its picture cannot be read.
+
+    Examples:
+        >>> opening = make_aperture(ApertureSettings(blades=7, squeeze=0.5))
+        >>> opening.blades, opening.squeeze, opening.curvature  # straight blades
+        (7, 0.5, 0.0)
+    """
+    picture = None if settings.image is None else luminance(read_image(settings.image))
+    with about("aperture", {"picture": "image"}):
+        return Aperture(picture=picture, **_given(settings, Aperture))
+
+
+def _given(settings: Group, kind: type, prefix: str = "") -> dict[str, Any]:
+    """The settings that are fields of ``kind`` as well, behind a prefix; what was left out is left to it."""
+    found = {item.name: getattr(settings, prefix + item.name, None) for item in fields(kind)}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def make_highlights(settings: HighlightSettings) -> Highlights | None:
+    """Return the expansion of clipped lights; None where none is asked for.
+
+    Examples:
+        >>> import numpy as np
+        >>> lights = make_highlights(HighlightSettings(threshold=0.8, gain=4))
+        >>> lights.expand(np.array([[0.5] * 3, [1.0] * 3])).tolist()  # grey stays, white becomes 4
+        [[0.5, 0.5, 0.5], [4.0, 4.0, 4.0]]
+    """
+    if settings.threshold is None:
+        return None
+    gain = {} if settings.gain is None else {"gain": settings.gain}
+    return Highlights(threshold=settings.threshold, **gain)
+
+
+def make_effects(settings: EffectSettings) -> CameraEffects | None:
+    """Return what the camera does to the blurred picture; None where that is nothing.
+
+    Raises:
+        ParameterError: The distortion folds over itself.
+
+    Examples:
+        >>> import numpy as np
+        >>> effects = make_effects(EffectSettings(vignette=1))  # stop
+        >>> taken = effects.apply(np.ones((24, 32, 3), np.float32))
+        >>> round(float(taken[12, 16, 0]), 1), round(float(taken[0, 0, 0]), 1)  # middle, corner
+        (1.0, 0.5)
+    """
+    division = DivisionModel(strength=settings.distortion) if settings.distortion else None
+    effects = CameraEffects(
+        distortion=division or _brown_conrady(settings.brown),
+        cos4=settings.cos4,
+        optical_vignetting=settings.optical_vignetting,
+        vignette=_vignette(settings) if settings.vignette or settings.vignette_color_loss else None,
+        grain=_grain(settings) if settings.grain else None,
+    )
+    return None if effects == CameraEffects() else effects
+
+
+def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
+    """The model of k1, k2, k3, p1, p2; None where all are 0."""
+    if numbers is None or not any(numbers):
+        return None
+    k1, k2, k3, p1, p2 = [*numbers, *[0.0] * (5 - len(numbers))]
+    with about("effects", dict.fromkeys(("distortion", "radial", "decentring"), "brown")):
+        model = BrownConrady(radial=(k1, k2, k3), decentring=(p1, p2))
+        Warp(distortion=model).check()
+    return model
+
+
+def _vignette(settings: EffectSettings) -> Vignette:
+    given = _given(settings, Vignette, "vignette_")
+    with about("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in given}}):
+        return Vignette(stops=settings.vignette, **given)
+
+
+def _grain(settings: EffectSettings) -> Grain:
+    assert settings.grain is not None
+    given = _given(settings, Grain, "grain_")
+    with about("effects", {"iso": "grain", **{name: f"grain_{name}" for name in given}}):
+        return Grain(iso=settings.grain, monochrome=settings.grain_mono, **given)
+
+
+def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse:
+    """Return what the lens of all pictures does; glass adds to it what :func:`picture_aberrations` gives.
+
+    Raises:
+        ParameterError: A name is unknown, or a file of gains is missing.
+        ConfigError: A file holds no gains, or no table of aberrations.
+
+    Examples:
+        >>> response = make_lens_response(LensSettings(coma=2), ColorSettings(lateral=0.5))  # percent
+        >>> response.aberration_map.is_perfect, response.chromatic_aberration.lateral
+        (False, 0.5)
+    """
+    with about("lens"):
+        aberrations = AberrationSliders(**_given(lens, AberrationSliders)).aberration_map()
+    if lens.table is not None:
+        text = read_text(lens.table, "aberrations", "a table", longest=_LONGEST_TABLE)
+        aberrations = aberrations + parse_aberration_table(text, lens.table)
+    return LensResponse(
+        aberration_map=aberrations,
+        chromatic_aberration=_chromatic_aberration(color),
+        wavelength_sampling=_wavelength_sampling(color),
+    )
+
+
+def _chromatic_aberration(color: ColorSettings) -> ChromaticAberration | None:
+    """Chromatic aberration by sliders; None where both strengths are 0."""
+    if color.axial == color.lateral == 0:
+        return None
+    with about("color", {"field_map": "axial_map"}):
+        axial = make_field_map(color.axial_map or "constant")
+    with about("color", {"field_map": "lateral_map"}):
+        lateral = make_field_map(color.lateral_map or "linear")
+    try:
+        curve = make_curve(color.glass or "N-BK7")
+    except LensError as error:
+        known = str(error).partition("; others")[0]
+        raise ParameterError("color.glass", remedy=f"{known}; or achromat, linear") from error
+    with about("color"):
+        return ChromaticAberration(
+            axial=color.axial, lateral=color.lateral, axial_map=axial, lateral_map=lateral, curve=curve
+        )
+
+
+def _wavelength_sampling(color: ColorSettings) -> WavelengthSampling:
+    """Which wavelengths stand for the light."""
+    gains = color.equaliser
+    if isinstance(gains, Path):
+        gains = _read_gains(gains)
+    with about("color"):
+        return WavelengthSampling(
+            dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains
+        )
+
+
+def _read_gains(path: Path) -> tuple[float, ...]:
+    if not path.exists():
+        raise ParameterError(
+            "color.equaliser", expected="numbers separated by commas, or a file of them", got=str(path)
+        )
+    expected = "numbers separated by commas, spaces or line ends"
+    words = read_text(path, expected=expected, longest=_LONGEST_FILE).replace(",", " ").split()
+    try:
+        return tuple(float(word) for word in words)
+    except ValueError as error:
+        raise ConfigError(f"{path}: expected {expected}: {error}") from error
+
+
+def prescription_lens(
+    settings: LensSettings,
+    *,
+    focal_length: float | None = None,
+    f_number: float | None = None,
+    distance: float = math.inf,
+) -> PrescriptionLens | None:
+    """Return the lens at work that the settings name; None where they name none.
+
+    Args:
+        settings: Of the lens.
+        focal_length: mm; None is as designed.
+        f_number: Of the camera, which the lens's own in the settings replaces; None is fully open.
+        distance: Of the focus, mm.
+
+    Raises:
+        LensError: There is no such lens, or it cannot do this.
+        ConfigError: Its file is missing or wrong.
+
+    Examples:
+        >>> lens = prescription_lens(LensSettings(name="double_gauss"), focal_length=50, f_number=4)
+        >>> round(lens.focal_length, 3), lens.f_number  # the design, of 100 mm, at half its size
+        (50.0, 4)
+    """
+    if settings.name is None:
+        return None
+    try:
+        return load_lens(
+            settings.name,
+            focal_length=focal_length,
+            f_number=f_number if settings.f_number is None else settings.f_number,
+            focus_distance=distance,
+            focusing=settings.focusing or "sharpest",
+            copy_to_copy=settings.copy_to_copy or 0.0,
+            copy_seed=settings.copy_seed or 0,
+        )
+    except LensError as error:
+        hint = "; `lens.f_number` sets it for the lens alone" if "f-number" in str(error) else ""
+        raise LensError(f"`lens.name`: {error}{hint if settings.f_number is None else ''}") from error
+
+
+def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Window) -> AberrationMap | None:
+    """Return what the glass of a lens, and a plane of focus that leans, do to the rays of one picture.
+
+    With metric depth the lens is scaled to the camera's focal length, focused where the camera is, and its
+    sensor is the camera's. With relative disparity it is the lens as designed, focused at infinity.
+
+    Args:
+        settings: Of the lens.
+        focused: The camera and its focus.
+        window: Where the pixels lie in the shown picture.
+
+    Raises:
+        LensError: The lens cannot do what the camera does.
+        ConfigError: Its file is missing or wrong.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> glass = picture_aberrations(LensSettings(name="petzval", aberrations="seidel"), focused, window)
+        >>> glass.is_perfect, picture_aberrations(LensSettings(), focused, window)
+        (False, None)
+    """
+    leaning = focused.aberration_map()
+    glass = lens_of_picture(settings, focused, window)
+    if glass is None:
+        return leaning
+    lens, half_diagonal = glass
+    make = seidel_aberration_map if settings.aberrations == "seidel" else cached_aberration_map
+    try:
+        found = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
+    except LensError as error:
+        raise LensError(f"`lens.name`: {error}") from error
+    return found if leaning is None else found + leaning
+
+
+def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, ...]:
+    """Return the light that a lens leaves from the middle of one picture to its corner; empty without one.
+
+    Arguments and errors are those of :func:`picture_aberrations`.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> light = picture_shading(LensSettings(name="petzval"), focused, window)
+        >>> light[0], light[-1] < 0.7
+        (1.0, True)
+    """
+    glass = lens_of_picture(settings, focused, window) if settings.vignetting else None
+    if glass is None:
+        return ()
+    lens, half_diagonal = glass
+    reach = lens.prescription.image_radius if half_diagonal is None else half_diagonal
+    light = relative_illumination(lens.centred, reach)
+    return tuple(float(share) for share in np.maximum(light, _DARKEST))
+
+
+def copy_lean(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, float]:
+    """Return how the focus leans in one copy of a lens, blur per length to the right and down; 0 without one.
+
+    Arguments and errors are those of :func:`picture_aberrations`.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> copy_lean(LensSettings(name="petzval"), focused, window)
+        (0.0, 0.0)
+        >>> right, down = copy_lean(LensSettings(name="petzval", copy_to_copy=5), focused, window)
+        >>> 1e-4 < abs(right) + abs(down) < 1e-2
+        True
+    """
+    glass = lens_of_picture(settings, focused, window)
+    return (0.0, 0.0) if glass is None else focus_lean(glass[0])
+
+
+def lens_of_picture(
+    settings: LensSettings, focused: FocusedLens, window: Window
+) -> tuple[PrescriptionLens, float | None] | None:
+    """Return the lens at work, and half the diagonal of its sensor, mm; None is that of the design.
+
+    Arguments and errors are those of :func:`picture_aberrations`.
+
+    Examples:
+        >>> window = Window.whole(32, 24)
+        >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
+        >>> lens, half_diagonal = lens_of_picture(LensSettings(name="petzval"), focused, window)
+        >>> lens.prescription.name, half_diagonal
+        ('Petzval', None)
+    """
+    camera = focused.camera
+    if camera is None:
+        lens, half_diagonal = prescription_lens(settings), None
+    else:
+        distance = 1 / focused.near if focused.near > 0 else math.inf
+        half_diagonal = (
+            0.5 * camera.sensor_width * math.hypot(1, window.display_height / window.display_width)
+        )
+        lens = prescription_lens(
+            settings, focal_length=camera.focal_length, f_number=camera.f_number, distance=distance
+        )
+    return None if lens is None else (lens, half_diagonal)

@@ -1,0 +1,189 @@
+"""Supersampled scenes: picture and map at a multiple of the result's size.
+
+They are rendered at twice that size, where pixels at edges are two surfaces, and what comes out is filtered
+down. So an edge has its place within the pixel, at a part of the cost of rendering all fine pixels.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.arrays.pyramid import downsample2
+from bokehnet.checks import check_same_size
+from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.classical.layered.boundaries.supersampled import reduce_supersampled
+from bokehnet.engines.engine import EngineResult
+from bokehnet.io.frame import Frame
+from bokehnet.io.window import Window
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
+from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.scene.scene import RENDERED, FocusedScene, Scene
+from bokehnet.settings.settings import RenderSettings
+
+__all__ = [
+    "RAYS_SHARE",
+    "at_rendered_size",
+    "in_fine_pixels",
+    "reduced_defocus",
+    "reduced_result",
+    "reduced_scene",
+    "rendered_surfaces",
+]
+
+# Share of the usual rays that its pixels get then: twice as many for each pixel of the result.
+RAYS_SHARE = 0.5
+
+Array = npt.NDArray[np.float32]
+
+
+def at_rendered_size(scene: Scene) -> Scene:
+    """The scene at the size at which it is rendered: twice that of the result where it is supersampled.
+
+    Its picture and map hold one of the samples of each pixel; :func:`rendered_surfaces` tells all of them.
+
+    Raises:
+        ShapeError: Map and picture differ in size.
+
+    Examples:
+        >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
+        >>> from bokehnet.scene.scene import make_scene
+        >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=4)
+        >>> at_rendered_size(fine).image.shape  # of a result of 6x8 pixels
+        (12, 16, 3)
+    """
+    factor = scene.supersampled // RENDERED
+    if factor <= 1:
+        return scene
+    check_same_size("the picture", scene.image, "its map", scene.depth.values)
+    one, alpha = slice(factor // 2, None, factor), scene.alpha
+    for _ in range(factor.bit_length() - 1 if alpha is not None else 0):
+        alpha = downsample2(alpha)
+    return replace(
+        scene,
+        image=scene.image[one, one],
+        alpha=alpha,
+        depth=replace(scene.depth, values=np.ascontiguousarray(scene.depth.values[one, one]), filtered=None),
+        window=_divided(scene.window, factor),
+        supersampled=RENDERED,
+    )
+
+
+def rendered_surfaces(
+    scene: Scene, radii: Callable[[Array], Array], pixel_filter: PixelFilter | None
+) -> tuple[Array, Array, KnownSurfaces]:
+    """Picture, defocus and both surfaces of pixels at edges at the size at which a scene is rendered.
+
+    Args:
+        scene: Supersampled by more than that size.
+        radii: Turns a map of that size into blur radii in its pixels.
+        pixel_filter: Of the fine picture; None where pixels are taken as one surface each.
+
+    Examples:
+        >>> from bokehnet.scene.depth.depth_source import DefocusMap
+        >>> from bokehnet.scene.scene import make_scene
+        >>> edge = np.repeat([[1, 1, 1, 1, 1, 8, 8, 8]], 4, axis=0)
+        >>> fine = make_scene(np.ones((4, 8, 3)), DefocusMap(map=edge), supersampled=4)
+        >>> _, defocus, known = rendered_surfaces(fine, lambda values: 2 * values, None)
+        >>> defocus[0].tolist(), known.columns.tolist(), known.coverage.tolist()
+        ([2.0, 2.0, 16.0, 16.0], [2, 2], [0.5, 0.5])
+    """
+    factor, values = scene.supersampled // RENDERED, scene.depth.values
+    fine = np.empty(values.shape, np.float32)
+    for i in range(factor):
+        for j in range(factor):  # a map of that size each: what leans is told by its pixels
+            fine[i::factor, j::factor] = factor * radii(np.ascontiguousarray(values[i::factor, j::factor]))
+    return reduce_supersampled(scene.image, fine, factor, pixel_filter)
+
+
+def _divided(window: Window, factor: int) -> Window:
+    return Window(
+        x=window.x // factor,
+        y=window.y // factor,
+        width=window.width // factor,
+        height=window.height // factor,
+        display_width=window.display_width // factor,
+        display_height=window.display_height // factor,
+    )
+
+
+def in_fine_pixels(settings: RenderSettings, factor: int) -> RenderSettings:
+    """The same settings where what they tell in pixels of the result is told in those of the scene.
+
+    Examples:
+        >>> from bokehnet.settings.settings import CameraSettings
+        >>> in_fine_pixels(RenderSettings(camera=CameraSettings(blur=20)), 2).camera.blur
+        40.0
+    """
+    if factor == 1:
+        return settings
+    focus, blur = settings.focus, settings.camera.blur
+    changes: dict[str, dict[str, Any]] = {"focus": {}, "camera": {}}
+    if focus.at is not None:
+        changes["focus"]["at"] = _inside(focus.at, factor)
+    if focus.plane is not None:
+        changes["focus"]["plane"] = tuple(_inside(pixel, factor) for pixel in focus.plane)
+    if blur is not None:
+        changes["camera"]["blur"] = factor * blur
+    return settings.updated(changes)
+
+
+def _inside(pixel: tuple[int, int], factor: int) -> tuple[int, int]:
+    return pixel[0] * factor + factor // 2, pixel[1] * factor + factor // 2
+
+
+def reduced_scene(scene: FocusedScene, bokeh: Array, alpha: Array | None) -> FocusedScene:
+    """The scene of a reduced result, for what is done with that.
+
+    Examples:
+        >>> image, window = np.ones((4, 6, 3), np.float32), Window.whole(6, 4)
+        >>> scene = FocusedScene(
+        ...     image=image, defocus=image[..., 0], alpha=None, window=window, number=0, frame=None,
+        ...     lens=None, supersampled=2
+        ... )
+        >>> reduced_scene(scene, image[::2, ::2], None).window.width
+        3
+    """
+    window = _divided(scene.window, scene.supersampled)
+    frame: Frame | None = scene.frame
+    if frame is not None:
+        frame = replace(frame, image=bokeh, alpha=alpha, window=window)
+    return replace(scene, window=window, frame=frame)
+
+
+def reduced_result(rendered: EngineResult, factor: int, pixel_filter: PixelFilter) -> EngineResult:
+    """What an engine gave, filtered down to the size of the result.
+
+    Examples:
+        >>> from bokehnet.engines.engine import Engine
+        >>> rendered = Engine("scatter").render(np.ones((8, 8, 3)), np.full((8, 8), 4.0))
+        >>> small = reduced_result(rendered, 2, PixelFilter("box", 1))
+        >>> small.bokeh.shape, small.largest_blur
+        ((4, 4, 3), 2.0)
+    """
+    bokeh = reduce_fine(rendered.bokeh, factor, pixel_filter)
+    classical = rendered.classical
+    if classical is not None:
+        classical = bokeh if classical is rendered.bokeh else reduce_fine(classical, factor, pixel_filter)
+    neural, told = rendered.neural, rendered.expected_error
+    return replace(
+        rendered,
+        bokeh=bokeh,
+        classical=classical,
+        neural=None if neural is None else reduce_fine(neural, factor, pixel_filter),
+        error_map=reduce_fine(rendered.error_map, factor, pixel_filter),
+        expected_error=None if told is None else np.maximum(reduce_fine(told, factor, pixel_filter), 0),
+        largest_blur=rendered.largest_blur / factor,
+    )
+
+
+def reduced_defocus(defocus: Array, factor: int) -> Array:
+    """Blur radius in pixels of the result, (H, W), at one of the fine pixels of each.
+
+    Examples:
+        >>> reduced_defocus(np.array([[1, 2], [3, 4]], np.float32), 2).tolist()
+        [[2.0]]
+    """
+    return np.ascontiguousarray(defocus[factor // 2 :: factor, factor // 2 :: factor]) / np.float32(factor)

@@ -1,0 +1,235 @@
+"""Depth that is given: a file or an array of disparity, depth or blur, or one number for all."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.arrays.row_blocks import in_row_blocks
+from bokehnet.checks import check_kind, check_map, check_rank, number_of
+from bokehnet.errors import ImageFileError, ParameterError
+from bokehnet.io.maps import depth_to_mm, read_depth, read_disparity, read_map
+from bokehnet.io.metadata.camera import Camera, camera_from_exr
+from bokehnet.io.pixels import ImageFile
+from bokehnet.optics.coc import disparity_from_depth
+from bokehnet.scene.camera import joined
+from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
+
+__all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity"]
+
+# Range of a map over its largest value below which it is as good as constant.
+_FLAT = 0.02
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RelativeDisparity:
+    """Relative disparity, near is large: what monocular networks and stereo give.
+
+    Attributes:
+        map: File or array (h, w).
+        channel: Of a file: which one; None takes what looks like depth.
+        invert: Whether far is large: ``1 - value``, once it runs from 0 to 1.
+        value_range: Values that become 0 and 1; None takes the lowest and the highest.
+        as_stored: Whether values are 0 to 1 already and stay, as the maps of a sequence, which must be
+            treated alike; with a ``value_range`` that decides.
+
+    Examples:
+        >>> import numpy as np
+        >>> from bokehnet.scene import scene
+        >>> disparity = np.tile(np.linspace(0, 255, 6, dtype=np.float32), (4, 1))
+        >>> made = scene.make_scene(np.ones((4, 6, 3), np.float32), RelativeDisparity(map=disparity))
+        >>> float(made.depth.values.max())
+        1.0
+    """
+
+    origin: ClassVar[str] = "input.disparity"
+    kind: ClassVar[Kind | None] = "relative"
+    tells_focus: ClassVar[bool] = False
+
+    map: Path | str | npt.NDArray[np.floating]
+    channel: str | None = None
+    invert: bool = False
+    value_range: tuple[float, float] | None = None
+    as_stored: bool = False
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        _check_source("disparity", self.map)
+        stored = self.as_stored or self.value_range is not None
+        if isinstance(self.map, np.ndarray):
+            check_map("disparity", self.map)
+            values = np.asarray(self.map, np.float32)
+        else:
+            values = read_disparity(
+                self.map, self.channel, normalise=False, window=photo.window, progress=photo.progress
+            )
+        notes: tuple[str, ...] = ()
+        if not stored:
+            notes = _about_range(values)
+            values = _stretched(values)
+        if self.value_range is not None:
+            low, high = self.value_range
+            if not (math.isfinite(low) and math.isfinite(high) and low != high):
+                raise ParameterError("depth.value_range", "two different numbers", self.value_range)
+            values = ((values.astype("float64") - low) / (high - low)).astype("float32")
+        elif self.as_stored and not (values.min() >= 0 and values.max() <= 1):
+            found = f"{values.min():g} to {values.max():g}"
+            way_out = "say with `depth.value_range` which values are 0 and 1"
+            if isinstance(self.map, np.ndarray):
+                raise ParameterError("disparity", "0 to 1, as it is stored", shown=found, remedy=way_out)
+            raise ImageFileError(
+                f"{self.map}: expected disparity in 0..1, as it is stored, in a sequence, found "
+                f"{found}; {way_out}"
+            )
+        values = 1 - values if self.invert else values
+        return DepthMap(values=values, kind="relative", origin=self.origin, notes=notes)
+
+
+def _about_range(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
+    """What a map that tells next to nothing is worth a word about."""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return (f"the disparity map is {low:g} everywhere: all is blurred alike",)
+    if high - low < _FLAT * max(abs(low), abs(high)):
+        return (
+            f"the disparity map only runs from {low:.6g} to {high:.6g}, which becomes 0 to 1, noise and all; "
+            "`depth.value_range` says which values shall",
+        )
+    return ()
+
+
+def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    """A map over its own range, 0 to 1; a constant one keeps its value, clipped."""
+    low, high = float(values.min()), float(values.max())
+    if low == high:
+        return np.clip(values, 0, 1).astype(np.float32)
+    stretched: npt.NDArray[np.float32] = in_row_blocks(
+        lambda rows: ((rows.astype(np.float64) - low) / (high - low)).astype(np.float32), values
+    )
+    return stretched
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MetricDepth:
+    """Depth in a unit of length along the optical axis, as renderers write it; sky is infinite.
+
+    Attributes:
+        map: File or array (h, w).
+        channel: Of a file: which one; None takes what looks like depth.
+        unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, where sky is 0.
+
+    Examples:
+        >>> from bokehnet.io.window import Window
+        >>> photo = Photo(image=np.ones((1, 3, 3), np.float32), window=Window.whole(3, 1))
+        >>> depth = MetricDepth(map=np.array([[50, 200, np.inf]]), unit="cm").depth_map(photo)
+        >>> (1000 * depth.values).round(2).tolist()  # 1/m; sky is 0
+        [[2.0, 0.5, 0.0]]
+    """
+
+    origin: ClassVar[str] = "input.depth"
+    kind: ClassVar[Kind | None] = "metric"
+    tells_focus: ClassVar[bool] = True
+
+    map: Path | str | npt.NDArray[np.floating]
+    channel: str | None = None
+    unit: str = "m"
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        _check_source("depth", self.map)
+        if isinstance(self.map, np.ndarray):
+            depth, camera = depth_to_mm(self.map, self.unit), photo.camera
+        else:
+            depth = read_depth(
+                self.map, self.channel, unit=self.unit, window=photo.window, progress=photo.progress
+            )
+            camera = joined(photo.camera, _camera_of(Path(self.map)))
+        return DepthMap(
+            values=disparity_from_depth(depth),  # sky at infinite depth is 0 from here on
+            kind="metric",
+            origin=self.origin,
+            filtered="disparity" if self.unit == "1/m" else "depth",
+            camera=camera,
+        )
+
+
+def _camera_of(path: Path) -> Camera | None:
+    """What the first part of an EXR file says of the camera."""
+    with ImageFile(path) as file:
+        return None if file.headers is None else camera_from_exr(file.attributes(file.parts[0]))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ConstantDisparity:
+    """A flat scene: one relative disparity everywhere.
+
+    Attributes:
+        value: 0, far, to 1, near.
+
+    Examples:
+        >>> from bokehnet.io.window import Window
+        >>> photo = Photo(image=np.ones((1, 3, 3), np.float32), window=Window.whole(3, 1))
+        >>> ConstantDisparity(value=0.25).depth_map(photo).values.tolist()
+        [[0.25, 0.25, 0.25]]
+    """
+
+    origin: ClassVar[str] = "input.constant_disparity"
+    kind: ClassVar[Kind | None] = "relative"
+    tells_focus: ClassVar[bool] = False
+
+    value: float
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        if not 0 <= number_of(self.value) <= 1:
+            raise ParameterError(
+                "input.constant_disparity", expected="a relative disparity in 0..1", got=self.value
+            )
+        values = np.full(photo.image.shape[:2], self.value, np.float32)
+        return DepthMap(values=values, kind="relative", origin=self.origin)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DefocusMap:
+    """Blur radii that are known already, pixels, above 0 in front of focus; nothing is left to focus.
+
+    Attributes:
+        map: File or array (H, W), of the picture's size.
+        channel: Of a file: which one; None takes what looks like depth.
+
+    Examples:
+        >>> from bokehnet.scene.scene import make_scene
+        >>> radii = np.array([[3, 0, -6.5]])  # pixels: in front of focus, sharp, behind it
+        >>> scene = make_scene(np.ones((1, 3, 3), np.float32), DefocusMap(map=radii))
+        >>> scene.depth.kind, scene.depth.values.tolist()
+        ('defocus', [[3.0, 0.0, -6.5]])
+    """
+
+    origin: ClassVar[str] = "input.defocus"
+    kind: ClassVar[Kind | None] = "defocus"
+    tells_focus: ClassVar[bool] = True
+
+    map: Path | str | npt.NDArray[np.floating]
+    channel: str | None = None
+
+    def depth_map(self, photo: Photo) -> DepthMap:
+        """See :class:`DepthSource`."""
+        _check_source("defocus", self.map)
+        if isinstance(self.map, np.ndarray):
+            values = np.asarray(self.map, np.float32)
+        else:
+            values = read_map(self.map, self.channel, window=photo.window, progress=photo.progress)
+        check_map("defocus", values)
+        return DepthMap(values=values, kind="defocus", origin=self.origin)
+
+
+def _check_source(name: str, source: object) -> None:
+    """Raise unless a map is a file or an array (h, w)."""
+    check_kind(name, source, Path, str, np.ndarray)
+    if isinstance(source, np.ndarray):
+        check_rank(name, source, 2, "(h, w)")
+        if source.dtype.kind not in "fiub":
+            raise ParameterError(name, "an array of numbers", source, shown=f"one of {source.dtype}")

@@ -1,0 +1,388 @@
+"""What stays sharp, and how strongly the rest is blurred: from settings and the map of a scene to defocus.
+
+Behind a lens the signed blur radius is linear in disparity, so whatever is asked for (a value, a distance, a
+pixel, a range, a plane that leans) becomes a disparity, or a plane of them, and a factor.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bokehnet.checks import check_rank
+from bokehnet.errors import LensError, ParameterError
+from bokehnet.io.window import Window
+from bokehnet.lenses import ThinLens, defocus_map
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.focus_plane import (
+    FocusPlane,
+    distance_to_sensor,
+    plane_aberration_map,
+    plane_defocus,
+    relative_plane,
+    tilted_aberration_map,
+    tilted_lens,
+)
+from bokehnet.optics.focus_range import defocus_outside_range
+from bokehnet.scene.camera import LensNumbers, complete_camera
+from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
+from bokehnet.settings.error_names import about
+from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
+
+__all__ = ["FocusedLens", "check_focus", "disparity_at_pixel", "disparity_of_distance", "focus_lens"]
+
+Array = npt.NDArray[np.float32]
+
+_RELATIVE = ("focus.value", "camera.blur")
+_METRIC = ("focus.distance", "camera.focal_length", "camera.f_number", "camera.sensor_width")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FocusedLens:
+    """A lens whose focus is found.
+
+    Attributes:
+        near: Largest disparity that stays sharp, in the unit of the map.
+        far: Smallest one; between both all is sharp.
+        blur: Radius in pixels per unit of relative disparity; None where distances are known.
+        camera: The camera; None for relative disparity.
+        plane: From a disparity, where it turns, to the plane that stays sharp and the blur; None where it
+            does not lean.
+        window: Where the map's pixels lie in the shown picture.
+        lean: Signed blur per length of the picture from its middle, to the right and down, that one copy of a
+            lens adds, as :func:`bokehnet.lenses.assembly.misalignment.focus_lean` has it.
+
+    Examples:
+        >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
+        >>> window = Window.whole(3600, 2400)
+        >>> lens = FocusedLens(near=0.0005, far=0.0005, blur=None, camera=camera, plane=None, window=window)
+        >>> lens.distance, round(float(lens.defocus(np.zeros((1, 1), np.float32))[0, 0]), 1)  # m, pixels
+        (2.0, -32.1)
+    """
+
+    near: float
+    far: float
+    blur: float | None
+    camera: LensNumbers | None
+    plane: Callable[[float], tuple[FocusPlane, float]] | None
+    window: Window
+    lean: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def distance(self) -> float | None:
+        """What stays sharp, metres, the near end of a range; None where distances are not known."""
+        if self.camera is None:
+            return None
+        return 1 / (1000 * self.near) if self.near > 0 else math.inf
+
+    def defocus(self, disparity: Array) -> Array:
+        """Return the signed blur radius of each pixel, (H, W), pixels, positive in front of focus.
+
+        Args:
+            disparity: Of each pixel, (H, W), in the unit in which the focus was found.
+
+        Raises:
+            LensError: The lens cannot focus there.
+        """
+        near = self._focused(disparity, self.near)
+        if self.near == self.far:
+            return near
+        defocus: Array = defocus_outside_range(near, self._focused(disparity, self.far))
+        return defocus
+
+    def aberration_map(self) -> AberrationMap | None:
+        """Return what a plane of focus that leans does to the rays; None where it does not lean."""
+        leaning = self._plane_aberrations()
+        if not any(self.lean):
+            return leaning
+        own = plane_aberration_map(self._own_plane, 1.0)
+        return own if leaning is None else leaning + own
+
+    @property
+    def _own_plane(self) -> FocusPlane:
+        """Of a copy of a lens, in pixels of blur."""
+        return FocusPlane.around(_middle(self.window), 0.0, (-self.lean[0], -self.lean[1]))
+
+    def _plane_aberrations(self) -> AberrationMap | None:
+        if self.plane is None:
+            return None
+        plane, blur = self.plane(self.near)
+        if self.camera is None:
+            return plane_aberration_map(plane, blur)
+        pitch = self.camera.sensor_width / self.window.display_width
+        lens = _thin_lens(self.camera, 0.0)
+        return tilted_aberration_map(
+            plane,
+            blur,
+            focal_length=lens.focal_length,
+            pixel_pitch=pitch,
+            distance=blur * pitch / lens.pupil_radius,
+            size=(self.window.display_width, self.window.display_height),
+        )
+
+    def _focused(self, disparity: Array, focus: float) -> Array:
+        """Defocus with the focus at one disparity."""
+        defocus: Array
+        with np.errstate(over="ignore"):  # a blur beyond float32 is told by the renderer's check
+            if self.plane is not None:
+                plane, blur = self.plane(focus)
+                defocus = plane_defocus(disparity, blur, plane, (self.window.x, self.window.y))
+            elif self.camera is None:
+                assert self.blur is not None
+                defocus = defocus_from_disparity(disparity, self.blur, focus)
+            else:
+                pitch = self.camera.sensor_width / self.window.display_width
+                defocus = defocus_map(disparity, _thin_lens(self.camera, focus), pitch)
+            if any(self.lean):
+                corner = (self.window.x, self.window.y)
+                defocus = defocus + plane_defocus(np.zeros_like(disparity), 1.0, self._own_plane, corner)
+        return defocus
+
+
+def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> FocusedLens:
+    """Find what stays sharp in a scene, and how strongly the rest is blurred.
+
+    Args:
+        depth: Map of the scene in the size of its picture, relative or metric.
+        window: Where its pixels lie in the shown picture.
+        focus: What shall stay sharp.
+        camera: What blurs.
+
+    Raises:
+        ParameterError: Something is missing, does not go with such a map, or a pixel lies outside.
+        LensError: The lens cannot focus there.
+
+    Examples:
+        >>> import numpy as np
+        >>> values = np.full((2, 3), 0.75, np.float32)
+        >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
+        >>> lens = focus_lens(depth, Window.whole(3, 2), FocusSettings(value=0.5), CameraSettings(blur=8))
+        >>> float(lens.defocus(depth.values)[0, 0])  # pixels
+        2.0
+    """
+    metric = depth.kind == "metric"
+    check_kind(focus, camera, metric=metric, origin=depth.origin)
+    numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
+    plane = _leaning(depth, window, focus, camera, numbers)
+    if focus.range is not None:
+        ends = [disparity_of_distance(end) if metric else end for end in focus.range]
+        near, far = max(ends), min(ends)
+    else:
+        near = far = _focus_disparity(depth, window, focus, plane)
+    blur = None if metric else camera.blur
+    return FocusedLens(near=near, far=far, blur=blur, camera=numbers, plane=plane, window=window)
+
+
+def disparity_at_pixel(
+    pixel: tuple[int, int], depth: DepthMap, window: Window, name: str = "focus.at"
+) -> float:
+    """Return the value of a map at a pixel of the shown picture.
+
+    Args:
+        pixel: Column and row, from the upper left.
+        depth: Map in the size of the picture.
+        window: Where its pixels lie in the shown picture.
+        name: Setting that told the pixel, for the message.
+
+    Raises:
+        ParameterError: Nothing is stored there.
+
+    Examples:
+        >>> values = np.array([[0, 0.25, 1]], np.float32)
+        >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
+        >>> disparity_at_pixel((1, 0), depth, Window.whole(3, 1))
+        0.25
+    """
+    x, y = pixel
+    if not (0 <= x < window.display_width and 0 <= y < window.display_height):
+        size = f"{window.display_width}x{window.display_height}"
+        raise ParameterError(name, expected=f"a pixel inside the picture of {size}", shown=f"{x},{y}")
+    column, row = x - window.x, y - window.y
+    height, width = depth.values.shape
+    if not (0 <= column < width and 0 <= row < height):
+        raise ParameterError(
+            name, expected="a pixel that the file stores", shown=f"{x},{y}, outside its data window"
+        )
+    return float(depth.values[row, column])
+
+
+def disparity_of_distance(metres: float) -> float:
+    """Return the disparity, 1/mm, of a distance in metres; infinity is 0.
+
+    Examples:
+        >>> disparity_of_distance(2), disparity_of_distance(math.inf)  # 1/mm
+        (0.0005, 0.0)
+    """
+    if not metres > 0:
+        raise ParameterError("focus.distance", expected="metres above 0", got=metres)
+    return 1 / (1000 * metres)
+
+
+def check_focus(settings: RenderSettings) -> None:
+    """Raise ``ParameterError`` unless focus and camera go with what tells the depth; nothing is read.
+
+    Examples:
+        >>> from bokehnet.settings.settings import InputSettings
+        >>> disparity, blur = InputSettings(disparity="disparity.png"), CameraSettings(blur=30)
+        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(value=0.4)))
+        >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(distance=2)))
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: focus.distance: expected nothing: it cannot go with ...
+    """
+    source = depth_source(settings)
+    if source.kind == "defocus":
+        check_nothing_to_focus(settings)
+        return
+    metric, origin = source.kind == "metric", source.origin
+    if metric and isinstance(source, EmbeddedDepth):
+        origin += " (no `input.disparity`, `input.depth` or `camera.blur` is given)"
+    check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=not source.tells_focus)
+
+
+def check_nothing_to_focus(settings: RenderSettings) -> None:
+    """Raise ``ParameterError`` where a ready defocus map is to be focused again."""
+    for path in ("value", "distance", "at", "range", "plane"):
+        if getattr(settings.focus, path) is not None:
+            raise ParameterError(
+                f"focus.{path}", expected="nothing: `input.defocus` is focused already", remedy="leave it out"
+            )
+    if settings.focus.tilt_x or settings.focus.tilt_y or settings.camera != CameraSettings():
+        raise ParameterError(
+            "input.defocus",
+            expected="no camera and no tilt beside it: its blur radii are final",
+            remedy="leave them out",
+        )
+
+
+def check_kind(
+    focus: FocusSettings, camera: CameraSettings, *, metric: bool, origin: str, complete: bool = False
+) -> None:
+    """Raise ``ParameterError`` unless what is given can go with a map of this kind.
+
+    Args:
+        focus: What shall stay sharp.
+        camera: What blurs.
+        metric: Whether the map tells distances; else relative disparity.
+        origin: What made it so: a setting, or words.
+        complete: Whether no file can tell what stays sharp.
+    """
+    holder = f"`{origin}`" if origin.partition(".")[2].isidentifier() else origin
+    values = {"focus": focus, "camera": camera}
+    for path in _RELATIVE if metric else _METRIC:
+        group, _, name = path.partition(".")
+        value = getattr(values[group], name)
+        if value is not None:
+            raise ParameterError(
+                path, expected=f"nothing: it cannot go with {holder}", got=value, remedy="leave it out"
+            )
+    if not metric and camera.blur is None:
+        raise ParameterError(
+            "camera.blur",
+            expected=f"pixels per unit of disparity: {holder} needs `camera.blur`",
+            shown="none",
+        )
+    if complete and all(getattr(focus, way) is None for way in _ways(metric)):
+        raise _no_focus(metric)
+    if not metric and focus.range is not None and max(focus.range) > 1:
+        raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
+    if metric and focus.range is not None and not min(focus.range) > 0:
+        raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
+    if focus.plane is not None:
+        with about("focus", {"pixels": "plane"}):
+            FocusPlane.through(focus.plane, (0, 0, 0))
+
+
+def _no_focus(metric: bool, why: str = "") -> ParameterError:
+    *first, last = (f"`focus.{way}`" for way in _ways(metric))
+    return ParameterError(
+        f"focus.{_ways(metric)[0]}", expected=f"one of {', '.join(first)} and {last}", shown=f"none{why}"
+    )
+
+
+def _ways(metric: bool) -> tuple[str, ...]:
+    """The ways to say what stays sharp."""
+    return ("distance" if metric else "value", "at", "range", "plane")
+
+
+def _focus_disparity(
+    depth: DepthMap,
+    window: Window,
+    focus: FocusSettings,
+    plane: Callable[[float], tuple[FocusPlane, float]] | None,
+) -> float:
+    """What stays sharp, in the unit of the map; where a plane leans, in its pixel or in the middle."""
+    if focus.plane is not None:
+        assert plane is not None
+        return float(plane(0.0)[0].at(*_middle(window)))
+    if focus.at is not None:
+        return disparity_at_pixel(focus.at, depth, window)
+    if focus.value is not None:
+        return focus.value
+    if focus.distance is not None:
+        return disparity_of_distance(focus.distance)
+    if depth.kind == "metric" and depth.camera is not None and depth.camera.focus_distance is not None:
+        return disparity_of_distance(depth.camera.focus_distance / 1000)
+    if depth.focus is not None:
+        return depth.focus
+    raise _no_focus(depth.kind == "metric", "; the picture's file tells no focus")
+
+
+def _leaning(
+    depth: DepthMap,
+    window: Window,
+    focus: FocusSettings,
+    camera: CameraSettings,
+    numbers: LensNumbers | None,
+) -> Callable[[float], tuple[FocusPlane, float]] | None:
+    """From a disparity, where the plane turns, to the plane in focus and the blur, pixels per unit."""
+    tilt = (focus.tilt_x, focus.tilt_y)
+    if focus.plane is None and not any(tilt):
+        return None
+    size, middle = (window.display_width, window.display_height), _middle(window)
+    pixel = middle if focus.at is None else focus.at
+    picked = None
+    if focus.plane is not None:
+        values = [disparity_at_pixel(corner, depth, window, "focus.plane") for corner in focus.plane]
+        picked = FocusPlane.through(focus.plane, values)
+    check_rank("disparity", depth.values, 2, "(H, W)")
+    if numbers is None:
+        blur = camera.blur
+        assert blur is not None
+        return lambda disparity: (picked or relative_plane(tilt, pixel, disparity, size), blur)
+    lens, pitch = _thin_lens(numbers, 0.0), numbers.sensor_width / window.display_width
+
+    def at(disparity: float) -> tuple[FocusPlane, float]:
+        length = lens.focal_length
+        if picked is not None:
+            plane = picked
+            distance = distance_to_sensor(picked, focal_length=length, pixel_pitch=pitch, centre=middle)
+        else:
+            plane, distance = tilted_lens(
+                tilt, pixel, disparity, focal_length=length, pixel_pitch=pitch, centre=middle
+            )
+        return plane, lens.pupil_radius * distance / pitch
+
+    return at
+
+
+def _thin_lens(camera: LensNumbers, focus: float) -> ThinLens:
+    """The lens focused at a disparity in 1/mm."""
+    distance = 1 / focus if focus > 0 else math.inf
+    try:
+        return ThinLens(focal_length=camera.focal_length, f_number=camera.f_number, focus_distance=distance)
+    except LensError as error:
+        if error.parameter != "focus_distance":
+            raise
+        raise LensError(
+            f"cannot focus at {distance / 1000:g} m: expected more than {camera.focal_length:g} mm, the "
+            "`camera.focal_length`",
+            parameter="focus.distance",
+        ) from error
+
+
+def _middle(window: Window) -> tuple[float, float]:
+    return (window.display_width - 1) / 2, (window.display_height - 1) / 2

@@ -1,0 +1,34 @@
+"""Which pixel filter a picture was taken with: told, known from its file, or estimated from its edges."""
+
+from bokehnet.classical.layered.boundaries.edge_spread import estimate_filter
+from bokehnet.optics.pixels.pixel_filter import FilterChoice, parse_pixel_filter
+from bokehnet.scene.scene import Scene
+
+__all__ = ["choose_filter"]
+
+
+def choose_filter(scene: Scene, told: str) -> FilterChoice:
+    """Return the pixel filter of a scene's picture.
+
+    Args:
+        scene: With its file, where it has one.
+        told: A filter or a renderer, or ``auto``: that of the renderer that wrote the file, else by the
+            edges of the picture.
+
+    Examples:
+        >>> import numpy as np
+        >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
+        >>> from bokehnet.scene.scene import make_scene
+        >>> flat = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25))
+        >>> str(choose_filter(flat, "arnold"))
+        'gaussian:2 (as asked)'
+        >>> str(choose_filter(flat, "auto"))
+        'blackman-harris:1.5 (by default: 0 clear edges)'
+    """
+    if told != "auto":
+        return FilterChoice(pixel_filter=parse_pixel_filter(told), reason="as asked")
+    renderer = None if scene.frame is None else scene.frame.renderer
+    if renderer is not None:
+        reason = f"of {renderer}, which wrote the file"
+        return FilterChoice(pixel_filter=parse_pixel_filter(renderer), reason=reason)
+    return estimate_filter(scene.image)

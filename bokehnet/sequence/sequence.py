@@ -1,0 +1,260 @@
+"""Sequences: what changes from frame to frame, and what depends on what between frames.
+
+A pull moves focus, f-number or blur from key to key. Maps of a sequence are treated alike: their values count
+as they are stored, never stretched frame by frame, and noise is another one in each frame.
+"""
+
+import csv
+import io
+import math
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from bokehnet.errors import ConfigError, ParameterError
+from bokehnet.io.text import read_text
+from bokehnet.sequence.frame_names import frame_path, is_pattern, parse_frames
+from bokehnet.settings.fields import Group, field_settings, setting
+from bokehnet.settings.settings import RenderSettings
+
+__all__ = ["PULLED", "Pull", "SequenceSettings", "input_files", "make_pull", "read_pull", "settings_at_frame"]
+
+# Name in files to the setting that is pulled.
+_PATHS = {
+    "focus": "focus.value",
+    "focus_distance": "focus.distance",
+    "f_number": "camera.f_number",
+    "blur": "camera.blur",
+}
+
+# What can be pulled, and whether it moves evenly by its inverse: blur radii are linear in disparity, which is
+# inverse distance, and in the pupil's diameter, which is inverse to the f-number.
+PULLED = {"focus": False, "focus_distance": True, "f_number": True, "blur": False}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SequenceSettings(Group):
+    """Which frames, and what is pulled over them: by its ends or by a file of keys.
+
+    Examples:
+        >>> shot = SequenceSettings(frames=parse_frames("1001-1003"), blur_from=20, blur_to=60)
+        >>> make_pull(shot.frames, shot, metric=False).at(1002)  # pixels per unit of disparity
+        {'blur': 40.0}
+    """
+
+    GROUP: ClassVar[str] = "sequence"
+    TITLE: ClassVar[str] = "Sequences"
+
+    frames: tuple[int, ...] | None = setting(
+        None,
+        "Render a sequence, such as 1001-1100 or 1001-1100x2; #### or %04d in names is the frame.",
+        metavar="RANGE",
+        parse=parse_frames,
+        low=0,
+    )
+    focus_from: float | None = setting(
+        None,
+        "With --frames: focus of the first frame, metres with --depth, 0..1 with --disparity.",
+        infinite=True,
+    )
+    focus_to: float | None = setting(
+        None, "Focus of the last frame; even in disparity between.", infinite=True
+    )
+    f_number_from: float | None = setting(None, "With --frames: f-number of the first frame.")
+    f_number_to: float | None = setting(None, "F-number of the last frame; even in blur between.")
+    blur_from: float | None = setting(None, "With --frames: --blur of the first frame.")
+    blur_to: float | None = setting(None, "Blur of the last frame.")
+    file: Path | None = setting(
+        None,
+        "With --frames: columns frame and focus, focus_distance, f_number, blur; even between its rows.",
+        flag="pull",
+        metavar="FILE.csv",
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Pull:
+    """Keys of what changes over a sequence.
+
+    Between two keys each pixel's blur radius changes by the same amount from frame to frame: focus moves
+    linearly in disparity (a pull from 1 m to infinity passes 2 m half-way), the f-number linearly in its
+    inverse. Before the first and behind the last key the value stays.
+
+    Attributes:
+        keys: Name, one of ``PULLED``, to (frame, value), frames rising.
+
+    Examples:
+        >>> pull = Pull(keys={"focus_distance": [(1, 1.0), (11, math.inf)]})
+        >>> pull.at(6)  # m, half-way
+        {'focus_distance': 2.0}
+    """
+
+    keys: Mapping[str, Sequence[tuple[int, float]]] = field(default_factory=dict)
+
+    def at(self, frame: int) -> dict[str, float]:
+        """Return the value of each name at ``frame``."""
+        return {name: _value_at(frame, keys, PULLED[name]) for name, keys in self.keys.items()}
+
+
+def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool) -> Pull:
+    """Return what changes over the frames.
+
+    Args:
+        frames: Rising.
+        settings: Ends, or a file of keys.
+        metric: Whether focus is told in metres; else in relative disparity.
+
+    Raises:
+        ParameterError: One end without the other, or ends beside a file.
+        ConfigError: As :func:`read_pull`.
+
+    Examples:
+        >>> pull = make_pull([1, 2, 3], SequenceSettings(focus_from=0.0, focus_to=1.0), metric=False)
+        >>> pull.at(2)
+        {'focus': 0.5}
+    """
+    keys = {}
+    for name, option in (
+        ("focus_distance" if metric else "focus", "focus"),
+        ("f_number",) * 2,
+        ("blur",) * 2,
+    ):
+        first, last = getattr(settings, f"{option}_from"), getattr(settings, f"{option}_to")
+        if first is None and last is None:
+            continue
+        if settings.file is not None:
+            raise ParameterError(
+                "sequence.file",
+                expected="one of `sequence.file` and ends that are pulled between",
+                shown="both",
+            )
+        if first is None or last is None:
+            raise ParameterError(
+                f"sequence.{option}_{'from' if first is None else 'to'}",
+                expected=f"both `sequence.{option}_from` and `sequence.{option}_to`",
+                shown="one",
+            )
+        keys[name] = [(frames[0], first), (frames[-1], last)]
+    return Pull(keys=keys) if settings.file is None else read_pull(settings.file)
+
+
+def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = None) -> RenderSettings:
+    """Return the settings of one frame: its files, and what is pulled.
+
+    Args:
+        settings: Of all frames; names of files may have a place for the number, such as ``z.####.exr``.
+        frame: Its number.
+        pull: What changes over the frames.
+
+    Raises:
+        ParameterError: What is pulled is told by the settings as well, or is out of range.
+
+    Examples:
+        >>> from bokehnet.settings.settings import InputSettings
+        >>> shot = RenderSettings(input=InputSettings(depth="z.####.exr"))
+        >>> str(settings_at_frame(shot, 7).input.depth)
+        'z.0007.exr'
+    """
+    changes: dict[str, dict[str, Any]] = {"input": {}, "depth": {}, "focus": {}, "camera": {}}
+    for name, path in input_files(settings).items():
+        changes["input"][name] = frame_path(path, frame)
+    disparity = settings.input.disparity
+    if disparity is not None and is_pattern(disparity):
+        changes["depth"]["as_stored"] = True
+    for name, value in ({} if pull is None else pull.at(frame)).items():
+        group, _, field_name = _PATHS[name].partition(".")
+        if getattr(getattr(settings, group), field_name) is not None:
+            raise ParameterError(
+                _PATHS[name], expected="either a value or a pull of it", shown="both", remedy="leave one out"
+            )
+        changes[group][field_name] = value
+    return settings.updated(changes)
+
+
+def input_files(settings: RenderSettings) -> dict[str, Path]:
+    """The files beside the picture, by their fields.
+
+    Examples:
+        >>> from bokehnet.settings.settings import InputSettings
+        >>> shot = RenderSettings(input=InputSettings(depth="z.####.exr"))
+        >>> {name: str(path) for name, path in input_files(shot).items()}
+        {'depth': 'z.####.exr'}
+    """
+    known = field_settings(settings.input).values()
+    found = {item.name: getattr(settings.input, item.name) for item in known if item.type is Path}
+    return {name: path for name, path in found.items() if path is not None}
+
+
+def read_pull(path: Path) -> Pull:
+    """Read a CSV file with the column ``frame`` and some of ``PULLED``; a row is a key, empty cells are none.
+
+    Raises:
+        ConfigError: The file cannot be read or holds something else.
+
+    Examples:
+        >>> with open("pull.csv", "w", newline="") as file:
+        ...     csv.writer(file).writerows([("frame", "blur"), (1001, 20), (1003, 60)])
+        >>> read_pull(Path("pull.csv")).at(1002)
+        {'blur': 40.0}
+    """
+    text = read_text(path, expected="a CSV file")
+    try:
+        rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
+        names = [name.strip() for name in rows.fieldnames or ()]
+        _check_columns(path, names)
+        rows.fieldnames = names
+        keys = _read_keys(path, rows, names)
+    except csv.Error as error:
+        raise ConfigError(f"{path}: expected a CSV file, found an error: {error}") from error
+    empty = [name for name, of_name in keys.items() if not of_name]
+    if empty or not keys:
+        raise ConfigError(f"{path}: expected a value in each column, found none for {', '.join(empty)}")
+    return Pull(keys={name: sorted(of_name.items()) for name, of_name in keys.items()})
+
+
+def _check_columns(path: Path, names: list[str]) -> None:
+    known = ("frame", *PULLED)
+    if "frame" not in names or len(names) < 2 or len(set(names)) < len(names) or set(names) - set(known):
+        raise ConfigError(
+            f"{path}: expected the column frame and some of {', '.join(PULLED)}, "
+            f"found {', '.join(names) or 'nothing'}"
+        )
+
+
+def _read_keys(path: Path, rows: "csv.DictReader[str]", names: list[str]) -> dict[str, dict[int, float]]:
+    keys: dict[str, dict[int, float]] = {name: {} for name in names if name != "frame"}
+    seen: set[int] = set()
+    for row in rows:
+        place = f"{path}, line {rows.line_num}"
+        try:
+            frame = int(row["frame"] or "")
+            values = {name: float(row[name]) for name in keys if (row[name] or "").strip()}
+        except ValueError as error:
+            raise ConfigError(f"{place}: expected a whole frame and numbers: {error}") from error
+        if None in row or any(math.isnan(value) for value in values.values()):
+            raise ConfigError(f"{place}: expected one number a column, found more, or NaN")
+        if frame in seen:
+            raise ConfigError(f"{place}: frame {frame} stands there twice; keep one")
+        seen.add(frame)
+        for name, value in values.items():
+            keys[name][frame] = value
+    return keys
+
+
+def _value_at(frame: int, keys: Sequence[tuple[int, float]], by_inverse: bool) -> float:
+    index = bisect_left(keys, frame, key=lambda key: key[0])
+    if index == len(keys):
+        return keys[-1][1]
+    after, second = keys[index]
+    if index == 0 or after == frame:
+        return second
+    before, first = keys[index - 1]
+    share = (frame - before) / (after - before)
+    if not by_inverse:
+        return (1 - share) * first + share * second
+    if min(first, second) <= 0:
+        raise ParameterError(f"a pull: expected distances and f-numbers above 0, got {min(first, second):g}")
+    inverse = (1 - share) / first + share / second
+    return 1 / inverse if inverse else math.inf

@@ -1,0 +1,283 @@
+"""Everything that a rendering can be told, each number with its unit, range and default, stated once.
+
+:class:`RenderSettings` is a frozen tree of groups. From it the command line makes its options, presets take
+their names, and TOML files are read and written: ``RenderSettings`` -> group -> field, as in
+``settings.aperture.blades``. Errors name a field by that path. The fields themselves stand in
+``scene_settings.py`` and ``look_settings.py``.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from bokehnet.errors import ParameterError
+from bokehnet.settings.fields import Group, Setting, field_settings, from_plain, to_plain
+from bokehnet.settings.light_settings import LightSettings
+from bokehnet.settings.look_settings import (
+    ApertureSettings,
+    ColorSettings,
+    EffectSettings,
+    HighlightSettings,
+    LensSettings,
+)
+from bokehnet.settings.scene_settings import (
+    CameraSettings,
+    DepthSettings,
+    DeviceName,
+    EngineName,
+    EngineSettings,
+    FocusSettings,
+    InputSettings,
+    OutputSettings,
+)
+
+__all__ = [
+    "RAY_ENGINES",
+    "ApertureSettings",
+    "CameraSettings",
+    "ColorSettings",
+    "DepthSettings",
+    "DeviceName",
+    "EffectSettings",
+    "EngineName",
+    "EngineSettings",
+    "FocusSettings",
+    "HighlightSettings",
+    "InputSettings",
+    "LensSettings",
+    "LightSettings",
+    "OutputSettings",
+    "RenderSettings",
+    "all_settings",
+    "check_engine",
+    "group_types",
+    "merged",
+    "settings_by_flag",
+]
+
+# Engines that follow rays through a lens: its aberrations, its colours, and discs that lean.
+RAY_ENGINES = ("rays", "hybrid")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RenderSettings:
+    """Everything that a rendering can be told, in groups.
+
+    Every number is checked when a group is made. Two settings are equal when they say the same.
+
+    Attributes:
+        input: Files beside the picture that tell its depth.
+        depth: How the map of the scene is read, and what is mended in it.
+        focus: What stays sharp.
+        camera: How strongly the rest is blurred.
+        aperture: The shape of the lens opening.
+        lens: The look of a lens.
+        color: Colours that part.
+        highlights: How light is weighed before it is blurred.
+        light: What waves and glass make of lamps.
+        effects: What the camera does to the blurred picture.
+        engine: What renders.
+        output: What is written besides the picture.
+
+    Raises:
+        ParameterError: A value has another type or is out of range, or fields do not fit together.
+
+    Examples:
+        >>> from bokehnet.settings.settings import ApertureSettings, CameraSettings, RenderSettings
+        >>> settings = RenderSettings(camera=CameraSettings(blur=60), aperture=ApertureSettings(blades=6))
+        >>> settings.updated({"focus": {"value": 0.35}}).focus.value
+        0.35
+    """
+
+    input: InputSettings = field(default_factory=InputSettings)
+    depth: DepthSettings = field(default_factory=DepthSettings)
+    focus: FocusSettings = field(default_factory=FocusSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    aperture: ApertureSettings = field(default_factory=ApertureSettings)
+    lens: LensSettings = field(default_factory=LensSettings)
+    color: ColorSettings = field(default_factory=ColorSettings)
+    highlights: HighlightSettings = field(default_factory=HighlightSettings)
+    light: LightSettings = field(default_factory=LightSettings)
+    effects: EffectSettings = field(default_factory=EffectSettings)
+    engine: EngineSettings = field(default_factory=EngineSettings)
+    output: OutputSettings = field(default_factory=OutputSettings)
+
+    def __post_init__(self) -> None:
+        for name, kind in _GROUPS.items():
+            if not isinstance(getattr(self, name), kind):
+                raise ParameterError(name, expected=f"a {kind.__name__}", got=getattr(self, name))
+        _check_across(self)
+
+    def updated(self, changes: Mapping[str, Mapping[str, Any]]) -> "RenderSettings":
+        """Return these settings with some fields replaced.
+
+        Args:
+            changes: Group to fields and their values, as :meth:`to_table` gives them.
+
+        Raises:
+            ParameterError: A name is unknown, or as for the class.
+        """
+        groups: dict[str, Any] = {}
+        for group, fields in changes.items():
+            if group not in _GROUPS:
+                raise ParameterError(group, expected=f"one of {', '.join(_GROUPS)}", got=group)
+            if not isinstance(fields, Mapping):
+                raise ParameterError(group, expected="fields and their values", got=fields)
+            known = field_settings(_GROUPS[group])
+            for name in fields:
+                if name not in known:
+                    raise ParameterError(f"{group}.{name}", expected=f"one of {', '.join(known)}", got=name)
+            values = {name: from_plain(known[name], value) for name, value in fields.items()}
+            groups[group] = dataclasses.replace(getattr(self, group), **values)
+        return dataclasses.replace(self, **groups)
+
+    def to_table(self) -> dict[str, dict[str, Any]]:
+        """Return what differs from the defaults, group by group, as TOML files hold it."""
+        table = {}
+        for name, kind in _GROUPS.items():
+            group = getattr(self, name)
+            known = field_settings(kind)
+            values = {key: getattr(group, key) for key in known if getattr(group, key) != known[key].default}
+            if values:
+                table[name] = {key: to_plain(value) for key, value in values.items()}
+        return table
+
+
+_GROUPS: dict[str, type[Group]] = {
+    kind.GROUP: kind
+    for kind in (
+        InputSettings,
+        DepthSettings,
+        FocusSettings,
+        CameraSettings,
+        ApertureSettings,
+        LensSettings,
+        ColorSettings,
+        HighlightSettings,
+        LightSettings,
+        EffectSettings,
+        EngineSettings,
+        OutputSettings,
+    )
+}
+
+
+def _check_across(settings: RenderSettings) -> None:
+    """Raise ``ParameterError`` unless the groups fit together."""
+    source, depth = settings.input, settings.depth
+    needs = {"invert": "disparity", "value_range": "disparity", "as_stored": "disparity", "unit": "depth"}
+    for name, needed in needs.items():
+        value = getattr(depth, name)
+        if value not in (None, False) and getattr(source, needed) is None:
+            raise ParameterError(
+                f"depth.{name}",
+                expected=f"`input.{needed}` for it to act on",
+                got=value,
+                remedy="give that, or leave this out",
+                shown="it alone" if value is True else None,
+            )
+    if settings.light.ghosts is not None and settings.lens.name is None:
+        raise ParameterError(
+            "light.ghosts",
+            expected="`lens.name`, whose surfaces reflect",
+            got=settings.light.ghosts,
+            remedy="give that, or leave this out",
+        )
+    check_engine(settings, settings.engine.name)
+
+
+def check_engine(settings: RenderSettings, engine: str | None) -> None:
+    """Raise ``ParameterError`` where a look meets an engine that follows no rays, or light that none parts.
+
+    Args:
+        settings: Whose look it is.
+        engine: What renders; None where that is not known yet.
+
+    Examples:
+        >>> tails = RenderSettings(lens=LensSettings(coma=2))  # percent
+        >>> check_engine(tails, "rays")
+        >>> check_engine(tails, "scatter")
+        Traceback (most recent call last):
+            ...
+        bokehnet.errors.ParameterError: lens.coma: expected `engine.name` rays or hybrid, ...
+    """
+    lens, color = settings.lens, settings.color
+    sliders = ("name", "spherical", "coma", "astigmatism", "field_curvature")
+    given = [f"lens.{name}" for name in sliders if getattr(lens, name)]
+    given += [f"color.{name}" for name in ("axial", "lateral") if getattr(color, name)]
+    if given and engine is not None and engine not in RAY_ENGINES:
+        raise ParameterError(
+            given[0],
+            expected=f"`engine.name` {' or '.join(RAY_ENGINES)}, which follow rays through a lens",
+            got=engine,
+        )
+    parted = color.axial or color.lateral or lens.name is not None
+    for name, plain in (("dispersion", "continuous"), ("equaliser", (1.0,))):
+        if getattr(color, name) not in (None, plain) and not parted:
+            raise ParameterError(
+                f"color.{name}",
+                expected="colours that part: `color.axial`, `color.lateral` or `lens.name`",
+                shown="none",
+            )
+
+
+def merged(*layers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Lay changes over each other; a later layer prevails, and so does its way where one of several is given.
+
+    Args:
+        layers: Group to fields and their values, each.
+
+    Examples:
+        >>> merged({"focus": {"value": 0.2}, "camera": {"blur": 9}}, {"focus": {"at": (3, 4)}})
+        {'focus': {'at': (3, 4)}, 'camera': {'blur': 9}}
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for layer in layers:
+        for group, values in layer.items():
+            below = found.setdefault(group, {})
+            ways = _GROUPS[group].ONE_OF if group in _GROUPS else ()
+            if any(values.get(name) is not None for name in ways):
+                found[group] = below = {name: value for name, value in below.items() if name not in ways}
+            below.update(values)
+    return found
+
+
+@cache
+def all_settings() -> Mapping[str, Setting]:
+    """What is known of each field of :class:`RenderSettings`, by its path such as ``aperture.blades``.
+
+    Examples:
+        >>> known = all_settings()["camera.focal_length"]
+        >>> known.unit, known.flag, known.expectation
+        ('mm', 'focal-length', 'a number above 0 mm')
+    """
+    return {known.path: known for kind in _GROUPS.values() for known in field_settings(kind).values()}
+
+
+@cache
+def settings_by_flag() -> Mapping[str, Setting]:
+    """The same by flag, earlier flags among them.
+
+    Examples:
+        >>> settings_by_flag()["cats-eye"].path, settings_by_flag()["focus-distance"].path
+        ('aperture.cats_eye', 'focus.distance')
+    """
+    found = {}
+    for known in all_settings().values():
+        for flag in (known.flag, *known.aliases):
+            if flag is not None:
+                found[flag] = known
+    return found
+
+
+def group_types() -> list[type[Group]]:
+    """The groups, in the order of a help text.
+
+    Examples:
+        >>> first, *_ = group_types()
+        >>> first.GROUP, first.TITLE
+        ('input', 'Depth of the picture')
+    """
+    return list(_GROUPS.values())

@@ -1,0 +1,122 @@
+"""Settings in TOML files: a table for each group, or flags as the command line knows them."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bokehnet.errors import ConfigError
+from bokehnet.io.text import read_text
+from bokehnet.settings.fields import field_settings
+from bokehnet.settings.settings import RenderSettings, all_settings, group_types, settings_by_flag
+
+__all__ = ["load_settings", "read_toml", "save_settings", "settings_from_table"]
+
+
+def settings_from_table(
+    table: Mapping[str, Any], source: str = "settings", *, of_a_look: bool = False
+) -> dict[str, dict[str, Any]]:
+    """Sort a table of a TOML file into groups.
+
+    Args:
+        table: Tables by group, fields inside; and flags outside of any group, such as ``cats-eye``.
+        source: Named in messages.
+        of_a_look: Whether only settings of a look may stand there.
+
+    Returns:
+        Group to field to value, for :meth:`RenderSettings.updated`.
+
+    Raises:
+        ConfigError: A name is unknown, or a value is none that a field could have.
+
+    Examples:
+        >>> settings_from_table({"cats-eye": 0.5, "camera": {"blur": 40}})
+        {'aperture': {'cats_eye': 0.5}, 'camera': {'blur': 40}}
+    """
+    groups = {group.GROUP: group for group in group_types()}
+    changes: dict[str, dict[str, Any]] = {}
+    for key, value in table.items():
+        if key in groups and isinstance(value, Mapping):
+            known = field_settings(groups[key])
+            pairs = [(f"{key}.{name}", known.get(name), item) for name, item in value.items()]
+        else:
+            pairs = [(key, settings_by_flag().get(key), value)]
+        for name, found, item in pairs:
+            if found is None or (of_a_look and not found.of_a_look):
+                what = "a preset can set" if of_a_look else "known are"
+                names = [
+                    each.flag or path
+                    for path, each in all_settings().items()
+                    if each.of_a_look or not of_a_look
+                ]
+                raise ConfigError(f"{source}: unknown option {name!r}; {what} {', '.join(sorted(names))}")
+            if not isinstance(item, bool | int | float | str | list):
+                raise ConfigError(
+                    f"{source}: {name}: expected a number, a text, true or a list, got {item!r}"
+                )
+            changes.setdefault(found.group, {})[found.name] = item
+    return changes
+
+
+def load_settings(path: str | Path) -> RenderSettings:
+    """Read settings from a TOML file: a table for each group, with its fields.
+
+    Raises:
+        ConfigError: The file is missing or not TOML, or a name is unknown.
+        ParameterError: A value is out of range, or values do not fit together.
+
+    Examples:
+        >>> save_settings("shot.toml", RenderSettings().updated({"camera": {"blur": 40}}))
+        >>> load_settings("shot.toml").camera.blur  # pixels per unit of disparity
+        40.0
+    """
+    return RenderSettings().updated(settings_from_table(read_toml(path, "settings"), str(path)))
+
+
+def save_settings(path: str | Path, settings: RenderSettings) -> None:
+    """Write what differs from the defaults as a TOML file that :func:`load_settings` reads, atomically.
+
+    Raises:
+        ConfigError: The file cannot be written.
+
+    Examples:
+        >>> save_settings("look.toml", RenderSettings().updated({"aperture": {"blades": 6, "cats_eye": 0.5}}))
+        >>> print(Path("look.toml").read_text())
+        [aperture]
+        blades = 6
+        cats_eye = 0.5
+    """
+    from bokehnet.io.atomic import write_text  # after the settings are made, so that a help text is fast
+
+    lines = []
+    for group, values in settings.to_table().items():
+        lines += [f"[{group}]", *(f"{name} = {_toml(value)}" for name, value in values.items()), ""]
+    write_text(Path(path), "\n".join(lines), error=ConfigError)
+
+
+def read_toml(path: str | Path, what: str) -> dict[str, Any]:
+    """Return the table of a TOML file; ``ConfigError`` says what kind of file cannot be read, and why.
+
+    Examples:
+        >>> _ = Path("look.toml").write_text("cats-eye = 0.5")
+        >>> read_toml("look.toml", "preset")
+        {'cats-eye': 0.5}
+    """
+    text = read_text(path, what, "TOML")
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # of TOML, of numbers with too many digits
+        raise ConfigError(f"{path}: expected TOML, found an error: {error}") from error
+
+
+def _toml(value: Any) -> str:
+    """Spell a plain value as TOML does."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
+    return ("inf" if value > 0 else "-inf") if isinstance(value, float) and math.isinf(value) else repr(value)

@@ -1,0 +1,68 @@
+"""Truth: edges at random places and angles, drawn through filters whose width is known."""
+
+import numpy as np
+import pytest
+
+from bokehnet.classical.layered.boundaries.edge_spread import edge_widths, estimate_filter
+from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
+
+
+def bars(pixel_filter, noise=0.0, seed=0):
+    """Tilted bars, (240, 240, 3): across each edge the integral of the filter, as if it were isotropic."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[:240, :240].astype(float)
+    light = np.full((240, 240), 0.1)
+    for number in range(12):
+        angle = rng.uniform(-0.5, 0.5) + np.pi / 2 * (number % 2)
+        offset = rng.uniform(20, 220)
+        across = (columns - 120) * np.cos(angle) + (rows - 120) * np.sin(angle) + 120 - offset
+        inside = pixel_filter.cumulative(across + 6) - pixel_filter.cumulative(across - 6)
+        light += (rng.uniform(0.3, 0.8) - light) * inside
+    return np.repeat(light[..., None], 3, 2) + rng.normal(0, noise, (240, 240, 3))
+
+
+@pytest.mark.parametrize("width", [1.8, 2.0, 2.8, 3.8])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_width_of_a_gaussian_is_found(width, noise):
+    found = estimate_filter(bars(PixelFilter("gaussian", width), noise))
+    assert found.pixel_filter.name == "gaussian"
+    assert found.pixel_filter.width == pytest.approx(width, rel=0.1)
+    assert found.confidence > 0.7
+
+
+def test_the_filter_of_blender_is_seen_as_a_gaussian_of_its_weights():
+    found = estimate_filter(bars(DEFAULT_FILTER)).pixel_filter.weights()
+    np.testing.assert_allclose(found, DEFAULT_FILTER.weights(), atol=0.03)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 400), (30, 40)])
+def test_pictures_without_edges_get_the_default(shape):
+    found = estimate_filter(np.full((*shape, 3), 0.3, np.float32))
+    assert (found.pixel_filter, found.confidence) == (DEFAULT_FILTER, 0.0)
+    assert found.reason == "by default: 0 clear edges"
+
+
+def test_noise_alone_has_no_clear_edges():
+    image = np.random.default_rng(0).random((200, 200, 3))
+    assert len(edge_widths(image)) < 20
+
+
+def test_clipped_edges_are_left_out():
+    """What is clipped is sharper than its filter; so it does not count, while unclipped light does."""
+    image = bars(PixelFilter("gaussian", 2.8))
+    plain, clipped = edge_widths(image), edge_widths(np.minimum(4 * image, 1.0))
+    assert len(clipped) < 0.1 * len(plain)
+
+
+def test_brightness_changes_nothing():
+    image = bars(PixelFilter("gaussian", 2.4))
+    assert estimate_filter(50 * image).pixel_filter == estimate_filter(image).pixel_filter
+
+
+def test_rows_are_looked_at_in_any_number(monkeypatch):
+    y, x = np.mgrid[:90, :120].astype(np.float32)
+    image = np.repeat((0.2 + 0.6 * ((x + 0.3 * y) % 30 < 15))[..., None], 3, -1).astype(np.float32)
+    whole = edge_widths(image)
+    monkeypatch.setattr("bokehnet.classical.layered.boundaries.edge_spread._ROWS", 7)
+    assert len(whole) > 20
+    assert np.array_equal(edge_widths(image), whole)

@@ -1,0 +1,73 @@
+"""Where rays need not look. Oracle: the same picture when they look everywhere."""
+
+import numpy as np
+import pytest
+from skimage import data
+
+import bokehnet.classical.rays_renderer
+from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, occupied_bins
+from bokehnet.classical.layered.march.intersection import layer_cells
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
+
+CHARACTER = LensResponse(aberration_map=AberrationSliders(coma=2.0, field_curvature=1.0).aberration_map())
+
+
+def scene() -> tuple[np.ndarray, np.ndarray]:
+    """A leaning ground, a post and a floating plate; most of the right half is plain ground."""
+    image = (data.astronaut()[100:228, 100:420] / 255.0).astype(np.float32)
+    defocus = np.tile(np.linspace(-3, -5, 320, dtype=np.float32), (128, 1))
+    defocus[20:, 30:38] = 8
+    defocus[50:70, 90:110] = 2
+    return image, defocus
+
+
+@pytest.mark.parametrize("lens_response", [None, CHARACTER])
+def test_rays_miss_nothing_where_they_do_not_look(monkeypatch, lens_response):
+    image, defocus = scene()
+    found = rays(image, defocus, lens_response=lens_response)
+    shares = []
+
+    def look_everywhere(*arguments):
+        slices = occupied_bins(*arguments)
+        shares.append(slices.smooth.mean())
+        every = np.full_like(slices.bits, 2**64 - 1)
+        return slices._replace(bits=every, smooth=np.zeros_like(slices.smooth))
+
+    monkeypatch.setattr(bokehnet.classical.rays_renderer, "occupied_bins", look_everywhere)
+    expected = rays(image, defocus, lens_response=lens_response)
+    assert 0.3 < shares[0] < 0.9
+    assert np.sqrt(np.mean((found - expected) ** 2)) < 3e-4
+    assert np.abs(found - expected).max() < 0.01
+
+
+def test_a_tile_looks_behind_the_first_layer_within_reach_of_a_hidden_one():
+    depths = np.zeros((64, 256, 2), np.float32)
+    depths[:, 100:104, 0] = 40
+    layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
+    smooth = occupied_bins(layer_cells(layers)).smooth
+    columns = np.arange(smooth.shape[1]) * TILE
+    near = (columns + TILE > 60) & (columns < 144)
+    assert not smooth[:, near].any()
+    assert smooth[:, (columns < 60 - 3 * TILE) | (columns > 144 + 2 * TILE)].all()
+
+
+def test_half_covered_pixels_and_what_is_behind_them_are_looked_at():
+    depths = np.full((32, 32, 2), 3.0, np.float32)
+    cover = np.ones_like(depths)
+    cover[16, 16, 0] = 0.5
+    layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=cover)
+    slices = occupied_bins(layer_cells(layers))
+    assert not slices.smooth[2, 2]
+    assert slices.thickness == pytest.approx(0.002 / BINS, rel=1e-3)
+
+
+@pytest.mark.parametrize(("slope", "expected"), [(0.2, True), (0.4, False)])
+def test_steep_surfaces_are_walked_over(slope, expected):
+    """One surface without a depth discontinuity, as soft maps have it: rays may meet it at several places."""
+    depths = np.tile(np.clip((np.arange(256) - 120) * slope, 0, 6), (32, 1)).astype(np.float32)
+    depths = depths[..., None]
+    layers = Layers(colors=np.zeros((*depths.shape, 3)), defocus=depths, coverage=np.ones_like(depths))
+    assert (occupied_bins(layer_cells(layers)).smooth[:, 120 // TILE] == expected).all()

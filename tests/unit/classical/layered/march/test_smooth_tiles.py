@@ -1,0 +1,190 @@
+"""Bundles of rays in place of each pixel's own. Oracle: rays of the aberration map through a plane."""
+
+import math
+
+import numpy as np
+import pytest
+
+import bokehnet.classical.rays_renderer
+from bokehnet.classical.base import Place
+from bokehnet.classical.layered.layers import Layers
+from bokehnet.classical.layered.march.aberrated_rays import lens_table
+from bokehnet.classical.layered.march.bundle_extents import bundle_extents
+from bokehnet.classical.layered.march.intersection import layer_cells
+from bokehnet.classical.layered.march.smooth_tiles import render_smooth_tiles
+from bokehnet.classical.rays_renderer import _pattern, rays
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
+from bokehnet.optics.aperture import Aperture
+from bokehnet.optics.sampling import disc_from_square, sobol
+
+HEIGHT, WIDTH, TOP, LEFT = 240, 320, 104, 152
+GLASS = AberrationSliders(spherical=0.5, coma=2.0, astigmatism=1.0).aberration_map()
+
+LENSES = {
+    "sliders": LensResponse(aberration_map=GLASS),
+    "fringes": LensResponse(chromatic_aberration=ChromaticAberration(axial=1.0, lateral=1.0)),
+    "rim and tilt": LensResponse(
+        aberration_map=AberrationMap(
+            wavelengths=GLASS.wavelengths,
+            transverse_aberration=GLASS.transverse_aberration,
+            pupil_aberration=GLASS.pupil_aberration,
+            vignetting_apertures=((0.9, 1.0),),
+            tilt=(0.1, -0.05),
+        )
+    ),
+}
+
+
+def picture() -> np.ndarray:
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    waves = [np.sin(0.41 * x + 0.1 * c * y) + np.cos(0.37 * y - 0.13 * (c + 1) * x) for c in range(3)]
+    return (0.5 + 0.2 * np.stack(waves, -1)).astype(np.float32)
+
+
+def plane(middle: float, right: float = 0.01, down: float = -0.006) -> np.ndarray:
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    return (middle + right * (x - LEFT) + down * (y - TOP)).astype(np.float32)
+
+
+def one_layer(image: np.ndarray, defocus: np.ndarray) -> Layers:
+    coverage = np.ones((*defocus.shape, 1), np.float32)
+    return Layers(colors=image[:, :, None], defocus=defocus[..., None], coverage=coverage)
+
+
+def rendered(layers: Layers, lens_response: LensResponse, **how) -> tuple[np.ndarray, np.ndarray]:
+    """The picture, NaN where nothing was written, and the pixels that are left."""
+    shape = layers.defocus.shape[:2]
+    points, weights, chances = _pattern(Aperture())
+    lens = lens_table(lens_response, Place.whole(*shape), chances, shape=shape)
+    result = np.full((*shape, 3), np.nan, np.float32)
+    colors = np.ascontiguousarray(layers.colors, np.float32)
+    near = np.zeros(shape, np.float32)
+    arrays = (colors, layer_cells(layers), np.ones(shape, bool), near, points, weights)
+    left = render_smooth_tiles(*arrays, result, lens, bundle_extents(points, lens), **how)
+    return result, left > 0
+
+
+def seen(image, defocus_of, slopes, lens_response, y, x, count=4096):
+    """What one pixel sees of a plane by nearest pixels, ray by ray."""
+    chances = sobol(count, np.random.default_rng(9), 5)
+    wavelengths, colors = lens_response.sample_wavelengths(count)
+    half_diagonal = 0.5 * math.hypot(WIDTH, HEIGHT)
+    field = np.array([x - 0.5 * (WIDTH - 1), y - 0.5 * (HEIGHT - 1)]) / half_diagonal
+    total, weight = np.zeros(3), np.zeros(3)
+    order = np.random.default_rng(4).permutation(count)
+    for a, start, i in zip(disc_from_square(chances[:, :2]), chances[:, 2:4] - 0.5, order, strict=True):
+        missed, run, passes = lens_response.aberration_map(a, field, wavelengths[i])
+        if lens_response.chromatic_aberration is not None:
+            axial, lateral = lens_response.chromatic_aberration.strengths(wavelengths[i : i + 1])[0]
+            maps = lens_response.chromatic_aberration.maps(field)
+            missed = missed + axial * maps[0] * a + lateral * maps[1] * field
+        missed = half_diagonal * missed
+        depth = (defocus_of[y, x] - slopes @ missed) / (1 + slopes @ run)
+        way = start - missed - depth * run
+        share = passes * colors[i]
+        total += share * image[round(y + way[1]), round(x + way[0])]
+        weight += share
+    return total / weight
+
+
+@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("middle", [-9.0, 0.0, 9.0])
+def test_pixels_of_a_tile_see_a_leaning_plane_as_their_own_rays_do(name, middle):
+    image, defocus = picture(), plane(middle)
+    found, left = rendered(one_layer(image, defocus), LENSES[name])
+    places = [(TOP + 3, LEFT + 4), (TOP, LEFT), (TOP + 7, LEFT + 7), (TOP - 24, LEFT + 45)]
+    for y, x in places:
+        assert not left[y, x]
+        wanted = seen(image, defocus, np.array([0.01, -0.006]), LENSES[name], y, x)
+        np.testing.assert_allclose(found[y, x], wanted, atol=0.012)
+
+
+def test_pictures_are_those_of_each_pixels_rays(monkeypatch):
+    """A leaning ground and a post: alike within the noise, and alike in the mean."""
+    image, defocus = picture() ** 2, plane(-6.0, 0.02, -0.02)
+    defocus[60:180, 200:220] = 5.0
+    lens_response = LensResponse(
+        aberration_map=GLASS, chromatic_aberration=ChromaticAberration(axial=0.5, lateral=0.5)
+    )
+    found = rays(image, defocus, lens_response=lens_response)
+    shares = []
+
+    def leave_all(colors, cells, rays_mask, near, points, weights, result, *of_lens, **how):
+        arrays = (colors, cells, rays_mask, near, points, weights, result.copy())
+        left = render_smooth_tiles(*arrays, *of_lens, **how)
+        shares.append(1 - (left > 0).mean())
+        return np.ones_like(near)
+
+    monkeypatch.setattr(bokehnet.classical.rays_renderer, "render_smooth_tiles", leave_all)
+    seeds = [rays(image, defocus, lens_response=lens_response, seed=seed) for seed in range(4)]
+    assert 0.2 < shares[0] < 0.95
+    expected = np.mean(seeds, axis=0)
+    assert -10 * np.log10(np.mean((found - expected) ** 2)) > 45
+    assert abs(found.mean() / expected.mean() - 1) < 5e-4
+
+
+def test_white_stays_white():
+    image = np.full((HEIGHT, WIDTH, 3), 0.7, np.float32)
+    for lens_response in LENSES.values():
+        found, left = rendered(one_layer(image, plane(5.0)), lens_response)
+        np.testing.assert_allclose(found[~left], 0.7, rtol=1e-5)
+
+
+def test_tiles_with_a_step_something_hidden_or_a_steep_ground_are_left():
+    image, lens_response = picture(), LENSES["sliders"]
+    assert not rendered(one_layer(image, plane(3.0)), lens_response)[1].any()
+    stepped = plane(3.0)
+    stepped[TOP, LEFT + 2] += 20
+    hidden, partly = (one_layer(image, plane(3.0)) for _ in range(2))
+    hidden = Layers(
+        colors=np.repeat(hidden.colors, 2, axis=2),
+        defocus=np.repeat(hidden.defocus, 2, axis=2),
+        coverage=np.repeat(hidden.coverage, 2, axis=2),
+    )
+    hidden.defocus[TOP, LEFT + 2, 1] = -9
+    partly.coverage[TOP, LEFT + 2] = 0.5
+    scenes = [one_layer(image, stepped), hidden, partly, one_layer(image, plane(3.0, right=0.2))]
+    for layers in scenes:
+        assert rendered(layers, lens_response)[1][TOP, LEFT]
+
+
+def test_curved_ground_and_the_border_are_seen_as_each_pixels_rays_see_them(monkeypatch):
+    """A wavy ground over all of the picture; the mean of seeds is of the rays of each pixel."""
+    image = picture()
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    defocus = (-8 + 3 * np.sin(x / 25) + 2 * np.cos(y / 30)).astype(np.float32)
+    found = rays(image, defocus, lens_response=LENSES["sliders"])
+
+    def leave_all(colors, cells, rays_mask, near, *others, **how):
+        return np.ones_like(near)
+
+    monkeypatch.setattr(bokehnet.classical.rays_renderer, "render_smooth_tiles", leave_all)
+    seeds = [rays(image, defocus, lens_response=LENSES["sliders"], seed=seed) for seed in range(4)]
+    expected = np.mean(seeds, axis=0)
+    border = np.ones((HEIGHT, WIDTH), bool)
+    border[16:-16, 16:-16] = False
+    for part in (border, ~border):
+        assert -10 * np.log10(np.mean((found - expected)[part] ** 2)) > 45
+
+
+def test_a_strip_gives_the_rows_of_the_picture():
+    image, defocus = picture(), plane(-7.0)
+    for name in ("sliders", "rim and tilt"):
+        whole, _ = rendered(one_layer(image, defocus), LENSES[name])
+        place = Place.whole(HEIGHT, WIDTH)
+        points, weights, chances = _pattern(Aperture())
+        lens = lens_table(LENSES[name], place, chances, above=64, shape=(HEIGHT - 64, WIDTH))
+        result = np.full((HEIGHT - 64, WIDTH, 3), np.nan, np.float32)
+        layers = one_layer(image[64:], defocus[64:])
+        near = np.zeros(result.shape[:2], np.float32)
+        arrays = (np.ascontiguousarray(layers.colors), layer_cells(layers), near == 0, near)
+        how = {"above": 64, "place": place}
+        left = render_smooth_tiles(
+            *arrays, points, weights, result, lens, bundle_extents(points, lens), **how
+        )
+        below = np.s_[64:]  # what the strip's first row cuts off is far above
+        assert (left == 0).all()
+        np.testing.assert_array_equal(result[below], whole[64:][below])

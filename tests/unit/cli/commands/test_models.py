@@ -1,0 +1,201 @@
+"""Named depth networks, from a hub on this machine, each command in a process of its own.
+
+``huggingface_hub`` reads its variables when it is imported, which is why.
+"""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bokehnet.io.color.srgb import srgb_to_linear
+from bokehnet.io.image import write_image
+from bokehnet.io.maps import read_map
+from tests.unit.inference.hub_server import REVISION, hub_server, write_table
+
+pytest.importorskip("huggingface_hub", reason="needs the extra models")
+
+HEIGHT, WIDTH = 48, 64
+
+RUN = """
+import sys
+from pathlib import Path
+from bokehnet.inference import depth_models
+depth_models._TABLE, depth_models.PINS = Path("table.toml"), Path("pins.toml")
+from bokehnet.cli.app import run
+sys.exit(run(sys.argv[1:]))
+"""
+
+
+@pytest.fixture
+def hub(tmp_path, write_red_network):
+    """A hub with tests/tiny, a network that returns the red that it sees, as table.toml and pins.toml say."""
+    write_red_network(tmp_path)
+    content = (tmp_path / "tiny.onnx").read_bytes()
+    (tmp_path / "tiny.onnx").unlink()
+    srgb = np.broadcast_to(np.linspace(0.1, 0.9, WIDTH)[:, None], (HEIGHT, WIDTH, 3))
+    write_image(tmp_path / "photo.png", srgb_to_linear(srgb))
+    write_table(tmp_path, "tiny", "midas", content)
+    with hub_server({("tests/tiny", "onnx/model.onnx"): content}) as server:
+        yield server
+
+
+@pytest.fixture
+def run(hub, tmp_path):
+    def call(*words, source=RUN, **variables):
+        clean = {key: value for key, value in os.environ.items() if not key.startswith(("HF_", "BOKEHNET_"))}
+        told = {"HF_HOME": str(tmp_path / "cache"), "HF_ENDPOINT": hub.address, "HF_HUB_DISABLE_XET": "1"}
+        return subprocess.run(
+            [sys.executable, "-c", source, *words],
+            cwd=tmp_path,
+            env=clean | told | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            stdin=subprocess.DEVNULL,
+        )
+
+    return call
+
+
+def stored(tmp_path):
+    """Files of the cache but its own notes."""
+    return [path for path in (tmp_path / "cache").rglob("blobs/*") if path.is_file()]
+
+
+DEPTH = ("depth", "photo.png", "-o", "out.exr", "--model", "tiny")
+
+
+def test_a_network_is_downloaded_once_after_consent_and_used_offline_then(run, hub, tmp_path):
+    refused = run(*DEPTH)
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+    for word in ("1 kB", hub.address, "licence mit", "bokehnet models tiny --get", "pictures never leave"):
+        assert word in refused.stderr
+    assert hub.asked == []
+    assert stored(tmp_path) == []
+
+    got = run("models", "tiny", "--get")
+    assert (got.returncode, REVISION in got.stdout) == (0, True), got.stderr
+    assert run("models").stdout.split()[1] == "here"
+
+    asked = len(hub.asked)
+    done = run(*DEPTH, HF_HUB_OFFLINE="1")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(hub.asked) == asked
+    expected = np.broadcast_to(np.linspace(0, 1, WIDTH), (HEIGHT, WIDTH))
+    assert_allclose(read_map(tmp_path / "out.exr"), expected, atol=0.03)
+
+
+def test_consent_can_be_given_ahead(run):
+    assert run(*DEPTH, BOKEHNET_DOWNLOADS="yes").returncode == 0
+
+
+def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path):
+    render = ("render", "photo.png", "-o", "out.png", "--f-number", "1.8", "--json")
+    without = run(*render)
+    assert (without.returncode, "holds no depth map" in without.stderr) == (1, True)
+    assert "--depth-model" in without.stderr
+    run("models", "tiny", "--get")
+    done = run(*render)
+    assert done.returncode == 0, done.stderr
+    assert "depth guessed by tiny" in done.stdout + done.stderr
+    assert json.loads(done.stdout)["largest_blur_px"] > 0.1
+
+
+def test_other_bytes_than_those_pinned_are_never_run(run, hub, tmp_path):
+    hub.files["tests/tiny", "onnx/model.onnx"] += b" "
+    done = run(*DEPTH, BOKEHNET_DOWNLOADS="yes")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "tiny: expected SHA-256" in done.stderr
+    assert stored(tmp_path) == []
+    assert not (tmp_path / "out.exr").exists()
+
+
+def test_a_cached_file_that_was_changed_is_removed(run, tmp_path):
+    run("models", "tiny", "--get")
+    [blob] = stored(tmp_path)
+    blob.write_bytes(b"something else")
+    assert run("models").stdout.split()[1] == "damaged"
+    assert run("models", "tiny", "--get").returncode == 0
+    assert run(*DEPTH).returncode == 0
+
+
+def test_a_download_that_breaks_off_leaves_nothing_that_counts(run, hub, tmp_path):
+    hub.cut = 99
+    done = run("models", "tiny", "--get")
+    assert (done.returncode, "cannot be downloaded" in done.stderr) == (1, True)
+    assert done.stderr.count("\n") == 1
+    assert run("models").stdout.split()[1:3] == ["to", "download"]
+    hub.cut = 0
+    assert run("models", "tiny", "--get").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("variables", "change", "words"),
+    [
+        ({"HF_HUB_OFFLINE": "1"}, {}, ["HF_HUB_OFFLINE set", "onnx/model.onnx", "unset it"]),
+        ({"HF_ENDPOINT": "http://127.0.0.1:9"}, {}, ["127.0.0.1:9", "HF_ENDPOINT can name a mirror"]),
+        ({}, {"gated": True}, ["an account", "HF_TOKEN"]),
+        ({}, {"files": {}}, ["has no onnx/model.onnx of tests/tiny"]),
+    ],
+)
+def test_what_hinders_a_download_is_told_in_one_line(run, hub, tmp_path, variables, change, words):
+    for name, value in change.items():
+        setattr(hub, name, value)
+    done = run("models", "tiny", "--get", **variables)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert done.stderr.startswith("bokehnet: error: tiny: ")
+    for word in words:
+        assert word in done.stderr
+
+
+def test_an_entry_without_pins_is_refused_with_that_reason(run, hub, tmp_path):
+    write_table(tmp_path, "tiny", "midas", None)
+    for words in (
+        DEPTH,
+        ("models", "tiny", "--get"),
+        ("render", "photo.png", "-o", "a.png", "--depth-model", "tiny", "--blur", "9", "--focus", "0.5"),
+    ):
+        done = run(*words, BOKEHNET_DOWNLOADS="yes")
+        assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+        assert "revision and SHA-256 are not pinned" in done.stderr
+    assert hub.asked == []
+
+
+def test_an_unknown_name_lists_the_known_ones(run):
+    done = run("depth", "photo.png", "-o", "out.exr", "--model", "tinny")
+    assert (done.returncode, "one of tiny" in done.stderr) == (1, True)
+
+
+def test_a_convention_beside_a_named_network_is_refused(run):
+    run("models", "tiny", "--get")
+    done = run(*DEPTH, "--convention", "marigold")
+    assert (done.returncode, "which brings midas" in done.stderr) == (1, True)
+
+
+PIN = """
+import sys
+from pathlib import Path
+from bokehnet.inference import depth_models
+depth_models._TABLE, depth_models.PINS = Path("table.toml"), Path("pins.toml")
+from benchmarks.pin_models import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_the_release_command_pins_what_the_hub_has(run, hub, tmp_path):
+    pins = (tmp_path / "pins.toml").read_text()
+    write_table(tmp_path, "tiny", "midas", None)
+    assert run("--check", source=PIN).returncode == 1
+    assert run(source=PIN).returncode == 0
+    assert pins in (tmp_path / "pins.toml").read_text()
+    assert run("--check", source=PIN).returncode == 0
+    assert run("models", "tiny", "--get").returncode == 0
+    hub.licence = "cc-by-nc-4.0"
+    done = run(source=PIN)
+    assert (done.returncode, "expected the licence mit, found cc-by-nc-4.0" in done.stderr) == (1, True)
+    assert pins in (tmp_path / "pins.toml").read_text()

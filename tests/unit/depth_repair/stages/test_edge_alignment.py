@@ -1,0 +1,40 @@
+"""Steps of a map put to the edges of the picture."""
+
+import numpy as np
+import pytest
+
+from bokehnet.depth_repair.stages.edge_alignment import align_steps
+
+
+def scene(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Red before blue, with noise: the edge of each row lies at its own column; and the true map."""
+    rng = np.random.default_rng(3)
+    near = np.arange(48)[None] < columns[:, None]
+    image = np.where(near[..., None], [0.7, 0.1, 0.1], [0.1, 0.1, 0.6]) + 0.02 * rng.random(
+        (len(near), 48, 3)
+    )
+    return image.astype(np.float32), np.where(near, 0.9, 0.2).astype(np.float32)
+
+
+@pytest.mark.parametrize("off", [-2, -1, 0, 1, 2])
+def test_a_step_two_pixels_off_goes_to_the_edge_of_the_picture(off):
+    """Authority: the edge that the picture was painted with; also where it leans, and across row blocks."""
+    columns = 20 + np.arange(1100) // 100
+    image, true = scene(columns)
+    _, wrong = scene(columns + off)
+    found = align_steps(image, wrong, 0.05)
+    assert np.mean(found[4:-4] != true[4:-4]) < 0.001
+
+
+def test_what_lies_farther_off_or_below_the_least_step_stays():
+    image, _ = scene(np.full(40, 20))
+    _, far_off = scene(np.full(40, 30))
+    assert np.array_equal(align_steps(image, far_off, 0.05), far_off)
+    _, near_by = scene(np.full(40, 21))
+    assert np.array_equal(align_steps(image, near_by, 0.8), near_by)
+
+
+def test_a_picture_without_an_edge_moves_nothing():
+    _, disparity = scene(np.full(40, 20))
+    grey = np.full((40, 48, 3), 0.4, np.float32)
+    assert np.array_equal(align_steps(grey, disparity, 0.05), disparity)

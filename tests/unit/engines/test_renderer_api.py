@@ -1,0 +1,86 @@
+"""The renderer as developers call it: disparity, threads, providers."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import onnxruntime
+import pytest
+from numpy.testing import assert_array_equal
+
+from bokehnet.errors import ParameterError
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.render.renderer import BokehRenderer
+
+
+def picture() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    disparity = np.full((96, 120), 0.2, np.float32)
+    disparity[20:70, 30:60] = 0.9
+    return rng.random((96, 120, 3), dtype=np.float32), disparity
+
+
+def test_disparity_blur_and_focus_are_a_defocus():
+    image, disparity = picture()
+    renderer = BokehRenderer("scatter")
+    direct = renderer.render(image, disparity=disparity, blur=12, focus=0.2)
+    assert_array_equal(direct.bokeh, renderer.render(image, defocus_from_disparity(disparity, 12, 0.2)).bokeh)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "defocus: expected either this, or `disparity`, `blur` and `focus`"),
+        (
+            {"disparity": np.zeros((96, 120))},
+            "blur: expected a value beside .* give `blur` and `focus`, or `defocus` alone",
+        ),
+        ({"defocus": np.zeros((96, 120)), "blur": 3.0}, "got both"),
+        ({"disparity": np.zeros((96, 120)), "blur": -1.0, "focus": 0.5}, "blur: expected at least 0"),
+        ({"disparity": np.zeros((96, 120)), "blur": 1.0, "focus": np.nan}, "focus: expected a finite number"),
+    ],
+)
+def test_half_a_defocus_is_refused(given, message):
+    with pytest.raises(ParameterError, match=message):
+        BokehRenderer("scatter").render(picture()[0], **given)
+
+
+@pytest.mark.parametrize("engine", ["rays", "hybrid", "fast"])
+def test_eight_threads_share_one_renderer_and_give_the_same_bits(engine):
+    image, disparity = picture()
+    renderer = BokehRenderer(engine)
+    blurs = [6 + number for number in range(8)]
+
+    def work(blur: float) -> np.ndarray:
+        return renderer.render(image, disparity=disparity, blur=blur, focus=0.9).bokeh
+
+    alone = [work(blur) for blur in blurs]
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(work, blurs))
+    for one, other in zip(alone, together, strict=True):
+        assert_array_equal(one, other)
+
+
+def test_an_unknown_provider_is_refused_by_name():
+    with pytest.raises(ParameterError, match=r"provider: .*NoSuchProvider"):
+        BokehRenderer("hybrid", providers=["NoSuchProvider"])
+
+
+def test_session_options_are_handed_on(tmp_path):
+    """ONNX Runtime writes the optimised graph of the session whose options ask for it."""
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(tmp_path / "optimised.onnx")
+    options.log_severity_level = 3
+    BokehRenderer("hybrid", session_options=options)
+    assert (tmp_path / "optimised.onnx").stat().st_size > 100_000
+
+
+def test_warm_up_runs_every_part():
+    """Nothing of it is left for the first picture: kernels are found, or compiled, once for all sizes."""
+    from bokehnet.classical.layered.march.ray_marching import _march
+
+    renderer = BokehRenderer("hybrid")
+    renderer.warm_up()
+    known = set(_march.machine_code)
+    image, disparity = picture()
+    renderer.render(image, disparity=disparity, blur=12, focus=0.2)
+    assert set(_march.machine_code) == known != set()

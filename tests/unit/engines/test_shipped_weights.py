@@ -1,0 +1,125 @@
+"""The networks that ship with the package do what they are for."""
+
+import numpy as np
+import pytest
+
+from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.classical.rays_renderer import rays
+from bokehnet.config import load_config
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.inference import process_memory as memory
+from bokehnet.inference.session import WEIGHTS, load_network
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.render.renderer import BokehRenderer
+from bokehnet.synth import SynthConfig
+from bokehnet.synth.pairs import make_sample
+from tests.conftest import ROOT
+from train.metrics import compare, mean_scores
+
+# Least gain over the classical render that each engine's networks correct, dB.
+GAIN = {"hybrid": 0.1, "fast": 1.0, "neural": 1.0}
+
+HELD_OUT = {"seed": 77, "width": 160, "height": 160, "views": 2, "defocus": [4.0, 14.0]}
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """Three scenes that nobody trained on."""
+    overrides = {**HELD_OUT, "bokeh_samples": 64}
+    config = load_config(ROOT / "configs/synth_planes_val.toml", SynthConfig, overrides)
+    return [make_sample(config, index) for index in range(3)]
+
+
+@pytest.fixture(scope="module", params=["hybrid", "fast", "neural"])
+def renders(request, samples):
+    """Engine, and (true defocus, truth, result) of each of their views."""
+    renderer = BokehRenderer(request.param)
+    rows = []
+    for sample in samples:
+        for view in range(2):
+            defocus = defocus_from_disparity(
+                sample.disparity, float(sample.blur[view]), float(sample.focus[view])
+            )
+            result = renderer.render(sample.image.astype(np.float32), defocus)
+            rows.append((defocus, sample.bokeh[view].astype(np.float32), result))
+    return request.param, rows
+
+
+def test_networks_come_closer_to_the_truth_near_edges(renders):
+    """Authority: ray-traced truth of held-out scenes, PSNR over pixels within the blur's reach of an edge."""
+    engine, rows = renders
+    neural, classical = (
+        mean_scores([compare(getattr(r, name), truth, defocus) for defocus, truth, r in rows])
+        for name in ("bokeh", "classical")
+    )
+    assert neural["edge_psnr"] - classical["edge_psnr"] >= GAIN[engine]
+    assert neural["psnr"] > classical["psnr"]
+
+
+def test_away_from_edges_they_change_nothing_bit_for_bit(renders):
+    """Neither a colour shift nor a texture lost beyond the reach of any depth discontinuity."""
+    for defocus, _, result in renders[1]:
+        far = geometric_error_map(defocus) == 0
+        np.testing.assert_array_equal(result.bokeh[far], result.classical[far])
+
+
+def test_the_package_stays_small():
+    sizes = {
+        name: sum(f.stat().st_size for f in (WEIGHTS / name).iterdir())
+        for name in ("hybrid", "repair", "neural", "error")
+    }
+    assert sizes["hybrid"] + sizes["repair"] < 12e6
+    assert sizes["neural"] < 6e6
+    assert sizes["error"] < 1e6
+    assert (WEIGHTS / "MODEL_CARD.md").is_file()
+
+
+@pytest.mark.parametrize(
+    ("kind", "least"), [("clean", 0.0), ("blurred", 1.0), ("eroded", 4.0), ("dilated", 1.0)]
+)
+def test_the_repair_pays_on_spoilt_maps_and_leaves_true_ones_alone(shared, kind, least):
+    """Authority: a path-traced shot; gain of the rays near edges through "auto", dB."""
+    from train.degradation import degrade
+    from train.evaluation_sets import list_pictures
+
+    folder = shared("cycles/s1_still_life/scene.json").parents[1]
+    shot = list_pictures("cycles", folder)[4].read()
+    given = degrade(shot.defocus, kind)
+    repaired = DisparityRepair()(shot.image, given, "auto")
+    before, after = (
+        compare(rays(shot.image, d, aperture=shot.aperture), shot.truth, shot.defocus)["edge_psnr"]
+        for d in (given, repaired)
+    )
+    assert after - before >= least
+    if kind == "clean":
+        np.testing.assert_array_equal(repaired, given)
+
+
+def test_engines_on_an_independent_renderer(shared):
+    """Authority: path-traced shots that nothing was trained on; means over all shots of a scene."""
+    from benchmarks.cycles import read_shots, whole_engine
+    from benchmarks.quality import score
+
+    folder = shared("cycles/s1_still_life/scene.json").parent
+    names = ("scatter", "fast", "neural", "rays", "hybrid")
+    rows = score(read_shots(folder), {name: whole_engine(name) for name in names})
+    scores = {name: mean_scores([row[name] for row in rows]) for name in names}
+    for name in ("fast", "neural"):
+        assert scores[name]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 2.5
+    assert scores["rays"]["edge_psnr"] > scores["scatter"]["edge_psnr"] + 4
+    assert scores["hybrid"]["edge_psnr"] > scores["rays"]["edge_psnr"] - 0.2
+    assert min(row["rays"]["psnr"] - row["scatter"]["psnr"] for row in rows) > -0.2
+
+
+def test_networks_give_the_same_bits_where_the_process_keeps_their_memory(monkeypatch):
+    rng = np.random.default_rng(5)
+    image, disparity = rng.random((1, 3, 64, 96), np.float32), rng.random((1, 1, 64, 96), np.float32)
+    found = []
+    for keeps in (False, True):
+        monkeypatch.setattr(memory, "_keeps", keeps)
+        network = load_network(WEIGHTS / "repair", "repair", ("image", "disparity", "span"))
+        options = network._session._options
+        assert options["enable_cpu_mem_arena"] is not keeps
+        # ONNX Runtime refuses to give back what it does not hold.
+        found += network(image, disparity, np.ones((1, 1, 1, 1), np.float32), release=True)
+    assert all(np.array_equal(pooled, kept) for pooled, kept in zip(found[:2], found[2:], strict=True))

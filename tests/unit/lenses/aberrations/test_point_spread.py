@@ -1,0 +1,128 @@
+"""Point-spread functions, traced and reduced."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bokehnet.errors import LensError, ParameterError, ShapeError
+from bokehnet.lenses import load_lens
+from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
+from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, psf_reach, traced_psf
+from bokehnet.lenses.aberrations.psf_pairs import psf_depths, psf_pairs
+from bokehnet.optics.aberrations.aberration_map import AberrationMap
+
+GREEN = {"wavelengths": np.array([587.56]), "colors": np.ones((1, 1))}
+
+
+def moments(psf, pitch):
+    """Middle (2,) and mean square distance from it, of light (N, N, C); ``pitch`` is a cell's side."""
+    light = psf.sum(-1) / psf.sum()
+    places = pitch * (np.arange(len(psf)) + 0.5 - len(psf) / 2)
+    x, y = (light * places).sum(), (light * places[:, None]).sum()
+    square = light * ((places - x) ** 2 + (places[:, None] - y) ** 2)
+    return np.array([x, y]), square.sum()
+
+
+@pytest.mark.parametrize("depth", [1500.0, 2200.0, 9000.0])
+@pytest.mark.parametrize("field", [(0.0, 0.0), (0.15, -0.1)])
+def test_stopped_down_blur_is_a_disc_of_the_paraxial_radius(depth, field):
+    """Reference: Gauss; an even disc of radius r has a mean square of r^2 / 2. Traced and reduced both."""
+    lens = load_lens("double_gauss", f_number=16.0, focus_distance=3000.0)
+    half_diagonal = lens.prescription.image_radius
+    radius = float(lens.coc_radius(1 / depth))
+    pitch = abs(radius) / 20
+    traced = traced_psf(lens, depth=depth, field=field, pitch=pitch, size=60, **GREEN)
+    reduced = aberration_psf(
+        fit_aberration_map(lens, wavelengths=()),
+        defocus=radius / half_diagonal,
+        field=field,
+        pitch=pitch / half_diagonal,
+        size=60,
+        **GREEN,
+    )
+    for psf in (traced, reduced):
+        middle, square = moments(psf, pitch)
+        # The lens itself: its distortion and field curvature change the radius by some per cent off the axis.
+        assert math.sqrt(2 * square) == pytest.approx(abs(radius), rel=0.02 if field == (0.0, 0.0) else 0.04)
+        assert np.abs(middle).max() < 0.03 * abs(radius)
+        assert psf.sum() == pytest.approx(1, abs=1e-9)
+    assert correlation(traced, reduced) > 0.99
+
+
+def test_the_perfect_map_gives_a_disc():
+    """Reference: pi r^2 cells, evenly lit."""
+    psf = aberration_psf(
+        AberrationMap.perfect(), defocus=0.02, field=(0.4, 0.3), pitch=0.001, size=50, **GREEN
+    )
+    lit = psf[..., 0] > 0.5 / (math.pi * 20**2)
+    assert lit.sum() == pytest.approx(math.pi * 20**2, rel=0.02)
+    assert psf[20:30, 20:30].mean() * math.pi * 20**2 == pytest.approx(1, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "double_gauss",
+        pytest.param("cooke_triplet", marks=pytest.mark.slow),
+        pytest.param("petzval", marks=pytest.mark.slow),
+        pytest.param("retrofocus", marks=pytest.mark.slow),
+    ],
+)
+def test_reduced_and_traced_agree_over_depth_and_field(name):
+    """Reference: light sent through the glass; wide open, in colour. 0.95 is asked for on average."""
+    lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)
+    pairs = list(psf_pairs(lens, rays=4000))
+    found = np.array([pair.correlation for pair in pairs])
+    assert len(found) == 9
+    assert found.mean() > 0.97
+    assert found.min() > 0.93
+    # They are no perfect discs, which would be enough otherwise.
+    corner = pairs[2]
+    disc = aberration_psf(
+        AberrationMap.perfect(),
+        defocus=corner.blur_radius,
+        field=(corner.field, 0.0),
+        pitch=corner.width / len(corner.traced),
+        size=len(corner.traced),
+        **GREEN,
+    )
+    assert correlation(corner.traced.mean(-1), disc[..., 0]) < corner.correlation - 0.01
+
+
+def test_light_lost_at_the_rims_is_missing_from_both():
+    """The full disc falls to less than half in the corner of the Double Gauss."""
+    lens = load_lens("double_gauss", focus_distance=3000.0)
+    middle, corner = (psf_reach(lens, 1500.0, (distance, 0.0)) for distance in (0.0, 0.9))
+    assert corner == pytest.approx(middle, rel=0.15)  # across, nothing is lost
+    pitch = 2.2 * middle / 64
+    narrow = traced_psf(lens, depth=1500.0, field=(0.9, 0.0), pitch=pitch, size=64, **GREEN)[..., 0]
+    across, along = (
+        (narrow > 0.2 * narrow.max()).any(axis=1).sum(),
+        (narrow > 0.2 * narrow.max()).any(axis=0).sum(),
+    )
+    assert along < 0.5 * across
+
+
+@pytest.mark.parametrize("focus", [math.inf, 3000.0, 400.0])
+@pytest.mark.parametrize("name", ["biconvex", "retrofocus"])
+def test_depths_enclose_the_focus(name, focus):
+    lens = load_lens(name, focus_distance=focus)
+    near, middle, far = psf_depths(lens)
+    assert lens.front_vertex < near < middle < far < math.inf
+    if math.isfinite(focus):
+        assert middle == pytest.approx(focus)
+
+
+def test_mistakes_are_told():
+    lens = load_lens("petzval", focus_distance=3000.0)
+    fine = {"depth": 2000.0, "field": (0.0, 0.0), "pitch": 0.01, "size": 8}
+    for far in (3.0, 30.0):
+        with pytest.raises(LensError, match="no ray through the middle"):
+            traced_psf(lens, **fine | {"field": (far, 0.0)}, **GREEN)
+    with pytest.raises(ParameterError, match="pitch"):
+        traced_psf(lens, **fine | {"pitch": 0.0}, **GREEN)
+    with pytest.raises(ShapeError, match="colors"):
+        traced_psf(lens, **fine, wavelengths=np.array([500.0, 600.0]), colors=np.ones((1, 3)))
+    with pytest.raises(ParameterError, match="defocus"):
+        aberration_psf(AberrationMap.perfect(), defocus=math.nan, field=(0, 0), pitch=0.01, size=8, **GREEN)

@@ -1,0 +1,44 @@
+"""Each public class and function from settings to sequences has an example in its docstring, and it runs."""
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+
+import pytest
+
+from bokehnet import render, scene, sequence, settings
+
+MODULES = sorted(
+    name
+    for package in (render, scene, sequence, settings)
+    for _, name, is_package in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+    if not is_package
+)
+
+
+def public(module_name: str) -> list:
+    module = importlib.import_module(module_name)
+    found = [getattr(module, name) for name in module.__all__]
+    return [item for item in found if inspect.isclass(item) or inspect.isfunction(item)]
+
+
+OWN = [
+    pytest.param(item, id=f"{name.rsplit('.', 1)[1]}.{item.__name__}")
+    for name in MODULES
+    for item in public(name)
+    if item.__module__ == name
+]
+
+
+@pytest.mark.parametrize("item", OWN)
+def test_it_has_an_example(item):
+    assert ">>> " in (item.__doc__ or "")
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_the_examples_say_what_comes_out(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(name)
+    result = doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS)
+    assert result.failed == 0

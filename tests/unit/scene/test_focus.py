@@ -1,0 +1,188 @@
+"""What stays sharp. The command line's view of it is in tests/unit/cli/test_focus_plane_options.py."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bokehnet.errors import LensError, ParameterError
+from bokehnet.io.metadata.camera import Camera
+from bokehnet.io.window import Window
+from bokehnet.scene.depth.depth_source import DepthMap
+from bokehnet.scene.focus import check_focus, disparity_at_pixel, disparity_of_distance, focus_lens
+from bokehnet.settings.settings import CameraSettings, FocusSettings, InputSettings, RenderSettings
+
+WIDTH, HEIGHT = 64, 40
+WINDOW = Window.whole(WIDTH, HEIGHT)
+LENS = CameraSettings(focal_length=50, f_number=2, sensor_width=36)
+
+
+def relative(values):
+    return DepthMap(values=np.asarray(values, np.float32), kind="relative", origin="input.disparity")
+
+
+def metric(metres, camera=None):
+    values = (1 / (1000 * np.asarray(metres))).astype(np.float32)
+    return DepthMap(values=values, kind="metric", origin="input.depth", camera=camera)
+
+
+def test_a_lens_is_focused_where_the_plane_is_in_the_middle():
+    """What other options take as the focus; the map is 0.1 at the left and 0.9 at the right, linear."""
+    depth = relative(np.linspace(0.1, 0.9, WIDTH)[None].repeat(HEIGHT, 0))
+    focus = FocusSettings(plane=((3, 3), (60, 5), (20, 30)))
+    lens = focus_lens(depth, WINDOW, focus, CameraSettings(blur=6))
+    assert lens.near == lens.far == pytest.approx(0.5)
+    assert lens.distance is None
+    assert_allclose(lens.defocus(depth.values), 0, atol=1e-5)
+    assert lens.aberration_map() is not None
+
+
+def test_the_ends_of_a_range_come_in_any_order():
+    """Authority: blur times the distance of the disparity from the interval."""
+    depth = relative(np.tile(np.linspace(0, 1, WIDTH), (HEIGHT, 1)))
+    for ends in ((0.3, 0.5), (0.5, 0.3)):
+        lens = focus_lens(depth, WINDOW, FocusSettings(range=ends), CameraSettings(blur=6))
+        assert (lens.near, lens.far) == (0.5, 0.3)
+        wanted = 6 * (depth.values - np.clip(depth.values, 0.3, 0.5))
+        assert_allclose(lens.defocus(depth.values), wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize("focus", [1.0, 3.0, math.inf])
+def test_a_distance_gives_the_textbook_circle_of_confusion(focus):
+    """Authority: c = f^2 |1/s - 1/d| / (N (1 - f/s)), halved, over the pixel pitch."""
+    metres = np.tile(np.linspace(0.5, 20, WIDTH), (HEIGHT, 1))
+    depth = metric(metres)
+    lens = focus_lens(depth, WINDOW, FocusSettings(distance=focus), LENS)
+    assert lens.distance == pytest.approx(focus)
+    pitch = 36 / WIDTH
+    c = 50**2 / 2 * (1 / (1000 * metres) - 1 / (1000 * focus)) / (1 - 50 / (1000 * focus))
+    assert_allclose(lens.defocus(depth.values), c / 2 / pitch, rtol=1e-4, atol=1e-4)
+
+
+def test_the_file_tells_focus_and_camera_where_nothing_is_given():
+    camera = Camera(focal_length=50.0, f_number=2.0, sensor_width=36.0, focus_distance=1500.0)
+    depth = metric(np.full((HEIGHT, WIDTH), 4.0), camera)
+    found = focus_lens(depth, WINDOW, FocusSettings(), CameraSettings())
+    wanted = focus_lens(metric(np.full((HEIGHT, WIDTH), 4.0)), WINDOW, FocusSettings(distance=1.5), LENS)
+    assert found.distance == pytest.approx(1.5)
+    assert_allclose(found.defocus(depth.values), wanted.defocus(depth.values))
+
+
+def test_a_pixel_is_one_of_the_shown_picture():
+    depth = relative(np.arange(12, dtype=np.float32).reshape(3, 4) / 12)
+    window = Window(x=2, y=1, width=4, height=3, display_width=8, display_height=6)
+    assert disparity_at_pixel((2, 1), depth, window) == 0
+    assert disparity_at_pixel((5, 3), depth, window) == pytest.approx(11 / 12)
+    with pytest.raises(
+        ParameterError, match=r"focus.at: expected a pixel inside the picture of 8x6, got 8,0"
+    ):
+        disparity_at_pixel((8, 0), depth, window)
+    with pytest.raises(ParameterError, match=r"focus.plane: expected a pixel that the file stores, got 0,0"):
+        disparity_at_pixel((0, 0), depth, window, "focus.plane")
+
+
+def test_disparity_is_inverse_distance_in_millimetres():
+    assert disparity_of_distance(2) == 1 / 2000
+    assert disparity_of_distance(math.inf) == 0
+    for wrong in (0, -1, math.nan):
+        with pytest.raises(ParameterError, match="metres above 0"):
+            disparity_of_distance(wrong)
+
+
+def test_a_lens_that_cannot_focus_there_tells_the_distance_as_it_was_given():
+    depth = metric(np.full((HEIGHT, WIDTH), 0.03))
+    lens = focus_lens(depth, WINDOW, FocusSettings(at=(3, 3)), LENS)
+    with pytest.raises(
+        LensError, match=r"cannot focus at 0.03 m: expected more than 50 mm, the `camera.focal"
+    ):
+        lens.defocus(depth.values)
+
+
+DISPARITY, DEPTH = InputSettings(disparity="a.png"), InputSettings(depth="a.exr")
+BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "parameter", "words"),
+    [
+        ({"input": DISPARITY, "focus": VALUE}, "camera.blur", "`input.disparity` needs `camera.blur`"),
+        ({"input": DISPARITY, "camera": BLUR}, "focus.value", "`focus.at`, `focus.range` and `focus.plane`"),
+        (
+            {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(distance=2)},
+            "focus.distance",
+            "cannot go with `input.disparity`",
+        ),
+        (
+            {"input": DISPARITY, "camera": CameraSettings(blur=3, f_number=2), "focus": VALUE},
+            "camera.f_number",
+            "cannot go with `input.disparity`",
+        ),
+        (
+            {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(range=(0.5, 1.5))},
+            "focus.range",
+            "relative disparities in 0..1",
+        ),
+        (
+            {
+                "input": DISPARITY,
+                "camera": BLUR,
+                "focus": FocusSettings(plane=((1, 1), (2, 2), (3, 3))),
+            },
+            "focus.plane",
+            "three pixels off one line",
+        ),
+        ({"input": DEPTH, "camera": BLUR}, "camera.blur", "cannot go with `input.depth`"),
+        ({"input": DEPTH, "focus": VALUE}, "focus.value", "cannot go with `input.depth`"),
+        ({"input": DEPTH, "focus": FocusSettings(range=(0, 2))}, "focus.range", "metres above 0, got 0"),
+        (
+            {"input": InputSettings(constant_disparity=0.5)},
+            "camera.blur",
+            "`input.constant_disparity` needs `camera.blur`",
+        ),
+        ({"focus": VALUE}, "focus.value", "a photo's own depth (no `input.disparity`"),
+        (
+            {"camera": CameraSettings(blur=3, f_number=2)},
+            "camera.f_number",
+            "cannot go with `camera.blur`",
+        ),
+        ({"input": InputSettings(defocus="a.exr"), "focus": VALUE}, "focus.value", "focused already"),
+        ({"input": InputSettings(defocus="a.exr"), "camera": BLUR}, "input.defocus", "are final"),
+        (
+            {"input": InputSettings(defocus="a.exr"), "focus": FocusSettings(tilt_x=5)},
+            "input.defocus",
+            "no tilt beside it",
+        ),
+        (
+            {"input": InputSettings(depth_model="a.onnx"), "camera": BLUR},
+            "focus.value",
+            "one of `focus.value`",
+        ),
+    ],
+)
+def test_what_does_not_go_together_is_told_before_anything_is_read(settings, parameter, words):
+    with pytest.raises(ParameterError) as caught:
+        check_focus(RenderSettings(**settings))
+    assert caught.value.parameter == parameter
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"camera": BLUR},
+        {"camera": CameraSettings(f_number=2)},
+        {"input": DISPARITY, "camera": BLUR, "focus": VALUE},
+        {"input": DEPTH},
+        {"input": DEPTH, "focus": FocusSettings(range=(math.inf, 2)), "camera": LENS},
+        {"input": InputSettings(defocus="a.exr")},
+        {
+            "input": InputSettings(depth_model="a.onnx", depth_convention="depth-anything-v2-metric"),
+            "camera": LENS,
+        },
+        {"input": InputSettings(constant_disparity=0.5), "camera": BLUR, "focus": VALUE},
+    ],
+)
+def test_what_a_file_can_complete_passes(settings):
+    check_focus(RenderSettings(**settings))

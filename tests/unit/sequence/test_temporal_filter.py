@@ -1,0 +1,159 @@
+"""Motion against shifts that are known; steady maps against the truth that noise was added to."""
+
+import numpy as np
+import pytest
+
+from bokehnet.depth_repair.repair import DisparityRepair
+from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
+from bokehnet.sequence.filtered_shot import SteadyShot
+from bokehnet.sequence.optical_flow import follow, optical_flow
+from bokehnet.sequence.temporal_filter import gather, joined
+
+
+def texture(x, y):
+    """A smooth pattern at any place, 0.2 to 0.8."""
+    grey = 0.5 + 0.1 * (np.sin(x / 3.1 + 0.4 * np.sin(y / 7)) + np.cos(y / 4.3) + np.sin((x + y) / 5.7))
+    return np.repeat(grey[..., None], 3, 2).astype(np.float32)
+
+
+def places(height=64, width=96):
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    return x, y
+
+
+@pytest.mark.parametrize("shift", [(1.0, 0.0), (2.5, -1.25), (-6.0, 3.0)])
+def test_motion_of_a_known_shift_is_found_within_a_tenth_of_a_pixel(shift):
+    x, y = places()
+    flow = optical_flow(texture(x, y), texture(x - shift[0], y - shift[1]))
+    inner = flow[10:-10, 10:-10]
+    assert np.abs(inner - np.array(shift, np.float32)).max() < 0.1
+
+
+def test_equal_pictures_have_no_motion_exactly():
+    x, y = places()
+    assert not optical_flow(texture(x, y), texture(x, y)).any()
+
+
+def test_motion_of_large_pictures_has_their_size_and_unit():
+    x, y = places(200, 1500)
+    flow = optical_flow(texture(x / 4, y / 4), texture((x - 4) / 4, y / 4))
+    assert flow.shape == (200, 1500, 2)
+    assert abs(np.median(flow[40:-40, 40:-40, 0]) - 4) < 0.1
+
+
+def test_following_a_motion_undoes_it():
+    x, y = places()
+    moved = texture(x - 3, y + 2)
+    flow = np.broadcast_to(np.array([3, -2], np.float32), (64, 96, 2))
+    np.testing.assert_allclose(follow(moved, flow)[4:-4, 4:-4], texture(x, y)[4:-4, 4:-4], atol=1e-6)
+
+
+def shot(frames, seed=0):
+    """A near square that moves over a far ground, with maps of which each has noise of its own."""
+    rng, x, y = np.random.default_rng(seed), *places()
+    images, maps, truth = [], [], []
+    for t in range(frames):
+        inside = (abs(x - 30 - t) < 12) & (abs(y - 32) < 14)
+        image = np.where(inside[..., None], 1 - texture(x - t, y), 0.4 * texture(x, y)).astype(np.float32)
+        true = np.where(inside, 0.8, 0.2).astype(np.float32)
+        images.append(image)
+        truth.append(true)
+        maps.append((true + 0.02 * rng.standard_normal(true.shape)).astype(np.float32))
+    return images, maps, truth
+
+
+def test_steady_maps_lose_their_noise_and_keep_their_edges_where_things_move(tmp_path):
+    images, maps, truth = shot(12)
+    steady = SteadyShot(tmp_path)
+    steady.make(zip(images, maps, strict=True), 12)
+    for t in (0, 6, 11):
+        found = steady.read(t)
+        away, before = np.abs(found - truth[t]), np.abs(maps[t] - truth[t])
+        # A mean of 12 draws has 1 / sqrt(12) of their deviation, a line at its ends up to twice that.
+        assert np.median(away) < (0.35 if t == 6 else 0.6) * np.median(before)
+        assert np.mean(away > 0.1) < 0.005  # of 24 % in the square
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json"] + [".npy"] * 12
+
+
+def test_a_shot_that_is_done_is_not_read_again(tmp_path):
+    images, maps, _ = shot(3)
+    SteadyShot(tmp_path).make(zip(images, maps, strict=True), 3)
+
+    def never():
+        raise AssertionError("was read")
+        yield
+
+    SteadyShot(tmp_path).make(never(), 3)
+
+
+def test_what_comes_nearer_evenly_does_not_lag_at_the_end_of_a_shot():
+    """By a line: the mean of a ramp's last 60 frames would be 0.2 behind."""
+    picture, past = texture(*places(24, 24)), None
+    for t in range(60):
+        values = np.full((24, 24), 0.2 + 0.01 * t, np.float32)
+        past = gather(values, picture, past)
+    alone = gather(values, picture)
+    assert abs(float(joined(past, alone)[12, 12]) - 0.79) < 0.01
+
+
+def test_equal_frames_keep_their_map_to_the_last_bit(tmp_path):
+    images, _, truth = shot(1)
+    steady = SteadyShot(tmp_path)
+    steady.make([(images[0], truth[0])] * 5, 5)
+    assert {steady.read(t).tobytes() for t in range(5)} == {truth[0].tobytes()}
+
+
+def test_noise_is_no_slope_and_a_slope_is_no_noise():
+    """Authority: a mean of the draws, which the fit of a level scene must be; and the ramp, above."""
+    rng, picture = np.random.default_rng(2), texture(*places(32, 32))
+    draws = rng.choice([0.2, 0.8], (40, 32, 32)).astype(np.float32)  # an edge that jumps
+    past = None
+    for values in draws:
+        past = gather(values, picture, past)
+    away = joined(past, gather(draws[-1], picture)) - 0.5
+    weights = 0.97 ** np.arange(40)
+    assert away.std() < 1.2 * 0.3 * np.sqrt(np.square(weights).sum()) / weights.sum()
+
+
+@pytest.mark.parametrize("speed", [0.4, 2.3])
+def test_edges_stay_where_things_move_by_parts_of_a_pixel(tmp_path, speed):
+    """Mixed from frame to frame by bilinear interpolation, 1.1 % of the pixels would be wrong."""
+    rng, x, y = np.random.default_rng(0), *places()
+    images, maps, truth = [], [], []
+    for t in range(12):
+        places_within = [(i + 0.5) / 8 - 0.5 for i in range(8)]
+        covered = np.mean([(abs(x + d - 30 - speed * t) < 12) & (abs(y - 32) < 14) for d in places_within], 0)
+        light = covered[..., None] * (1 - texture(x - speed * t, y)) + (
+            1 - covered[..., None]
+        ) * 0.4 * texture(x, y)
+        true = np.where(covered > 0.5, 0.8, 0.2).astype(np.float32)
+        images.append(light.astype(np.float32))
+        truth.append(true)
+        maps.append((true + 0.02 * rng.standard_normal(true.shape)).astype(np.float32))
+    steady = SteadyShot(tmp_path)
+    steady.make(zip(images, maps, strict=True), 12)
+    assert np.mean([np.abs(steady.read(t) - truth[t]) > 0.1 for t in range(12)]) < 0.009
+
+
+def test_a_cut_forgets_what_was_before():
+    x, y = places(32, 32)
+    before = gather(np.zeros((32, 32), np.float32), texture(x, y))
+    after = gather(np.ones((32, 32), np.float32), 1 - texture(x, y) ** 2, before)
+    mean = after.values + after.told[..., 3]
+    assert np.median(mean) > 0.9
+
+
+def test_a_plan_is_what_most_maps_ask_for():
+    plans = [RepairPlan(repaired=x != 3, softness=x / 10, shift=x, offset=(2 * x, -x)) for x in (1, 3, 0)]
+    assert common_plan(plans) == RepairPlan(repaired=True, softness=0.1, shift=1, offset=(2, -1))
+
+
+def test_the_repair_follows_a_plan_against_what_the_map_says():
+    """A map that stands right is repaired where the shot is; a wrong one is left where the shot is."""
+    images, _, truth = shot(1)
+    repair = DisparityRepair()
+    alone = repair.repair(images[0], truth[0], "auto")
+    planned = RepairPlan(repaired=not alone.repaired, softness=0.0, shift=0)
+    other = repair.repair(images[0], truth[0], "auto", plan=planned)
+    assert (other.repaired, other.plan) == (planned.repaired, planned)
+    assert repair.repair(images[0], truth[0], "auto", plan=alone.plan).repaired == alone.repaired
