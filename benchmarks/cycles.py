@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.quality import Engine, print_header, print_scores, score
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
 from train.evaluation_sets import path_traced_shots as read_shots
 from train.evaluation_sets import scene_folders

@@ -29,7 +29,7 @@ from benchmarks.measurement import scene, time_in_turns
 from benchmarks.rivals import double_loop
 from bokehnet.arrays.resample import resample
 from bokehnet.classical.error_map import geometric_error_map
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.io.containers.png import write_png
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map

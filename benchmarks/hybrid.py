@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.measurement import in_own_process, median_seconds, peak_memory, scene
 from benchmarks.rivals import double_loop
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.render.renderer import BokehRenderer
 
 RIVAL = "double loop"

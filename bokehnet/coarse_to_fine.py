@@ -2,11 +2,11 @@
 
 The way up is IUNet's, level by level. Without it ARNet's change of the classical render is doubled until it
 has the picture's size, and laid over: detail is the classical render's. A scatter's detail is not to be
-trusted everywhere: see :func:`mend_before_focus`.
+trusted everywhere: see :func:`suppress_foreground_outlines`.
 
-The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over`, :func:`mend_before_focus` and
-:func:`bokehnet.fusion.fuse`, are written once, on operators: for training (torch), for inference (NumPy) and
-for the one file (ONNX graphs).
+The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over`, :func:`suppress_foreground_outlines`
+and :func:`bokehnet.fusion.fuse`, are written once, on operators: for training (torch), for inference (NumPy)
+and for the one file (ONNX graphs).
 :func:`render_neural` is the whole way for torch and NumPy. Two twins go it in their own fashion:
 :mod:`bokehnet.engines.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
 be wrong, and :mod:`bokehnet.onnx_file.neural` with the loops of a graph.
@@ -24,7 +24,6 @@ from bokehnet.fusion import fuse
 from bokehnet.optics.encoding import decode, encode
 
 __all__ = [
-    "LEAVE_OUTLINES",
     "CoarseNetwork",
     "Level",
     "NeuralResult",
@@ -34,13 +33,10 @@ __all__ = [
     "build_levels",
     "find_change",
     "lay_over",
-    "mend_before_focus",
     "refine_whole",
     "render_neural",
+    "suppress_foreground_outlines",
 ]
-
-# Classical renderers whose result must go through :func:`mend_before_focus`.
-LEAVE_OUTLINES = ("scatter",)
 
 # Blur in front of focus, in pixels of the coarse size, from which on no detail of such a render is kept.
 _DETAIL_ENDS = 3.0
@@ -161,7 +157,7 @@ def lay_over(classical: Array, change: Array) -> Array:
     return decode(encode(classical) + change).clip(min=0)
 
 
-def mend_before_focus(
+def suppress_foreground_outlines(
     classical: Array, defocus: Array, coarse: Array, coarse_defocus: Array, error_map: Array
 ) -> tuple[Array, Array]:
     """Rely less on a scatter where something stands before focus and the network doubts the render.
@@ -246,7 +242,8 @@ def render_neural(
         refine: How IUNet is run at each level.
         features: What the classical renderer knows besides, see :class:`Level`.
         extra_halvings: Start this many sizes lower than needed (for training).
-        leaves_outlines: Whether the classical renderer is one of ``LEAVE_OUTLINES``.
+        leaves_outlines: Whether the classical renderer leaves sharp outlines on blurred foregrounds
+            (:attr:`~bokehnet.engine_registry.EngineSpec.sharp_foregrounds`).
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
@@ -269,7 +266,7 @@ def render_neural(
     error_map, classical = learned * full.classical_error_map, full.classical
     if leaves_outlines:
         at_full_size = full.defocus / 2**halvings
-        classical, error_map = mend_before_focus(classical, at_full_size, light, radius, error_map)
+        classical, error_map = suppress_foreground_outlines(classical, at_full_size, light, radius, error_map)
     picture = lay_over(classical, change)
     if iunet is not None:
         picture = 0.5 * (picture + steps[-1])

@@ -21,7 +21,7 @@ import torch
 from tqdm import tqdm
 
 from bokehnet.checks import check_choice, check_number, require_extra
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import BokehnetError, ParameterError
 from train.degradation import DEGRADATIONS, EDGE_SHIFT, degrade
 from train.evaluation_sets import SETS, Picture, list_pictures

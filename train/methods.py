@@ -10,7 +10,7 @@ import numpy as np
 
 from bokehnet.checks import check_choice
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.render.result import RenderResult

@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bokehnet.coarse_to_fine import LEAVE_OUTLINES, RefineNetwork, render_neural
+from bokehnet.coarse_to_fine import RefineNetwork, render_neural
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.io.color.srgb import linear_to_srgb
 from train.logbook import over_held_out
 from train.metrics import compare, mean_scores
@@ -66,7 +67,7 @@ def score_coarse_to_fine(
             arnet=arnet,
             iunet=iunet,
             network_max_radius=network_max_radius,
-            leaves_outlines=held_out.classical in LEAVE_OUTLINES,
+            leaves_outlines=CLASSICAL[held_out.classical].sharp_foregrounds,
         )
         truth = _array(example["truth"])
         scores = {f"hybrid/{key}": x for key, x in compare(_array(result.bokeh), truth, defocus).items()}

@@ -11,6 +11,7 @@ import numpy as np
 from bokehnet.checks import check_choice, check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
@@ -18,7 +19,6 @@ from bokehnet.optics.pixels.pixel_filter import PixelFilter
 
 __all__ = [
     "ALIGNED",
-    "CLASSICAL_RENDERERS",
     "ClassicalOptions",
     "ClassicalRenderer",
     "ClassicalResult",
@@ -194,17 +194,10 @@ class ClassicalRenderer(Protocol):
         ...
 
 
-# Name -> "module:function"; loaded on first use, so that a name costs nothing.
-CLASSICAL_RENDERERS = {
-    "rays": "bokehnet.classical.rays_renderer:render_rays",
-    "scatter": "bokehnet.classical.scatter_renderer:render_scatter",
-}
-
-
 def make_classical(classical: str) -> ClassicalRenderer:
     """Return the classical renderer of that name; ``ParameterError`` names the choices."""
-    check_choice("classical", classical, CLASSICAL_RENDERERS)
-    module, function = CLASSICAL_RENDERERS[classical].split(":")
+    check_choice("classical", classical, CLASSICAL)
+    module, function = CLASSICAL[classical].renderer.split(":")  # imported at the first use
     renderer: Callable = getattr(import_module(module), function)
     return renderer
 

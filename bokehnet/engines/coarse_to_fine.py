@@ -13,7 +13,13 @@ from numba import prange
 from bokehnet.arrays.pyramid import count_halvings, upsample2
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.parallel import parallel_region
-from bokehnet.coarse_to_fine import ask_arnet, find_change, lay_over, mend_before_focus, render_neural
+from bokehnet.coarse_to_fine import (
+    ask_arnet,
+    find_change,
+    lay_over,
+    render_neural,
+    suppress_foreground_outlines,
+)
 from bokehnet.engines.small_copy import SmallCopy
 from bokehnet.engines.tiling import refine_in_tiles
 from bokehnet.fusion import fuse
@@ -92,7 +98,9 @@ class CoarseCorrection:
         blend = found[:, 3] * classical_error_map[rows, columns]
         if found.shape[1] > 4:
             radius = defocus[rows, columns, None] / np.float32(2**self.halvings)
-            light, mended = mend_before_focus(light, radius, found[:, 4:7], found[:, 7:], blend[:, None])
+            light, mended = suppress_foreground_outlines(
+                light, radius, found[:, 4:7], found[:, 7:], blend[:, None]
+            )
             blend = mended[:, 0]
         seen = lay_over(light, found[:, :3])
         bokeh, neural, error_map = classical.copy(), classical.copy(), np.zeros_like(classical_error_map)

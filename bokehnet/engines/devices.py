@@ -3,7 +3,8 @@
 from importlib import import_module
 
 from bokehnet.checks import check_choice, require_extra
-from bokehnet.classical.base import CLASSICAL_RENDERERS, ClassicalRenderer, make_classical
+from bokehnet.classical.base import ClassicalRenderer, make_classical
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import MissingExtraError, ParameterError
 from bokehnet.onnx_session import CPU, load_onnxruntime
 
@@ -33,7 +34,7 @@ def device_of(device: str, classical: str) -> str:
     if device == "cpu":
         return device
     reason: Exception | None = None
-    if classical not in CLASSICAL_RENDERERS:
+    if classical not in CLASSICAL:
         reason = _refused(f"cpu for {classical}, which knows no other")
     else:
         try:

@@ -13,7 +13,6 @@ from bokehnet.arrays.row_blocks import Progress, cut_row_blocks, in_row_blocks
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_number, check_same_size
 from bokehnet.classical.base import (
-    CLASSICAL_RENDERERS,
     ClassicalResult,
     Place,
     Strip,
@@ -21,6 +20,7 @@ from bokehnet.classical.base import (
 )
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.coarse_to_fine import (
     ARNET_BYTES,
     LEAST_PIXELS,
@@ -30,20 +30,16 @@ from bokehnet.engines.coarse_to_fine import (
 )
 from bokehnet.engines.devices import device_of, make_on, providers_on
 from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expects_error
-from bokehnet.engines.hybrids import HYBRIDS
 from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
-from bokehnet.inference.session import load_networks
+from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.onnx_session import CPU
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
 
-__all__ = ["ENGINES", "Engine", "EngineResult", "Progress", "ray_reach"]
-
-# Classical renderers are engines of their own.
-ENGINES = (*HYBRIDS, *CLASSICAL_RENDERERS)
+__all__ = ["Engine", "EngineResult", "Progress", "ray_reach"]
 
 # Steps of progress in a strip, and in the network's work.
 _STEPS = 100
@@ -173,15 +169,15 @@ class Engine:
         if name not in BASELINES:
             check_choice("engine", name, ENGINES)
         self.name, self._threads = name, threads
-        hybrid = HYBRIDS.get(name)
-        asked, self.device = device, device_of(device, hybrid.classical if hybrid else name)
+        spec = ENGINES.get(name)
+        asked, self.device = device, device_of(device, spec.classical if spec else name)
         if self.device != "cpu" and tuple(providers) == CPU:
             providers = providers_on(self.device)
         self._networks = (
             load_networks(
-                weights or hybrid.folder, threads, providers, session_options, refine=hybrid.refines
+                weights or WEIGHTS / spec.networks, threads, providers, session_options, refine=spec.refines
             )
-            if hybrid
+            if spec and spec.networks
             else None
         )
         self.classical_name = self._networks.classical if self._networks else name

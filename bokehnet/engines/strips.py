@@ -7,18 +7,13 @@ import numpy as np
 
 from bokehnet.classical.base import ALIGNED, Strip
 from bokehnet.classical.layered.march.ray_averages import window_halo
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import ParameterError
 
 __all__ = ["StripAccumulator", "cut_strips", "least_rows", "working_memory"]
 
-# Bytes that the classical renderers need at most beyond input and output, for each pixel of a strip.
-BYTES_PER_PIXEL = {"rays": 156, "scatter": 45}
-
-# Rows around a strip that its result depends on, in units of the blur radius: those that a ray crosses, and
-# those from which what they hide is filled. Windows of pixels come on top, for which this many rows do where
-# no disc is very large.
-_HALO = {"rays": 2, "scatter": 1}
-_FEW = 32
+# Rows that the averaging windows of pixels need around a strip, unless a disc is very large.
+_MIN_HALO_ROWS = 32
 
 # Bytes that a strip takes where nobody says how much may be taken, the first that is worth it: less is
 # faster, as it is used again, but of large discs little of it would be the strip's own.
@@ -33,7 +28,7 @@ def _aligned(row: int) -> int:
 
 
 def _halo(height: int, reach: int, classical: str) -> int:
-    return _HALO[classical] * min(reach, height) + max(_FEW, window_halo(reach))
+    return CLASSICAL[classical].strip_halo * min(reach, height) + max(_MIN_HALO_ROWS, window_halo(reach))
 
 
 def least_rows(height: int, reach: int, classical: str) -> int:
@@ -54,7 +49,7 @@ def working_memory(height: int, width: int, reach: int, classical: str) -> int |
     """
     halo = _halo(height, reach, classical)
     for memory in _WORKING_MEMORY:
-        most = memory // (BYTES_PER_PIXEL[classical] * width)
+        most = memory // (CLASSICAL[classical].bytes_per_pixel * width)
         if most >= height:
             return None
         if most - 2 * halo - ALIGNED >= _WORTH * halo:
@@ -87,10 +82,10 @@ def cut_strips(
     """
     reach = max(max_coc_radius, crossed or 0)
     halo = _halo(height, reach, classical)
-    most = max(0, memory - taken) // (BYTES_PER_PIXEL[classical] * width)
+    most = max(0, memory - taken) // (CLASSICAL[classical].bytes_per_pixel * width)
     rows = height if most >= height else _aligned(most - 2 * halo - ALIGNED)
     if rows < ALIGNED and rows < height:
-        least = least_rows(height, reach, classical) * width * BYTES_PER_PIXEL[classical]
+        least = least_rows(height, reach, classical) * width * CLASSICAL[classical].bytes_per_pixel
         which = "in all" if taken else "beyond the pictures themselves"
         raise ParameterError(
             "max_memory",

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from bokehnet.checks import check_choice
-from bokehnet.classical.base import CLASSICAL_RENDERERS
-from bokehnet.coarse_to_fine import LEAVE_OUTLINES
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import ModelFileError
 from bokehnet.inference.process_memory import keeps_freed
 from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
@@ -95,7 +94,7 @@ class Networks:
     @property
     def leaves_outlines(self) -> bool:
         """Whether what they correct has outlines in front of focus that it should not have."""
-        return self.classical in LEAVE_OUTLINES
+        return CLASSICAL[self.classical].sharp_foregrounds
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -120,10 +119,9 @@ def _check_pair(folder: Path, manifest: dict[str, Any]) -> None:
     if not isinstance(manifest.get("network_max_radius"), int | float):
         raise ModelFileError(f"{path}: expected a number called network_max_radius; export again")
     classical = manifest.get("classical")
-    if classical not in CLASSICAL_RENDERERS:
+    if classical not in CLASSICAL:
         raise ModelFileError(
-            f"{path}: expected classical to be one of {', '.join(CLASSICAL_RENDERERS)}, found {classical}; "
-            f"export again"
+            f"{path}: expected classical to be one of {', '.join(CLASSICAL)}, found {classical}; export again"
         )
     trusted = manifest.get("max_valid_radius", 1)
     if not isinstance(trusted, int | float) or not trusted > 0:

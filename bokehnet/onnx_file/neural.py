@@ -6,7 +6,7 @@ The formulas are those of that module, called with values of the graph.
 import numpy as np
 import onnx
 
-from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over, mend_before_focus
+from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over, suppress_foreground_outlines
 from bokehnet.fusion import fuse
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
@@ -93,7 +93,7 @@ def render_neural(
     )
     error_map = learned * classical_error_map.reshape(1, height, width)
     radius = pictures["defocus"] / scale
-    classical, error_map = mend_before_focus(classical, radius, coarse, coarse_defocus, error_map)
+    classical, error_map = suppress_foreground_outlines(classical, radius, coarse, coarse_defocus, error_map)
     picture = lay_over(classical, change)
     if iunet is not None:
         picture = 0.5 * (picture + refined[0])

@@ -9,10 +9,10 @@ import numpy as np
 import onnx
 
 from bokehnet.checks import check_choice
+from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.engine import Engine
-from bokehnet.engines.hybrids import HYBRIDS
 from bokehnet.errors import ModelFileError
-from bokehnet.inference.session import load_networks
+from bokehnet.inference.session import WEIGHTS, load_networks
 from bokehnet.io.atomic import write_atomic
 from bokehnet.onnx_file.builder import OPSET, Graph, Value
 from bokehnet.onnx_file.error_map import geometric_error_map
@@ -25,8 +25,7 @@ from bokehnet.version import __version__
 
 __all__ = ["ONE_FILE_ENGINES", "PARITY", "build_model", "export_renderer"]
 
-# Engines that can be one file: those with networks on the scatter.
-ONE_FILE_ENGINES = tuple(name for name, hybrid in HYBRIDS.items() if hybrid.classical == "scatter")
+ONE_FILE_ENGINES = tuple(name for name, spec in ENGINES.items() if spec.one_file)
 
 # Least PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
 PARITY = 50.0
@@ -48,7 +47,7 @@ class _Networks:
 
 def _read_networks(weights: Path, engine: str) -> _Networks:
     """The networks of a folder that the engine has, checked."""
-    networks = load_networks(weights, threads=1, refine=HYBRIDS[engine].refines)
+    networks = load_networks(weights, threads=1, refine=ENGINES[engine].refines)
     if networks.classical != "scatter":
         raise ModelFileError(
             f"{weights}: expected networks that correct the scatter, found some that correct the "
@@ -89,7 +88,7 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
         ModelFileError: A network is missing or damaged, or does not correct the scatter.
     """
     check_choice("engine", engine, ONE_FILE_ENGINES)
-    networks = _read_networks(weights or HYBRIDS[engine].folder, engine)
+    networks = _read_networks(weights or WEIGHTS / str(ENGINES[engine].networks), engine)
     g = Graph()
     image = g.input("image", np.float32, ["height", "width", 3])
     disparity = g.input("disparity", np.float32, ["height", "width"])

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
+from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Engine, Progress
 from bokehnet.engines.expected_error import can_expect_error
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -26,7 +27,7 @@ from bokehnet.render.supersampling import (
 )
 from bokehnet.scene.scene import FocusedScene
 from bokehnet.settings.error_names import about
-from bokehnet.settings.settings import RAY_ENGINES, RenderSettings
+from bokehnet.settings.settings import RenderSettings
 
 __all__ = ["Optics", "expose", "leaning"]
 

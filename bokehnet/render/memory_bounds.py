@@ -4,14 +4,12 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from bokehnet.baselines.registry import BASELINES
 from bokehnet.classical.base import Place
-from bokehnet.coarse_to_fine import LEAVE_OUTLINES
 from bokehnet.depth_repair.repair import network_memory
+from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.engines.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
-from bokehnet.engines.engine import ENGINES, ray_reach
-from bokehnet.engines.hybrids import HYBRIDS
-from bokehnet.engines.strips import BYTES_PER_PIXEL, least_rows
+from bokehnet.engines.engine import ray_reach
+from bokehnet.engines.strips import least_rows
 from bokehnet.errors import ParameterError
 from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.picture import find_picture
@@ -37,9 +35,6 @@ _HELD, _READ, _REPAIRED, _FOCUSED = 16, 5, 14, 12
 # What is held of the expected error.
 _TOLD = 4
 
-# Engines that see the whole picture at once.
-_WHOLE = ("neural",)
-
 # The same of alpha: it and what is known of its edges beside the picture as it is rendered, and beside itself
 # as a grey picture that is rendered first.
 _ALPHA, _GREY = 10, 34
@@ -60,8 +55,9 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
         >>> large > small
         True
     """
-    if engine in (*BASELINES, *_WHOLE):
-        able = ", ".join(name for name in ENGINES if name not in _WHOLE)
+    spec = ENGINES.get(engine)
+    if spec is None or not spec.in_strips:
+        able = ", ".join(name for name, other in ENGINES.items() if other.in_strips)
         raise ParameterError(
             "engine.max_memory", f"an engine that works in strips: {able}", shown=f"`{engine}`"
         )
@@ -70,20 +66,19 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
     stages = [started + (_HELD + max(_READ, _FOCUSED)) * pixels]
     if settings.depth.repair != "off" and settings.input.defocus is None:
         stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
-    classical = HYBRIDS[engine].classical if engine in HYBRIDS else engine
-    reads_defocus_again = engine in HYBRIDS and classical in LEAVE_OUTLINES
+    reads_defocus_again = spec.networks is not None and spec.sharp_foregrounds
     held = _HELD + (4 if settings.output.save_maps is not None or reads_defocus_again else 0)
     asked = settings.output.expected_error
     tells = asked == "on" or (asked is None and settings.output.save_maps is not None)
-    held += _TOLD if tells and classical == "rays" else 0
+    held += _TOLD if tells and spec.traces_rays else 0
     radius = _least_radius(settings)
-    reach = _reach(settings, radius, height, width) if radius and classical == "rays" else radius
-    rows = least_rows(height, reach, classical)
+    reach = _reach(settings, radius, height, width) if radius and spec.traces_rays else radius
+    rows = least_rows(height, reach, spec.classical)
     held += _ALPHA if alpha else 0
-    stages.append(PROGRAM + held * pixels + rows * width * BYTES_PER_PIXEL[classical])
+    stages.append(PROGRAM + held * pixels + rows * width * spec.bytes_per_pixel)
     if alpha:
-        stages.append(PROGRAM + (_HELD + _GREY) * pixels + rows * width * BYTES_PER_PIXEL[classical])
-    if engine in HYBRIDS:
+        stages.append(PROGRAM + (_HELD + _GREY) * pixels + rows * width * spec.bytes_per_pixel)
+    if spec.networks is not None:
         stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
     return max(stages)
 
@@ -104,7 +99,9 @@ def check_memory(path: Path | str, settings: RenderSettings) -> None:
     with ImageFile(path) as file:
         part = find_picture(file).part
     width, height = (part.height, part.width) if part.orientation >= 5 else (part.width, part.height)
-    least = least_memory(settings, settings.engine.name or "rays", width, height, part.alpha is not None)
+    least = least_memory(
+        settings, settings.engine.name or DEFAULT_ENGINE, width, height, part.alpha is not None
+    )
     if bound < least:
         raise ParameterError(
             "engine.max_memory",

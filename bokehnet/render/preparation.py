@@ -8,6 +8,7 @@ import numpy as np
 
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
+from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Progress
 from bokehnet.render.look import copy_lean
 from bokehnet.render.supersampling import at_rendered_size, in_fine_pixels, rendered_surfaces
@@ -23,7 +24,7 @@ from bokehnet.scene.scene import (
     is_exact,
     is_repaired,
 )
-from bokehnet.settings.settings import RAY_ENGINES, RenderSettings
+from bokehnet.settings.settings import RenderSettings
 
 __all__ = ["prepare"]
 

@@ -35,7 +35,6 @@ from bokehnet.settings.settings import (
     ApertureSettings,
     ColorSettings,
     DeviceName,
-    EngineName,
     LensSettings,
     RenderSettings,
     check_engine,
@@ -88,7 +87,7 @@ class BokehRenderer:
 
     def __init__(
         self,
-        engine: EngineName | None = None,
+        engine: str | None = None,
         *,
         aperture: Aperture | None = None,
         lens_response: LensResponse | None = None,

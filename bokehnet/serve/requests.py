@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bokehnet.baselines.registry import BASELINES
+from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
 from bokehnet.errors import ConfigError, ParameterError
 from bokehnet.inference.depth_convention import convention_names
 from bokehnet.inference.depth_models import find_depth_model
@@ -94,7 +94,7 @@ def job_settings(request: Mapping[str, Any], folder: Path) -> RenderSettings:
             sent.setdefault(group, {})[key] = str(folder / name)
     settings = RenderSettings().updated(merged(look, request["settings"], sent))
     bound, asked = request.get("memory"), settings.engine.max_memory
-    strips = settings.engine.name not in BASELINES
+    strips = ENGINES[settings.engine.name or DEFAULT_ENGINE].in_strips
     if bound is not None and strips and (asked is None or asked > bound):
         settings = replace(settings, engine=replace(settings.engine, max_memory=bound))
     return settings

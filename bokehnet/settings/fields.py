@@ -53,6 +53,7 @@ class Setting:
         infinite: Whether infinity is a value.
         expected: What is expected, where a range does not say it.
         accepts: Whether a value of the right type within the range is accepted; None accepts all.
+        advice: From a refused value to a remedy, empty where there is none; None gives none.
         flag: Name in flat tables, and of the option on a command line without its dashes; None has none.
         aliases: Earlier flags, which still work.
         metavar: What stands for the value in a help text.
@@ -80,6 +81,7 @@ class Setting:
     infinite: bool = False
     expected: str = ""
     accepts: Callable[[Any], bool] | None = None
+    advice: Callable[[Any], str] | None = None
     flag: str | None = None
     aliases: tuple[str, ...] = ()
     metavar: str | None = None
@@ -128,7 +130,8 @@ class Setting:
             expected = self.expectation
             if isinstance(fitted, float) and not math.isfinite(fitted):
                 expected = expected.replace("a number", "a finite number")
-            raise ParameterError(self.path, expected=expected, got=value)
+            remedy = self.advice(value) if self.advice is not None else ""
+            raise ParameterError(self.path, expected=expected, got=value, remedy=remedy)
         return fitted
 
     def parsed(self, text: str | Sequence[str]) -> Any:

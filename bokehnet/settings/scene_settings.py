@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
+from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import ParameterError
 from bokehnet.settings.fields import Group, check_needed, parse_bytes, parse_numbers, setting
 
@@ -18,31 +19,7 @@ __all__ = [
     "OutputSettings",
 ]
 
-# Ours, and those of bokehnet.baselines.
-EngineName = Literal[
-    "rays",
-    "scatter",
-    "hybrid",
-    "fast",
-    "neural",
-    "gather_basic",
-    "gather_spiral",
-    "gather_bokeh",
-    "gather_passes",
-    "jimenez",
-    "tan",
-    "abadie",
-    "diffusion",
-    "overlap",
-    "low_rank",
-    "lommel",
-    "rectangle",
-    "perimeter",
-    "hybrid_spreading",
-    "lens_spreading",
-    "image_rays",
-    "bokehme_scatter",
-]
+EngineName = Literal["rays", "scatter", "hybrid", "neural", "fast"]
 DeviceName = Literal["cpu", "cuda", "auto"]
 Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
@@ -55,6 +32,18 @@ SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
 # As bokehnet.optics.pixels.pixel_filter has them; that one loads NumPy, which help does without.
 FILTERS = ("box", "blackman-harris", "gaussian", "mitchell", "arnold", "blender", "cycles", "renderman")
+
+
+assert set(get_args(EngineName)) == set(ENGINES)
+
+
+def _moved_engine(name: Any) -> str:
+    """Return where a method of the literature went, which earlier versions offered as an engine."""
+    from bokehnet.baselines.registry import BASELINES  # loads NumPy, which help does without
+
+    if not isinstance(name, str) or name not in BASELINES:
+        return ""
+    return f"{name} is a method of the literature: `bokehnet compare --engines rays,{name}` runs it"
 
 
 def _names_filter(text: str) -> bool:
@@ -351,9 +340,8 @@ class EngineSettings(Group):
 
     name: EngineName | None = setting(
         None,
-        "rays (default, sees occlusion), scatter (faster), hybrid (rays, with a network), neural (the "
-        "published BokehMe), fast (neural without its last network, sooner); or a method of the literature, "
-        "see docs/theses.md.",
+        f"One of {', '.join(f'{spec.name} ({spec.about})' for spec in ENGINES.values())}.",
+        advice=_moved_engine,
         flag="engine",
         metavar="NAME",
         of_a_look=True,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
+from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.errors import ParameterError
 from bokehnet.settings.fields import Group, Setting, field_settings, from_plain, to_plain
 from bokehnet.settings.light_settings import LightSettings
@@ -34,7 +35,6 @@ from bokehnet.settings.scene_settings import (
 )
 
 __all__ = [
-    "RAY_ENGINES",
     "ApertureSettings",
     "CameraSettings",
     "ColorSettings",
@@ -56,9 +56,6 @@ __all__ = [
     "merged",
     "settings_by_flag",
 ]
-
-# Engines that follow rays through a lens: its aberrations, its colours, and discs that lean.
-RAY_ENGINES = ("rays", "hybrid")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

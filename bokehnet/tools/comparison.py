@@ -8,8 +8,10 @@ from time import perf_counter
 import numpy as np
 
 from bokehnet.arrays.row_blocks import Progress
-from bokehnet.checks import check_same_size
+from bokehnet.baselines.registry import BASELINES
+from bokehnet.checks import check_choice, check_same_size
 from bokehnet.classical.error_map import geometric_error_map
+from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import ParameterError
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
 from bokehnet.render.renderer import BokehRenderer
@@ -121,7 +123,8 @@ def compare_engines(
         shown = ", ".join(engines) or "none"
         raise ParameterError("engines", "one or more engines, each once", shown=shown)
     for name in engines:  # all of them before the first takes its time
-        BokehRenderer().check(settings.updated({"engine": {"name": name}}))
+        check_choice("engines", name, (*ENGINES, *BASELINES))
+        BokehRenderer(name).check(settings)
     if truth is not None:
         check_same_size("image", scene.image, "truth", truth)
         if min(truth.shape[:2]) < _SMALLEST:
@@ -131,14 +134,14 @@ def compare_engines(
     for done, name in enumerate(engines):
         if progress is not None:
             progress(done, len(engines))
-        found.append(_one(scene, settings.updated({"engine": {"name": name}}), truth))
+        found.append(_one(scene, settings, name, truth))
     if progress is not None:
         progress(len(engines), len(engines))
     return found
 
 
-def _one(scene: Scene, settings: RenderSettings, truth: np.ndarray | None) -> Compared:
-    renderer = BokehRenderer()
+def _one(scene: Scene, settings: RenderSettings, engine: str, truth: np.ndarray | None) -> Compared:
+    renderer = BokehRenderer(engine)
     renderer.warm_up(settings)
     peak, start = PeakMemory(), perf_counter()
     result = renderer.render(scene, settings)

@@ -10,7 +10,7 @@ import torch
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.coarse_to_fine import render_neural
-from bokehnet.engines.strips import BYTES_PER_PIXEL
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import ParameterError
 from bokehnet.models.arnet import ARNet, ARNetConfig
 from bokehnet.models.iunet import IUNet, IUNetConfig
@@ -97,7 +97,7 @@ def test_all_ways_without_an_iunet_agree(arnet, weights, one_file, radius):
     assert np.abs(wanted - classical)[error_map > 0].mean() > 0.01
     renderer = BokehRenderer("fast", weights=weights)
     calls: list[tuple[int, int]] = []
-    memory = 500 * image.shape[1] * BYTES_PER_PIXEL["scatter"]
+    memory = 500 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     whole = renderer.render(image, defocus)
     strips = renderer.render(image, defocus, lambda *call: calls.append(call), max_memory=memory)
     assert calls[-1][1] > 2

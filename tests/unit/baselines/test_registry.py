@@ -5,13 +5,15 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from bokehnet import Aperture, BokehRenderer, baselines, read_image, write_image
+from bokehnet import Aperture, BokehRenderer, RenderSettings, baselines, read_image, read_scene, write_image
 from bokehnet.baselines import BASELINES
-from bokehnet.engines.engine import ENGINES, Engine
+from bokehnet.engine_registry import ENGINES
+from bokehnet.engines.engine import Engine
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.io.image import write_map
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.tools.comparison import compare_engines
 
 NAMES = [*BASELINES]
 
@@ -28,13 +30,13 @@ ORACLES = {
     "overlap": "test_filters.test_overlap_filter_is_its_equation_column_by_column_then_row_by_row",
     "low_rank": "test_filters.test_low_rank_at_full_rank_spreads_the_image_of_the_opening",
     "lommel": "test_oracles.test_lommel_spreads_the_spot_of_each_channels_wavelength",
-    "rectangle": "test_spreading.test_rectangle_spreads_squares_of_the_discs_area",
-    "perimeter": "test_spreading.test_perimeter_spreads_the_whole_image_of_the_opening",
+    "rectangle": "spread.test_spreading.test_rectangle_spreads_squares_of_the_discs_area",
+    "perimeter": "spread.test_spreading.test_perimeter_spreads_the_whole_image_of_the_opening",
     "hybrid_spreading": "test_oracles."
     "test_hybrid_spreading_takes_outlines_where_a_pixel_stands_out_and_squares_elsewhere",
     "lens_spreading": "test_oracles.test_lens_spreading_mixes_the_tables_of_four_places_and_two_blurs",
     "image_rays": "test_oracles.test_image_rays_meet_the_first_square_of_all",
-    "bokehme_scatter": "test_spreading.test_the_published_scatter_is_its_double_loop",
+    "bokehme_scatter": "spread.test_spreading.test_the_published_scatter_is_its_double_loop",
 }
 
 
@@ -105,7 +107,7 @@ def test_what_a_method_does_not_know_is_refused(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_method_has_a_slow_oracle(name):
-    file, function = ORACLES[name].split(".")
+    file, function = ORACLES[name].rsplit(".", 1)
     test = getattr(import_module(f"{__package__}.{file}"), function)
     given = [mark.args[1] for mark in getattr(test, "pytestmark", [])]
     assert name in test.__code__.co_names or any(name in row for rows in given for row in rows)
@@ -121,22 +123,24 @@ def test_baselines_stand_beside_the_engines():
         _ = baselines.nothing
 
 
-def test_the_command_line_renders_with_a_baseline(cli, tmp_path):
+def test_compare_runs_a_baseline_on_files(cli, tmp_path):
+    """Oracle: the method called on the arrays of the same files."""
     image, defocus = scene()
     write_image(tmp_path / "in.exr", image)
     write_map(tmp_path / "d.exr", (defocus + 3) / 7.5, channel="disparity")
-    words = ["render", tmp_path / "in.exr", "--disparity", tmp_path / "d.exr", "--blur", 7.5, "--focus", 0.4]
-    words += ["--disparity-range", "0,1", "--repair-disparity", "off", "--engine", "overlap"]
-    done = cli(*words, "-o", tmp_path / "out.exr")
-    assert done.code == 0, done.err
-    found = read_image(tmp_path / "out.exr")
+    settings = RenderSettings().updated(
+        {
+            "input": {"disparity": tmp_path / "d.exr"},
+            "camera": {"blur": 7.5},
+            "focus": {"value": 0.4},
+            "depth": {"value_range": (0, 1), "repair": "off"},
+        }
+    )
+    (compared,) = compare_engines(read_scene(tmp_path / "in.exr", settings), settings, ["overlap"])
     wanted = BokehRenderer("overlap").render(read_image(tmp_path / "in.exr"), defocus).bokeh
-    assert np.abs(found - wanted).max() < 0.02
-    refused = cli(*words, "-o", tmp_path / "no.exr", "--blades", 5)
+    assert np.abs(compared.bokeh - wanted).max() < 0.02
+    words = ["compare", tmp_path / "in.exr", "--disparity", tmp_path / "d.exr", "--blur", 7.5, "--focus", 0.4]
+    refused = cli(*words, "-o", tmp_path / "no.png", "--engines", "overlap", "--blades", 5)
     assert refused.code == 1
     assert "overlap" in refused.err
-    assert not (tmp_path / "no.exr").exists()
-    bounded = cli(*words, "-o", tmp_path / "no.exr", "--max-memory", "2G")
-    assert bounded.code == 1
-    assert "--max-memory" in bounded.err
-    assert not (tmp_path / "no.exr").exists()
+    assert not (tmp_path / "no.png").exists()

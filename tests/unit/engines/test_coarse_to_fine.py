@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays_renderer import render_rays
-from bokehnet.coarse_to_fine import lay_over, mend_before_focus, render_neural
+from bokehnet.coarse_to_fine import lay_over, render_neural, suppress_foreground_outlines
 from bokehnet.engines.coarse_to_fine import CoarseInput
 from bokehnet.engines.engine import Engine
 from bokehnet.inference.session import Networks
@@ -95,7 +95,7 @@ def test_before_focus_less_is_left_of_a_scatter_that_is_doubted(radius, beside, 
     """Authority: by hand. Three coarse pixels of blur end the detail, nine make a doubt its root."""
     fine, coarse = np.full((1, 1, 4, 4), 0.9, np.float32), np.full((1, 1, 4, 4), 0.3, np.float32)
     maps = [np.full_like(fine, x) for x in (radius, beside, doubt)]
-    light, error_map = mend_before_focus(fine, maps[0], coarse, maps[1], maps[2])
+    light, error_map = suppress_foreground_outlines(fine, maps[0], coarse, maps[1], maps[2])
     assert_allclose(light, share * coarse + (1 - share) * fine, rtol=1e-6)
     assert_allclose(error_map, np.full_like(fine, mended), rtol=1e-6)
     if share == 0:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.base import ALIGNED, Place
+from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
-from bokehnet.engines.strips import BYTES_PER_PIXEL, StripAccumulator, cut_strips, working_memory
+from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -28,7 +29,7 @@ def tall_picture(height: int = 900, width: int = 120) -> tuple[np.ndarray, np.nd
 
 
 def test_strips_cover_every_row_once():
-    strips = [*cut_strips(1000, 80, 10, "rays", 600 * 80 * BYTES_PER_PIXEL["rays"])]
+    strips = [*cut_strips(1000, 80, 10, "rays", 600 * 80 * CLASSICAL["rays"].bytes_per_pixel)]
     rows = [row for s in strips for row in range(s.first + s.wanted.start, s.first + s.wanted.stop)]
     assert rows == list(range(1000))
     assert len(strips) > 2
@@ -50,7 +51,7 @@ def test_a_large_picture_takes_little_memory_where_that_costs_little(reach, most
     assert (memory and memory / 2**30) == most
     if memory is not None:
         strips = [*cut_strips(height, width, reach, "rays", memory)]
-        assert max(s.last - s.first for s in strips) * width * BYTES_PER_PIXEL["rays"] <= memory
+        assert max(s.last - s.first for s in strips) * width * CLASSICAL["rays"].bytes_per_pixel <= memory
         assert sum(s.last - s.first for s in strips) < 1.4 * height
     assert working_memory(1350, 1080, reach, "rays") is None
 
@@ -75,7 +76,7 @@ def test_strips_give_the_whole_picture(engine, lens_response, bound):
     """Decibels; each strip ends inside posts, slope and lights' discs."""
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, lens_response=lens_response)
-    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter" if engine == "scatter" else "rays"]
+    memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
     whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > bound
     assert np.abs(whole.error_map - parts.error_map).max() < 1e-3
@@ -112,7 +113,7 @@ def test_too_little_memory_tells_how_much_it_takes():
 def test_a_cats_eye_in_strips_gives_the_whole_picture(engine, shape):
     image, defocus = tall_picture()
     renderer = BokehRenderer(engine, aperture=Aperture(cats_eye=0.9, **shape))
-    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["rays" if engine == "rays" else "scatter"]
+    memory = 520 * image.shape[1] * CLASSICAL["rays" if engine == "rays" else "scatter"].bytes_per_pixel
     whole, parts = renderer.render(image, defocus), renderer.render(image, defocus, max_memory=memory)
     assert 10 * np.log10(1 / max(np.mean((whole.bokeh - parts.bokeh) ** 2), 1e-20)) > 60
 
@@ -167,7 +168,7 @@ def test_the_result_may_take_the_place_of_what_was_given(engine):
     """Oracle: the same strips beside their input, bit for bit."""
     image, defocus = tall_picture()
     image[:5] = -0.5  # counts as 0
-    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter" if engine == "scatter" else "rays"]
+    memory = 520 * image.shape[1] * CLASSICAL["scatter" if engine == "scatter" else "rays"].bytes_per_pixel
     renderer = BokehRenderer(engine)
     before = image.copy(), defocus.copy()
     beside = renderer.render(image, defocus, max_memory=memory)
@@ -184,7 +185,7 @@ def test_networks_on_the_scatter_read_the_defocus_again_so_it_stays():
     """Oracle: the same strips beside their input, bit for bit."""
     image, defocus = tall_picture()
     before = defocus.copy()
-    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter"]
+    memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     renderer = BokehRenderer("fast")
     beside = renderer.render(image, defocus, max_memory=memory)
     over = renderer.render(image, defocus, max_memory=memory + defocus.nbytes, overwrite=True)
@@ -198,7 +199,7 @@ def test_what_cannot_be_written_to_is_left_alone():
     image, defocus = tall_picture()
     defocus.flags.writeable = False
     before = defocus.copy()
-    memory = 520 * image.shape[1] * BYTES_PER_PIXEL["scatter"]
+    memory = 520 * image.shape[1] * CLASSICAL["scatter"].bytes_per_pixel
     result = BokehRenderer("scatter").render(image, defocus, max_memory=memory, overwrite=True)
     assert result.bokeh is image
     assert np.array_equal(defocus, before)
@@ -207,7 +208,7 @@ def test_what_cannot_be_written_to_is_left_alone():
 
 def test_memory_that_is_taken_counts():
     """What is left decides: the same strips, and the least is told in all."""
-    left = 600 * 80 * BYTES_PER_PIXEL["rays"]
+    left = 600 * 80 * CLASSICAL["rays"].bytes_per_pixel
     assert [*cut_strips(1000, 80, 10, "rays", left + 10**9, 10**9)] == [
         *cut_strips(1000, 80, 10, "rays", left)
     ]

@@ -106,5 +106,5 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path):
 
 
 def test_presets_travel_with_the_package():
-    folder = Path(bokehnet.__file__).parent / "rendering" / "presets"
+    folder = Path(bokehnet.__file__).parent / "settings" / "presets"
     assert {preset_file(name).parent for name in presets()} == {folder}

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bokehnet.baselines import BASELINES
 from bokehnet.depth_repair.repair import REPAIR_MODES
 from bokehnet.effects import BrownConrady, CameraEffects, DivisionModel, Grain, Vignette
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import BokehnetError, ConfigError, ParameterError
 from bokehnet.io.maps import DEPTH_UNITS
 from bokehnet.io.output_format import COLOR_SPACE_NAMES, SUBSAMPLINGS, Bits
@@ -511,7 +510,7 @@ def test_choices_are_those_of_the_rooms_below():
         "lens.aberrations": {"traced", "seidel"},
         "lens.focusing": {"sharpest", "paraxial"},
         "color.dispersion": set(DISPERSIONS),
-        "engine.name": {*ENGINES, *BASELINES},
+        "engine.name": {*ENGINES},
         "engine.device": {"cpu", "cuda", "auto"},
         "output.color_space": set(COLOR_SPACE_NAMES),
         "output.bits": set(map(str, typing.get_args(Bits))),

@@ -65,7 +65,7 @@ def test_without_a_truth_nothing_is_scored(scene, cli):
     [
         (["--engines", "rays,rays"], "--engines: expected one or more engines, each once"),
         (["--engines", ""], "--engines: expected one or more"),
-        (["--engines", "rays,nothing"], "--engine: expected"),
+        (["--engines", "rays,nothing"], "--engines: expected one of"),
         (["--crop", "1,2,3"], "--crop: expected four whole numbers"),
         (["--crop", "80,0,20,20"], "--crop: expected a part of the picture's 90x60"),
         (["--engines", "rays,diffusion", "--blades", "5"], "diffusion"),

@@ -53,7 +53,7 @@ def test_the_default_is_the_rays_into_the_working_folder(
     tmp_path, cli, monkeypatch, random_weights, arguments, engine
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bokehnet.engines.hybrids.WEIGHTS", random_weights.parent)
+    monkeypatch.setattr("bokehnet.engines.engine.WEIGHTS", random_weights.parent)
     outcome = cli("demo", *arguments)
     assert outcome.code == 0
     assert f"engine {engine}" in outcome.out
@@ -71,7 +71,7 @@ def test_the_default_is_the_rays_into_the_working_folder(
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, cli, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("bokehnet.engines.hybrids.WEIGHTS", tmp_path / "none")
+    monkeypatch.setattr("bokehnet.engines.engine.WEIGHTS", tmp_path / "none")
     outcome = cli("demo", *arguments)
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.startswith("bokehnet: error: ")

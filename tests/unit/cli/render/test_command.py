@@ -5,10 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
 
-from bokehnet.baselines import BASELINES
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.engines.engine import ENGINES
+from bokehnet.engine_registry import ENGINES
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_disparity, read_map
 from bokehnet.render.renderer import BokehRenderer
@@ -183,8 +182,18 @@ def test_the_program_renders_in_a_process_of_its_own(folder, cli_process):
     assert read_image(output).shape == (HEIGHT, WIDTH, 3)
     outcome = cli_process(*words, "--engine", "magic")
     assert (outcome.code, outcome.out) == (1, "")
-    engines = ", ".join(sorted([*ENGINES, *BASELINES]))
+    engines = ", ".join(sorted(ENGINES))
     assert outcome.err == f"bokehnet: error: --engine: expected one of {engines}, got 'magic'\n"
+
+
+@pytest.mark.parametrize("name", ["jimenez", "bokehme_scatter"])
+def test_a_method_of_the_literature_is_no_engine_of_render(folder, cli, name):
+    outcome = cli("render", "photo.png", "--disparity", "disparity.png", "--engine", name, "-o", "out.png")
+    assert outcome.code == 1
+    assert outcome.err.endswith(
+        f"a method of the literature: bokehnet compare --engines rays,{name} runs it\n"
+    )
+    assert not (folder / "out.png").exists()
 
 
 def test_refine_disparity_sharpens_soft_edges_before_focus_is_taken(folder, rendered):

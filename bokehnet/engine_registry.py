@@ -1,0 +1,97 @@
+"""Engines by name: every fact about an engine that more than one part of the package needs.
+
+A new engine is one row here, plus its module. The command line, the settings, memory bounds, strips, the
+one-file export and the help read these rows. The methods of the literature, for comparison only, stand in
+:mod:`bokehnet.baselines`.
+"""
+
+from dataclasses import dataclass, replace
+
+__all__ = ["CLASSICAL", "DEFAULT_ENGINE", "ENGINES", "RAY_ENGINES", "EngineSpec"]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class EngineSpec:
+    """Facts about one engine.
+
+    Attributes:
+        name: As users write it.
+        about: Half a sentence for help texts.
+        classical: Name of the engine without networks that makes the classical half; its own name if it has
+            no networks.
+        renderer: That classical half, "module:function".
+        networks: Folder of its networks in ``bokehnet/weights``; ``None`` for a classical engine.
+        refines: Whether IUNet leads the correction up to full size; without it the classical detail is kept.
+        traces_rays: Whether pupil rays are traced, so that aberrations, coloured fringes and hidden
+            surfaces are rendered.
+        sharp_foregrounds: Whether the classical half leaves sharp outlines on blurred foregrounds, which the
+            correction has to suppress (:func:`bokehnet.coarse_to_fine.suppress_foreground_outlines`).
+        strip_halo: Rows around a strip on which its result depends, in units of the blur radius.
+        bytes_per_pixel: Peak memory per pixel of a strip, beyond input and output.
+        in_strips: Whether large pictures can be rendered in strips under ``max_memory``.
+        one_file: Whether ``bokehnet export`` can write it as one ONNX file.
+    """
+
+    name: str
+    about: str
+    classical: str
+    renderer: str
+    networks: str | None = None
+    refines: bool = True
+    traces_rays: bool = False
+    sharp_foregrounds: bool = False
+    strip_halo: int
+    bytes_per_pixel: int
+    in_strips: bool = True
+    one_file: bool = False
+
+
+_RAYS = EngineSpec(
+    name="rays",
+    about="pupil rays traced through layers",
+    classical="rays",
+    renderer="bokehnet.classical.rays_renderer:render_rays",
+    traces_rays=True,
+    strip_halo=2,  # rays cross one radius, hidden background is filled from one more
+    bytes_per_pixel=156,
+)
+_SCATTER = EngineSpec(
+    name="scatter",
+    about="every pixel spread over its disc, blind to occlusion, fastest",
+    classical="scatter",
+    renderer="bokehnet.classical.scatter_renderer:render_scatter",
+    sharp_foregrounds=True,
+    strip_halo=1,
+    bytes_per_pixel=45,
+)
+
+ENGINES: dict[str, EngineSpec] = {
+    spec.name: spec
+    for spec in (
+        _RAYS,
+        _SCATTER,
+        replace(_RAYS, name="hybrid", about="rays, corrected by a network", networks="hybrid"),
+        replace(
+            _SCATTER,
+            name="neural",
+            about="scatter, corrected by ARNet and IUNet",
+            networks="neural",
+            in_strips=False,
+            one_file=True,
+        ),
+        replace(
+            _SCATTER,
+            name="fast",
+            about="scatter, corrected by ARNet",
+            networks="neural",
+            refines=False,
+            one_file=True,
+        ),
+    )
+}
+
+CLASSICAL: dict[str, EngineSpec] = {name: spec for name, spec in ENGINES.items() if spec.networks is None}
+
+RAY_ENGINES = tuple(name for name, spec in ENGINES.items() if spec.traces_rays)
+
+DEFAULT_ENGINE = "rays"
