@@ -1,7 +1,7 @@
 """Every method of four theses on one ruler: ``python -m benchmarks.theses [FOLDER] [--engine NAME]``.
 
 Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), its time and
-memory, its flicker on a pan of our own (:mod:`benchmarks.pan`), and its
+memory, its flicker on a pan of our own (:mod:`benchmarks.experiments.pan`), and its
 scores on the path-traced scenes in FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default
 ``../shared/cycles``): PSNR within the blur's reach of a step in depth, over all pixels, FLIP, and seconds;
 then all of it as one table (:mod:`benchmarks.theses_table`), which ``--table JSON ...`` prints of runs that
@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.experiments.pan import flicker, pan
 from benchmarks.fault_probes import FAULTS, faults
 from benchmarks.measurement import extra_memory, median_seconds, scene
-from benchmarks.pan import flicker, pan
 from benchmarks.theses_table import Found, merged, table
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES

@@ -13,8 +13,8 @@ Found = dict[str, dict[str, Any]]
 
 # Methods that are no engines, and where they are measured.
 _NEED_GEOMETRY = {
-    "selective_rays": "python -m benchmarks.selective_rays",
-    "mesh_views": "python -m benchmarks.level_of_detail",
+    "selective_rays": "python -m benchmarks.experiments.selective_rays",
+    "mesh_views": "python -m benchmarks.experiments.level_of_detail",
 }
 
 _COSTS = {"seconds": ".2f", "memory": ".0f", "flicker": ".2f"}

@@ -8,13 +8,13 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from benchmarks.classical_repair import guided, joint_bilateral
 from bokehnet.checks import check_choice
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.render.result import RenderResult
-from train.classical_repair import guided, joint_bilateral
 
 __all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]
 

@@ -7,8 +7,8 @@ import tarfile
 
 import pytest
 
-from benchmarks import release
 from tests.conftest import ROOT
+from tools import release
 
 
 def test_every_file_tells_the_same_version():

@@ -182,7 +182,7 @@ import sys
 from pathlib import Path
 from bokehnet.inference import depth_models
 depth_models._TABLE, depth_models.PINS = Path("table.toml"), Path("pins.toml")
-from benchmarks.pin_models import main
+from tools.pin_models import main
 sys.exit(main(sys.argv[1:]))
 """
 

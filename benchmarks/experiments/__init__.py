@@ -1,0 +1,1 @@
+"""Finished experiments whose figures the method pages quote; runnable, not developed further."""

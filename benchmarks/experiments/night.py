@@ -1,0 +1,103 @@
+"""Night scenes of small bright lamps, by rays with and without unmixing.
+
+Run ``python -m benchmarks.experiments.night``.
+
+Scenes are drawn from seeds: objects on the ground, dark, with small lamps among them. The truth is traced
+through the lens, lamps by rays that are sent to them. Printed for three places of the focus: PSNR at edges
+(:mod:`train.metrics`) and PSNR of log(1 + light) everywhere. What light of single lamps is kept is told by
+:mod:`benchmarks.experiments.lamps`.
+``--save FOLDER`` keeps what is rendered, for other renderers.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.experiments.edges import without_unmixing
+from bokehnet import rays
+from bokehnet.lenses import ThinLens
+from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.optics.pixels.pixel_filter import PixelFilter
+from bokehnet.synth import ClutterConfig, SynthConfig
+from bokehnet.synth.clutter.baked_scene import View
+from bokehnet.synth.clutter.lamps import add_lamps
+from bokehnet.synth.clutter.scenes import Clutter, random_clutter
+from bokehnet.synth.pairs import lens_for_view
+from train.metrics import compare, psnr
+
+_BLUR, _NEAREST = 24.0, 0.85
+_FOCI = {"near": 0.8, "middle": 0.45, "far": 0.1}
+# Light of everything but the lamps, mean.
+_DARK = 0.02
+_IMAGE, _TRUTH = 64, 1024
+_BOX = PixelFilter("box", 1)
+
+_CONFIG = SynthConfig(
+    seed=1,
+    scenes=1,
+    width=256,
+    height=192,
+    bokeh_samples=1,
+    image_samples=1,
+    clutter=ClutterConfig(lamp_probability=1.0, thin_probability=0.5),
+)
+
+
+def traced(clutter: Clutter, lens: ThinLens, samples: int, gain: float, pupil: bool) -> np.ndarray:
+    """The scene dimmed to ``gain``, and its lamps as they are, (H, W, 3)."""
+    view = View(
+        width=_CONFIG.width, height=_CONFIG.height, pixel_pitch=_CONFIG.pixel_pitch, samples=samples, seed=1
+    )
+    picture = gain * clutter.scene.render(lens, view, pupil)
+    add_lamps(picture, clutter.scene, clutter.lamps, lens, view, pupil)
+    return picture
+
+
+def nights(seed: int) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """Place of the focus, picture, defocus and truth of a scene."""
+    clutter = random_clutter(np.random.default_rng(seed), _CONFIG)
+    pinhole = ThinLens(focal_length=_CONFIG.sensor_distance, f_number=1.0)
+    view = View(
+        width=_CONFIG.width, height=_CONFIG.height, pixel_pitch=_CONFIG.pixel_pitch, samples=1, seed=0
+    )
+    gain = _DARK / float(clutter.scene.render(pinhole, view, False).mean())
+    inverse = clutter.scene.disparity(pinhole, view)
+    nearest = _NEAREST / float(inverse.max())
+    image = traced(clutter, pinhole, _IMAGE, gain, False).astype(np.float32)
+    for place, focus in _FOCI.items():
+        lens = lens_for_view(_BLUR, focus, replace(_CONFIG, nearest_distance=nearest))
+        defocus = defocus_from_disparity(nearest * inverse, _BLUR, focus).astype(np.float32)
+        yield place, image, defocus, traced(clutter, lens, _TRUTH, gain, True)
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", type=int, default=4)
+    parser.add_argument("--save", type=Path, help="folder for pictures, defocus and truth as .npz files")
+    arguments = parser.parse_args()
+    print("scene | focus | rays | edge PSNR | PSNR of log")
+    print("---|---|---|---|---")
+    found: dict[str, list[tuple[float, ...]]] = {}
+    for seed in range(1, arguments.scenes + 1):
+        for place, image, defocus, truth in nights(seed):
+            if arguments.save:
+                arguments.save.mkdir(parents=True, exist_ok=True)
+                np.savez(arguments.save / f"{seed}_{place}.npz", image=image, defocus=defocus, truth=truth)
+            with without_unmixing():
+                whole = rays(image, defocus)
+            for label, picture in {"whole": whole, "parted": rays(image, defocus, pixel_filter=_BOX)}.items():
+                squared = (np.log1p(np.maximum(picture, 0)) - np.log1p(truth)) ** 2
+                row = compare(picture, truth, defocus)["edge_psnr"], psnr(squared)
+                found.setdefault(label, []).append(row)
+                print(f"{seed} | {place} | {label} | {row[0]:.2f} | {row[1]:.2f}", flush=True)
+    for label, rows in found.items():
+        edge, everywhere = np.mean(rows, 0)
+        print(f"mean | | {label} | {edge:.2f} | {everywhere:.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""A post-process, the hybrid with selective rays and full rays.
+
+Run ``python -m benchmarks.experiments.selective_rays``.
+
+Three scenes are drawn from seeds, a room, a place in the open and a table, whose triangles Embree meets. The
+truth is 1024 rays a pixel, the full count 64. Hybrids may send 35 % of that; below each stand full rays in
+the processor time that it took. The last hybrid sets out from our rays through the picture, and sends rays
+into the scene where :mod:`bokehnet.engines.expected_error` expects these to err. Edge PSNR is that of
+:mod:`train.metrics`.
+"""
+
+import argparse
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+
+from bokehnet.baselines.rays.ray_mask import normals_of_depth
+from bokehnet.baselines.rays.selective_rays import SelectiveResult, selective_rays
+from bokehnet.classical.scatter_renderer import scatter
+from bokehnet.engines.engine import Engine
+from bokehnet.optics.pixels.sample_allocation import neyman
+from bokehnet.synth import SynthConfig
+from bokehnet.synth.clutter.baked_scene import BakedScene, View
+from bokehnet.synth.clutter.scenes import random_clutter
+from bokehnet.synth.config import ClutterConfig
+from bokehnet.synth.pairs import lens_for_view
+from train.metrics import compare
+
+_WIDTH, _HEIGHT = 192, 144
+_BLUR, _FOCUS = 24.0, 0.45
+_TRUTH, _FULL, _IMAGE = 1024, 64, 64
+
+# Rays of a pixel, in the mean, that hybrids may send.
+_BUDGET = 0.35 * _FULL
+
+# What the sky's depth is taken to be, mm.
+_FAR = 1e7
+
+_SCENES = {"room": ((0, 1, 0), 3), "open": ((0, 0, 1), 5), "table": ((1, 0, 0), 2)}
+
+# Expected error, 8-bit levels, from which on a pixel sends rays, and from which on as many as it may.
+_LEAST_ERROR, _FULL_ERROR = 1.0, 4.0
+
+# What each hybrid is asked for.
+_OURS = {"mask": "reach", "rule": "ours", "post_process": scatter}
+_HYBRIDS = {
+    "hybrid, as published": {"mask": "sobel", "rule": "tan"},
+    "hybrid, by tile": {"mask": "sobel", "rule": "tan", "by_tile": True},
+    "hybrid, our mask": {"mask": "reach", "rule": "tan"},
+    "hybrid, ours": _OURS,
+    "hybrid, ours, by tile": _OURS | {"by_tile": True},
+    "hybrid, ours, neyman": _OURS | {"allocation": neyman},
+    "hybrid, expected error": {"mask": "expected", "rule": "ours", "allocation": neyman},
+}
+_POST = {"hybrid, as published": "tan", "hybrid, by tile": "tan, by tile", "hybrid, ours": "scatter"}
+_POST |= {"hybrid, expected error": "rays through the picture"}
+
+
+def _callback(scene: BakedScene, gain: float, bound: float):  # type: ignore[no-untyped-def]
+    """What answers for rays into the scene."""
+
+    def trace_rays(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        slope = np.ascontiguousarray(directions[:, None, :2], np.float32)
+        found = scene.meet(origins[:, :2], np.ascontiguousarray(directions[:, :2], np.float32))
+        colors = scene.colours(found, slope)
+        hit = found["primID"] >= 0
+        return gain * colors, np.where(hit, found["tfar"], bound), hit
+
+    return trace_rays
+
+
+def _on_rays(engine: Engine, image: np.ndarray, defocus: np.ndarray) -> dict:
+    """The picture's own rays as post-process, and a mask of how far off they may be."""
+    made = engine.render(image, defocus, expected_error=True)
+    assert made.expected_error is not None
+    share = np.clip(made.expected_error / _FULL_ERROR, 0, 1)
+    share[made.expected_error < _LEAST_ERROR] = 0
+    return {"mask": share, "post_process": lambda image, defocus: made.bokeh}
+
+
+def compared(places: tuple[float, float, float], seed: int) -> list[tuple[str, float, float, float]]:
+    """Rows of name, edge PSNR, rays a pixel and processor seconds."""
+    config = SynthConfig(seed=1, scenes=1, width=_WIDTH, height=_HEIGHT, bokeh_samples=1, image_samples=1)
+    config = replace(
+        config, clutter=ClutterConfig(places=places, foreground_probability=1, lamp_probability=0)
+    )
+    scene = random_clutter(np.random.default_rng(seed), config).scene
+
+    def view(samples: int) -> View:
+        pitch = config.pixel_pitch
+        return View(width=_WIDTH, height=_HEIGHT, pixel_pitch=pitch, samples=samples, seed=samples)
+
+    near = 0.8 / float(scene.disparity(lens_for_view(_BLUR, _FOCUS, config), view(1)).max())
+    lens = lens_for_view(_BLUR, _FOCUS, replace(config, nearest_distance=near))
+    image = scene.render(lens, view(_IMAGE), False)
+    gain = 0.2 / float(np.median(image))
+    depth = 1 / np.maximum(scene.disparity(lens, view(1)), 1 / _FAR)
+    normals = normals_of_depth(depth, config.pixel_pitch / lens.sensor_distance)
+    truth, image = gain * scene.render(lens, view(_TRUTH)), gain * image
+    defocus = np.asarray(lens.coc_radius(1 / depth) / config.pixel_pitch, np.float32)
+    rows = []
+
+    def row(name: str, picture: np.ndarray, rays: float, seconds: float) -> None:
+        rows.append((name, compare(picture, truth, defocus)["edge_psnr"], rays, seconds))
+
+    trace_rays, engine = _callback(scene, gain, _FAR), Engine("rays")
+    for name, options in _HYBRIDS.items():
+
+        def hybrid(frames: int = 8, options: dict = options) -> SelectiveResult:
+            given = options | {"frames": frames, "most": 8, "budget": _BUDGET}
+            if options["mask"] == "expected":
+                given |= _on_rays(engine, image.astype(np.float32), defocus)
+            return selective_rays(image, depth, normals, trace_rays, lens, config.pixel_pitch, **given)
+
+        hybrid(1)
+        begun = process_time()
+        made = hybrid()
+        seconds = process_time() - begun
+        if name in _POST:
+            row(f"{_POST[name]}, alone", made.post_process, 0, 0)
+        row(name, made.bokeh, float(made.rays.mean()), seconds)
+        begun = process_time()
+        scene.render(lens, view(4))
+        samples = max(1, round(4 * seconds / (process_time() - begun)))
+        row(f"  full rays, {samples}", gain * scene.render(lens, view(samples)), samples, seconds)
+    row(f"full rays, {_FULL}", gain * scene.render(lens, view(_FULL)), _FULL, np.nan)
+    return rows
+
+
+def main() -> None:
+    """Entry of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--scenes", nargs="+", choices=_SCENES, default=list(_SCENES))
+    for name in parser.parse_args().scenes:
+        places, seed = _SCENES[name]
+        for label, score, rays, seconds in compared(places, seed):
+            share = rays / _FULL
+            print(
+                f"{name:8s}{label:32s}{score:8.2f} dB{rays:8.1f} rays{share:8.1%}{seconds:8.2f} s", flush=True
+            )
+
+
+if __name__ == "__main__":
+    main()

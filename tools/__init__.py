@@ -1,0 +1,1 @@
+"""Tools of the maintainers: releases, recipes of packages, pinned depth networks."""
