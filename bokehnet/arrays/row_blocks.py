@@ -8,23 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Progress", "cut_row_blocks", "in_row_blocks", "make_in_row_blocks", "part_of"]
-
-# Is called with (steps done, steps in all); what it raises ends the work.
-Progress = Callable[[int, int], None]
+__all__ = ["cut_row_blocks", "in_row_blocks", "make_in_row_blocks"]
 
 # Values of a block: few enough to stay in the cache, enough to be worth a call.
 _VALUES = 2**18
 
 # Threads at most, and blocks from which on they are worth starting.
 _WORTH_THREADS = 4
-
-
-def part_of(progress: Progress | None, part: int, parts: int) -> Progress | None:
-    """Return the progress of one of several parts of the work that are as long, counted from 0."""
-    if progress is None:
-        return None
-    return lambda done, total: progress(part * total + done, parts * total)
 
 
 def cut_row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:

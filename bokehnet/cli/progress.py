@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
+from bokehnet.progress import Progress
+
 __all__ = ["compile_notice", "progress", "stages", "write_above"]
 
 _DELAY = 1.0  # s: what is done sooner needs no bar
@@ -15,9 +17,7 @@ _NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
 
 
 @contextmanager
-def progress(
-    label: str, *, hidden: bool = False, counted: bool = True
-) -> Iterator[Callable[[int, int], None]]:
+def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Iterator[Progress]:
     """Show a bar on stderr while the block runs longer than a second, also before anything is done.
 
     Args:
@@ -82,7 +82,7 @@ def write_above(line: str) -> None:
 
 
 @contextmanager
-def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Progress]]:
     """Show a bar on stderr for each stage of the block that runs longer than a second.
 
     Args:
@@ -94,7 +94,7 @@ def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Callable[[int, i
     """
     with ExitStack() as shown:
 
-        def begin(label: str) -> Callable[[int, int], None]:
+        def begin(label: str) -> Progress:
             shown.close()
             return shown.enter_context(progress(label, hidden=hidden, counted=False))
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from bokehnet.arrays.halving import half_image, half_map
 from bokehnet.arrays.pyramid import crop_to, pad_to_multiple, upsample2
-from bokehnet.arrays.row_blocks import Progress, make_in_row_blocks
+from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.checks import check_choice, check_image, check_map, check_same_size
 from bokehnet.depth_repair.acceptance import (
     count_misplaced,
@@ -38,6 +38,7 @@ from bokehnet.depth_repair.stages.thin_structures import restore_lost_lines
 from bokehnet.depth_repair.stages.weighted_median import soft_steps
 from bokehnet.inference.process_memory import give_back, keeps_freed
 from bokehnet.inference.session import WEIGHTS, load_network
+from bokehnet.progress import Progress
 
 __all__ = [
     "REPAIR_MODES",

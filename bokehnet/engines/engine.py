@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bokehnet.arrays.row_blocks import Progress, cut_row_blocks, in_row_blocks
+from bokehnet.arrays.row_blocks import cut_row_blocks, in_row_blocks
 from bokehnet.baselines.registry import BASELINES, baseline_renderer
 from bokehnet.checks import check_choice, check_kind, check_number, check_same_size
 from bokehnet.classical.base import (
@@ -38,8 +38,9 @@ from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 from bokehnet.optics.tone import GammaCurve, Highlights, gamma_curve
+from bokehnet.progress import Progress, ignore_progress
 
-__all__ = ["Engine", "EngineResult", "Progress", "ray_reach"]
+__all__ = ["Engine", "EngineResult", "ray_reach"]
 
 # Steps of progress in a strip, and in the network's work.
 _STEPS = 100
@@ -77,10 +78,6 @@ def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> 
     if known is None or not len(known.rows):
         return radius
     return max(radius, float(known.near.max()), -float(known.far.min()))
-
-
-def _ignore(done: int, total: int) -> None:
-    """Progress that nobody follows."""
 
 
 def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) -> int:
@@ -289,7 +286,7 @@ class Engine:
             memory_taken += defocus.nbytes  # of the error map, which cannot take its place
         strips = self._cut(defocus, lens, max_memory, memory_taken)
         report, largest = (
-            progress or _ignore,
+            progress or ignore_progress,
             _max_coc_radius(defocus, known),
         )  # before it may be written over
         left = None if max_memory is None else max_memory - memory_taken

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress, part_of
 from bokehnet.checks import check_image, check_map, check_same_size
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.atomic import write_atomic
@@ -27,6 +26,7 @@ from bokehnet.io.picture import Picture, find_picture, read_light_and_alpha
 from bokehnet.io.pixels import ImageFile
 from bokehnet.io.store import store_picture
 from bokehnet.io.window import Window
+from bokehnet.progress import Progress, part_of
 
 __all__ = ["Frame", "check_frame_format", "detached", "read_frame", "write_frame"]
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.file_color import file_color_space
 from bokehnet.io.maps import depth_channels
 from bokehnet.io.metadata.photo_metadata import read_metadata
 from bokehnet.io.pixels import ImageFile
+from bokehnet.progress import Progress
 
 __all__ = ["ChannelRange", "ImageInfo", "image_info"]
 

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress, in_row_blocks
+from bokehnet.arrays.row_blocks import in_row_blocks
 from bokehnet.checks import check_choice
 from bokehnet.errors import ImageFileError
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile, Part
 from bokehnet.io.window import Window
+from bokehnet.progress import Progress
 
 __all__ = [
     "DEPTH_UNITS",

@@ -13,7 +13,6 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress
 from bokehnet.errors import ImageFileError
 from bokehnet.io.containers.input_checks import check_intact, check_pixel_count
 from bokehnet.io.containers.pfm import PfmInput, is_pfm
@@ -21,6 +20,7 @@ from bokehnet.io.exr.deep import flatten
 from bokehnet.io.exr.deep_chunks import DeepSamples, read_samples
 from bokehnet.io.exr.header import ExrHeaders, Value, is_exr, read_headers, sub_sampled
 from bokehnet.io.window import Window
+from bokehnet.progress import Progress
 
 __all__ = [
     "READABLE_EXTENSIONS",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress, cut_row_blocks
+from bokehnet.arrays.row_blocks import cut_row_blocks
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.color_space import LINEAR_REC709, SRGB, ColorSpace, chromaticities_of, convert
 from bokehnet.io.color.dither import quantise
@@ -24,6 +24,7 @@ from bokehnet.io.output_format import (
     profile_to_embed,
     target_space,
 )
+from bokehnet.progress import Progress
 
 __all__ = ["store_picture"]
 

@@ -1,7 +1,6 @@
 """The whole renderer as one graph, and its proof against the renderer of the package."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from bokehnet.onnx_file.scatter import scatter
 from bokehnet.onnx_file.tone import gamma_curve
 from bokehnet.onnx_session import OnnxSession
 from bokehnet.optics.coc import defocus_from_disparity
+from bokehnet.progress import Progress, ignore_progress
 from bokehnet.version import __version__
 
 __all__ = ["ONE_FILE_ENGINES", "PARITY", "build_model", "export_renderer"]
@@ -139,15 +139,9 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return image, disparity
 
 
-def _ignore(done: int, total: int) -> None:
-    """Progress that nobody follows."""
-
-
-def _compare(
-    model: bytes, weights: Path | None, engine: str, progress: Callable[[int, int], None] | None
-) -> list[float]:
+def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress | None) -> list[float]:
     """PSNR in dB between a file's content in ONNX Runtime and the package, one for each trial."""
-    report = progress or _ignore
+    report = progress or ignore_progress
     session = OnnxSession(model, options={"log_severity_level": 3})
     hybrid, plain = Engine(engine, weights=weights), Engine("scatter")
     found: list[float] = []
@@ -168,7 +162,7 @@ def _compare(
 def export_renderer(
     path: Path,
     weights: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     *,
     engine: str = "fast",
 ) -> float:

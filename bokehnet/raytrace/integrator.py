@@ -4,7 +4,6 @@ Each pass follows one ray per pixel, so memory is that of a few pictures for any
 planes that a ray meets are composited front to back in the order of their depth along that ray.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from torch import Tensor
 from bokehnet.checks import check_at_least
 from bokehnet.lenses import Rays
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
+from bokehnet.progress import Progress
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.geometry.intersect import (
     PreparedPlane,
@@ -27,7 +27,6 @@ from bokehnet.raytrace.scene import Background, Scene
 __all__ = ["Progress", "render_all_in_focus", "render_bokeh", "render_disparity"]
 
 # Called with the number of passes done and the number of all passes.
-Progress = Callable[[int, int], None]
 # Sides of a plane are told apart beyond this share of its distance from the lens.
 _SIDE_TOLERANCE = 1e-6
 

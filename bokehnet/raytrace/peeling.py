@@ -10,6 +10,7 @@ from torch import Tensor
 
 from bokehnet.checks import check_at_least
 from bokehnet.optics.pixels.pixel_layers import merge_surfaces
+from bokehnet.progress import Progress
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution
 from bokehnet.raytrace.geometry.space import SpaceRays, dot
@@ -54,7 +55,7 @@ def peel(
     seed: int = 0,
     bounces: int = 2,
     device: torch.device | str = "cpu",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Peeled:
     """Take a scene apart, surface by surface.
 

@@ -1,6 +1,6 @@
 """Pictures of a world, sample by sample: what is there after some samples can be kept and carried on."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -9,6 +9,7 @@ from torch import Tensor
 from bokehnet.checks import check_at_least, check_choice
 from bokehnet.errors import ParameterError
 from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.progress import Progress
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution, LensSamples
 from bokehnet.raytrace.geometry.space import SpaceRays
@@ -186,7 +187,7 @@ class Tracer:
         for part in pixels.split(self._most):
             yield part, self._trace(points, part)
 
-    def render(self, samples: int, progress: Callable[[int, int], None] | None = None) -> Accumulation:
+    def render(self, samples: int, progress: Progress | None = None) -> Accumulation:
         """Return the means of ``samples`` samples; ``progress`` is told how many are done."""
         check_at_least("samples", samples, 1)
         state = self.begin()

@@ -2,8 +2,8 @@
 
 from typing import Protocol
 
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import RenderCancelled
+from bokehnet.progress import Progress
 
 __all__ = ["CancelSignal", "watched"]
 

@@ -9,12 +9,13 @@ import numpy.typing as npt
 from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
 from bokehnet.engine_registry import RAY_ENGINES
-from bokehnet.engines.engine import Engine, Progress
+from bokehnet.engines.engine import Engine
 from bokehnet.engines.expected_error import can_expect_error
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
 from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.progress import Progress
 from bokehnet.render import memory_bounds as memory
 from bokehnet.render.lamp_light import lamps_of, lit
 from bokehnet.render.look import make_highlights, picture_aberrations, picture_shading

@@ -9,7 +9,7 @@ import numpy as np
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engine_registry import RAY_ENGINES
-from bokehnet.engines.engine import Progress
+from bokehnet.progress import Progress
 from bokehnet.render.look import copy_lean
 from bokehnet.render.supersampling import at_rendered_size, in_fine_pixels, rendered_surfaces
 from bokehnet.scene.blur_warnings import odd_blur

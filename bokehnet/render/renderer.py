@@ -11,7 +11,7 @@ from bokehnet.checks import check_at_least, check_floats, check_kind, check_map,
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.engines.engine import Engine, Progress
+from bokehnet.engines.engine import Engine
 from bokehnet.errors import ParameterError
 from bokehnet.forking import ForkSafeLock
 from bokehnet.optics.aberrations.lens_response import LensResponse
@@ -19,6 +19,7 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.tone import Highlights
+from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal, watched
 from bokehnet.render.exposure import Optics, expose, leaning
 from bokehnet.render.look import (

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.row_blocks import Progress
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.errors import ImageFileError
 from bokehnet.io.color.color_space import LINEAR_REC709, convert
 from bokehnet.io.frame import Frame, write_frame
 from bokehnet.io.image import write_image, write_map
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
+from bokehnet.progress import Progress
 from bokehnet.render.notebook import shown_html
 from bokehnet.render.output import make_output_format
 from bokehnet.settings.error_names import about

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.arrays.resample import resample
-from bokehnet.arrays.row_blocks import Progress, part_of
 from bokehnet.checks import check_floats, check_light, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
 from bokehnet.classical.known_surfaces import KnownSurfaces
@@ -21,6 +20,7 @@ from bokehnet.io.maps import resize_map
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import FilterChoice
+from bokehnet.progress import Progress, part_of
 from bokehnet.scene.depth.depth_source import (
     DepthMap,
     DepthSource,

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.row_blocks import Progress
 from bokehnet.depth_repair.stages.edge_sharpening import STEP, extremes, repair_soft_edges, soft_edge_fraction
 from bokehnet.depth_repair.stages.weighted_median import settle_soft_steps
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_text
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
+from bokehnet.progress import Progress
 from bokehnet.sequence.temporal_filter import Gathered, gather, joined
 
 __all__ = ["SteadyShot"]

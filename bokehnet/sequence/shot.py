@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import BokehnetError
 from bokehnet.io.atomic import write_text
+from bokehnet.progress import Progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, depth_source

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.depth_repair.repair_plan import RepairPlan
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import ParameterError
 from bokehnet.io.atomic import check_target
 from bokehnet.io.video.frames import (
@@ -23,6 +22,7 @@ from bokehnet.io.video.frames import (
     write_segment,
 )
 from bokehnet.io.window import Window
+from bokehnet.progress import Progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, RelativeDisparity
 from bokehnet.scene.focus import check_focus

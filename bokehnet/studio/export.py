@@ -4,9 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bokehnet.arrays.row_blocks import part_of
-from bokehnet.engines.engine import Progress
 from bokehnet.io.image import check_writable, write_map
+from bokehnet.progress import Progress, part_of
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from time import monotonic
 from typing import Any, Protocol
 
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import BokehnetError, RenderCancelled
+from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
 
 __all__ = ["Helper", "Task"]

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from bokehnet.arrays.resample import resample
 from bokehnet.depth_repair.repair import DisparityRepair
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import BokehnetError
 from bokehnet.io.color.color_space import LINEAR_REC709, ColorSpace
 from bokehnet.io.maps import resize_map
 from bokehnet.io.window import Window
+from bokehnet.progress import Progress
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
 from bokehnet.scene.scene import Scene, fitted_map, is_exact, read_scene

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from bokehnet.classical.scatter.aperture_scatter import lay_out
 from bokehnet.classical.scatter.aperture_table import KEPT, LARGEST_TABLE
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import RenderCancelled
+from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
 from bokehnet.render.look import make_aperture
 from bokehnet.render.renderer import BokehRenderer

@@ -15,6 +15,7 @@ from bokehnet.checks import check_at_least
 from bokehnet.config import build_config, check_same, dump_json, to_dict
 from bokehnet.errors import ConfigError, DataFileError
 from bokehnet.io.atomic import remove_leftovers, write_atomic, write_text
+from bokehnet.progress import Progress, ignore_progress
 from bokehnet.synth.cluster import render_on_cluster
 from bokehnet.synth.config import SynthConfig
 from bokehnet.synth.shards import DESCRIPTION, encode_sample, shard_name, write_members
@@ -26,7 +27,7 @@ def write_dataset(
     config: SynthConfig,
     out_dir: str | Path,
     workers: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     cluster: str | None = None,
 ) -> None:
     """Render all scenes of ``config`` and write them as shards; shards that exist are kept.
@@ -57,7 +58,7 @@ def write_dataset(
             render_on_cluster(make, wanted, cluster) if cluster and wanted else _render(make, wanted, workers)
         )
         with on as samples:
-            _write_shards(folder, config, missing, samples, progress or (lambda done, total: None))
+            _write_shards(folder, config, missing, samples, progress or ignore_progress)
     except OSError as error:
         if isinstance(error, DataFileError):
             raise
@@ -69,7 +70,7 @@ def _write_shards(
     config: SynthConfig,
     missing: list[int],
     samples: Iterator[bytes],
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> None:
     """Write the shards ``missing`` of their ``samples``, which come in order."""
     done = config.scenes - sum(len(_scenes_of(number, config)) for number in missing)

@@ -7,13 +7,13 @@ from time import perf_counter
 
 import numpy as np
 
-from bokehnet.arrays.row_blocks import Progress
 from bokehnet.baselines.registry import BASELINES
 from bokehnet.checks import check_choice, check_same_size
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.engine_registry import ENGINES
 from bokehnet.errors import ParameterError
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
+from bokehnet.progress import Progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.scene import Scene
 from bokehnet.scores.flip import flip_map

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.row_blocks import Progress, part_of
 from bokehnet.io.color.srgb import srgb_to_linear
+from bokehnet.progress import Progress, part_of
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import RelativeDisparity
 from bokehnet.scene.scene import Scene, make_scene, read_scene

@@ -1,6 +1,5 @@
 """A sheet of point-spread functions: each traced one beside the one of the lens's aberration map."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from bokehnet.io.image import write_image
 from bokehnet.lenses.aberrations.psf_pairs import FIELDS, PsfPair, psf_pairs
 from bokehnet.lenses.prescription import PrescriptionLens
+from bokehnet.progress import Progress
 from bokehnet.tools.contact_sheet import contact_sheet
 
 __all__ = ["write_psf_sheet"]
@@ -18,9 +18,7 @@ _DEPTHS = 3
 _BRIGHTEST = 0.995  # share of the lit cells that are not clipped
 
 
-def write_psf_sheet(
-    lens: PrescriptionLens, path: Path, report: Callable[[int, int], None] | None = None
-) -> list[PsfPair]:
+def write_psf_sheet(lens: PrescriptionLens, path: Path, report: Progress | None = None) -> list[PsfPair]:
     """Write the sheet, depths as rows and fields as columns, and return what it shows.
 
     Args:

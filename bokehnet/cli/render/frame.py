@@ -11,12 +11,12 @@ from time import perf_counter
 from bokehnet.cli.progress import stages
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.inference.process_memory import keep_freed
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
 from bokehnet.io.overwrite_guard import check_not_over
+from bokehnet.progress import Progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer

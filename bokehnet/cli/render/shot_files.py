@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bokehnet.cli.render.frame import FrameJob
-from bokehnet.engines.engine import Progress
 from bokehnet.errors import BokehnetError
+from bokehnet.progress import Progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth
 from bokehnet.scene.scene import Scene, read_scene

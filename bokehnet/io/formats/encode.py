@@ -9,12 +9,13 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress, make_in_row_blocks, part_of
+from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.containers.pfm import write_pfm
 from bokehnet.io.containers.png import write_png
 from bokehnet.io.pixels import ImageFile
+from bokehnet.progress import Progress, part_of
 
 __all__ = ["check_readable", "encode"]
 

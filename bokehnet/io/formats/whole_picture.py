@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.arrays.row_blocks import Progress, make_in_row_blocks
+from bokehnet.arrays.row_blocks import make_in_row_blocks
 from bokehnet.checks import require_extra
 from bokehnet.errors import ImageFileError, MissingExtraError
 from bokehnet.io.atomic import write_atomic
 from bokehnet.io.metadata.photo_metadata import Metadata
+from bokehnet.progress import Progress
 
 __all__ = ["WHOLE_EXTENSIONS", "Coding", "check_encoder", "encode_whole"]
 

@@ -7,9 +7,9 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from bokehnet.arrays.row_blocks import Progress
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
+from bokehnet.progress import Progress
 
 __all__ = ["DepthMap", "DepthSource", "Kind", "Photo", "SceneLayers"]
 
