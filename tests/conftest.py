@@ -1,43 +1,101 @@
+"""Test tiers and shared fixtures.
+
+``pytest`` alone runs the quick tier: about three minutes on two cores, without torch, a browser or other
+programs. ``pytest --all`` runs everything. ``pytest PATH`` runs everything under that path.
+"""
+
 import gc
+import importlib.util
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-import torch
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("BOKEHNET_SHARED", ROOT.parent / "shared"))
 
+# Folders of tests that start other programs, browsers or processes, or compare with independent renderers.
+FULL_TIER = ("end_to_end", "golden", "hosts", "processes", "reference")
 
-gc.disable()  # while tests are collected: their imports make millions of objects, and none of them dies
+_TORCH_IMPORT = re.compile(
+    r"^\s*(?:import|from) "
+    r"(?:torch|kornia|train|benchmarks|bokehnet\.(?:models|raytrace|scenes|synth|classical\.torch))\b",
+    re.MULTILINE,
+)
+
+gc.disable()  # during collection: imports allocate millions of objects that all stay alive
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that selects the tier."""
+    parser.addoption("--all", action="store_true", help="run every tier, not the quick one alone")
+
+
+def _is_quick(config: pytest.Config) -> bool:
+    """Return whether the quick tier was selected: neither ``--all`` nor a path was given."""
+    return not config.getoption("--all") and config.args_source != pytest.Config.ArgsSource.ARGS
+
+
+@cache
+def _imports_torch(path: Path) -> bool:
+    return path.name.startswith("test_") and bool(_TORCH_IMPORT.search(path.read_text(encoding="utf-8")))
+
+
+_HAS_TORCH = importlib.util.find_spec("torch") is not None
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files of the full tier in a quick run, and files that import torch where it is absent."""
+    if collection_path.is_dir():
+        return True if _is_quick(config) and collection_path.name in FULL_TIER else None
+    if collection_path.suffix == ".py" and (_is_quick(config) or not _HAS_TORCH):
+        return True if _imports_torch(collection_path) else None
+    return None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Deselect tests marked ``slow`` in a quick run."""
+    if not _is_quick(config):
+        return
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    config.hook.pytest_deselected(items=slow)
+    items[:] = [item for item in items if not item.get_closest_marker("slow")]
+
+
+def pytest_report_header(config: pytest.Config) -> list[str]:
+    """Name the tier, and what cannot run here."""
+    lines = [
+        "tier: quick (--all runs everything)" if _is_quick(config) else "tier: all under the given paths"
+    ]
+    if not _HAS_TORCH:
+        lines.append("torch is absent: files that import it are not collected; pip install '.[dev]'")
+    return lines
 
 
 def pytest_collection_finish() -> None:
-    """Collect garbage again, save what was imported."""
+    """Turn garbage collection on again, imports excepted; one torch thread, as test pictures are small."""
     gc.freeze()
     gc.enable()
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
 
 
 def pytest_unconfigure() -> None:
-    """Let what was imported go."""
+    """Release what was imported."""
     gc.unfreeze()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _one_thread() -> None:
-    """Small pictures: torch threads cost more than they give, above all on a busy machine."""
-    torch.set_num_threads(1)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command line gave back."""
+    """Exit code and output of a command."""
 
     code: int
     out: str

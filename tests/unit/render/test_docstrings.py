@@ -9,11 +9,17 @@ import pytest
 
 from bokehnet import render, scene, sequence, settings
 
+# Steps of a shot that no user calls.
+INTERNAL = {
+    f"bokehnet.sequence.{name}"
+    for name in ("filtered_shot", "optical_flow", "resumable_folder", "temporal_filter")
+}
+
 MODULES = sorted(
     name
     for package in (render, scene, sequence, settings)
     for _, name, is_package in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
-    if not is_package
+    if not is_package and name not in INTERNAL
 )
 
 

@@ -12,7 +12,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.window import Window
 from bokehnet.render.look import make_lens_response, picture_aberrations
-from bokehnet.render.memory_bounds import PROGRAM, least_memory
+from bokehnet.render.memory_bounds import PROGRAM, check_memory, least_memory
 from bokehnet.scene import scene as scene_module
 from bokehnet.scene.focus import FocusedLens
 from bokehnet.scene.scene import read_scene
@@ -26,19 +26,31 @@ def bounded(size: int, **others: object) -> RenderSettings:
     return RenderSettings().updated({**TOLD, "engine": {"max_memory": size}, **others})
 
 
-def test_it_is_refused_before_the_pixels_are_read_and_the_least_is_enough(tmp_path, monkeypatch):
+def test_the_minimum_that_is_stated_is_enough(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_image("photo.png", np.full((40, 60, 3), 0.5, np.float32))
+    write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
+    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as told:
+        check_memory("photo.png", bounded(10**8))
+    found = re.search(r"at least (\d+) MB for 60x40 pixels", str(told.value))
+    assert found is not None
+    settings = bounded(int(found[1]) * 10**6)
+    check_memory("photo.png", settings)
+    result = BokehRenderer("rays").render(read_scene("photo.png", settings), settings)
+    assert result.bokeh.shape == (40, 60, 3)
+
+
+def test_commands_check_memory_before_they_read_the_pixels(tmp_path, monkeypatch, cli):
     monkeypatch.chdir(tmp_path)
     write_image("photo.png", np.full((40, 60, 3), 0.5, np.float32))
     write_map("map.png", np.linspace(0, 1, 2400).reshape(40, 60))
     read = []
-    kept = scene_module.read_frame
-    monkeypatch.setattr(scene_module, "read_frame", lambda path, told: read.append(path) or kept(path, told))
-    with pytest.raises(ParameterError, match=r"engine.max_memory: expected at least \d+ MB") as told:
-        read_scene("photo.png", bounded(10**8))
+    monkeypatch.setattr(scene_module, "read_frame", lambda *arguments: read.append(arguments))
+    words = ("photo.png", "--disparity", "map.png", "--blur", 20, "--focus", 0.25, "--max-memory", "100M")
+    outcome = cli("render", *words, "-o", "out.png")
+    assert outcome.code == 1
+    assert "--max-memory: expected at least" in outcome.err
     assert not read
-    found = re.search(r"at least (\d+) MB for 60x40 pixels", str(told.value))
-    assert found is not None
-    assert read_scene("photo.png", bounded(int(found[1]) * 10**6)).image.shape == (40, 60, 3)
 
 
 def test_the_least_grows_with_the_picture_and_with_what_is_asked_for():
@@ -102,7 +114,7 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
         return bounded(size, depth={"repair": "off", "as_stored": True}).updated({"engine": {"name": engine}})
 
     with pytest.raises(ParameterError, match=r"at least \d+ MB") as refused:
-        read_scene("shot.exr", told(10**8))
+        check_memory("shot.exr", told(10**8))
     found = re.search(r"at least (\d+) MB", str(refused.value))
     assert found is not None
     settings = told(int(found[1]) * 10**6)

@@ -1,0 +1,1 @@
+from tests.unit.photo_folder import folder, photo, steps  # noqa: F401
