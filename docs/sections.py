@@ -1,9 +1,11 @@
-"""Hook of mkdocs: a line ``{{ FILE }}`` or ``{{ FILE: HEADING }}`` stands for text of the repository.
+"""mkdocs hook: include ``{{ FILE }}`` and ``{{ FILE: HEADING }}`` of the repository, and ``{{ options }}``.
 
-So that figures and the model card stand in one place each, which people also find without this site. The text
-loses its own heading; links to ``docs/`` are made those of the site, other links to files are only named.
+Figures and the model card stay in one place each. The included text loses its own heading; links to ``docs/``
+become links of the site, other links to files become names. ``{{ options }}`` lists every option of
+``bokehnet render`` from the settings.
 """
 
+import posixpath
 import re
 from pathlib import Path
 from typing import Any
@@ -31,24 +33,47 @@ def section(text: str, heading: str | None) -> str:
     return text[start.end() : end.start() if end else None].strip()
 
 
-def _relink(found: re.Match[str]) -> str:
-    label, target = found[1], found[2]
-    if target.startswith("docs/"):
-        return f"[{label.removeprefix('docs/')}]({target.removeprefix('docs/')})"
-    return f"`{target}`"
+def _relink(match: re.Match[str], page: str) -> str:
+    """Return a link of the repository as the site's: to pages of ``docs/``, else the name alone."""
+    label, target = match[1], match[2]
+    if not target.startswith("docs/"):
+        return f"`{target}`"
+    path, anchor, name = target.removeprefix("docs/").partition("#")
+    relative = posixpath.relpath(path, posixpath.dirname(page) or ".")
+    return f"[{label.removeprefix('docs/')}]({relative}{anchor}{name})"
+
+
+def _options() -> str:
+    """Return a table of all options of ``bokehnet render`` for each group of settings."""
+    from bokehnet.settings.fields import field_settings
+    from bokehnet.settings.settings import group_types
+
+    lines = []
+    for group in group_types():
+        lines += [f"## {group.TITLE}", "", "| option | default | |", "|---|---|---|"]
+        for known in field_settings(group).values():
+            if known.flag is not None:
+                default = "" if known.default in (None, False, "") else f"`{known.default}`"
+                text = known.help.replace("|", "\\|")
+                lines.append(f"| `--{known.flag}` | {default} | {text} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Put the sections in, and name files outside the site without linking them."""
+    """Insert the sections and the options, and name files outside the site without a link."""
+    source = page.file.src_uri
 
-    def read(found: re.Match[str]) -> str:
-        text = (ROOT / found[1]).read_text(encoding="utf-8")
-        return _LINK.sub(_relink, section(text, found[2]))
+    def read(match: re.Match[str]) -> str:
+        if match[1] == "options":
+            return _options()
+        text = (ROOT / match[1]).read_text(encoding="utf-8")
+        return _LINK.sub(lambda link: _relink(link, source), section(text, match[2]))
 
-    def name_outside(found: re.Match[str]) -> str:
-        path = found[2].split("#")[0]
-        outside = path.startswith("../")
-        return f"{found[1]} (`{path.removeprefix('../')}`)" if outside else found[0]
+    def name_outside(match: re.Match[str]) -> str:
+        path = match[2].split("#")[0]
+        target = posixpath.normpath(posixpath.join("docs", posixpath.dirname(source), path))
+        return match[0] if target.startswith("docs/") else f"{match[1]} (`{target}`)"
 
     return _LINK.sub(name_outside, _LINE.sub(read, markdown))
 

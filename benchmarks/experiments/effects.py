@@ -1,6 +1,6 @@
 """Cost and looks of the camera's effects.
 
-Run ``python -m benchmarks.experiments.effects [--sheet docs/effects.jpg]``.
+Run ``python -m benchmarks.experiments.effects [--sheet docs/images/effects.jpg]``.
 
 Each effect by itself on picture 21 (1080x1350), beside a plain render of it with its own map, in turns on
 two cores at most; then what is left after a distortion and back. With ``--sheet`` instead a sheet of

@@ -3,7 +3,7 @@
 Before that, how much of its light a blurred lamp beside an edge keeps: lamps of one pixel on a near surface,
 0 to 13 pixels from its edge, before a wall that is as dark.
 
-python -m benchmarks.experiments.lamps [--sheet docs/light.jpg]
+python -m benchmarks.experiments.lamps [--sheet docs/images/light.jpg]
 """
 
 import argparse

@@ -59,7 +59,7 @@ _LARGEST_SIDE = 1024
 
 # Longest side of the sizes at which the network looks. What it found there is enlarged and put to the edges
 # of the larger picture, which on path-traced scenes of four times the size places more pixels right than
-# the network does (docs/large.md).
+# the network does (docs/method/large.md).
 _NETWORK_SIDE = 2048
 
 # What the network costs for a pixel, over what it costs to put a step there to the picture's edge.

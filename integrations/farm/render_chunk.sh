@@ -1,5 +1,5 @@
 #!/bin/sh
-# The recipe of docs/hosts.md for any farm that runs commands; run here by itself, in no farm's queue.
+# The recipe of docs/use/hosts/overview.md for any farm that runs commands; run here by itself, in no farm's queue.
 # render_chunk.sh FIRST LAST PICTURE.####.exr OUTPUT.####.exr [options of bokehnet render ...]
 # Exit code 0: all frames of the chunk are there. 1: some failed, and are told; running it again renders these alone.
 # 130, 143: interrupted or preempted; what was finished stays, no half of a file does. 2: wrong call.

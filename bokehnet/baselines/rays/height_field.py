@@ -11,7 +11,7 @@ than its pixel.
 
 Source: thesis 001, 4.2.1 and 4.2.2; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
 Eurographics 1987. As printed the first takes the wrong one of two edges, and both a wrong pixel, see
-``docs/theses.md``.
+``docs/method/theses.md``.
 """
 
 import math

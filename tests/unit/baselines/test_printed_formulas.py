@@ -1,4 +1,4 @@
-"""Formulas of the theses, as printed and as they must be: what ``docs/theses.md`` says of them."""
+"""Formulas of the theses, as printed and as they must be: what ``docs/method/theses.md`` says of them."""
 
 import math
 

@@ -255,7 +255,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
 def test_the_documentation_lists_the_commands_of_the_recipe():
     recipe = load_recipe(FULL)
     wanted = [recipe.command(step) for step in recipe.steps]
-    text = (ROOT / "docs/training.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/develop/training.md").read_text(encoding="utf-8")
     blocks = [block.replace("\\\n", " ") for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL)]
     lines = [shlex.split(line, comments=True) for block in blocks for line in block.splitlines()]
     starts = tuple(COMMANDS.values())

@@ -1,7 +1,9 @@
-"""Make the pictures of ``docs/theses.md``: ``python -m docs.theses_pictures [NAME ...] [--truth FOLDER]``.
+"""Make the pictures of ``docs/method/theses.md``.
+
+Run ``python -m tools.theses_pictures [NAME ...] [--truth FOLDER]``.
 
 Leaves before focus and lamps behind it, of the scene of ``bokehnet demo``, by each method or those named;
-FOLDER holds what a lens sees, as for ``python -m docs.pictures``.
+FOLDER holds what a lens sees, as for ``python -m tools.pictures``.
 """
 
 import argparse
@@ -15,7 +17,7 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 
-FOLDER = Path(__file__).parent / "theses"
+FOLDER = Path(__file__).parents[1] / "docs/images/theses"
 QUALITY = 80
 
 # Left, top, width, height, and which focus: the leaves above the cat; the lamps in the corner.

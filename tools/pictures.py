@@ -1,4 +1,6 @@
-"""Make the pictures of ``docs/method.md`` and ``docs/shapes.md``: ``python -m docs.pictures TRUTH``.
+"""Make the pictures of ``docs/method/overview.md`` and ``docs/use/shapes.md``.
+
+Run ``python -m tools.pictures TRUTH``.
 
 All show the scene of ``bokehnet demo``, most of them as ``bokehnet render`` writes it. TRUTH holds what a
 lens sees of it, ray traced by ``python examples/demo_scene.py --out FOLDER --truth TRUTH`` (FOLDER: not
@@ -19,7 +21,7 @@ from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
 from train.degradation import degrade
 
-HERE = Path(__file__).parent
+IMAGES = Path(__file__).parents[1] / "docs/images"
 PICTURE, DISPARITY = ASSETS / "demo.png", ASSETS / "demo_disparity.png"
 QUALITY = 85
 
@@ -58,7 +60,7 @@ def grey(values: np.ndarray) -> np.ndarray:
 
 def write(name: str, rows: list[list[tuple[str, np.ndarray]]]) -> None:
     """Write a sheet beside this file."""
-    bokehnet.write_image(HERE / name, contact_sheet(rows), quality=QUALITY)
+    bokehnet.write_image(IMAGES / name, contact_sheet(rows), quality=QUALITY)
 
 
 def show_maps(image: np.ndarray, disparity: np.ndarray) -> None:

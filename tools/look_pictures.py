@@ -1,4 +1,4 @@
-"""Make the pictures of ``docs/looks.md``: ``python -m docs.look_pictures PHOTO DISPARITY BLUR FOCUS``.
+"""Make the pictures of ``docs/use/looks.md``: ``python -m tools.look_pictures PHOTO DISPARITY BLUR FOCUS``.
 
 Every preset on a photograph (PHOTO with its DISPARITY, rendered with BLUR and FOCUS) and on the street of
 ``examples/night_scene.py``, and on that street each effect alone; all as ``bokehnet render`` writes them.
@@ -16,7 +16,7 @@ from bokehnet.settings.preset import presets as preset_names
 from bokehnet.tools.contact_sheet import contact_sheet
 from examples.night_scene import FOCUS, night_scene
 
-HERE = Path(__file__).parent
+IMAGES = Path(__file__).parents[1] / "docs/images"
 QUALITY = 85
 NIGHT_BLUR = 60
 COLUMNS = 3
@@ -62,7 +62,7 @@ def write(name: str, shown: dict[str, np.ndarray]) -> None:
     """Write a sheet beside this file."""
     pairs = list(shown.items())
     rows = [pairs[i : i + COLUMNS] for i in range(0, len(pairs), COLUMNS)]
-    bokehnet.write_image(HERE / name, contact_sheet(rows), quality=QUALITY)
+    bokehnet.write_image(IMAGES / name, contact_sheet(rows), quality=QUALITY)
 
 
 def main() -> None:
