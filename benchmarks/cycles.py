@@ -9,12 +9,21 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.figures import write_figures
 from benchmarks.quality import Engine, print_header, print_scores, score
 from bokehnet.engine_registry import ENGINES
 from bokehnet.optics.aperture import Aperture
 from train.evaluation_sets import path_traced_shots as read_shots
 from train.evaluation_sets import scene_folders
 from train.methods import Method
+from train.metrics import mean_scores
+
+_COLUMNS = {
+    "psnr": ("PSNR", ".2f"),
+    "ssim": ("SSIM", ".3f"),
+    "edge_psnr": ("edge PSNR", ".2f"),
+    "edge_ssim": ("edge SSIM", ".3f"),
+}
 
 __all__ = ["read_shots", "scene_folders", "whole_engine"]
 
@@ -34,6 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--weights", type=Path)
+    parser.add_argument("--figures", type=Path, help="JSON file for the tables of the documentation")
     arguments = parser.parse_args()
     engines = {name: whole_engine(name, arguments.weights) for name in ENGINES}
     print_header("scene")
@@ -43,6 +53,12 @@ def main() -> None:
         everything += rows
         print_scores(folder.name, rows)
         print_scores("all so far", everything)
+    if arguments.figures:
+        means = {name: mean_scores([row[name] for row in everything]) for name in engines}
+        conditions = (
+            f"{len(everything)} path-traced pictures, true depth, dB and SSIM of the clipped sRGB picture"
+        )
+        write_figures(arguments.figures, "python -m benchmarks.cycles FOLDER", conditions, _COLUMNS, means)
 
 
 if __name__ == "__main__":

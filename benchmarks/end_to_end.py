@@ -25,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.classical import BLUR, FOCUS, photograph
+from benchmarks.figures import write_figures
 from benchmarks.measurement import scene, time_in_turns
 from benchmarks.rivals import double_loop
 from bokehnet.arrays.resample import resample
@@ -68,7 +69,7 @@ def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
     return render
 
 
-def photograph_section(shared: Path, rounds: int) -> None:
+def photograph_section(shared: Path, rounds: int, figures: Path | None = None) -> None:
     """Print medians of all engines and the ratio of the published wiring to each."""
     image, defocus = photograph(shared)
     runs: dict[str, Callable[[], object]] = {}
@@ -80,12 +81,20 @@ def photograph_section(shared: Path, rounds: int) -> None:
     rival(image[:64, :64].copy(), np.ascontiguousarray(defocus[:64, :64]))
     runs[PUBLISHED] = lambda: rival(image, defocus)
     rows = time_in_turns(runs, rounds)
+    medians: dict[str, dict[str, float]] = {}
     print(
         f"== photograph: {image.shape[1]}x{image.shape[0]}, blur {BLUR:g}, medians of {rounds} rounds, warm"
     )
     for name in runs:
         ratio = statistics.median(row[PUBLISHED] / row[name] for row in rows)
-        print(f"{name:18s} {statistics.median(row[name] for row in rows):7.2f} s  {ratio:6.1f}x", flush=True)
+        medians[name] = {"seconds": statistics.median(row[name] for row in rows), "ratio": ratio}
+        print(f"{name:18s} {medians[name]['seconds']:7.2f} s  {ratio:6.1f}x", flush=True)
+    if figures:
+        conditions = (
+            f"{image.shape[1]}x{image.shape[0]}, blur {BLUR:g}, medians of {rounds} rounds in turns, warm"
+        )
+        columns = {"seconds": ("median, s", ".2f"), "ratio": ("times as fast as the published wiring", ".1f")}
+        write_figures(figures, "python -m benchmarks.end_to_end photograph", conditions, columns, medians)
 
 
 def run_command(*arguments: str) -> tuple[float, int]:
@@ -219,12 +228,15 @@ def main() -> None:
     parser.add_argument("sections", nargs="*", metavar="SECTION", default=sections, help=", ".join(sections))
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument(
+        "--figures", type=Path, help="JSON file for the documentation, of the section photograph"
+    )
     parser.add_argument("--megapixels", type=float, default=100, help="at most, of the section enlarged")
     parser.add_argument("--engines", nargs="+", default=["rays", "hybrid"], help="of the section large")
     arguments = parser.parse_args()
     for section in arguments.sections:
         if section == "photograph":
-            photograph_section(arguments.shared, arguments.rounds)
+            photograph_section(arguments.shared, arguments.rounds, arguments.figures)
         elif section == "cold":
             cold_section(arguments.shared, arguments.rounds)
         elif section == "large":

@@ -1,0 +1,48 @@
+"""Figures of the documentation: JSON files that benchmark commands write and tables are made from.
+
+A benchmark with the option ``--figures FILE`` writes its rows by :func:`write_figures`.
+``python -m tools.figures`` turns the files of ``docs/figures`` into the tables between the markers of the pages;
+a test checks that they agree.
+"""
+
+import json
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+from bokehnet.io.atomic import write_text
+
+__all__ = ["write_figures"]
+
+
+def _commit() -> str:
+    """Return the short name of the commit, with ``+`` where files differ from it; empty outside git."""
+    words = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
+    done = subprocess.run(words, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def write_figures(
+    path: Path,
+    command: str,
+    conditions: str,
+    columns: Mapping[str, tuple[str, str]],
+    rows: Mapping[str, Mapping[str, float]],
+) -> None:
+    """Write the figures of one command.
+
+    Args:
+        path: JSON file.
+        command: Command line that was run.
+        conditions: Data, size, machine, and the kind of average.
+        columns: From the key of a column to its title and the format of its numbers, such as ".2f".
+        rows: From the name of a row to its numbers by column.
+    """
+    figures = {
+        "command": command,
+        "commit": _commit(),
+        "conditions": conditions,
+        "columns": {key: {"title": title, "format": form} for key, (title, form) in columns.items()},
+        "rows": {name: {key: round(float(row[key]), 6) for key in columns} for name, row in rows.items()},
+    }
+    write_text(path, json.dumps(figures, indent=1) + "\n")
