@@ -1,7 +1,7 @@
 """Figures of the documentation: JSON files that benchmark commands write and tables are made from.
 
 A benchmark with the option ``--figures FILE`` writes its rows by :func:`write_figures`.
-``python -m tools.figures`` turns the files of ``docs/figures`` into the tables between the markers of the pages;
+``python -m tools.figures`` turns the files of ``docs/figures`` into the tables between markers of the pages;
 a test checks that they agree.
 """
 

@@ -49,7 +49,7 @@ def test_ci_runs_the_two_set_up_commands():
     assert ["pip", "install", ".", "&&", "bokehnet", "demo"] in COMMANDS
     assert ["pip", "install", "-c", "constraints.txt", ".[dev]", "&&", "pytest", "-n", "2"] in COMMANDS
     assert "install -q -c constraints.txt '.[dev]'" in script
-    assert 'pytest" -n 2' in script
+    assert 'pytest" --all -n 2' in script
     assert "install -q ." in script
 
 

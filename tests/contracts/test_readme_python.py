@@ -16,8 +16,9 @@ from tests.unit.io.exr_files import read_channels, write_exr
 from tests.unit.io.phone_files import encode, gdepth_photo
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
-PAIRS = re.findall(r"```sh\n(# [^`]*?)```\n\n```python\n(.*?)```", TEXT, flags=re.DOTALL)
+PAGES = ("README.md", "docs/use/examples.md")
+TEXT = "\n".join((ROOT / page).read_text(encoding="utf-8") for page in PAGES)
+PAIRS = list(dict.fromkeys(re.findall(r"```sh\n(# [^`]*?)```\n\n```python\n(.*?)```", TEXT, flags=re.DOTALL)))
 WIDTH, HEIGHT = 700, 440  # the README focuses on the pixel 640,410
 SMALL = 8  # pixels of the picture to one of the maps
 SETTINGS = '[input]\ndisparity = "disparity.png"\n[camera]\nblur = 60\n[focus]\nvalue = 0.35\n'
