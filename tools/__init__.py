@@ -1,0 +1,1 @@
+"""Tools of the developers and of the build: not installed."""
