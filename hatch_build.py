@@ -55,7 +55,8 @@ class KernelHook(BuildHookInterface):
 
 def _compile(root: Path, folder: Path) -> None:
     """Run the compiler in a process of its own, which imports the package from here."""
-    environment = os.environ | {"PYTHONPATH": str(root)}
+    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]  # pip's own, with what a build needs
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-m", "tools.kernel_library", str(folder)]
     done = subprocess.run(command, cwd=root, env=environment, check=False, stdout=sys.stderr)
     if done.returncode:
