@@ -14,7 +14,7 @@ from numba.core.caching import FunctionCache
 
 from bokehnet.precompiled.kernel import Kernel
 
-__all__ = ["njit"]
+__all__ = ["njit", "uncached_dispatcher"]
 
 _log = logging.getLogger(__name__)
 
@@ -35,6 +35,12 @@ def njit(function: Callable | None = None, *, cache: bool = False, **options: An
     if function is None:
         return partial(njit, cache=cache, **options)
     return Kernel(function, options, partial(_dispatcher, function, cache, options))
+
+
+def uncached_dispatcher(kernel: Kernel) -> Any:
+    """Return numba's dispatcher of a kernel for calls by other kernels alone, which keeps no files."""
+    options: dict[str, Any] = kernel.options | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return numba.njit(**options)(kernel.function)
 
 
 def _dispatcher(function: Callable, cache: bool, options: dict[str, Any]) -> Any:

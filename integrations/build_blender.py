@@ -6,9 +6,11 @@ own may be older than what others of these need; the process beside Blender find
 """
 
 import argparse
+import os
 import re
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import zipfile
 from pathlib import Path
@@ -30,8 +32,14 @@ PLATFORMS = {
 
 
 def collect_wheels(folder: Path, platform: str, python: str, pip: list[str]) -> list[Path]:
-    """Build bokehnet's wheel and fetch those of all that it needs."""
+    """Build bokehnet's wheel and fetch those of all that it needs.
+
+    It has machine code where this Python and this system are those of the Blender.
+    """
     root = HERE.parent
+    here = (sysconfig.get_python_version(), sysconfig.get_platform())
+    if here != (python, "linux-x86_64") or platform != "linux-x64":
+        os.environ["BOKEHNET_BUILD_KERNELS"] = "0"
     run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), str(root), *pip])
     (own,) = folder.glob("bokehnet-*.whl")
     tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]

@@ -1,1 +1,1 @@
-"""Tools of the maintainers: releases, recipes of packages, pinned depth networks."""
+"""Tools of the developers and of the build: not installed."""

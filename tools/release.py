@@ -1,8 +1,8 @@
 """Builds a release, checks it, and tries out its wheel: ``python -m tools.release --out dist``.
 
-Steps, each of which must pass: version, changelog and citation agree; sdist and wheel are built, the wheel
-from the sdist; twine checks both; the sdist holds every file of the repository but those of its own
-house-keeping; the wheel holds the whole package; the pages and the reference of the API are built without a
+Steps, each of which must pass: version, changelog and citation agree; the sdist is built, and from it a wheel
+for each interpreter; twine checks all; the sdist holds every file of the repository but those of its own
+house-keeping; each wheel holds the whole package and its machine code; the pages and the reference of the API are built without a
 warning; the page that renders in a browser is bundled with its network; depth networks that are not pinned
 are told (``--pinned``: and are an error); for each interpreter the wheel is installed into an empty
 environment, where no torch may be, the command line renders a picture, and what that took is told; a list
@@ -29,6 +29,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 # What a repository has and a release does not: its own automation and what git is told to leave out.
 NOT_RELEASED = (".ci/", ".gitignore")
+
+# What a wheel has beside the files of the repository: made by hatch_build.py.
+MACHINE_CODE = {f"bokehnet/precompiled/machine_code/kernels.{kind}" for kind in ("bin", "json")}
 
 # Files of web/ that a server hands out, and the list of what they need.
 WEB = (
@@ -120,16 +123,31 @@ def check_contents(sdist: Path, wheel: Path) -> None:
     package = {name for name in wanted if name.startswith("bokehnet/")}
     if missing := sorted(package - there):
         fail(f"{wheel.name}: expected the whole package, found {len(missing)} missing: {missing[:5]}")
-    if extra := sorted(name for name in there - package if ".dist-info/" not in name):
+    if missing := sorted(MACHINE_CODE - there):
+        fail(f"{wheel.name}: expected machine code, found {len(missing)} missing: {missing}")
+    if extra := sorted(name for name in there - package - MACHINE_CODE if ".dist-info/" not in name):
         fail(f"{wheel.name}: expected the package alone, found {extra[:5]}")
 
 
-def build(out: Path) -> tuple[Path, Path]:
-    """Make sdist, and from it the wheel."""
-    run(sys.executable, "-m", "build", "--outdir", out)
-    (sdist,), (wheel,) = out.glob("*.tar.gz"), out.glob("*.whl")
-    run(sys.executable, "-m", "twine", "check", "--strict", sdist, wheel)
-    return sdist, wheel
+def build_sdist(out: Path) -> Path:
+    """Make the sdist."""
+    run(sys.executable, "-m", "build", "--sdist", "--outdir", out)
+    (sdist,) = out.glob("*.tar.gz")
+    run(sys.executable, "-m", "twine", "check", "--strict", sdist)
+    return sdist
+
+
+def build_wheel(python: str, sdist: Path, out: Path) -> Path:
+    """Make the wheel of an interpreter from the sdist: machine code belongs to one minor version of Python."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run(python, "-m", "venv", folder / "venv", folder=folder)
+        own = folder / "venv/bin/python"
+        run(own, "-m", "pip", "wheel", "-q", "--no-deps", "-w", folder / "made", sdist, folder=folder)
+        (made,) = (folder / "made").glob("*.whl")
+        wheel = Path(shutil.copy(made, out))
+    run(sys.executable, "-m", "twine", "check", "--strict", wheel)
+    return wheel
 
 
 def build_docs(out: Path, version: str) -> Path:
@@ -213,7 +231,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder, empty before")
-    parser.add_argument("--python", action="append", help="interpreter to try the wheel with; repeatable")
+    parser.add_argument(
+        "--python", action="append", help="interpreter to make and try a wheel for; repeatable"
+    )
     parser.add_argument(
         "--web", action="store_true", help="make the page for the browser there, nothing else"
     )
@@ -229,13 +249,16 @@ def main() -> None:
     version, unpinned = check_versions(), unpinned_models()
     if unpinned and given.pinned:
         fail(f"depth networks: expected pins, found none of {', '.join(unpinned)}; run tools.pin_models")
-    sdist, wheel = build(out)
-    check_contents(sdist, wheel)
-    print(f"{version}: {sdist.name} {size_of_file(sdist)}, {wheel.name} {size_of_file(wheel)}, complete")
+    pythons, sdist = given.python or [sys.executable], build_sdist(out)
+    print(f"{version}: {sdist.name} {size_of_file(sdist)}", flush=True)
+    wheels = [build_wheel(python, sdist, out) for python in pythons]
+    for wheel in wheels:
+        check_contents(sdist, wheel)
+        print(f"{wheel.name} {size_of_file(wheel)}, complete", flush=True)
     for made in (build_docs(out, version), bundle_web(out, version)):
         print(f"{made.name} {size_of_file(made)}")
     print(f"depth networks without pinned bytes: {', '.join(unpinned) or 'none'}", flush=True)
-    for python in given.python or [sys.executable]:
+    for python, wheel in zip(pythons, wheels, strict=True):
         print(try_out(python, wheel, out), flush=True)
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in sorted(out.iterdir())]
     (out / "SHA256SUMS").write_text("\n".join(sums) + "\n", encoding="utf-8")

@@ -1,11 +1,12 @@
-"""Machine code of the kernels, made ahead, so that the first picture waits for no compiler.
+"""Machine code of the kernels, compiled when a wheel is built, so that the first picture waits for no compiler.
 
 In: calls of kernels with NumPy arrays, numbers, tuples and ``None``. Out: what numba would have returned.
 
-``kernels-CLASS-linux.so`` holds every kernel that the commands of the package run, for the types that they
-run it with and for a class of processors; ``kernels-linux.json`` says which. It needs no version of
-Python, NumPy or numba. Where nothing fits (another system, an older processor, other types, sources that have
-changed since) numba compiles as ever. ``python -m benchmarks.precompile`` makes both files anew.
+``machine_code/kernels.bin`` holds the object files that numba makes of the kernels that the commands of the
+package run, for the types that they run them with; ``kernels.json`` beside it is their manifest. Both are
+made by the build of a wheel (``hatch_build.py``, ``tools/kernel_library.py``) and are never in git. Where there
+are none or they do not fit (another system, processor or version of Python or numba, other types, edited code),
+numba compiles at the first call.
 
-Open first: ``kernel.py``, then ``library.py``.
+Open first: ``kernel.py``, then ``library.py``, ``code_key.py`` and ``machine.py``.
 """

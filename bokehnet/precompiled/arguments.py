@@ -2,7 +2,7 @@
 
 A kernel's machine code takes an array as seven and more numbers (owner, parent, items, bytes of an item,
 data, shape, strides), a tuple as its elements one after the other, and ``None`` as a pointer to nothing. That
-is numba's own calling convention; :mod:`benchmarks.kernel_library` checks every kernel's against this file.
+is numba's own calling convention; ``tools/kernel_library.py`` compares every kernel's with this file.
 """
 
 import ctypes

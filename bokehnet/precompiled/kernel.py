@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from bokehnet.precompiled.arguments import Unknown, describe, flatten
-from bokehnet.precompiled.library import MachineCode, find
+from bokehnet.precompiled.library import find
+from bokehnet.precompiled.machine import MachineCode
 
 __all__ = ["KERNELS", "Kernel", "record_calls"]
 
@@ -26,7 +27,7 @@ class Kernel:
         options: Of numba's ``njit``.
         machine_code: What runs for the types that it was called with, as
             :func:`bokehnet.precompiled.arguments.describe` tells them; ``None`` where numba does.
-        called: The same types, with numba's names, for calls inside :func:`record_calls`.
+        called: The same types, of calls inside :func:`record_calls`.
     """
 
     def __init__(
@@ -36,7 +37,7 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.name = f"{function.__module__}.{function.__qualname__}"
         self.function, self.options = function, options
-        self.called: dict[str, tuple[Any, ...]] = {}
+        self.called: set[str] = set()
         self._compiler = compiler
         self.machine_code: dict[str, MachineCode | None] = {}
         KERNELS[self.name] = self
@@ -48,12 +49,10 @@ class Kernel:
         except Unknown:
             description = ""
         if _recording and description:
-            from numba import typeof
-
-            self.called[description] = tuple(typeof(value) for value in arguments)
+            self.called.add(description)
         elif description:
             if description not in self.machine_code:
-                self.machine_code[description] = find(self.name, description)
+                self.machine_code[description] = find(self, description)
             run = self.machine_code[description]
             if run is not None:
                 flat: list[Any] = []

@@ -1,129 +1,124 @@
-"""The shared library of precompiled kernels: whether it fits processor and sources, and calls into it."""
+"""The library of machine code that a wheel carries: what it holds, and whether it fits machine and code."""
 
-import ctypes
 import functools
 import hashlib
 import json
+import logging
 import os
-import pickle
 import platform
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypedDict
 
 from bokehnet.precompiled.arguments import c_types
-from bokehnet.precompiled.results import result_reader
+from bokehnet.precompiled.code_key import code_key
+from bokehnet.precompiled.machine import CLASS_FEATURES, MachineCode, load, system
 
-__all__ = [
-    "FORMAT",
-    "OFF",
-    "PACKAGE",
-    "PROCESSORS",
-    "Table",
-    "digest",
-    "file_digest",
-    "find",
-    "library_file",
-    "table_file",
-]
+__all__ = ["FOLDER", "FORMAT", "OFF", "Entry", "KernelEntries", "Manifest", "find", "versions"]
 
 # Set to leave everything to numba.
 OFF = "BOKEHNET_NO_PRECOMPILED"
 
-PACKAGE = Path(__file__).parent.parent
+# Where the library is, if there is one.
+FOLDER = Path(__file__).parent / "machine_code"
 
-# Classes of processors that the package has kernels for, the best first.
-PROCESSORS = ("x86-64-v4", "x86-64-v3")
+# Of manifests and of the calling convention; a library of another one is ignored.
+FORMAT = 2
 
-# Of tables and of the way in which arguments are handed over; a library of another one is left alone.
-FORMAT = 1
-
-# How an array lies, in its description.
+# Layout of an array, in its description.
 _LAYOUT = re.compile(r"(?<=\[\d)[CFA](?=r?\])")
 
-# What a kernel says of itself when it ends: all is well, also where it returns nothing.
-_FINE = (0, -2)
-
-MachineCode = Callable[[list[Any]], Any]
+_log = logging.getLogger(__name__)
 
 
-class _Entries(TypedDict):
-    sources: list[str]
-    entries: dict[str, tuple[str, str]]
+class Entry(TypedDict):
+    """One kernel for one list of types.
+
+    Attributes:
+        start: Offset of its object file in the library, bytes.
+        size: Of its object file, bytes.
+        symbol: Name of the kernel in it.
+        needs: Names that numba must define.
+        returned: See :func:`bokehnet.precompiled.results.result_reader`.
+    """
+
+    start: int
+    size: int
+    symbol: str
+    needs: list[str]
+    returned: str
 
 
-class Table(TypedDict):
-    """What the libraries hold, all of them the same.
+class KernelEntries(TypedDict):
+    """One kernel: the key of its code, and its entries by description of their arguments."""
+
+    key: str
+    entries: dict[str, Entry]
+
+
+class Manifest(TypedDict):
+    """What the library holds, ``kernels.json`` beside ``kernels.bin``.
 
     Attributes:
         format: :data:`FORMAT`.
-        libraries: SHA-256 of each library that the table belongs to, by class of processors.
-        sources: SHA-256 of every file of the package that machine code was made from.
-        kernels: By full name: the files that a kernel depends on, and for each type of its arguments
-            (:func:`bokehnet.precompiled.arguments.describe`) the symbol and what it returns.
+        system: See :func:`bokehnet.precompiled.machine.system`.
+        processor: Key of :data:`bokehnet.precompiled.machine.CLASS_FEATURES`.
+        versions: See :func:`versions`.
+        sha256: Of the library.
+        kernels: By full name.
     """
 
     format: int
-    libraries: dict[str, str]
-    sources: dict[str, str]
-    kernels: dict[str, _Entries]
+    system: str
+    processor: str
+    versions: list[str]
+    sha256: str
+    kernels: dict[str, KernelEntries]
 
 
-class _Exception(ctypes.Structure):
-    """What a kernel that raises leaves behind: the pickled exception, unless it was made while running."""
+def versions() -> list[str]:
+    """Return Python and numba with their minor versions: of bytecode, and of the run-time functions."""
+    import numba
 
-    _fields_ = (
-        ("data", ctypes.c_void_p),
-        ("size", ctypes.c_int32),
-        ("hash", ctypes.c_void_p),
-        ("unused", ctypes.c_void_p),
-        ("dynamic", ctypes.c_int32),
-    )
+    return [
+        f"{platform.python_implementation()} {sys.version_info.major}.{sys.version_info.minor}",
+        "numba " + ".".join(numba.__version__.split(".")[:2]),
+    ]
 
 
-def library_file(folder: Path, processor: str) -> Path:
-    """Where the library for a class of processors lies."""
-    return folder / f"kernels-{processor}-linux.so"
+def find(kernel: Any, description: str, folder: Path = FOLDER) -> MachineCode | None:
+    """Return machine code of a kernel for arguments of these types, if the library has it for this machine.
 
-
-def table_file(folder: Path) -> Path:
-    """Where the table of the libraries lies."""
-    return folder / "kernels-linux.json"
-
-
-@functools.cache
-def digest(source: str) -> str:
-    """SHA-256 of a file of the package, "" if there is none."""
-    return file_digest(PACKAGE / source)
-
-
-def find(name: str, description: str) -> MachineCode | None:
-    """Machine code of a kernel for arguments of these types, if the package has it for this machine.
-
-    Code for arrays of any strides serves contiguous ones, too.
+    Code for arrays of any strides serves contiguous ones, too. Code that was made of another text of the
+    kernel, comments and docstrings aside, is ignored.
 
     Args:
-        name: Full name of the kernel.
+        kernel: A :class:`bokehnet.precompiled.kernel.Kernel`.
         description: Of its arguments, from :func:`bokehnet.precompiled.arguments.describe`.
+        folder: Of the library.
     """
-    opened = _open(Path(__file__).parent)
-    if opened is None:
+    if os.environ.get(OFF, "0") != "0" or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return None
-    library, table = opened
-    kernel = table["kernels"].get(name)
-    described = _fitting(description, kernel["entries"]) if kernel is not None else None
-    if kernel is None or described is None:
+    opened = _open(folder)
+    known = opened[1]["kernels"].get(kernel.name) if opened is not None else None
+    described = _fitting(description, known["entries"]) if known is not None else None
+    if opened is None or known is None or described is None:
         return None
-    if any(digest(source) != table["sources"][source] for source in kernel["sources"]):
+    entry = known["entries"][described]
+    try:
+        if code_key(kernel) != known["key"]:
+            return None
+        code = opened[0][entry["start"] : entry["start"] + entry["size"]]
+        return load(code, entry["symbol"], entry["needs"], entry["returned"], c_types(described))
+    except Exception as error:  # numba's inner parts may change; numba itself can compile
+        _log.info("bokehnet: %s is left to numba: %s: %s", kernel.name, type(error).__name__, error)
         return None
-    symbol, returned = kernel["entries"][described]
-    return _machine_code(library, name, symbol, c_types(described), returned)
 
 
 def _fitting(description: str, entries: Iterable[str]) -> str | None:
-    """The entry for these types, or one that takes arrays of any strides where these are contiguous.
+    """Return the entry for these types, or one that takes arrays of any strides where these are contiguous.
 
     A list of places that is empty or holds one is contiguous however it was made, one of many is not.
     """
@@ -131,74 +126,37 @@ def _fitting(description: str, entries: Iterable[str]) -> str | None:
         return description
     layouts = _LAYOUT.findall(description)
     for entry in entries:
-        taken = _LAYOUT.findall(entry)
+        accepted = _LAYOUT.findall(entry)
         if _LAYOUT.sub("", entry) == _LAYOUT.sub("", description) and all(
-            there in (here, "A") for here, there in zip(layouts, taken, strict=True)
+            there in (here, "A") for here, there in zip(layouts, accepted, strict=True)
         ):
             return entry
     return None
 
 
 @functools.cache
-def _open(folder: Path) -> tuple[ctypes.CDLL, Table] | None:
-    """The library for this processor with its table, if there is one and both are whole."""
-    here = sys.platform == "linux" and platform.machine() == "x86_64" and sys.maxsize > 2**32
-    if not here or os.environ.get(OFF, "0") != "0" or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
-        return None
+def _open(folder: Path) -> tuple[bytes, Manifest] | None:
+    """Return the library with its manifest, if both are undamaged and made for such a machine."""
     try:
-        table: Table = json.loads(table_file(folder).read_text("utf-8"))
+        manifest: Manifest = json.loads((folder / "kernels.json").read_text("utf-8"))
+        library = (folder / "kernels.bin").read_bytes()
     except (OSError, ValueError):
         return None
-    for processor in PROCESSORS if table["format"] == FORMAT else ():
-        path = library_file(folder, processor)
-        if table["libraries"].get(processor) != file_digest(path):
-            continue
-        try:
-            library = ctypes.CDLL(str(path))
-        except OSError:  # it asks for another C library
-            continue
-        if library.bokehnet_fits():
-            return library, table
-    return None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        return None
+    if (manifest["system"], manifest["versions"]) != (system(), versions()):
+        return None
+    if manifest["sha256"] != hashlib.sha256(library).hexdigest():
+        return None
+    return (library, manifest) if _processor_fits(manifest["processor"]) else None
 
 
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file, "" if there is none."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
+def _processor_fits(processor: str) -> bool:
+    """Return whether this processor has the instructions of a class."""
+    needed = CLASS_FEATURES.get(processor)
+    if not needed:
+        return needed is not None
+    from llvmlite import binding as llvm
 
-
-def _machine_code(
-    library: ctypes.CDLL, name: str, symbol: str, arguments: list[Any], returned: str
-) -> MachineCode:
-    """A function of the flat list of arguments that runs machine code in as many threads as numba would."""
-    from numba import get_num_threads
-
-    make_result, read_result = result_reader(returned, library.bokehnet_release)
-    function = library[symbol]
-    function.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *arguments]
-    function.restype = ctypes.c_int32
-    set_threads, has_failed = library.bokehnet_set_threads, library.bokehnet_failed
-
-    def call(flat: list[Any]) -> Any:
-        result, exception = make_result(), ctypes.POINTER(_Exception)()
-        set_threads(get_num_threads())
-        status = function(ctypes.addressof(result), ctypes.addressof(exception), *flat)
-        if status not in _FINE:
-            _raise(name, status, exception)
-        if has_failed():
-            raise MemoryError(f"{name}: one of its threads could not go on")
-        return read_result(result)
-
-    return call
-
-
-def _raise(name: str, status: int, exception: Any) -> None:
-    """Raise what a kernel has raised, as numba would."""
-    if status >= 1 and exception and not exception.contents.dynamic:
-        found = exception.contents
-        kind, arguments, _ = pickle.loads(ctypes.string_at(found.data, found.size))  # of our own library
-        raise kind(*(arguments or ()))
-    raise RuntimeError(f"{name}: the kernel failed with status {status}")
+    features = llvm.get_host_cpu_features()
+    return all(features.get(name, False) for name in needed)

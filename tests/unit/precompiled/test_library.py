@@ -1,6 +1,7 @@
 """Machine code runs only where it fits, and gives what numba gives."""
 
 import gc
+import inspect
 import json
 import os
 import shutil
@@ -11,29 +12,30 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from bokehnet.classical import error_map
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.classical.layered.background.occluded_background import occluded_background
+from bokehnet.classical.layered.depth_discontinuities import _discontinuity_sides
 from bokehnet.classical.rays_renderer import rays
-from bokehnet.classical.scatter.disc_table import disc_table
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.optics.aperture import Aperture
-from bokehnet.precompiled import library
+from bokehnet.precompiled import library, machine
 from bokehnet.precompiled.arguments import describe, flatten
-from bokehnet.precompiled.kernel import Kernel, record_calls
+from bokehnet.precompiled.kernel import KERNELS, Kernel, record_calls
 from bokehnet.precompiled.results import result_reader
 
-HERE = Path(library.__file__).parent
 ARRAYS = "(f4[2C])"
-NAME = "bokehnet.classical.error_map._cover_discs"
+COVER = error_map._cover_discs
 
-pytestmark = pytest.mark.skipif(library._open(HERE) is None, reason="no machine code for this machine")
+packed = pytest.mark.skipif(
+    library._open(library.FOLDER) is None,
+    reason="needs machine code of all kernels: python -m tools.kernel_library",
+)
 
 
-@pytest.fixture
-def anew(monkeypatch):
-    """A library that is opened, and sources that are read, as if for the first time."""
-    monkeypatch.setattr(library, "_open", library._open.__wrapped__)
-    monkeypatch.setattr(library, "digest", library.digest.__wrapped__)
+@pytest.fixture(autouse=True)
+def _on(monkeypatch):
+    monkeypatch.delenv(library.OFF, raising=False)
 
 
 def scene(seed=0):
@@ -45,10 +47,10 @@ def scene(seed=0):
     return image, defocus
 
 
-def test_a_kernel_is_found_for_its_types_alone(anew):
-    assert library.find(NAME, ARRAYS) is not None
-    assert library.find(NAME, "(f8[2C])") is None
-    assert library.find("bokehnet.nowhere.kernel", ARRAYS) is None
+def test_a_kernel_is_found_for_its_types_alone(built):
+    assert library.find(COVER, ARRAYS, built) is not None
+    assert library.find(COVER, "(f8[2C])", built) is None
+    assert library.find(error_map._sum_rows, ARRAYS, built) is None
 
 
 def test_contiguous_arrays_run_code_that_was_made_for_any_strides():
@@ -60,6 +62,7 @@ def test_contiguous_arrays_run_code_that_was_made_for_any_strides():
     assert library._fitting("(i8[1C],f4[2C],f8)", entries) is None
 
 
+@packed
 @pytest.mark.parametrize("many", [0, 1, 2])
 def test_a_picture_with_any_number_of_hidden_pixels_is_left_to_nobody_else(many, monkeypatch):
     found = []
@@ -72,74 +75,100 @@ def test_a_picture_with_any_number_of_hidden_pixels_is_left_to_nobody_else(many,
     assert found == []
 
 
-def test_a_changed_source_goes_to_the_compiler(anew, monkeypatch):
-    monkeypatch.setattr(library, "digest", lambda source: "of another text")
-    assert library.find(NAME, ARRAYS) is None
+@pytest.fixture
+def edited():
+    """Function of a kernel of the error map: the same kernel of an edited module."""
+    before = dict(KERNELS)
+
+    def edit(kernel, old, new):
+        text = inspect.getsource(error_map)
+        assert text.count(old) == 1
+        namespace = {"__name__": error_map.__name__}
+        exec(compile(text.replace(old, new), error_map.__file__, "exec"), namespace)
+        return namespace[kernel.function.__name__]
+
+    yield edit
+    KERNELS.clear()
+    KERNELS.update(before)
 
 
-def test_the_compiler_can_be_asked_for(anew, monkeypatch):
-    monkeypatch.setenv(library.OFF, "1")
-    assert library.find(NAME, ARRAYS) is None
+def test_a_kernel_whose_code_was_edited_goes_to_the_compiler(built, edited):
+    assert library.find(edited(COVER, "x + half + 1", "x + half + 2"), ARRAYS, built) is None
 
 
-@pytest.mark.parametrize(("system", "machine"), [("darwin", "x86_64"), ("linux", "aarch64")])
-def test_other_machines_go_to_the_compiler(anew, monkeypatch, system, machine):
-    monkeypatch.setattr(library.sys, "platform", system)
-    monkeypatch.setattr(library.platform, "machine", lambda: machine)
-    assert library.find(NAME, ARRAYS) is None
+def test_a_kernel_whose_docstring_was_edited_runs_its_machine_code(built, edited):
+    kernel = edited(COVER, '"""How many more discs', '"""Count how many more discs')
+    assert library.find(kernel, ARRAYS, built) is not None
+
+
+@pytest.mark.parametrize("variable", [library.OFF, "NUMBA_DISABLE_JIT"])
+def test_the_compiler_can_be_asked_for(built, monkeypatch, variable):
+    monkeypatch.setenv(variable, "1")
+    assert library.find(COVER, ARRAYS, built) is None
 
 
 @pytest.fixture
-def copies(tmp_path):
-    """A folder with copies of libraries and table."""
-    for path in HERE.glob("kernels-*"):
-        shutil.copy(path, tmp_path)
-    return tmp_path
+def copies(built, tmp_path):
+    """A folder with a copy of the library."""
+    return Path(shutil.copytree(built, tmp_path / "copies"))
 
 
-opened = library._open.__wrapped__
-
-
-def rewritten(folder: Path, **changes) -> None:
-    """Change entries of the table."""
-    path = library.table_file(folder)
+def changed(folder: Path, **changes) -> None:
+    """Change entries of the manifest."""
+    path = folder / "kernels.json"
     path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | changes), "utf-8")
 
 
-def test_the_best_library_that_is_whole_is_taken(copies):
-    for processor in library.PROCESSORS:
-        found = opened(copies)
-        path = library.library_file(copies, processor)
-        with path.open("r+b") as file:
-            file.truncate(path.stat().st_size - 1)
-        fits = found is not None and Path(found[0]._name) == path
-        assert fits or processor != "x86-64-v3"  # which these tests need
-    assert opened(copies) is None
+def test_a_copy_is_as_good(copies):
+    assert library.find(COVER, ARRAYS, copies) is not None
 
 
-def test_what_is_missing_or_damaged_is_left_alone(copies):
-    assert opened(copies) is not None
-    library.table_file(copies).write_text("{", "utf-8")
-    assert opened(copies) is None
-    library.table_file(copies).unlink()
-    assert opened(copies) is None
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"system": "plan9-vax-32"},
+        {"versions": ["CPython 3.0", "numba 0.1"]},
+        {"processor": "of another kind"},
+        {"format": library.FORMAT + 1},
+        {"sha256": "0"},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_what_was_made_for_other_machines_or_versions_is_ignored(copies, changes):
+    changed(copies, **changes)
+    assert library.find(COVER, ARRAYS, copies) is None
 
 
-def test_a_table_of_another_format_is_left_alone(copies):
-    rewritten(copies, format=library.FORMAT + 1)
-    assert opened(copies) is None
+def test_older_processors_go_to_the_compiler(copies, monkeypatch):
+    monkeypatch.setitem(machine.CLASS_FEATURES, "of tomorrow", ("an instruction that no processor has",))
+    changed(copies, processor="of tomorrow")
+    assert library.find(COVER, ARRAYS, copies) is None
 
 
-def test_a_library_of_another_c_library_is_left_alone(copies):
-    """What the loader refuses: here files that are no libraries, with a table that says they are ours."""
-    paths = [library.library_file(copies, processor) for processor in library.PROCESSORS]
-    for path in paths:
-        path.write_bytes(b"no library")
-    digests = [library.file_digest(path) for path in paths]
-    rewritten(copies, libraries=dict(zip(library.PROCESSORS, digests, strict=True)))
-    assert opened(copies) is None
+@pytest.mark.parametrize("name", ["kernels.bin", "kernels.json"])
+@pytest.mark.parametrize("damage", [Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:-2])])
+def test_what_is_missing_or_damaged_is_ignored(copies, name, damage):
+    damage(copies / name)
+    assert library.find(COVER, ARRAYS, copies) is None
 
 
+def test_a_numba_without_a_name_that_the_code_needs_goes_to_the_compiler(copies):
+    """LLVM would end the process at a name that nobody defines."""
+    manifest = json.loads((copies / "kernels.json").read_text("utf-8"))
+    manifest["kernels"][COVER.name]["entries"][ARRAYS]["needs"].append("numba_of_another_time")
+    changed(copies, kernels=manifest["kernels"])
+    assert library.find(COVER, ARRAYS, copies) is None
+
+
+@packed
+def test_no_folder_of_the_machine_that_made_it_is_named():
+    code = (library.FOLDER / "kernels.bin").read_bytes()
+    assert b"/bokehnet/classical/" in code
+    assert b"site-packages" not in code
+    assert str(library.FOLDER.parents[1]).encode() not in code
+
+
+@packed
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "render",
@@ -160,37 +189,46 @@ def test_pictures_are_those_of_numba(render):
     assert np.abs(render(image, defocus) - expected).max() <= 1e-5 * max(1.0, np.abs(expected).max())
 
 
-def called(name, *arguments):
+def called(built, kernel, *arguments):
     """What machine code that is looked up now gives."""
-    run, flat = library.find(name, describe(arguments)), []
+    run, flat = library.find(kernel, describe(arguments), built), []
     assert run is not None
     flatten(arguments, flat)
     return run(flat)
 
 
-@pytest.mark.parametrize("threads", [2, 7, 64])
-def test_every_number_of_threads_gives_the_same_result(monkeypatch, threads):
-    """More threads than there are cores, or than there are rows, too."""
-    defocus, table = np.abs(scene()[1]), disc_table()
-    values = np.random.default_rng(0).random((70, 90, 4), np.float32)
-
-    def results():
-        out = np.zeros_like(values)
-        called("bokehnet.classical.scatter.disc_scatter.scatter_discs", values, defocus, table, out)
-        return called(NAME, defocus), out
-
-    monkeypatch.setattr(numba, "get_num_threads", lambda: 1)
-    expected = results()
-    monkeypatch.setattr(numba, "get_num_threads", lambda: threads)
-    for found, wanted in zip(results(), expected, strict=True):
-        assert_array_equal(found, wanted)
+def test_small_kernels_give_what_numba_gives(built):
+    """Authority: numba's compiler on the same functions. Other instructions may round otherwise."""
+    defocus = scene()[1]
+    radii = np.abs(defocus)
+    for kernel, arguments in (
+        (COVER, (radii,)),
+        (error_map._boundary_reach, (defocus, defocus, radii, 0.5, 2)),
+        (error_map._soften, (np.arange(99, dtype=np.int32).reshape(9, 11)[:, :-1], 3)),
+    ):
+        expected = kernel.dispatcher(*arguments)
+        np.testing.assert_allclose(called(built, kernel, *arguments), expected, rtol=1e-6, atol=1e-6)
 
 
-def test_a_returned_array_can_be_written_and_outlives_the_kernel_that_made_it():
-    first = called(NAME, np.full((40, 50), 3, np.float32))
+def test_every_number_of_threads_gives_the_same_result(built):
+    values = np.random.default_rng(0).integers(-3, 4, (70, 90), np.int32)
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in range(1, numba.config.NUMBA_NUM_THREADS + 1):
+            numba.set_num_threads(threads)
+            results.append(values.copy())
+            called(built, error_map._sum_rows, results[-1])
+    finally:
+        numba.set_num_threads(before)
+    for result in results:
+        assert_array_equal(result, np.cumsum(values, 1))
+
+
+def test_a_returned_array_can_be_written_and_outlives_the_kernel_that_made_it(built):
+    first = called(built, COVER, np.full((40, 50), 3, np.float32))
     copy = first.copy()
     for _ in range(20):
-        called(NAME, np.full((40, 50), 9, np.float32))
+        called(built, COVER, np.full((40, 50), 9, np.float32))
     gc.collect()
     assert_array_equal(first, copy)
     first += 1
@@ -216,22 +254,23 @@ def test_memory_of_a_returned_array_goes_back_once_with_its_last_view():
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_forked_child_runs_kernels_after_its_parent_did():
-    defocus = np.abs(scene()[1])
-    expected = called(NAME, defocus)
+def test_a_forked_child_runs_kernels_after_its_parent_did(built):
+    values = np.ones((70, 90), np.int32)
+    called(built, error_map._sum_rows, values)
     child = os.fork()
     if child == 0:
-        os._exit(0 if np.array_equal(called(NAME, defocus), expected) else 1)
+        again = np.ones((70, 90), np.int32)
+        called(built, error_map._sum_rows, again)
+        os._exit(0 if np.array_equal(again, values) else 1)
     assert os.waitpid(child, 0)[1] == 0
 
 
-def test_what_a_kernel_raises_is_raised():
+def test_what_a_kernel_raises_is_raised(built):
     """Memory that nobody has: the kernel asks for 2^56 bytes before it reads anything."""
     flat = []
     flatten((np.zeros((1, 1), np.float32), 1, np.zeros((1, 1), np.bool_)), flat)
     flat[2], flat[5:9] = 2**56, (2**28, 2**28, 2**30, 4)
-    name = "bokehnet.classical.layered.depth_discontinuities._discontinuity_sides"
-    run = library.find(name, "(f4[2C],i8,b1[2C])")
+    run = library.find(_discontinuity_sides, "(f4[2C],i8,b1[2C])", built)
     assert run is not None
     with pytest.raises(MemoryError):
         run(flat)
