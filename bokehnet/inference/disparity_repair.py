@@ -21,6 +21,13 @@ from bokehnet.inference.disparity_edges import (
 from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import find_edge_bias, shift_edges, stands_right
+from bokehnet.inference.edge_profile import (
+    accepted_offset,
+    accepted_shift,
+    edge_profile,
+    find_depth_edges,
+    is_improved,
+)
 from bokehnet.inference.halving import half_image, half_map
 from bokehnet.inference.lost_lines import restore_lost_lines
 from bokehnet.inference.map_offset import find_map_offset, move_map
@@ -245,11 +252,10 @@ class DisparityRepair:
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(half_image(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress)
+        halvings, smallest = len(sizes) - 1, sizes[-1]
         if plan is None:
-            small = start
-            for _ in sizes[1:]:
-                small = half_map(small)
-            placement, times = self._place(sizes[-1], small, span, work), 2 ** (len(sizes) - 1)
+            small = _halved(start, halvings)
+            placement, times = self._place(smallest, small, span, work), 2**halvings
             shift, offset = (
                 times * placement.shift,
                 (times * placement.offset[0], times * placement.offset[1]),
@@ -268,6 +274,15 @@ class DisparityRepair:
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift, offset=offset)
             return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
+        # A soft map has its edges nowhere in particular.
+        if (shift, offset) == (0, (0, 0)) and softness <= SOFT:
+            small_repaired = _halved(repaired, halvings)
+            changed = extremes(count_misplaced(small, small_repaired, STEP * span)[1] > 0, 1)[1]
+            edges = (find_depth_edges(x).within(changed) for x in (small, small_repaired))
+            if not is_improved(smallest, *edges):
+                reason = "its edges lie at those of the picture"
+                found = RepairPlan(repaired=False, softness=softness, shift=0)
+                return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=found)
         taken = take_misplaced(disparity, repaired)
         reason = f"{100 * taken.misplaced:.2g} % of its edges stood out of place"
         if offset != (0, 0):
@@ -301,13 +316,45 @@ class DisparityRepair:
             return found
 
         shift = 0 if stands_right(found) else find_edge_bias(padded, busy, votes)
+        edges = find_depth_edges(disparity)
         if moves > 0:
-            down, right = find_map_offset(padded, shift, busy, votes)
-            if (down, right) != (0, 0):
-                moved = self._place(image, move_map(disparity, (down, right)), span, work, moves - 1)
-                return moved._replace(offset=(down + moved.offset[0], right + moved.offset[1]))
+            offset = accepted_offset(image, edges, find_map_offset(padded, shift, busy, votes))
+            if offset != (0, 0):
+                moved = self._place(image, move_map(disparity, offset), span, work, moves - 1)
+                return moved._replace(offset=(offset[0] + moved.offset[0], offset[1] + moved.offset[1]))
+        placement = _Placement(repaired=repaired)
         if shift == 0:
-            return _Placement(repaired=repaired)
+            return placement
+        # A shift by fewer pixels, if the edge profile supports no more.
+        for _ in range(2):
+            shifted = self._shift(image, disparity, span, work, repaired, shift)
+            proposed, where = shift, shifted.where
+            shift = accepted_shift(
+                edge_profile(image, edges if where is None else edges.within(where)), proposed
+            )
+            if shift in {0, proposed}:
+                break
+        return placement if shift == 0 else shifted
+
+    def _shift(
+        self,
+        image: np.ndarray,
+        disparity: np.ndarray,
+        span: float,
+        work: "_Work",
+        repaired: np.ndarray,
+        shift: int,
+    ) -> _Placement:
+        """Return the placement with a shift, in the blocks where it leaves fewer edges out of place.
+
+        Args:
+            image: (3, H, W).
+            disparity: (H, W).
+            span: Of the whole map.
+            work: Receives the progress.
+            repaired: The map repaired without the shift.
+            shift: Pixels by which near things grow.
+        """
         shifted = shift_edges(disparity, shift)
         repaired_shifted, _ = self._look(image, shifted, span, work, 0)
         stay, move = (
@@ -317,7 +364,7 @@ class DisparityRepair:
         where = move < _BETTER * stay
         if where.all():
             return _Placement(shift=shift, repaired=repaired_shifted)
-        return _Placement(shift=shift, where=where) if where.any() else _Placement(repaired=repaired)
+        return _Placement(shift=shift, where=where)
 
     def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
         """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
@@ -420,6 +467,13 @@ def _in_words(offset: tuple[int, int]) -> str:
     along = f"{abs(right)} px to the {'right' if right > 0 else 'left'}" if right else ""
     across = f"{abs(down)} px {'down' if down > 0 else 'up'}" if down else ""
     return " and ".join(filter(None, (along, across)))
+
+
+def _halved(disparity: np.ndarray, times: int) -> np.ndarray:
+    """Return the map (H, W) at half its size, so many times."""
+    for _ in range(times):
+        disparity = half_map(disparity)
+    return disparity
 
 
 def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) -> np.ndarray:
