@@ -22,11 +22,11 @@ from bokehnet.inference.disparity_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.inference.disparity_upsample import align_steps
 from bokehnet.inference.edge_bias import find_edge_bias, shift_edges, stands_right
 from bokehnet.inference.edge_profile import (
+    EdgeProfile,
     accepted_offset,
     accepted_shift,
     edge_profile,
     find_depth_edges,
-    is_improved,
 )
 from bokehnet.inference.halving import half_image, half_map
 from bokehnet.inference.lost_lines import restore_lost_lines
@@ -274,16 +274,16 @@ class DisparityRepair:
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift, offset=offset)
             return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
-        # A soft map has its edges nowhere in particular.
+        is_confirmed = True
+        # The edges of a soft map have no place of their own.
         if (shift, offset) == (0, (0, 0)) and softness <= SOFT:
-            small_repaired = _halved(repaired, halvings)
-            changed = extremes(count_misplaced(small, small_repaired, STEP * span)[1] > 0, 1)[1]
-            edges = (find_depth_edges(x).within(changed) for x in (small, small_repaired))
-            if not is_improved(smallest, *edges):
+            before, after = _profiles_of_change(smallest, small, _halved(repaired, halvings), STEP * span)
+            if before.is_centred and not after.exceeds(before):
                 reason = "its edges lie at those of the picture"
                 found = RepairPlan(repaired=False, softness=softness, shift=0)
                 return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=found)
-        taken = take_misplaced(disparity, repaired)
+            is_confirmed = before.is_certain
+        taken = take_misplaced(disparity, repaired, is_confirmed=is_confirmed)
         reason = f"{100 * taken.misplaced:.2g} % of its edges stood out of place"
         if offset != (0, 0):
             reason += f", all moved {_in_words(offset)}"
@@ -467,6 +467,22 @@ def _in_words(offset: tuple[int, int]) -> str:
     along = f"{abs(right)} px to the {'right' if right > 0 else 'left'}" if right else ""
     across = f"{abs(down)} px {'down' if down > 0 else 'up'}" if down else ""
     return " and ".join(filter(None, (along, across)))
+
+
+def _profiles_of_change(
+    image: np.ndarray, disparity: np.ndarray, repaired: np.ndarray, least: float
+) -> tuple[EdgeProfile, EdgeProfile]:
+    """Return the edge profiles of a map and of its repair, in the blocks that the repair changes.
+
+    Args:
+        image: (3, H, W).
+        disparity: (H, W).
+        repaired: (H, W).
+        least: What makes a step, in the unit of the map.
+    """
+    changed = extremes(count_misplaced(disparity, repaired, least)[1] > 0, 1)[1]
+    before, after = (edge_profile(image, find_depth_edges(x).within(changed)) for x in (disparity, repaired))
+    return before, after
 
 
 def _halved(disparity: np.ndarray, times: int) -> np.ndarray:

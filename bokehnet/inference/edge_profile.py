@@ -47,10 +47,11 @@ _GROUPS, _STANDARD_ERRORS = 16, 2.0
 # Minimum certainty for a change of the map. The profiles of random maps reach 0.01.
 _MIN_CERTAINTY = 0.1
 
-# Minimum distance of the peak from the depth edges for a shift, pixels. Accurate maps reach 0.7.
-_MIN_OFFSET_PX = 1.0
+# Minimum distance of the peak from the depth edges for a shift: a pixel, less the error on discs. Accurate maps
+# reach 0.75.
+_MIN_OFFSET_PX = 0.9
 
-# Minimum ratio of the certainties after and before a translation.
+# Minimum ratio of the certainties of a changed map and of the map as it is.
 _MIN_GAIN = 1.1
 
 
@@ -69,7 +70,7 @@ class DepthEdges:
     slopes: np.ndarray
 
     def moved(self, offset: tuple[int, int]) -> "DepthEdges":
-        """Return the edges of the map moved down and to the right by so many pixels."""
+        """Return the edges of the map moved by some pixels down and to the right."""
         return DepthEdges(self.places + np.array(offset)[:, None], self.normals, self.slopes)
 
     def within(self, blocks: np.ndarray) -> "DepthEdges":
@@ -78,7 +79,7 @@ class DepthEdges:
         return self._select(blocks[rows, columns])
 
     def subsampled(self, count: int) -> "DepthEdges":
-        """Return at most so many edge pixels, evenly spaced in raster order."""
+        """Return at most ``count`` edge pixels, evenly spaced in raster order."""
         if len(self.slopes) <= count:
             return self
         return self._select(np.linspace(0, len(self.slopes) - 1, count).astype(np.intp))
@@ -93,9 +94,9 @@ class EdgeProfile:
 
     Attributes:
         offset: Distance of the peak from the depth edges, pixels, at most 7.5; positive towards the near
-            side: near things of the map are too large by so much. Its error on exact maps is below 0.5.
+            side, where near things of the map are too large. The error on exact maps is below 0.5.
         certainty: Height of the peak above the higher one of its sides, minus two standard errors, as a share
-            of the mean gradient near edges. The profile tells nothing below 0.1.
+            of the mean gradient near edges. The profile is meaningless below 0.1.
         edge_pixels: Number of edge pixels of the map.
     """
 
@@ -105,8 +106,17 @@ class EdgeProfile:
 
     @property
     def is_certain(self) -> bool:
-        """Return whether the profile tells anything."""
+        """Return whether the peak is significant."""
         return self.certainty >= _MIN_CERTAINTY
+
+    @property
+    def is_centred(self) -> bool:
+        """Return whether the edges of the picture lie at those of the map, with certainty."""
+        return self.is_certain and abs(self.offset) < _MIN_OFFSET_PX
+
+    def exceeds(self, other: "EdgeProfile") -> bool:
+        """Return whether the profile is certain, and clearly more so than another one."""
+        return self.is_certain and self.certainty >= _MIN_GAIN * other.certainty
 
 
 def find_depth_edges(disparity: np.ndarray) -> DepthEdges:
@@ -170,13 +180,12 @@ def accepted_shift(profile: EdgeProfile, shift: int) -> int:
         shift: Proposal, negative where near things shrink.
 
     Returns:
-        0 where the profile is uncertain, peaks within a pixel of the edges, or has the other sign; otherwise
+        0 where the profile is uncertain, peaks less than a pixel from the edges, or has the other sign; otherwise
         the proposal, at most as far as the peak.
     """
-    wanted = -profile.offset
-    if not profile.is_certain or abs(wanted) < _MIN_OFFSET_PX or wanted * shift <= 0:
+    if not profile.is_certain or profile.is_centred or profile.offset * shift >= 0:
         return 0
-    return int(math.copysign(min(abs(shift), round(abs(wanted))), shift))
+    return int(math.copysign(min(abs(shift), round(abs(profile.offset))), shift))
 
 
 def accepted_offset(image: np.ndarray, edges: DepthEdges, offset: tuple[int, int]) -> tuple[int, int]:
@@ -197,31 +206,10 @@ def accepted_offset(image: np.ndarray, edges: DepthEdges, offset: tuple[int, int
     if offset == (0, 0):
         return offset
     down, right = offset
-    certainties = {
-        part: edge_profile(image, edges.moved(part)).certainty
-        for part in {(0, 0): None, offset: None, (down, 0): None, (0, right): None}
-    }
-    best = max(certainties, key=lambda part: certainties[part])
-    least = max(_MIN_CERTAINTY, _MIN_GAIN * certainties[0, 0])
-    return best if certainties[best] >= least else (0, 0)
-
-
-def is_improved(image: np.ndarray, before: DepthEdges, after: DepthEdges) -> bool:
-    """Return whether new edges agree better with the picture than old ones.
-
-    Args:
-        image: Scene-linear, (3, H, W), not negative.
-        before: Edges of the map as it is, where the repair changes it.
-        after: Edges of the repaired map there.
-
-    Returns:
-        False where the old edges lie at those of the picture, with certainty, and the new ones do not do so
-        with more of it.
-    """
-    old = edge_profile(image, before)
-    if not old.is_certain or abs(old.offset) >= _MIN_OFFSET_PX:
-        return True
-    return edge_profile(image, after).certainty >= _MIN_GAIN * old.certainty
+    parts = dict.fromkeys([(0, 0), offset, (down, 0), (0, right)])
+    profiles = {part: edge_profile(image, edges.moved(part)) for part in parts}
+    best = max(profiles, key=lambda part: profiles[part].certainty)
+    return best if profiles[best].exceeds(profiles[0, 0]) else (0, 0)
 
 
 def _gradients(image: np.ndarray, edges: DepthEdges) -> np.ndarray:
