@@ -47,8 +47,8 @@ _GROUPS, _STANDARD_ERRORS = 16, 2.0
 # Minimum certainty for a change of the map. The profiles of random maps reach 0.01.
 _MIN_CERTAINTY = 0.1
 
-# Minimum distance of the peak from the depth edges for a shift: a pixel, less the error on discs. Accurate maps
-# reach 0.75.
+# Minimum distance of the peak from the depth edges for a shift: a pixel, less the error on discs. Of accurate
+# maps it reaches 0.75.
 _MIN_OFFSET_PX = 0.9
 
 # Minimum ratio of the certainties of a changed map and of the map as it is.
@@ -180,8 +180,8 @@ def accepted_shift(profile: EdgeProfile, shift: int) -> int:
         shift: Proposal, negative where near things shrink.
 
     Returns:
-        0 where the profile is uncertain, peaks less than a pixel from the edges, or has the other sign; otherwise
-        the proposal, at most as far as the peak.
+        0 where the profile is uncertain, peaks less than a pixel from the edges, or has the other sign;
+        otherwise the proposal, at most as far as the peak.
     """
     if not profile.is_certain or profile.is_centred or profile.offset * shift >= 0:
         return 0
