@@ -19,6 +19,13 @@ from bokehnet.depth_repair.acceptance import (
     take_misplaced,
 )
 from bokehnet.depth_repair.edge_bias import find_edge_bias, shift_edges, stands_right
+from bokehnet.depth_repair.edge_profile import (
+    EdgeProfile,
+    accepted_offset,
+    accepted_shift,
+    edge_profile,
+    find_depth_edges,
+)
 from bokehnet.depth_repair.map_offset import find_map_offset, move_map
 from bokehnet.depth_repair.network_tiles import BLOCK, HALO, TILE, repair_tiles
 from bokehnet.depth_repair.repair_plan import RepairPlan
@@ -247,11 +254,10 @@ class DisparityRepair:
         while max(sizes[-1].shape) > _LARGEST_SIDE:
             sizes.append(half_image(sizes[-1]))
         work = _Work([x.shape for x in sizes], progress)
+        halvings, smallest = len(sizes) - 1, sizes[-1]
         if plan is None:
-            small = start
-            for _ in sizes[1:]:
-                small = half_map(small)
-            placement, times = self._place(sizes[-1], small, span, work), 2 ** (len(sizes) - 1)
+            small = _halved(start, halvings)
+            placement, times = self._place(smallest, small, span, work), 2**halvings
             shift, offset = (
                 times * placement.shift,
                 (times * placement.offset[0], times * placement.offset[1]),
@@ -270,7 +276,16 @@ class DisparityRepair:
             reason = "asked for" if plan is None else "as most of the shot"
             found = RepairPlan(repaired=True, softness=softness, shift=shift, offset=offset)
             return RepairedMap(disparity=repaired, repaired=True, reason=reason, plan=found)
-        taken = take_misplaced(disparity, repaired)
+        is_confirmed = True
+        # The edges of a soft map have no place of their own.
+        if (shift, offset) == (0, (0, 0)) and softness <= SOFT:
+            before, after = _profiles_of_change(smallest, small, _halved(repaired, halvings), STEP * span)
+            if before.is_centred and not after.exceeds(before):
+                reason = "its edges lie at those of the picture"
+                found = RepairPlan(repaired=False, softness=softness, shift=0)
+                return RepairedMap(disparity=disparity.copy(), repaired=False, reason=reason, plan=found)
+            is_confirmed = before.is_certain
+        taken = take_misplaced(disparity, repaired, is_confirmed=is_confirmed)
         reason = f"{100 * taken.misplaced:.2g} % of its edges stood out of place"
         if offset != (0, 0):
             reason += f", all moved {_in_words(offset)}"
@@ -303,13 +318,45 @@ class DisparityRepair:
             return found
 
         shift = 0 if stands_right(found) else find_edge_bias(padded, busy, votes)
+        edges = find_depth_edges(disparity)
         if moves > 0:
-            down, right = find_map_offset(padded, shift, busy, votes)
-            if (down, right) != (0, 0):
-                moved = self._place(image, move_map(disparity, (down, right)), span, work, moves - 1)
-                return moved._replace(offset=(down + moved.offset[0], right + moved.offset[1]))
+            offset = accepted_offset(image, edges, find_map_offset(padded, shift, busy, votes))
+            if offset != (0, 0):
+                moved = self._place(image, move_map(disparity, offset), span, work, moves - 1)
+                return moved._replace(offset=(offset[0] + moved.offset[0], offset[1] + moved.offset[1]))
+        placement = _Placement(repaired=repaired)
         if shift == 0:
-            return _Placement(repaired=repaired)
+            return placement
+        # A shift by fewer pixels, if the edge profile supports no more.
+        for _ in range(2):
+            shifted = self._shift(image, disparity, span, work, repaired, shift)
+            proposed, where = shift, shifted.where
+            shift = accepted_shift(
+                edge_profile(image, edges if where is None else edges.within(where)), proposed
+            )
+            if shift in {0, proposed}:
+                break
+        return placement if shift == 0 else shifted
+
+    def _shift(
+        self,
+        image: np.ndarray,
+        disparity: np.ndarray,
+        span: float,
+        work: "_Work",
+        repaired: np.ndarray,
+        shift: int,
+    ) -> _Placement:
+        """Return the placement with a shift, in the blocks where it leaves fewer edges out of place.
+
+        Args:
+            image: (3, H, W).
+            disparity: (H, W).
+            span: Of the whole map.
+            work: Receives the progress.
+            repaired: The map repaired without the shift.
+            shift: Pixels by which near things grow.
+        """
         shifted = shift_edges(disparity, shift)
         repaired_shifted, _ = self._look(image, shifted, span, work, 0)
         stay, move = (
@@ -319,7 +366,7 @@ class DisparityRepair:
         where = move < _BETTER * stay
         if where.all():
             return _Placement(shift=shift, repaired=repaired_shifted)
-        return _Placement(shift=shift, where=where) if where.any() else _Placement(repaired=repaired)
+        return _Placement(shift=shift, where=where)
 
     def _run(self, image: np.ndarray, disparity: np.ndarray, span: float) -> tuple[np.ndarray, np.ndarray]:
         """Repaired disparity (H, W) of a part whose sides are multiples of a block, and votes (1, 4)."""
@@ -422,6 +469,29 @@ def _in_words(offset: tuple[int, int]) -> str:
     along = f"{abs(right)} px to the {'right' if right > 0 else 'left'}" if right else ""
     across = f"{abs(down)} px {'down' if down > 0 else 'up'}" if down else ""
     return " and ".join(filter(None, (along, across)))
+
+
+def _profiles_of_change(
+    image: np.ndarray, disparity: np.ndarray, repaired: np.ndarray, least: float
+) -> tuple[EdgeProfile, EdgeProfile]:
+    """Return the edge profiles of a map and of its repair, in the blocks that the repair changes.
+
+    Args:
+        image: (3, H, W).
+        disparity: (H, W).
+        repaired: (H, W).
+        least: What makes a step, in the unit of the map.
+    """
+    changed = extremes(count_misplaced(disparity, repaired, least)[1] > 0, 1)[1]
+    before, after = (edge_profile(image, find_depth_edges(x).within(changed)) for x in (disparity, repaired))
+    return before, after
+
+
+def _halved(disparity: np.ndarray, times: int) -> np.ndarray:
+    """Return the map (H, W) at half its size, so many times."""
+    for _ in range(times):
+        disparity = half_map(disparity)
+    return disparity
 
 
 def _shifted_where(disparity: np.ndarray, shift: int, where: np.ndarray | None) -> np.ndarray:
