@@ -1,13 +1,13 @@
 """Builds a release, checks it, and tries out its wheel: ``python -m tools.release --out dist``.
 
-Steps, each of which must pass: version, changelog and citation agree; the sdist is built, and from it a wheel
-for each interpreter; twine checks all; the sdist holds every file of the repository but those of its own
-house-keeping; each wheel holds the whole package and its machine code; the pages and the reference of the API
-are built without a warning; the page that renders in a browser is bundled with its network; depth networks that
-are not pinned are listed (``--pinned``: an error); for each interpreter the wheel is installed into an empty
-environment, where no torch may be, the command line renders a picture, and what that took is told; a list
-of what was installed there is written (CycloneDX), and sums of all files. It needs npm and the extra
-``release``.
+Steps, each of which must pass: version, changelog and citation agree; the sdist is built, and from it a
+wheel for each interpreter; twine checks all; the sdist holds every file of the repository but those of its
+own house-keeping; each wheel holds the whole package and its machine code; the pages and the reference of
+the API are built without a warning; the page that renders in a browser is bundled with its network; depth
+networks that are not pinned are listed (``--pinned``: an error); for each interpreter the wheel is
+installed into an empty environment, where no torch may be, the command line renders a picture, and what
+that took is told; a list of what was installed there is written (CycloneDX), and sums of all files. It
+needs npm and the extra ``release``.
 """
 
 import argparse

@@ -19,7 +19,7 @@ from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_disparity
 from tests.unit.depth_repair.test_edge_bias import blobs
-from tests.unit.inference.test_map_offset import textured
+from tests.unit.depth_repair.test_map_offset import textured
 
 
 def picture(truth: np.ndarray) -> np.ndarray:
