@@ -41,7 +41,7 @@ def device_of(device: str, classical: str) -> str:
             require_extra("torch", "cuda")
             why = import_module("bokehnet.classical.torch.device_scatter").why_no_cuda()
             if classical == "rays":
-                why = why or import_module("bokehnet.classical.cuda.march").why_no_rays()
+                why = why or _why_no_rays()
             if why:
                 reason = _refused(f"a CUDA device that can be used; found {why}")
         except MissingExtraError as error:
@@ -51,6 +51,16 @@ def device_of(device: str, classical: str) -> str:
     if device == "auto":
         return "cpu"
     raise reason
+
+
+def _why_no_rays() -> str | None:
+    """Return why numba can use no CUDA device, a failed import of ``numba.cuda`` included."""
+    try:
+        march = import_module("bokehnet.classical.cuda.march")
+    except Exception as error:  # numba-cuda raises AttributeError beside a NumPy that it does not fit
+        return f"numba.cuda that cannot be imported ({' '.join(str(error).split())})"
+    reason: str | None = march.why_no_rays()
+    return reason
 
 
 def _refused(expected: str) -> ParameterError:

@@ -1,6 +1,8 @@
 """Rays on a CUDA device, for :func:`bokehnet.classical.layered.march.ray_marching.march`."""
 
 import warnings
+import weakref
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -63,7 +65,13 @@ def _kernel() -> Any:
         sums,
     ):
         x, y = cuda.grid(2)
-        if x >= sums.shape[1] or y >= sums.shape[0] or not rays_mask[first + y, x]:
+        if x >= sums.shape[1] or y >= sums.shape[0]:
+            return
+        if before == 0:
+            for group in range(GROUPS):
+                for number in range(PLAIN):
+                    sums[y, x, group, number] = np.float32(0)
+        if not rays_mask[first + y, x]:
             return
         row, column = (first + y) // TILE, x // TILE
         sent = counts[row - first // TILE, column]
@@ -86,10 +94,20 @@ def _kernel() -> Any:
 
 
 class CudaMarch:
-    """Sends the rays of a picture on the device; pictures and cells stay there until others come."""
+    """Sends the rays of a picture on the device.
+
+    Picture and cells are copied there once and stay until the host frees the cells, or until others come.
+    The means of the first rays stay until the other rays of the same pixels are sent.
+    """
 
     def __init__(self) -> None:
-        self._held: tuple[tuple[Any, ...], tuple[Any, ...]] | None = None
+        self._cells: Callable[[], np.ndarray | None] = lambda: None
+        self._there: tuple[Any, ...] = ()
+        self._means: tuple[Any, Any] = (None, None)  # on the host and there
+
+    def _release(self, _: Any = None) -> None:
+        """Free the picture's arrays on the device."""
+        self._there = ()
 
     def __call__(
         self,
@@ -113,6 +131,9 @@ class CudaMarch:
     ) -> None:
         """Add rays ``before`` to ``counts`` of each pixel to its means, which begin at row ``first``.
 
+        With ``before`` 0 the means are taken to be zeros; else to be as the call before left them, if that
+        had the same ``sums``.
+
         Raises:
             ParameterError: A lens that does more than focus.
         """
@@ -123,12 +144,17 @@ class CudaMarch:
                 got="cuda",
                 remedy="use --device cpu, or auto, which does so",
             )
-        whole = (colors, cells, rays_mask, *bins[:3], points, chances, weights)
-        if self._held is None or any(a is not b for a, b in zip(self._held[0], whole, strict=True)):
-            self._held = whole, tuple(cuda.to_device(np.ascontiguousarray(array)) for array in whole)
-        there = self._held[1]
+        if self._cells() is not cells:  # a new picture: a march makes its own cells
+            self._release()
+            whole = (colors, cells, rays_mask, *bins[:3], points, chances, weights)
+            self._there = tuple(cuda.to_device(np.ascontiguousarray(array)) for array in whole)
+            self._cells = weakref.ref(cells, self._release)
+        there = self._there
         where = (float(cats_eye), *Place(*place), seed, above, points.shape[1] // SETS)
-        found = cuda.to_device(sums)
+        if before == 0:
+            means = cuda.device_array(sums.shape, sums.dtype)  # filled by the kernel
+        else:
+            means = self._means[1] if self._means[0] is sums else cuda.to_device(sums)
         blocks = -(-sums.shape[1] // _THREADS[0]), -(-sums.shape[0] // _THREADS[1])
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of pictures too small to fill the device
@@ -140,6 +166,7 @@ class CudaMarch:
                 first,
                 before,
                 cuda.to_device(counts),
-                found,
+                means,
             )
-        found.copy_to_host(sums)
+        means.copy_to_host(sums)
+        self._means = (sums, means) if before == 0 else (None, None)

@@ -68,10 +68,12 @@ def scatter(image: Tensor, defocus: Tensor, aperture: Aperture | None = None) ->
 
     Raises:
         ShapeError: The sizes do not fit.
+        ParameterError: The dtypes are others.
     """
     check_rank("image", image, 3, "(H, W, C)")
     check_rank("defocus", defocus, 2, "(H, W)")
     check_same_size("image", image, "defocus", defocus)
+    torch_levels.check_dtypes("image", image, defocus)
     values = torch.cat([image, torch.ones_like(image[..., :1])], -1)
     defocus = defocus.clamp(-LARGEST_RADIUS, LARGEST_RADIUS)
     if image.is_cuda:

@@ -23,7 +23,7 @@ from bokehnet.classical.torch.span_scatter import scatter_level
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["scatter_sums"]
+__all__ = ["check_dtypes", "scatter_sums"]
 
 
 class _Lens(NamedTuple):
@@ -136,6 +136,18 @@ def _scatter(values: Tensor, defocus: Tensor, lens: _Lens, scale: float) -> Tens
     return kept + _both_ways(_double, coarse)[:height, :width]
 
 
+def check_dtypes(name: str, values: Tensor, defocus: Tensor) -> None:
+    """Raise ``ParameterError`` unless both are float32 or both float64; ``name`` is that of ``values``."""
+    if values.dtype not in (torch.float32, torch.float64) or defocus.dtype != values.dtype:
+        raise ParameterError(
+            name,
+            "float32 or float64, and the same for `defocus`",
+            str(values.dtype),
+            "convert them with .float()",
+            shown=f"{values.dtype} and {defocus.dtype}",
+        )
+
+
 @not_compiled  # sizes depend on the data
 def scatter_sums(
     values: Tensor, defocus: Tensor, aperture: Aperture | None = None, place: Place | None = None
@@ -156,14 +168,7 @@ def scatter_sums(
     Raises:
         ParameterError: The dtypes are others.
     """
-    if values.dtype not in (torch.float32, torch.float64) or defocus.dtype != values.dtype:
-        raise ParameterError(
-            "values",
-            "float32 or float64, and the same for `defocus`",
-            str(values.dtype),
-            "convert them with .float()",
-            shown=f"{values.dtype} and {defocus.dtype}",
-        )
+    check_dtypes("values", values, defocus)
     shape = None if aperture is None or aperture.is_disc else aperture
     place = place or Place.whole(defocus.shape[0], defocus.shape[1])
     return _scatter(values, defocus, _Lens(shape, scatter_operator(shape), place), 1.0)

@@ -1,6 +1,7 @@
 """Where an engine computes; a machine without a CUDA device, which is where most tests run."""
 
 import importlib
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from bokehnet.engines.devices import device_of, providers_on
 from bokehnet.engines.engine import Engine
 from bokehnet.errors import MissingExtraError, ParameterError
 from bokehnet.io.image import write_image, write_map
+from bokehnet.optics.aberrations.lens_response import LensResponse
+from bokehnet.optics.aberrations.sliders import AberrationSliders
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.settings.settings import RenderSettings
 
@@ -38,6 +41,24 @@ def test_cuda_without_a_device_is_one_line_with_the_way_out(no_device, name):
         "engine.device: expected a CUDA device that can be used; found a torch without CUDA, got 'cuda'; "
         "use --device cpu, or auto, which does so"
     )
+
+
+def test_numba_cuda_that_cannot_be_imported_is_a_reason(monkeypatch):
+    """As numba-cuda 0.30 beside NumPy 2.5, which raises AttributeError."""
+    pytest.importorskip("torch", reason="needs the extra cuda")
+    scatter = importlib.import_module("bokehnet.classical.torch.device_scatter")
+    monkeypatch.setattr(scatter, "why_no_cuda", lambda: None)
+
+    def load(name: str):
+        if name == "bokehnet.classical.cuda.march":
+            raise AttributeError("module 'numpy' has no attribute 'row_stack'")
+        return importlib.import_module(name)
+
+    monkeypatch.setattr(devices, "import_module", load)
+    assert device_of("auto", "rays") == "cpu"
+    assert device_of("auto", "scatter") == "cuda"
+    with pytest.raises(ParameterError, match=r"numba\.cuda that cannot be imported \(.*row_stack"):
+        device_of("cuda", "rays")
 
 
 def test_a_method_of_the_literature_knows_the_cpu_alone():
@@ -100,3 +121,51 @@ def test_the_command_tells_it_in_one_line_and_writes_nothing(no_device, tmp_path
     assert "--device: expected a CUDA device that can be used; found a torch without CUDA" in told
     assert len(told.splitlines()) == 1
     assert not (tmp_path / "out.png").exists()
+
+
+def _picture(height: int = 200, width: int = 300) -> tuple[np.ndarray, np.ndarray]:
+    """Noise, with a near square before a slope behind focus."""
+    image = np.random.default_rng(0).random((height, width, 3), np.float32)
+    radii = np.tile(np.linspace(-8, -2, width, dtype=np.float32), (height, 1))
+    radii[60:120, 80:160] = 7
+    return image, radii
+
+
+needs_card = pytest.mark.skipif(device_of("auto", "rays") == "cpu", reason="needs a CUDA device")
+
+
+@pytest.mark.gpu
+@needs_card
+@pytest.mark.parametrize("name", ["rays", "scatter", "hybrid", "fast", "neural"])
+def test_every_engine_gives_the_picture_of_the_cpu(name):
+    """Authority: the same engine on the CPU."""
+    on_card, image_and_radii = Engine(name, device="cuda"), _picture()
+    assert on_card.device == "cuda"
+    difference = on_card.render(*image_and_radii).bokeh - Engine(name).render(*image_and_radii).bokeh
+    assert np.mean(difference.astype(float) ** 2) < 1e-6
+
+
+@pytest.mark.gpu
+@needs_card
+def test_strips_and_threads_give_the_same_picture_on_a_card():
+    engine, (image, radii) = Engine("rays", device="cuda"), _picture(1200, 300)
+    whole, brighter = (engine.render(picture, radii).bokeh for picture in (image, 2 * image))
+    strips = engine.render(image, radii, max_memory=40_000_000).bokeh
+    assert np.abs(strips - whole).max() < 1e-3
+    with ThreadPoolExecutor(2) as pool:
+        turned = [pool.submit(engine.render, picture, radii) for picture in (image, 2 * image, image)]
+        found = [future.result().bokeh for future in turned]
+    assert (found[0] == whole).all()
+    assert (found[2] == whole).all()
+    assert (found[1] == brighter).all()
+
+
+@pytest.mark.gpu
+@needs_card
+def test_a_lens_that_does_more_than_focus_is_refused_on_a_card():
+    image, radii = _picture()
+    lens = LensResponse(aberration_map=AberrationSliders(coma=8.0).aberration_map())
+    with pytest.raises(ParameterError, match="expected cpu for a lens that does more than focus"):
+        Engine("rays", device="cuda").render(image, radii, lens_response=lens)
+    wanted = Engine("rays").render(image, radii, lens_response=lens).bokeh
+    assert (Engine("rays", device="auto").render(image, radii, lens_response=lens).bokeh == wanted).all()

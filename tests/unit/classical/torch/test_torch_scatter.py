@@ -315,5 +315,7 @@ def test_other_dtypes_are_rejected_at_the_door(device):
         ParameterError, match=r"got torch.float16 and torch.float16; convert them with .float\(\)"
     ):
         scatter_levels(values.half(), defocus.half())
+    with pytest.raises(ParameterError, match="image: expected float32 or float64"):
+        scatter(values.half(), defocus.half())
     with pytest.raises(ParameterError, match=r"got torch.float32 and torch.float64"):
         scatter_levels(values, defocus.double())
