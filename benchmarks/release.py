@@ -2,12 +2,12 @@
 
 Steps, each of which must pass: version, changelog and citation agree; the sdist is built, and from it a wheel
 for each interpreter; twine checks all; the sdist holds every file of the repository but those of its own
-house-keeping; each wheel holds the whole package and its machine code; the pages and the reference of the API are built without a
-warning; the page that renders in a browser is bundled with its network; depth networks that are not pinned
-are told (``--pinned``: and are an error); for each interpreter the wheel is installed into an empty
-environment, where no torch may be, the command line renders a picture, and what that took is told; a list
-of what was installed there is written (CycloneDX), and sums of all files. It needs npm and the extra
-``release``.
+house-keeping; each wheel holds the whole package and its machine code; the pages and the reference of the
+API are built without a warning; the page that renders in a browser is bundled with its network; depth
+networks that are not pinned are told (``--pinned``: and are an error); for each interpreter the wheel is
+installed into an empty environment, where no torch may be, the command line renders a picture, and what that
+took is told; a list of what was installed there is written (CycloneDX), and sums of all files. It needs npm
+and the extra ``release``.
 """
 
 import argparse
@@ -138,7 +138,7 @@ def build_sdist(out: Path) -> Path:
 
 
 def build_wheel(python: str, sdist: Path, out: Path) -> Path:
-    """Make the wheel of an interpreter from the sdist: machine code belongs to one minor version of Python."""
+    """Make the wheel of an interpreter from the sdist; machine code belongs to one minor version."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         run(python, "-m", "venv", folder / "venv", folder=folder)
@@ -231,7 +231,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder, empty before")
-    parser.add_argument("--python", action="append", help="interpreter to make and try a wheel for; repeatable")
+    parser.add_argument("--python", action="append", help="interpreter to make a wheel for; repeatable")
     parser.add_argument(
         "--web", action="store_true", help="make the page for the browser there, nothing else"
     )

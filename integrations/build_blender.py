@@ -6,8 +6,8 @@ own may be older than what others of these need; the process beside Blender find
 """
 
 import argparse
-import re
 import os
+import re
 import subprocess
 import sys
 import sysconfig
