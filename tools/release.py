@@ -231,9 +231,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder, empty before")
-    parser.add_argument(
-        "--python", action="append", help="interpreter to make and try a wheel for; repeatable"
-    )
+    parser.add_argument("--python", action="append", help="interpreter to make a wheel for; repeatable")
     parser.add_argument(
         "--web", action="store_true", help="make the page for the browser there, nothing else"
     )
