@@ -249,10 +249,10 @@ class Engine:
         place = place or Place.whole(*defocus.shape)
         if known is not None:
             known.check_within(*defocus.shape)
-            known = known.in_light(lambda light: np.maximum(light, 0))
+            known = known.with_mapped_colors(lambda light: np.maximum(light, 0))
         if layers is not None:
             check_same_size("image", image, "layers", layers.defocus[..., 0])
-            layers = layers.in_light(lambda light: np.maximum(light, 0))
+            layers = layers.with_mapped_colors(lambda light: np.maximum(light, 0))
         over = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
             image = np.maximum(image, 0, out=over)
@@ -266,8 +266,8 @@ class Engine:
         check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
             image = in_row_blocks(highlights.expand, image, out=over)
-            known = known and known.in_light(highlights.expand)
-            layers = layers and layers.in_light(highlights.expand)
+            known = known and known.with_mapped_colors(highlights.expand)
+            layers = layers and layers.with_mapped_colors(highlights.expand)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         if max_memory is not None:
             check_number("max_memory", max_memory)
@@ -465,12 +465,12 @@ class Engine:
         )
         if curve is None:
             return render(image, defocus, lens.aperture, known=known, layers=layers)
-        encoded = known and known.in_light(curve.encode)
-        bright = layers and layers.in_light(curve.encode)
+        encoded = known and known.with_mapped_colors(curve.encode)
+        bright = layers and layers.with_mapped_colors(curve.encode)
         result = render(curve.encode(image), defocus, lens.aperture, known=encoded, layers=bright)
         mixed = result.mixed_pixels
         return replace(
             result,
             bokeh=curve.decode(result.bokeh),
-            mixed_pixels=mixed and mixed.in_light(curve.decode),
+            mixed_pixels=mixed and mixed.with_mapped_colors(curve.decode),
         )

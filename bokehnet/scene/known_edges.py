@@ -264,7 +264,7 @@ def focused_surfaces(
         return known
     if lens is None:
         return replace(known, near=known.near * factor, far=known.far * factor)
-    near, far = (lens.defocus(side)[known.rows, known.columns] for side in known.laid_over(values))
+    near, far = (lens.defocus(side)[known.rows, known.columns] for side in known.near_and_far_maps(values))
     return replace(known, near=near, far=np.minimum(near, far))
 
 

@@ -51,10 +51,10 @@ def find_mixed_pixels(
     sharp, reach = sharpen_discontinuities(defocus), len(pixel_filter.weights()) // 2
     if known is None:
         return sharp, _parted(image, sharp, sides_with_slight_steps(sharp, reach), lights, pixel_filter)
-    parted = known.taken(known.near - known.far > DISCONTINUITY_THRESHOLD)
+    parted = known.select(known.near - known.far > DISCONTINUITY_THRESHOLD)
     own = np.where(parted.coverage >= 0.5, parted.near, parted.far)
     sharp[parted.rows, parted.columns] = own
-    parted = parted.taken((parted.coverage > 0) & (parted.coverage < 1))
+    parted = parted.select((parted.coverage > 0) & (parted.coverage < 1))
     sides = discontinuity_sides(sharp, reach)
     if known.complete:
         sides[:] = 0

@@ -451,7 +451,7 @@ def unmix(
     places = np.argwhere(wanted & ~spared)
     told = np.full((len(places), 3), -1.0)
     if held is not None:
-        held = held.taken(~spared[held.rows, held.columns])
+        held = held.select(~spared[held.rows, held.columns])
         width = sides.shape[1]
         order = np.searchsorted(places @ (width, 1), held.rows.astype(np.int64) * width + held.columns)
         told[order] = np.stack([held.near, held.far, held.coverage], axis=-1)
