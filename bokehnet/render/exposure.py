@@ -14,7 +14,7 @@ from bokehnet.engines.expected_error import can_expect_error
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.progress import Progress
 from bokehnet.render import memory_bounds as memory
 from bokehnet.render.lamp_light import lamps_of, lit
@@ -27,7 +27,7 @@ from bokehnet.render.supersampling import (
     reduced_scene,
 )
 from bokehnet.scene.scene import FocusedScene
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import RenderSettings
 
 __all__ = ["Optics", "expose", "leaning"]
@@ -94,7 +94,7 @@ def expose(
     hiding = defocus.copy() if lamps is not None and overwrite and not keep else defocus
     names = {"gamma": "highlights.gamma", "engine": "name", "expected_error": "output.expected_error"}
     names |= leaning(settings)
-    with about("engine", names):
+    with errors_named_as("engine", names):
         if alpha is not None:
             spread = lens | {"known": known and known.without_colors()}
             alpha = _spread_coverage(engine, alpha, defocus, spread, max_memory, image.nbytes)
@@ -119,9 +119,9 @@ def expose(
         )
     factor = scene.supersampled
     if factor > 1:
-        told = DEFAULT_FILTER if chosen is None else chosen.of_any_size
+        told = DEFAULT_FILTER if chosen is None else chosen.specified_or_default
         rendered = reduced_result(rendered, factor, told)
-        alpha = None if alpha is None else reduce_fine(alpha, factor, told)
+        alpha = None if alpha is None else downsample(alpha, factor, told)
         defocus = reduced_defocus(defocus, factor) if keep else defocus
         scene = reduced_scene(scene, rendered.bokeh, alpha)
         if lamps is not None:
@@ -198,6 +198,6 @@ def _taken(
     window = scene.window
     view = View(width=window.display_width, height=window.display_height, left=window.x, top=window.y)
     picture = bokeh if alpha is None else np.dstack([bokeh, alpha])
-    with about("effects", {"distortion": "brown"}):  # the division model never folds
+    with errors_named_as("effects", {"distortion": "brown"}):  # the division model never folds
         taken = effects.apply(picture, view=view, frame=scene.number)
     return taken[..., :3], None if alpha is None else taken[..., 3]

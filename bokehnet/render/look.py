@@ -29,7 +29,7 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.optics.tone import Highlights
 from bokehnet.scene.focus import FocusedLens
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.fields import Group
 from bokehnet.settings.settings import (
     ApertureSettings,
@@ -70,7 +70,7 @@ def make_aperture(settings: ApertureSettings) -> Aperture:
         (7, 0.5, 0.0)
     """
     picture = None if settings.image is None else luminance(read_image(settings.image))
-    with about("aperture", {"picture": "image"}):
+    with errors_named_as("aperture", {"picture": "image"}):
         return Aperture(picture=picture, **_given(settings, Aperture))
 
 
@@ -124,7 +124,7 @@ def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
     if numbers is None or not any(numbers):
         return None
     k1, k2, k3, p1, p2 = [*numbers, *[0.0] * (5 - len(numbers))]
-    with about("effects", dict.fromkeys(("distortion", "radial", "decentring"), "brown")):
+    with errors_named_as("effects", dict.fromkeys(("distortion", "radial", "decentring"), "brown")):
         model = BrownConrady(radial=(k1, k2, k3), decentring=(p1, p2))
         Warp(distortion=model).check()
     return model
@@ -132,14 +132,14 @@ def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
 
 def _vignette(settings: EffectSettings) -> Vignette:
     given = _given(settings, Vignette, "vignette_")
-    with about("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in given}}):
+    with errors_named_as("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in given}}):
         return Vignette(stops=settings.vignette, **given)
 
 
 def _grain(settings: EffectSettings) -> Grain:
     assert settings.grain is not None
     given = _given(settings, Grain, "grain_")
-    with about("effects", {"iso": "grain", **{name: f"grain_{name}" for name in given}}):
+    with errors_named_as("effects", {"iso": "grain", **{name: f"grain_{name}" for name in given}}):
         return Grain(iso=settings.grain, monochrome=settings.grain_mono, **given)
 
 
@@ -155,10 +155,10 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
         >>> response.aberration_map.is_perfect, response.chromatic_aberration.lateral
         (False, 0.5)
     """
-    with about("lens"):
+    with errors_named_as("lens"):
         aberrations = AberrationSliders(**_given(lens, AberrationSliders)).aberration_map()
     if lens.table is not None:
-        text = read_text(lens.table, "aberrations", "a table", longest=_LONGEST_TABLE)
+        text = read_text(lens.table, "aberrations", "a table", max_characters=_LONGEST_TABLE)
         aberrations = aberrations + parse_aberration_table(text, lens.table)
     return LensResponse(
         aberration_map=aberrations,
@@ -171,16 +171,16 @@ def _chromatic_aberration(color: ColorSettings) -> ChromaticAberration | None:
     """Chromatic aberration by sliders; None where both strengths are 0."""
     if color.axial == color.lateral == 0:
         return None
-    with about("color", {"field_map": "axial_map"}):
+    with errors_named_as("color", {"field_map": "axial_map"}):
         axial = make_field_map(color.axial_map or "constant")
-    with about("color", {"field_map": "lateral_map"}):
+    with errors_named_as("color", {"field_map": "lateral_map"}):
         lateral = make_field_map(color.lateral_map or "linear")
     try:
         curve = make_curve(color.glass or "N-BK7")
     except LensError as error:
         known = str(error).partition("; others")[0]
         raise ParameterError("color.glass", remedy=f"{known}; or achromat, linear") from error
-    with about("color"):
+    with errors_named_as("color"):
         return ChromaticAberration(
             axial=color.axial, lateral=color.lateral, axial_map=axial, lateral_map=lateral, curve=curve
         )
@@ -191,7 +191,7 @@ def _wavelength_sampling(color: ColorSettings) -> WavelengthSampling:
     gains = color.equaliser
     if isinstance(gains, Path):
         gains = _read_gains(gains)
-    with about("color"):
+    with errors_named_as("color"):
         return WavelengthSampling(
             dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains
         )
@@ -203,7 +203,7 @@ def _read_gains(path: Path) -> tuple[float, ...]:
             "color.equaliser", expected="numbers separated by commas, or a file of them", got=str(path)
         )
     expected = "numbers separated by commas, spaces or line ends"
-    words = read_text(path, expected=expected, longest=_LONGEST_FILE).replace(",", " ").split()
+    words = read_text(path, expected=expected, max_characters=_LONGEST_FILE).replace(",", " ").split()
     try:
         return tuple(float(word) for word in words)
     except ValueError as error:

@@ -5,7 +5,7 @@ from typing import Any
 
 from bokehnet.io.frame import Frame, check_frame_format
 from bokehnet.io.output_format import OutputFormat, check_format
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import OutputSettings
 
 __all__ = ["check_output", "make_output_format"]
@@ -46,7 +46,7 @@ def check_output(path: Path, settings: OutputSettings, frame: Frame | None = Non
             ...
         bokehnet.errors.ParameterError: output.bits: expected 8 for .jpg, got 16; write .png or .tif or ...
     """
-    with about("output"):
+    with errors_named_as("output"):
         wanted = make_output_format(settings)
         check_format(path, wanted)
         if frame is not None:

@@ -31,7 +31,7 @@ from bokehnet.render.look import (
 from bokehnet.render.preparation import prepare
 from bokehnet.render.result import RenderReport, RenderResult
 from bokehnet.scene.scene import FocusedScene, Scene
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import (
     ApertureSettings,
     ColorSettings,
@@ -133,7 +133,7 @@ class BokehRenderer:
             self._repairer()
         aperture, lens_response, _ = self._look(settings)
         engine = self._engine(*self._engine_of(settings))
-        with about("engine", {"engine": "name"} | leaning(settings)):
+        with errors_named_as("engine", {"engine": "name"} | leaning(settings)):
             engine.render(image, defocus, aperture=aperture, lens_response=lens_response)
 
     def check(self, settings: RenderSettings) -> None:

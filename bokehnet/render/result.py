@@ -15,7 +15,7 @@ from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
 from bokehnet.render.notebook import shown_html
 from bokehnet.render.output import make_output_format
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import OutputSettings, RenderSettings
 from bokehnet.settings.settings_file import save_settings
 
@@ -121,9 +121,9 @@ class RenderResult:
         wanted, beside = make_output_format(self.output), {}
         if self.output.expected_error == "on" and Path(path).suffix.lower() == ".exr":
             beside = {} if self.expected_error is None else {"expected_error": self.expected_error}
-        with about("output"):
+        with errors_named_as("output"):
             if self.frame is None:
-                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted), beside=beside)
+                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted), extra_channels=beside)
             else:
                 write_frame(path, self.frame, self.bokeh, self.alpha, wanted, progress, beside)
 

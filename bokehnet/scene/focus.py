@@ -29,7 +29,7 @@ from bokehnet.optics.focus_plane import (
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.camera import LensNumbers, complete_camera
 from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
 __all__ = ["FocusedLens", "check_focus", "disparity_at_pixel", "disparity_of_distance", "focus_lens"]
@@ -292,7 +292,7 @@ def check_kind(
     if metric and focus.range is not None and not min(focus.range) > 0:
         raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
     if focus.plane is not None:
-        with about("focus", {"pixels": "plane"}):
+        with errors_named_as("focus", {"pixels": "plane"}):
             FocusPlane.through(focus.plane, (0, 0, 0))
 
 

@@ -97,7 +97,7 @@ def _told(known: Setting) -> dict[str, Any]:
         "high": known.high if known.high is not None else known.below,
         "default": to_plain(known.default),
         "expected": known.expectation,
-        "look": known.of_a_look,
+        "look": known.allowed_in_preset,
     }
 
 

@@ -153,7 +153,7 @@ class Session:
     def _unworn(self) -> dict[str, dict[str, Any]]:
         return {
             group: {
-                key: value for key, value in fields.items() if not all_settings()[f"{group}.{key}"].of_a_look
+                key: value for key, value in fields.items() if not all_settings()[f"{group}.{key}"].allowed_in_preset
             }
             for group, fields in self.settings.to_table().items()
         }

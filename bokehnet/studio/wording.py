@@ -78,7 +78,7 @@ def look_of(settings: RenderSettings) -> RenderSettings:
         {'aperture': {'blades': 6}}
     """
     table = {
-        group: {key: value for key, value in fields.items() if all_settings()[f"{group}.{key}"].of_a_look}
+        group: {key: value for key, value in fields.items() if all_settings()[f"{group}.{key}"].allowed_in_preset}
         for group, fields in settings.to_table().items()
     }
     return RenderSettings().updated(table)
