@@ -26,7 +26,7 @@ from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.field_maps import make_field_map
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
@@ -130,7 +130,7 @@ def lateral_color(name: str, wavelengths: np.ndarray, fields: np.ndarray) -> np.
 
 def show_glass() -> None:
     """Print what each form leaves of the traced lateral colour."""
-    wavelengths, fields = np.linspace(SHORTEST, LONGEST, 31), np.linspace(0.05, 1, 20)
+    wavelengths, fields = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 31), np.linspace(0.05, 1, 20)
     along = glass_curve("N-BK7")(wavelengths)
     print("\nlateral colour in thousandths of the half-diagonal, focused at infinity:")
     print(f"{'lens':<15} 400-700 nm, corner   rms   left by: polynomial   slider and map   slider")
@@ -153,7 +153,9 @@ def show_draws() -> None:
     points = disc_from_square(np.stack([halton(9216, 2), halton(9216, 3)], -1)).reshape(144, 64, 2)
     angles = np.arange(24) * np.pi / 12
     covered = points @ np.stack([np.cos(angles), np.sin(angles)]) < 0
-    evenly = WavelengthSampling().response(SHORTEST + (LONGEST - SHORTEST) * halton(9216, 5))
+    evenly = WavelengthSampling().response(
+        MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * halton(9216, 5)
+    )
     draws = {
         "all white": np.ones((9216, 3)),
         "by importance": WavelengthSampling().sample(9216)[1],

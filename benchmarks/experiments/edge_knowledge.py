@@ -28,7 +28,7 @@ from bokehnet import (
 from bokehnet.classical.layered.boundaries.supersampled import reduce_supersampled
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.scene.depth.depth_source import DefocusMap
 from train.evaluation_sets import path_traced_shots, scene_folders
 from train.metrics import compare
@@ -72,7 +72,7 @@ def render(folder: Path, number: int, label: str, aperture: Aperture) -> tuple[n
     begun = process_time()
     picture = renderer.render(read, settings).bokeh
     if label == "whole":
-        picture = reduce_fine(picture, 4, _FILTER)
+        picture = downsample(picture, 4, _FILTER)
     return picture, process_time() - begun
 
 

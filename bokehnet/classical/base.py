@@ -222,6 +222,6 @@ def check_focuses_alone(lens_response: LensResponse | None, engine: str) -> None
     if lens_response is None:
         return
     upright = lens_response.aberration_map.without_tilt()
-    if not replace(lens_response, aberration_map=upright).is_plain:
+    if not replace(lens_response, aberration_map=upright).is_ideal:
         expected = "an engine that supports aberrations, vignetting and color fringes of a lens"
         raise ParameterError("engine", expected, engine, "use the engine `rays` or `hybrid`")

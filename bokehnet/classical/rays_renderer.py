@@ -240,7 +240,7 @@ def _render(
     points, weights, chances = _pattern(aperture)
     lens, ray_reach, fringes, usual = None, radius, None, _RAYS
     near = error_map
-    if lens_response is not None and not lens_response.is_plain:
+    if lens_response is not None and not lens_response.is_ideal:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
         usual = _COLORED_RAYS if colored else _LENS_RAYS
         ray_reach = lens.reach(radius)

@@ -20,7 +20,7 @@ from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aberrations.distortion import Distortion
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.scalars import is_absent
-from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, table_factor, with_color
+from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, scale_saturation, table_factor
 
 __all__ = ["CameraEffects"]
 
@@ -153,7 +153,7 @@ class CameraEffects:
         if undo:
             xp = array_namespace(share)
             share = xp.where(share > _LEAST_COLOR, 1 / xp.clip(share, _LEAST_COLOR, 1), 0)
-        return with_color(light, share)
+        return scale_saturation(light, share)
 
     def _take(self, image: Array, grain: Grain, view: View, frame: int) -> Array:
         """Add grain to light."""

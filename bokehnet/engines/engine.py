@@ -88,7 +88,7 @@ def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) ->
         place: Where the pixels lie in the shown picture.
         max_coc_radius: Largest blur radius, pixels.
     """
-    if lens_response.is_plain:
+    if lens_response.is_ideal:
         return max_coc_radius
     from bokehnet.classical.layered.march.aberrated_rays import lens_table
 
@@ -452,7 +452,7 @@ class Engine:
         if layers is not None and strip is not None:
             layers = layers.in_rows(strip.first, strip.last)
         renderer = self._classical
-        if self._behind_glass is not None and not lens.lens_response.is_plain:
+        if self._behind_glass is not None and not lens.lens_response.is_ideal:
             renderer = self._behind_glass
         render = partial(
             renderer,

@@ -31,7 +31,7 @@ def can_expect_error(classical: str, lens_response: LensResponse, gamma: float) 
         lens_response: Of the lens.
         gamma: Of the highlights.
     """
-    return classical == "rays" and gamma == 1 and lens_response.is_plain
+    return classical == "rays" and gamma == 1 and lens_response.is_ideal
 
 
 def check_expects_error(classical: str, lens_response: LensResponse, gamma: float, name: str) -> None:

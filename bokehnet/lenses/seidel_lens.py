@@ -28,12 +28,12 @@ from bokehnet.optics.aberrations.seidel import (
     uniform_irradiance,
 )
 from bokehnet.optics.paraxial import focused_rays
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_aberration_map", "seidel_by_surface"]
 
 # Of the visible spectrum, evenly spread, nm.
-WAVELENGTHS = tuple(float(wavelength) for wavelength in np.linspace(SHORTEST, LONGEST, 64))
+WAVELENGTHS = tuple(float(wavelength) for wavelength in np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 64))
 
 _SUMS = ("spherical", "coma", "astigmatism", "petzval", "distortion")
 _Ray = tuple[Array, Array]

@@ -52,9 +52,9 @@ class GammaCurve:
 
 
 def _bright_quantile(g: Graph, brightness: Value) -> Value:
-    """The value that a share ``ABOVE_WHITE`` of the pixels exceeds, linear between two; shape (1,)."""
+    """Return the value that a fraction ``FRACTION_ABOVE_WHITE`` of pixels exceeds, interpolated; shape (1,)."""
     flat = brightness.reshape(-1)
-    place = (flat.size(0) - 1).astype(np.float64) * (1 - tone.ABOVE_WHITE)
+    place = (flat.size(0) - 1).astype(np.float64) * (1 - tone.FRACTION_ABOVE_WHITE)
     below = g.op("Floor", place)
     count = flat.size(0) - below.astype(np.int64)
     brightest, _ = g.sorted(flat, count)
@@ -68,19 +68,19 @@ def gamma_curve(g: Graph, image: Value, gamma: Value) -> GammaCurve:
     exponent = g.op(
         "Clip",
         gamma.reshape(1),
-        *(g.constant(x, np.float32) for x in (tone.LOWEST_GAMMA, tone.HIGHEST_GAMMA)),
+        *(g.constant(x, np.float32) for x in (tone.MIN_GAMMA, tone.MAX_GAMMA)),
     )
     exponent = exponent.astype(np.float64)
     brightness = image.max(0)
     largest = brightness.max().astype(np.float64)
-    white = g.maximum(_bright_quantile(g, brightness), largest / tone.LARGEST_RANGE)
+    white = g.maximum(_bright_quantile(g, brightness), largest / tone.MAX_RANGE)
     white = g.where(largest > 0, white, 1)
     most = g.where(largest > 0, largest / white, 1)
     above = g.where(exponent > 1, exponent - 1, 1)  # where no line is needed, any number will do
-    allowed = tone.INVISIBLE * g.constant(tone.HIGHEST_TOE, np.float64) ** above / tone.ROUNDING
+    allowed = tone.INVISIBLE_ERROR * g.constant(tone.MAX_TOE, np.float64) ** above / tone.ROUNDING_ERROR
     shoulder = g.where(
         (exponent > 1) & (most**exponent > allowed), (allowed / (exponent * most)) ** (1 / above), most
     )
     highest = shoulder**exponent + exponent * shoulder ** (exponent - 1) * (most - shoulder)
-    toe = g.where(exponent > 1, (highest * tone.ROUNDING / tone.INVISIBLE) ** (1 / above), 0)
+    toe = g.where(exponent > 1, (highest * tone.ROUNDING_ERROR / tone.INVISIBLE_ERROR) ** (1 / above), 0)
     return GammaCurve(graph=g, gamma=exponent, white=white, toe=toe, shoulder=shoulder)

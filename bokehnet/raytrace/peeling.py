@@ -120,13 +120,13 @@ _Surfaces = tuple[Tensor, Tensor, Tensor]
 
 
 def _merged(
-    surfaces: _Surfaces, samples: int, layers: int, least_gap: float
+    surfaces: _Surfaces, samples: int, layers: int, min_gap: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Surfaces of ``samples`` rays a pixel, pixels running fastest, as layers of the pixels."""
     colors, depth, alpha = (
         part.reshape(samples, -1, *part.shape[1:]).transpose(0, 1).cpu().numpy() for part in surfaces
     )
-    return merge_surfaces(colors, 1 / depth, alpha, layers, least_gap)
+    return merge_surfaces(colors, 1 / depth, alpha, layers, min_gap)
 
 
 def _peel_rays(

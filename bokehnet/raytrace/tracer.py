@@ -8,7 +8,7 @@ from torch import Tensor
 
 from bokehnet.checks import check_at_least, check_choice
 from bokehnet.errors import ParameterError
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 from bokehnet.progress import Progress
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution, LensSamples
@@ -217,7 +217,9 @@ class Tracer:
         sensor = self._sensor[pixels].repeat(len(points), 1)
         if self._antialiased:
             sensor = sensor + self.camera.pixel_pitch * samples.jitter
-        wavelength = SHORTEST + (LONGEST - SHORTEST) * samples.wavelength if dispersion else None
+        wavelength = (
+            MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * samples.wavelength if dispersion else None
+        )
         rays, weight = lens_rays(
             self.camera, sensor, samples.pupil_uv, samples.time * self._shutter, wavelength
         )

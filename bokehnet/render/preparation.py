@@ -86,7 +86,7 @@ def prepare(
     image = scene.image
     if given.supersampled > scene.supersampled:
         radii = lens.defocus if lens is not None else partial(np.multiply, np.float32(scene.supersampled))
-        told = None if chosen is None else chosen.of_any_size
+        told = None if chosen is None else chosen.specified_or_default
         image, values, known = rendered_surfaces(given, radii, told)
     return FocusedScene(
         image=image,

@@ -19,7 +19,7 @@ from bokehnet.engines.engine import EngineResult
 from bokehnet.io.frame import Frame
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.scene.scene import RENDERED, FocusedScene, Scene
 from bokehnet.settings.settings import RenderSettings
 
@@ -163,18 +163,18 @@ def reduced_result(rendered: EngineResult, factor: int, pixel_filter: PixelFilte
         >>> small.bokeh.shape, small.largest_blur
         ((4, 4, 3), 2.0)
     """
-    bokeh = reduce_fine(rendered.bokeh, factor, pixel_filter)
+    bokeh = downsample(rendered.bokeh, factor, pixel_filter)
     classical = rendered.classical
     if classical is not None:
-        classical = bokeh if classical is rendered.bokeh else reduce_fine(classical, factor, pixel_filter)
+        classical = bokeh if classical is rendered.bokeh else downsample(classical, factor, pixel_filter)
     neural, told = rendered.neural, rendered.expected_error
     return replace(
         rendered,
         bokeh=bokeh,
         classical=classical,
-        neural=None if neural is None else reduce_fine(neural, factor, pixel_filter),
-        error_map=reduce_fine(rendered.error_map, factor, pixel_filter),
-        expected_error=None if told is None else np.maximum(reduce_fine(told, factor, pixel_filter), 0),
+        neural=None if neural is None else downsample(neural, factor, pixel_filter),
+        error_map=downsample(rendered.error_map, factor, pixel_filter),
+        expected_error=None if told is None else np.maximum(downsample(told, factor, pixel_filter), 0),
         largest_blur=rendered.largest_blur / factor,
     )
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bokehnet.io.channels import write_channels
-from bokehnet.optics.over import light_through
+from bokehnet.optics.over import transmittance
 from bokehnet.raytrace.peeling import Peeled
 
 __all__ = ["save_layers"]
@@ -19,7 +19,7 @@ def save_layers(path: Path, peeled: Peeled) -> None:
     Raises:
         ImageFileError: The file cannot be written.
     """
-    seen = light_through(peeled.coverage)[1] * peeled.coverage
+    seen = transmittance(peeled.coverage)[1] * peeled.coverage
     flat = (seen[..., None] * peeled.colors).sum(2).cpu().numpy()
     channels = {name: flat[:, :, place] for place, name in enumerate("RGB")}
     for index in range(peeled.depth.shape[2]):

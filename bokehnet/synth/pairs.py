@@ -8,7 +8,7 @@ import numpy as np
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import LensModel, ThinLens
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.synth.clutter.baked_scene import View
 from bokehnet.synth.clutter.lamps import add_lamps
@@ -79,7 +79,7 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
     image = render_all_in_focus(scene, fine_camera, config.image_samples, int(seeds[0])).numpy()
     fine_disparity = np.zeros((0, 0), np.float32)
     if config.fine:
-        image = reduce_fine(image, config.fine, draw_pixel_filter(rng))
+        image = downsample(image, config.fine, draw_pixel_filter(rng))
         fine_disparity = render_disparity(scene, fine_camera).numpy() * np.float32(config.nearest_distance)
     brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
     samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
@@ -115,7 +115,7 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
     inverse_depth = clutter.scene.disparity(pinhole, _view(config, 1, 0))
     fine_depth = np.zeros((0, 0), np.float32)
     if config.fine:
-        image = reduce_fine(image, config.fine, draw_pixel_filter(rng))
+        image = downsample(image, config.fine, draw_pixel_filter(rng))
         fine_depth = clutter.scene.disparity(pinhole, _view(finer, 1, 0))
     nearest = rng.uniform(*_NEAREST) / max(float(inverse_depth.max()), 1e-9)
     scaled = replace(config, nearest_distance=float(nearest))

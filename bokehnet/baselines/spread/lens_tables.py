@@ -64,7 +64,7 @@ def lens_spreading(
     spacing = max(8.0, (max(height, width) - 1) / (_PLACES - 1))
     columns, rows = (np.unique(np.arange(0, size - 1 + spacing, spacing).round()) for size in (width, height))
     lens_response = lens_response or LensResponse()
-    if lens_response.is_plain:  # the same everywhere
+    if lens_response.is_ideal:  # the same everywhere
         columns, rows = columns[:1], rows[:1]
     ladder = _ladder(float(defocus.min()), float(defocus.max()))
     rung, row, column = (axis.ravel() for axis in np.meshgrid(ladder, rows, columns, indexing="ij"))

@@ -207,7 +207,7 @@ def add_lights(
     if not len(lights):
         return
     frame = (place or Place.whole(*rays_mask.shape)).frame
-    if lens_response is None or lens_response.is_plain:
+    if lens_response is None or lens_response.is_ideal:
         draw: PerfectPsf | AberratedPsf = PerfectPsf(aperture, lights, frame)
     else:
         draw = AberratedPsf(aperture, lens_response, lights, frame)

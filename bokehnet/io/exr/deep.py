@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bokehnet.errors import ImageFileError
 from bokehnet.io.exr.deep_chunks import DeepSamples
-from bokehnet.optics.over import light_through
+from bokehnet.optics.over import transmittance
 from bokehnet.optics.pixels.pixel_layers import merge_surfaces
 
 __all__ = ["DeepLayers", "FlatPixels", "deep_layers", "flatten", "two_surfaces"]
@@ -137,7 +137,7 @@ def _put(result: FlatPixels, pixels: NDArray[np.intp], pieces: _Pieces, taken: N
     """Flatten those pieces that are taken, into the pixels with these numbers."""
     depth, alpha, colour = pieces
     alpha = np.where(taken, alpha, 0)
-    through, ahead = light_through(alpha)
+    through, ahead = transmittance(alpha)
     light = result.light.reshape(result.coverage.size, colour.shape[2])
     light[pixels] = np.einsum("pk,pkc->pc", ahead * taken, colour)
     coverage = 1 - through[:, -1]

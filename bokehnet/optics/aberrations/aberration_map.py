@@ -32,7 +32,7 @@ from bokehnet.checks import (
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.spectral.glass import D_LINE
 
-__all__ = ["DESIGN_WAVELENGTH", "TERMS", "UPRIGHT", "AberrationMap", "rim_passes", "term"]
+__all__ = ["DESIGN_WAVELENGTH", "TERMS", "UNTILTED_AXES", "AberrationMap", "rim_passes", "term"]
 
 # Exponents of (a.a, a.h, h.h), up to the third degree.
 TERMS = tuple((i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j))
@@ -41,7 +41,7 @@ TERMS = tuple((i, j, k) for i in range(4) for j in range(4 - i) for k in range(4
 DESIGN_WAVELENGTH = D_LINE
 
 # Axes of an aperture that does not lean.
-UPRIGHT = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
+UNTILTED_AXES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 
 
 def term(i: int, j: int, k: int) -> int:
@@ -85,7 +85,7 @@ class AberrationMap:
     pupil_aberration: np.ndarray
     vignetting_apertures: tuple[tuple[float, float], ...] = ()
     tilt: tuple[float, float] = (0.0, 0.0)
-    aperture_axes: tuple[tuple[float, float], ...] = UPRIGHT
+    aperture_axes: tuple[tuple[float, float], ...] = UNTILTED_AXES
 
     def __post_init__(self) -> None:
         for name in ("wavelengths", "transverse_aberration", "pupil_aberration"):
@@ -105,7 +105,7 @@ class AberrationMap:
             check_numbers("vignetting_apertures", aperture, 2)
         check_numbers("tilt", self.tilt, 2)
         check_kind("aperture_axes", self.aperture_axes, tuple, list)
-        if len(self.aperture_axes) != len(UPRIGHT):
+        if len(self.aperture_axes) != len(UNTILTED_AXES):
             raise ParameterError("aperture_axes", "three pairs", self.aperture_axes)
         for axis in self.aperture_axes:
             check_numbers("aperture_axes", axis, 2)
@@ -132,7 +132,7 @@ class AberrationMap:
             or self.pupil_aberration.any()
             or self.vignetting_apertures
             or any(self.tilt)
-            or tuple(map(tuple, self.aperture_axes)) != UPRIGHT
+            or tuple(map(tuple, self.aperture_axes)) != UNTILTED_AXES
         )
 
     @property
@@ -145,7 +145,7 @@ class AberrationMap:
 
     def without_tilt(self) -> "AberrationMap":
         """Return the same without the tilt of focus plane and aperture."""
-        return replace(self, tilt=(0.0, 0.0), aperture_axes=UPRIGHT)
+        return replace(self, tilt=(0.0, 0.0), aperture_axes=UNTILTED_AXES)
 
     def at(self, wavelength: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients of both aberrations, (..., 2, 20), for wavelengths in nm, (...); linear in between.
@@ -207,7 +207,7 @@ class AberrationMap:
         if xp is np:
             tilt = np.asarray(tilt)
         run = pupil + combine(pupil_aberration)
-        if tuple(map(tuple, self.aperture_axes)) != UPRIGHT:
+        if tuple(map(tuple, self.aperture_axes)) != UNTILTED_AXES:
             right, down, along = (x * run[..., 0] + y * run[..., 1] for x, y in self.aperture_axes)
             run = xp.stack([right, down], -1) - along[..., None] * field
         return combine(transverse_aberration), run / tilt[..., None], passes

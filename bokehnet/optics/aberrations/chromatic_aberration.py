@@ -24,7 +24,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.aberration_map import DESIGN_WAVELENGTH
 from bokehnet.optics.aberrations.field_maps import FieldMap, constant, linear
 from bokehnet.optics.spectral.glass import C_LINE, F_LINE, Glass, make_glass
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = ["ChromaticAberration", "Curve", "achromat_curve", "glass_curve", "linear_curve", "make_curve"]
 
@@ -48,7 +48,7 @@ def _scaled(power: Curve, middle: float, spread: float, wavelength: Array) -> Ar
 
 def _spread_to_one(power: Callable[[Array], Array]) -> Curve:
     """Return the curve of a refractive power that is known but for its unit and zero."""
-    values = power(np.linspace(SHORTEST, LONGEST, 601))
+    values = power(np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 601))
     return partial(_scaled, power, float(power(DESIGN_WAVELENGTH)), float(np.ptp(values)))
 
 

@@ -36,7 +36,7 @@ class LensResponse:
         check_kind("wavelength_sampling", self.wavelength_sampling, WavelengthSampling)
 
     @property
-    def is_plain(self) -> bool:
+    def is_ideal(self) -> bool:
         """Whether a picture through this lens is one through a perfect lens."""
         return self.aberration_map.is_perfect and (
             self.chromatic_aberration is None or self.chromatic_aberration.is_none

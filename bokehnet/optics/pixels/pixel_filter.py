@@ -211,7 +211,7 @@ class FilterChoice:
     confidence: float | None = None
 
     @property
-    def of_any_size(self) -> PixelFilter:
+    def specified_or_default(self) -> PixelFilter:
         """The filter where it was told, else the default: an estimate holds for no other size of pixels."""
         return self.pixel_filter if self.confidence is None else DEFAULT_FILTER
 

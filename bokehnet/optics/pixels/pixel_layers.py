@@ -85,7 +85,7 @@ def _merge(colors, disparity, coverage, least, merged, depths, covers):  # type:
 
 
 def merge_surfaces(
-    colors: np.ndarray, disparity: np.ndarray, coverage: np.ndarray, layers: int, least_gap: float = 0.0
+    colors: np.ndarray, disparity: np.ndarray, coverage: np.ndarray, layers: int, min_gap: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Merge what samples of pixels see to layers.
 
@@ -94,7 +94,7 @@ def merge_surfaces(
         disparity: Or anything that grows with it, (P, S, K).
         coverage: Alpha of each surface, (P, S, K); 0 where there is none.
         layers: At most so many of each pixel, from 1 up.
-        least_gap: Surfaces no farther apart in disparity are one layer.
+        min_gap: Surfaces no farther apart in disparity are one layer.
 
     Returns:
         Colours (P, layers, 3), disparity (P, layers), front to back, and coverage (P, layers), float32; those
@@ -117,5 +117,5 @@ def merge_surfaces(
     merged = np.zeros((pixels, layers, 3), np.float64)
     depths, covers = np.zeros((pixels, layers)), np.zeros((pixels, layers))
     given = (np.ascontiguousarray(x, np.float32) for x in (colors, disparity, coverage))
-    _merge(*given, float(least_gap), merged, depths, covers)
+    _merge(*given, float(min_gap), merged, depths, covers)
     return merged.astype(np.float32), depths.astype(np.float32), covers.astype(np.float32)

@@ -5,18 +5,18 @@ import numpy.typing as npt
 
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["reduce_fine"]
+__all__ = ["downsample"]
 
 Array = npt.NDArray[np.float32]
 
 
-def reduce_fine(values: Array, factor: int, pixel_filter: PixelFilter = DEFAULT_FILTER) -> Array:
+def downsample(values: Array, factor: int, pixel_filter: PixelFilter = DEFAULT_FILTER) -> Array:
     """Filter an array (factor H, factor W, ...) down to (H, W, ...).
 
     Beyond the border nothing is counted: what a filter finds there is given to what lies inside.
 
     Examples:
-        >>> reduce_fine(np.ones((4, 6), np.float32), 2).tolist()
+        >>> downsample(np.ones((4, 6), np.float32), 2).tolist()
         [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     """
     weights = pixel_filter.fine_weights(factor).astype(np.float32)

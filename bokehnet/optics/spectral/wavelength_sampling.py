@@ -7,7 +7,7 @@ import numpy as np
 from bokehnet.checks import check_at_least, check_choice, check_kind
 from bokehnet.errors import ParameterError
 from bokehnet.optics.sampling import halton
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 
 __all__ = ["DISPERSIONS", "WavelengthSampling"]
 
@@ -78,7 +78,7 @@ class WavelengthSampling:
 
     def _gain(self, wavelengths: np.ndarray) -> np.ndarray:
         bands = len(self.equaliser)
-        middles = SHORTEST + (LONGEST - SHORTEST) * (np.arange(bands) + 0.5) / bands
+        middles = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(bands) + 0.5) / bands
         return np.interp(wavelengths, middles, self.equaliser)
 
     def response(self, wavelengths: np.ndarray) -> np.ndarray:
@@ -111,7 +111,7 @@ class WavelengthSampling:
         else:
             importance = self.response(_cells()).mean(-1)
             cumulated = np.concatenate([[0], np.cumsum(importance)])
-            edges = np.linspace(SHORTEST, LONGEST, _CELLS + 1)
+            edges = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _CELLS + 1)
             wavelengths = np.interp(chances, cumulated / cumulated[-1], edges)
             response = self.response(wavelengths)
             weights = response / np.maximum(response.mean(-1, keepdims=True), 1e-12)
@@ -131,13 +131,13 @@ class WavelengthSampling:
             means = (response * _cells()[:, None]).mean(0)
             return np.broadcast_to(means, (len(chances), 3))
         cumulated = np.concatenate([np.zeros((1, 3)), np.cumsum(response, 0)])
-        edges = np.linspace(SHORTEST, LONGEST, _CELLS + 1)
+        edges = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _CELLS + 1)
         return np.stack([np.interp(chances, each / each[-1], edges) for each in cumulated.T], -1)
 
 
 def _cells() -> np.ndarray:
     """Middles of the cells, nm."""
-    return SHORTEST + (LONGEST - SHORTEST) * (np.arange(_CELLS) + 0.5) / _CELLS
+    return MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(_CELLS) + 0.5) / _CELLS
 
 
 def _colors(wavelengths: np.ndarray) -> np.ndarray:

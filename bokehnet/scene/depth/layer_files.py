@@ -17,7 +17,7 @@ from bokehnet.io.maps import depth_to_mm
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 from bokehnet.optics.coc import disparity_from_depth
-from bokehnet.optics.over import light_through
+from bokehnet.optics.over import transmittance
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo, SceneLayers
 
 __all__ = ["LayeredDepth", "flattened", "make_layers", "read_layers"]
@@ -173,7 +173,7 @@ def flattened(layers: SceneLayers) -> tuple[Array, Array]:
         >>> picture[0, 0].tolist(), (1000 * disparity).tolist()
         ([1.0, 1.0, 1.0], [[0.5, 0.5]])
     """
-    through, ahead = light_through(layers.coverage)
+    through, ahead = transmittance(layers.coverage)
     picture = np.einsum("yxl,yxlc->yxc", ahead * layers.coverage, layers.colors)
     reached = 1 - through >= 0.5 * (1 - through[..., -1:])
     first = reached.argmax(axis=2)

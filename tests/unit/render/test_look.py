@@ -48,8 +48,8 @@ def test_the_default_look_is_none():
     assert make_aperture(ApertureSettings()) == Aperture()
     assert make_effects(EffectSettings()) is None
     assert make_highlights(HighlightSettings()) is None
-    assert response().is_plain
-    assert response(LensSettings(spherical=-0.0, coma=0.0)).is_plain
+    assert response().is_ideal
+    assert response(LensSettings(spherical=-0.0, coma=0.0)).is_ideal
     assert response().wavelength_sampling == WavelengthSampling()
     assert prescription_lens(LensSettings()) is None
     BokehRenderer().check(RenderSettings())

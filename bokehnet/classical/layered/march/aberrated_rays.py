@@ -17,7 +17,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.aberration_map import TERMS
 from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = [
     "ORDERS",
@@ -128,7 +128,7 @@ def _fields(shape: tuple[int, ...], above: int, column: float, row: float, scale
 
 def _variable(wavelength: np.ndarray) -> np.ndarray:
     """Grows as glass disperses (Cauchy, 1 / wavelength^2); -1 to 1 over the visible spectrum."""
-    ends = SHORTEST**-2, LONGEST**-2
+    ends = MIN_WAVELENGTH**-2, MAX_WAVELENGTH**-2
     return (2 * wavelength**-2.0 - ends[0] - ends[1]) / (ends[0] - ends[1])
 
 
@@ -165,7 +165,7 @@ def lens_table(
     column, row, scale = place.frame
     half_diagonal = 1 / scale
     wavelengths, colors = lens_response.wavelengths_at(chances[:, 0])
-    nodes = np.linspace(SHORTEST, LONGEST, _NODES)
+    nodes = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _NODES)
     values, pupil_aberration = aberration_map.at(nodes)
     values = half_diagonal * values
     if pupil_aberration.any():
@@ -227,7 +227,7 @@ def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarr
         if any(aberration_map.tilt) or lens_response.chromatic_aberration is not None
         else [0.0]
     )
-    wavelengths = np.union1d(aberration_map.wavelengths, [SHORTEST, LONGEST])
+    wavelengths = np.union1d(aberration_map.wavelengths, [MIN_WAVELENGTH, MAX_WAVELENGTH])
     largest, strayed = np.zeros(_FIELDS), np.zeros(_FIELDS)
     spread = np.zeros((len(around), len(wavelengths), _FIELDS))
     for at, direction in enumerate(around):
@@ -251,7 +251,11 @@ def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarr
             weights = passes[..., None] / np.maximum(passes.sum((1, 2)), 1)[:, None, None, None]
             apart = transverse_aberration - (weights * transverse_aberration).sum((1, 2), keepdims=True)
             spread[at, color] = (passes * np.linalg.norm(apart, axis=-1)).max((1, 2))
-    return largest, strayed, np.trapezoid(spread.mean(0), wavelengths, axis=0) / (LONGEST - SHORTEST)
+    return (
+        largest,
+        strayed,
+        np.trapezoid(spread.mean(0), wavelengths, axis=0) / (MAX_WAVELENGTH - MIN_WAVELENGTH),
+    )
 
 
 @njit(cache=True, forceinline=True)

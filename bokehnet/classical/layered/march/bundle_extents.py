@@ -15,7 +15,7 @@ from bokehnet.classical.layered.march.aberrated_rays import LensTable, collapse,
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import LANES, broadcast8, load8, store8
 from bokehnet.kernels import njit
-from bokehnet.optics.aberrations.aberration_map import UPRIGHT
+from bokehnet.optics.aberrations.aberration_map import UNTILTED_AXES
 
 __all__ = ["BUNDLE", "LEVELS", "bundle_extents", "extent_at", "reach_by_rings", "ring_of", "stray_map"]
 
@@ -139,7 +139,7 @@ def bundle_extents(points: np.ndarray, lens: LensTable) -> np.ndarray:
     if lens.chromatic_aberration.shape[1]:
         strengths, maps = np.abs(lens.chromatic_aberration).max(axis=1), np.abs(lens.maps).max(axis=(0, 1))
         chromatic_part = float(strengths @ maps)
-    upright = np.array_equal(lens.tilt, ((0.0, 0.0), *UPRIGHT))
+    upright = np.array_equal(lens.tilt, ((0.0, 0.0), *UNTILTED_AXES))
     extents = np.empty((len(lens.largest), 2 * LEVELS + 2), np.float32)
     with parallel_region:
         _tell_extents(points, lens, chromatic_part, 1 if upright else 8, extents)

@@ -10,11 +10,11 @@ from bokehnet.classical.base import Place
 from bokehnet.classical.layered.march.aberrated_rays import collapse, lens_table, send_rays
 from bokehnet.classical.simd.float8 import LANES, load8, store8
 from bokehnet.errors import ParameterError
-from bokehnet.optics.aberrations.aberration_map import TERMS, UPRIGHT, AberrationMap
+from bokehnet.optics.aberrations.aberration_map import TERMS, UNTILTED_AXES, AberrationMap
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.sampling import sobol
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 WIDTH, HEIGHT = 400, 300
 CHANCES = sobol(64, np.random.default_rng(0), 3)
@@ -35,7 +35,7 @@ def send_eight(coefficients, tilt, u, v, h_x, h_y, waves):
 
 def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersive: bool) -> AberrationMap:
     """All terms, and wavelengths on a parabola over 1 / wavelength^2."""
-    wavelengths = np.linspace(SHORTEST, LONGEST, 400) if dispersive else np.array([550.0])
+    wavelengths = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 400) if dispersive else np.array([550.0])
     variable = (wavelengths / 550) ** -2 - 1
     powers = variable[:, None] ** np.arange(3) if dispersive else np.ones((1, 1))
     shape = (powers.shape[1], 2 * len(TERMS))
@@ -45,7 +45,7 @@ def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersiv
         transverse_aberration=transverse_aberration.reshape(-1, 2, len(TERMS)),
         pupil_aberration=bent.reshape(-1, 2, len(TERMS)) * pupil_aberration,
         tilt=(0.2, -0.3) if pupil_aberration else (0.0, 0.0),
-        aperture_axes=((0.9, 0.0), (0.1, 0.8), (-0.2, 0.15)) if pupil_aberration else UPRIGHT,
+        aperture_axes=((0.9, 0.0), (0.1, 0.8), (-0.2, 0.15)) if pupil_aberration else UNTILTED_AXES,
     )
 
 
@@ -91,7 +91,7 @@ def test_bounds_hold_for_every_ray():
         angle, turn = rng.uniform(0, 2 * math.pi, 2)
         pupil = rng.random() ** 0.5 * np.array([math.cos(angle), math.sin(angle)])
         field = rng.random() * np.array([math.cos(turn), math.sin(turn)])
-        wavelength = rng.uniform(SHORTEST, LONGEST)
+        wavelength = rng.uniform(MIN_WAVELENGTH, MAX_WAVELENGTH)
         transverse_aberration, run, _ = aberration_map(pupil, field, wavelength)
         axial, lateral = lens_response.chromatic_aberration.strengths(np.array([wavelength]))[0]
         maps = lens_response.chromatic_aberration.maps(field)
