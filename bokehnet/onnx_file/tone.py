@@ -52,7 +52,7 @@ class GammaCurve:
 
 
 def _bright_quantile(g: Graph, brightness: Value) -> Value:
-    """Return the value that a fraction ``FRACTION_ABOVE_WHITE`` of pixels exceeds, interpolated; shape (1,)."""
+    """Return the value that ``FRACTION_ABOVE_WHITE`` of the pixels exceed, interpolated; shape (1,)."""
     flat = brightness.reshape(-1)
     place = (flat.size(0) - 1).astype(np.float64) * (1 - tone.FRACTION_ABOVE_WHITE)
     below = g.op("Floor", place)

@@ -278,8 +278,8 @@ def distance_to_sensor(
             return 1 / x
         x = following
     raise LensError(
-        f"focus plane: no tilt of a {focal_length:g} mm lens has it in focus, at "
-        f"{_distance(focus)} in the middle: it leans too much for its distance"
+        f"focus plane: no tilt of a lens of {focal_length:g} mm has it in focus, at "
+        f"{_distance(focus)} in the middle: it is tilted too much for its distance"
     )
 
 

@@ -8,7 +8,7 @@ from bokehnet.checks import Array, array_namespace
 
 __all__ = ["MAX_WAVELENGTH", "MIN_WAVELENGTH", "wavelength_color"]
 
-# Nanometres; beyond them the eye has less than a thousandth of its peak sensitivity.
+# Visible range, nm; outside it the eye has less than a thousandth of its peak sensitivity.
 MIN_WAVELENGTH, MAX_WAVELENGTH = 400.0, 700.0
 
 # Lobes of x, y, z: height, peak in nm, width below and above the peak in nm.
@@ -35,7 +35,7 @@ def _rgb(wavelength: Array) -> Array:
 
 
 def _white() -> tuple[float, float, float]:
-    """Mean of :func:`_rgb` over the spectrum."""
+    """Return the mean of :func:`_rgb` over the spectrum."""
     wavelengths = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(3000) + 0.5) / 3000
     red, green, blue = (math.fsum(values) / 3000 for values in _rgb(wavelengths).T)
     return red, green, blue
@@ -45,7 +45,7 @@ _WHITE = _white()
 
 
 def wavelength_color(wavelength: Array) -> Array:
-    """Return the linear RGB (..., 3), Rec.709, of one wavelength; its mean over the spectrum is white (1, 1, 1).
+    """Return the linear RGB (..., 3), Rec.709, of a wavelength; the mean over the spectrum is (1, 1, 1).
 
     Pure colours lie outside the gamut of the primaries, so some values are negative; sums over a broad
     spectrum are not. Weighting a mean over wavelengths from ``MIN_WAVELENGTH`` to ``MAX_WAVELENGTH`` by this
