@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bokehnet.errors import ParameterError
-from bokehnet.io.maps import own_depth_channel
+from bokehnet.io.maps import picture_depth_channel
 from bokehnet.io.phone_depth import PhoneDepth, read_phone_depth
 from bokehnet.io.window import Window
 from bokehnet.scene.camera import full_frame_camera
@@ -68,7 +68,7 @@ class EmbeddedDepth:
         found = self.map
         if found is None and photo.path is not None:
             found = read_phone_depth(photo.path)
-            if found is None and (channel := own_depth_channel(photo.path)) is not None:
+            if found is None and (channel := picture_depth_channel(photo.path)) is not None:
                 return self._of_exr(photo, photo.path, channel)
         notes: tuple[str, ...] = ()
         if found is None and (network := cached_network()) is not None:

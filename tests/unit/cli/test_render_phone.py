@@ -13,7 +13,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_map
 
 WIDTH, HEIGHT = 64, 48
-LEFT_OUT = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
+LEFT_OUT = "its depth maps, gain maps and additional pictures do not match the result and are omitted"
 FAST = ("--engine", "scatter", "--repair-disparity", "off", "--save-maps", "maps")
 NEAR, FAR = 0.8, 4.0  # metres
 BACK, FRONT = 204, 51  # stored values of background and subject, 255 is FAR
