@@ -34,7 +34,7 @@ FILTERS = ("blackman-harris", "box", "gaussian", "mitchell")
 PAIRS = 5
 
 
-def _part_nothing(*_: object) -> MixedPixels:
+def _unmix_nothing(*_: object) -> MixedPixels:
     none, colors = np.empty(0, np.float32), np.empty((0, 3), np.float32)
     places = np.empty(0, np.int64)
     return MixedPixels(places, places, colors, colors, none, none, none, np.empty(0, bool))
@@ -43,12 +43,12 @@ def _part_nothing(*_: object) -> MixedPixels:
 @contextmanager
 def without_unmixing() -> Iterator[None]:
     """Rays take every pixel for one surface."""
-    kept = mixed_pixels.unmix, mixed_pixels.part_lights
-    mixed_pixels.unmix = mixed_pixels.part_lights = _part_nothing
+    kept = mixed_pixels.unmix, mixed_pixels.split_lights
+    mixed_pixels.unmix = mixed_pixels.split_lights = _unmix_nothing
     try:
         yield
     finally:
-        mixed_pixels.unmix, mixed_pixels.part_lights = kept
+        mixed_pixels.unmix, mixed_pixels.split_lights = kept
 
 
 def pictures(large: bool) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -54,7 +54,7 @@ def as_many_for_each() -> Iterator[None]:
 
     def usual(known: FirstPass) -> np.ndarray:
         rows, columns = (-(-n // TILE) for n in known.rays_mask.shape)
-        return np.full((rows, columns), known.usual)
+        return np.full((rows, columns), known.nominal_rays)
 
     vary = rays_renderer.march
     rays_renderer.march = functools.partial(march, sample_counts=usual)  # type: ignore[assignment]

@@ -15,7 +15,7 @@ from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
 from bokehnet.classical.fringed_scatter import fringed_scatter, fringes_alone
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
-from bokehnet.classical.layered.boundaries.mixed_pixels import told_of
+from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.march.aberrated_rays import lens_table
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
@@ -238,11 +238,11 @@ def _render(
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture)
-    lens, ray_reach, fringes, usual = None, radius, None, _RAYS
+    lens, ray_reach, fringes, nominal_rays = None, radius, None, _RAYS
     near = error_map
     if lens_response is not None and not lens_response.is_ideal:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
-        usual = _COLORED_RAYS if colored else _LENS_RAYS
+        nominal_rays = _COLORED_RAYS if colored else _LENS_RAYS
         ray_reach = lens.reach(radius)
         extents = bundle_extents(points, lens)
         strays = stray_map(nearest, farthest, lens, extents, above)
@@ -250,7 +250,7 @@ def _render(
         fringes = fringes_alone(lens_response, 1 / lens.scale)
         rays_weight = near
         if fringes is None:
-            rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
+            rays_weight = np.maximum(error_map, lens.visible_deviation(defocus.shape, radius, above))
         del strays
     del nearest, farthest
     reach = min(ray_reach if fringes is not None else radius, max(size))
@@ -326,7 +326,7 @@ def _render(
         above=above,
         place=place,
         radius=ray_reach,
-        usual=round(rays_share * usual),
+        nominal_rays=round(rays_share * nominal_rays),
         progress=lambda fraction: report(2, fraction),
         send=device.march,
     )
@@ -353,7 +353,7 @@ def _render(
         error_map=error_map,
         occluded_background=occluded_background,
         disocclusion_weight=disocclusion_weight,
-        mixed_pixels=None if mixed is None else told_of(mixed),
+        mixed_pixels=None if mixed is None else to_known_surfaces(mixed),
         scatter=smooth,
     )
 

@@ -100,14 +100,14 @@ def test_bounds_hold_for_every_ray():
         )
         assert np.linalg.norm(transverse_aberration) <= 1.02 * reach + 0.02
         assert np.linalg.norm(run) <= 1.02 * stretch
-        place = round(np.linalg.norm(field) * (len(table.largest) - 1))
-        assert np.linalg.norm(transverse_aberration) <= 1.1 * table.largest[place] + 0.1
+        place = round(np.linalg.norm(field) * (len(table.max_aberration) - 1))
+        assert np.linalg.norm(transverse_aberration) <= 1.1 * table.max_aberration[place] + 0.1
 
 
 def test_a_rim_is_a_way_to_stray():
     plain = lens_table(LensResponse(), Place.whole(HEIGHT, WIDTH), CHANCES)
     assert plain.footprint == (1.0, 0.0)
-    assert not plain.strayed_at((HEIGHT, WIDTH), 30.0, 0).any()
+    assert not plain.visible_deviation((HEIGHT, WIDTH), 30.0, 0).any()
     aberration_map = AberrationMap(
         wavelengths=[550.0],
         transverse_aberration=np.zeros((1, 2, 20)),
@@ -116,7 +116,7 @@ def test_a_rim_is_a_way_to_stray():
     )
     strayed = lens_table(
         LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES
-    ).strayed_at((HEIGHT, WIDTH), 30.0, 0)
+    ).visible_deviation((HEIGHT, WIDTH), 30.0, 0)
     assert strayed[HEIGHT // 2, WIDTH // 2] < 0.2
     assert strayed[0, 0] == 1
 
@@ -124,8 +124,8 @@ def test_a_rim_is_a_way_to_stray():
 def test_a_strip_strays_as_its_rows_of_the_picture():
     aberration_map = random_pencil(np.random.default_rng(7), pupil_aberration=False, dispersive=False)
     table = lens_table(LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES)
-    whole = table.strayed_at((HEIGHT, WIDTH), 0.0, 0)
-    np.testing.assert_array_equal(table.strayed_at((100, WIDTH), 0.0, 128), whole[128:228])
+    whole = table.visible_deviation((HEIGHT, WIDTH), 0.0, 0)
+    np.testing.assert_array_equal(table.visible_deviation((100, WIDTH), 0.0, 128), whole[128:228])
 
 
 def test_a_plane_that_leans_too_far_is_refused():
