@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bokehnet.classical.scatter.aperture_scatter import lay_out
-from bokehnet.classical.scatter.aperture_table import KEPT, LARGEST_TABLE
+from bokehnet.classical.scatter.aperture_scatter import prepare_tables
+from bokehnet.classical.scatter.aperture_table import LARGEST_TABLE, MAX_CACHED_APERTURES
 from bokehnet.errors import RenderCancelled
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
@@ -105,7 +105,7 @@ class Previews:
         self._pace = {(True, True): 2e-7, (True, False): 3e-7, (False, True): 4e-7, (False, False): 6e-7}
         self._latest: dict[str, threading.Event] = {}
         # Shapes of the opening that are laid out here, beside plain discs.
-        self._ready: deque[ApertureSettings] = deque(maxlen=KEPT - 1)
+        self._ready: deque[ApertureSettings] = deque(maxlen=MAX_CACHED_APERTURES - 1)
         self._closed = threading.Event()
 
     def begin(self, client: str) -> threading.Event:
@@ -139,7 +139,7 @@ class Previews:
 
     def _lay_out(self, shape: ApertureSettings) -> None:
         if shape != ApertureSettings() and shape not in self._ready:
-            lay_out(make_aperture(shape), LARGEST_TABLE)
+            prepare_tables(make_aperture(shape), LARGEST_TABLE)
             self._ready.append(shape)
 
     def stages(
