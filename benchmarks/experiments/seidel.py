@@ -101,7 +101,7 @@ def size(points: np.ndarray) -> float:
 
 def compare(name: str, stop: float, field: float) -> tuple[float, float]:
     """Ratio of sizes, theory over traced, and the share of light that rims other than the stop cut."""
-    fastest = load_lens(name).fastest
+    fastest = load_lens(name).min_f_number
     lens = load_lens(name, f_number=None if stop == 1 else stop * fastest, focusing="paraxial")
     lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
     aberration_map = seidel_aberration_map(
@@ -124,7 +124,7 @@ def print_table() -> None:
             for field in FIELDS:
                 ratio, cut = compare(name, stop, field)
                 cells.append(f"{ratio:.2f}{'*' if cut > 0.01 else ''}")
-            print(f"| {name} | f/{stop * load_lens(name).fastest:.1f} | {' | '.join(cells)} |")
+            print(f"| {name} | f/{stop * load_lens(name).min_f_number:.1f} | {' | '.join(cells)} |")
 
 
 def lights(aberration_map: AberrationMap, defocus: float) -> np.ndarray:

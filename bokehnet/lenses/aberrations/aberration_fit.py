@@ -137,7 +137,7 @@ def fit_aberration_map(
         field[inner].reshape(-1, 2),
         rays.heights[:, inner].reshape(len(rays.heights), -1),
         stop,
-        rays.cores[:, inner].reshape(len(rays.cores), int(inner.sum()) * _SIDE**2),
+        rays.inner_heights[:, inner].reshape(len(rays.inner_heights), int(inner.sum()) * _SIDE**2),
     )
     return AberrationMap(
         wavelengths=np.array(all_wavelengths),

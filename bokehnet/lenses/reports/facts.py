@@ -49,7 +49,7 @@ def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
         "published_focal_length": design.focal_length,
         "f_number": lens.thick.f_number,
         "working_f_number": lens.working_f_number,
-        "fully_open_f_number": lens.fastest,
+        "fully_open_f_number": lens.min_f_number,
         "published_f_number": design.f_number,
         "back_focus": float(paraxial.cardinal.rear_focus - paraxial.length),
         "length": float(paraxial.length),

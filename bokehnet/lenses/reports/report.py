@@ -46,7 +46,7 @@ def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
         "focal length": f"{lens.focal_length:.3f} mm by matrix, {traced:.3f} mm traced; "
         f"published {design.focal_length:.4g}",
         "f-number": f"{lens.thick.f_number:.3f} paraxial, {lens.working_f_number:.3f} working; "
-        f"fully open {lens.fastest:.3f} paraxial, published {design.f_number:.4g}",
+        f"fully open {lens.min_f_number:.3f} paraxial, published {design.f_number:.4g}",
         "principal planes": f"at {cardinal.front_principal:.3f} and {cardinal.rear_principal:.3f} mm",
         "focal points": f"at {cardinal.front_focus:.3f} and {cardinal.rear_focus:.3f} mm",
         **pupils,
