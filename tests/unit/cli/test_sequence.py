@@ -85,7 +85,7 @@ def test_what_is_there_is_kept_unless_overwritten(shot, cli):
     (shot / "out.0002.png").write_bytes(b"older")
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
     assert (outcome.code, outcome.out) == (0, "")
-    told = r"bokehnet: 3 frames rendered, 1 there already \(--overwrite renders them again\), \d+\.\d s\n"
+    told = r"bokehnet: 3 frames rendered, 1 exist already \(--overwrite renders them again\), \d+\.\d s\n"
     assert re.fullmatch(told, outcome.err)
     assert (shot / "out.0002.png").read_bytes() == b"older"
     assert len(outputs(shot)) == 4
@@ -163,7 +163,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
     [
         ((*STILL, *FOCUS, "--frames", "four"), "--frames: expected frames such as 1001-1100"),
         ((*STILL, *FOCUS, "--frames", "1-4", "-o", "out.png"), "such as out.####.png, got out.png"),
-        ((*SHOT, *FOCUS, "--frames", "1-4", "-o", "shot.####.png"), "got shot.0001.png, read for a frame"),
+        ((*SHOT, *FOCUS, "--frames", "1-4", "-o", "shot.####.png"), "got shot.0001.png, an input of a frame"),
         ((*STILL, *FOCUS, "--frames", "1-4", "--focus-from", "0.3"), "both --focus-from and --focus-to"),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--blur-from", 1, "--blur-to", 2),
