@@ -179,8 +179,8 @@ def simulate(width: int, height: int, blur: float) -> None:
 
     image, radii = scene(width, height, blur)
     device = Device(scatter_on("cpu"), CudaMarch())
-    wanted = {"scatter": scatter(image, radii), "rays": render_rays(image, radii, rays_share=0.125).bokeh}
-    simulated = render_rays(image, radii, rays_share=0.125, device=device).bokeh
+    wanted = {"scatter": scatter(image, radii), "rays": render_rays(image, radii, rays_factor=0.125).bokeh}
+    simulated = render_rays(image, radii, rays_factor=0.125, device=device).bokeh
     found = {"scatter": device.scatter(image, radii), "rays": simulated}
     for name, picture in found.items():
         error = float(np.sqrt(np.mean((picture - wanted[name]) ** 2)))

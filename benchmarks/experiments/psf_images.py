@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.measurement import median_seconds
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.layered.layers import Layers
-from bokehnet.classical.layered.march.defocus_bins import as_radii, occupied_bins
+from bokehnet.classical.layered.march.defocus_bins import perfect_lens_reach, occupied_bins
 from bokehnet.io.image import write_image
 from bokehnet.optics.aberrations.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
@@ -42,7 +42,7 @@ def draw(
     depths = np.full((side, side), -5000, np.float32) if front is None else front.astype(np.float32)
     cells = np.stack([depths, np.ones_like(depths)], -1)[:, :, None]
     result = np.zeros((side, side, 3), np.float32)
-    slices = occupied_bins(cells, lambda defocus: 2 * as_radii(defocus) + 0.2 * side)
+    slices = occupied_bins(cells, lambda defocus: 2 * perfect_lens_reach(defocus) + 0.2 * side)
     add_lights(lights, cells, np.ones((side, side), bool), slices, aperture, result, **options)
     return result
 

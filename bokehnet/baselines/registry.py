@@ -8,7 +8,12 @@ from typing import Any, Unpack
 import numpy as np
 
 from bokehnet.checks import check_choice
-from bokehnet.classical.base import ClassicalOptions, ClassicalRenderer, ClassicalResult, check_focuses_alone
+from bokehnet.classical.base import (
+    ClassicalOptions,
+    ClassicalRenderer,
+    ClassicalResult,
+    check_ideal_except_tilt,
+)
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.optics.aperture import Aperture
 
@@ -114,7 +119,7 @@ def baseline_renderer(name: str) -> ClassicalRenderer:
         if name in _KNOW_LENSES:
             where["lens_response"] = options.get("lens_response")
         else:
-            check_focuses_alone(options.get("lens_response"), name)
+            check_ideal_except_tilt(options.get("lens_response"), name)
         assert options.get("strip") is None  # the engine refuses to cut
         if BASELINES[name].openings == "cats-eye":
             where["place"] = options.get("place")

@@ -25,7 +25,7 @@ __all__ = [
     "Frame",
     "Place",
     "Strip",
-    "check_focuses_alone",
+    "check_ideal_except_tilt",
     "check_inputs",
     "make_classical",
 ]
@@ -43,14 +43,14 @@ class Strip:
         last: Row of the picture behind the last row of the arrays.
         height: Height of the whole picture, pixels.
         max_coc_radius: Largest blur radius of the whole picture, rounded up to whole pixels.
-        wanted: Rows of the arrays whose result is valid; the others are the halo.
+        output_rows: Rows of the arrays whose result is valid; the others are the halo.
     """
 
     first: int
     last: int
     height: int
     max_coc_radius: int
-    wanted: slice
+    output_rows: slice
 
 
 class Frame(NamedTuple):
@@ -152,14 +152,14 @@ class ClassicalOptions(TypedDict, total=False):
 
     Attributes:
         strip: Position of these rows in a larger picture; default: the arrays are the whole picture. Only the
-            ``wanted`` rows of the result are valid.
+            ``output_rows`` of the result are valid.
         lens_response: Aberrations, vignetting and dispersion of the lens; default: a perfect lens.
         place: Position in the shown picture of the whole picture, of which a strip may be a part; default:
             all of it is shown.
         progress: Callback that receives the completed fraction of the work, 0 to 1.
         pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges.
         known: Known surfaces of pixels at edges, for renderers that use layers; they are not estimated.
-        rays_share: Factor on the number of rays per pixel, where several pixels are reduced to one.
+        rays_factor: Factor on the number of rays per pixel, where several pixels are reduced to one.
         layers: True layers, for renderers that use layers.
     """
 
@@ -169,7 +169,7 @@ class ClassicalOptions(TypedDict, total=False):
     progress: Callable[[float], None] | None
     pixel_filter: PixelFilter
     known: KnownSurfaces | None
-    rays_share: float
+    rays_factor: float
     layers: Layers | None
 
 
@@ -217,11 +217,11 @@ def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     return np.ascontiguousarray(image, dtype), np.ascontiguousarray(defocus, dtype)
 
 
-def check_focuses_alone(lens_response: LensResponse | None, engine: str) -> None:
+def check_ideal_except_tilt(lens_response: LensResponse | None, engine: str) -> None:
     """Raise ``ParameterError`` unless the lens only focuses and tilts; ``engine`` supports nothing else."""
     if lens_response is None:
         return
     upright = lens_response.aberration_map.without_tilt()
     if not replace(lens_response, aberration_map=upright).is_ideal:
-        expected = "an engine that supports aberrations, vignetting and color fringes of a lens"
+        expected = "one that supports aberrations, vignetting and color fringes of a lens"
         raise ParameterError("engine", expected, engine, "use the engine `rays` or `hybrid`")

@@ -16,7 +16,7 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 
-__all__ = ["Fringes", "fringed_scatter", "fringes_alone"]
+__all__ = ["Fringes", "chromatic_fringes", "fringed_scatter"]
 
 # Upper bounds: difference between adjacent wavelengths in pixels, and number of wavelengths. Lenses that need
 # more wavelengths are left to the rays.
@@ -40,7 +40,7 @@ class Fringes(NamedTuple):
     colors: np.ndarray
 
 
-def fringes_alone(lens_response: LensResponse, half_diagonal: float) -> Fringes | None:
+def chromatic_fringes(lens_response: LensResponse, half_diagonal: float) -> Fringes | None:
     """Return the wavelengths that represent the spectrum, or ``None``.
 
     ``None`` means that the lens has other aberrations or needs too many wavelengths. The strengths of all
@@ -109,7 +109,7 @@ def fringed_scatter(
     Args:
         scattered: Function that scatters the picture with a defocus, (H, W), pixels.
         defocus: Defocus of the design wavelength, (H, W).
-        fringes: Wavelengths, from :func:`fringes_alone`.
+        fringes: Wavelengths, from :func:`chromatic_fringes`.
         maps: Factors of axial and lateral color at each pixel, (H, W, 2).
         frame: Centre of the picture, and reciprocal of its half-diagonal.
         above: Rows of the picture above these.

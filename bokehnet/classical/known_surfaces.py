@@ -13,7 +13,7 @@ import numpy.typing as npt
 from bokehnet.checks import check_finite
 from bokehnet.errors import ParameterError, ShapeError
 
-__all__ = ["KnownSurfaces", "joined_surfaces"]
+__all__ = ["KnownSurfaces", "concatenate_surfaces"]
 
 _ARRAYS = ("rows", "columns", "near", "far", "coverage", "front", "back")
 
@@ -147,7 +147,7 @@ class KnownSurfaces:
         return replace(self, front=None, back=None)
 
 
-def joined_surfaces(parts: Sequence[KnownSurfaces]) -> KnownSurfaces | None:
+def concatenate_surfaces(parts: Sequence[KnownSurfaces]) -> KnownSurfaces | None:
     """Return the pixels of several parts, each below the previous one; None if there are no parts."""
     if not parts:
         return None

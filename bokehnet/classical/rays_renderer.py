@@ -12,7 +12,7 @@ from numba import prange
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
-from bokehnet.classical.fringed_scatter import fringed_scatter, fringes_alone
+from bokehnet.classical.fringed_scatter import chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
 from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
@@ -218,7 +218,7 @@ def _render(
     progress: Callable[[float], None] | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
-    rays_share: float = 1.0,
+    rays_factor: float = 1.0,
     device: Device = CPU,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
@@ -247,7 +247,7 @@ def _render(
         extents = bundle_extents(points, lens)
         strays = stray_map(nearest, farthest, lens, extents, above)
         near = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest, radii=strays)
-        fringes = fringes_alone(lens_response, 1 / lens.scale)
+        fringes = chromatic_fringes(lens_response, 1 / lens.scale)
         rays_weight = near
         if fringes is None:
             rays_weight = np.maximum(error_map, lens.visible_deviation(defocus.shape, radius, above))
@@ -268,7 +268,9 @@ def _render(
     report(0, 1)
     if strip is not None:  # keep the halo over which the rays of large discs are averaged
         halo = -(-window_halo(ray_reach) // TILE) * TILE
-        rays_mask[: max(0, strip.wanted.start - halo)] = rays_mask[strip.wanted.stop + halo :] = False
+        rays_mask[: max(0, strip.output_rows.start - halo)] = rays_mask[strip.output_rows.stop + halo :] = (
+            False
+        )
     if not rays_mask.any():
         return ClassicalResult(
             bokeh=smooth,
@@ -326,7 +328,7 @@ def _render(
         above=above,
         place=place,
         radius=ray_reach,
-        nominal_rays=round(rays_share * nominal_rays),
+        nominal_rays=round(rays_factor * nominal_rays),
         progress=lambda fraction: report(2, fraction),
         send=device.march,
     )

@@ -11,7 +11,7 @@ from bokehnet.classical.base import (
     ClassicalOptions,
     ClassicalResult,
     Place,
-    check_focuses_alone,
+    check_ideal_except_tilt,
     check_inputs,
 )
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
@@ -110,7 +110,7 @@ def render_scatter(
     error map is that of the whole picture. Every pixel counts as one surface; ``known`` is ignored.
     ``scattered`` replaces :func:`scatter`, for example on another device.
     """
-    check_focuses_alone(options.get("lens_response"), "scatter")
+    check_ideal_except_tilt(options.get("lens_response"), "scatter")
     strip, place, progress = options.get("strip"), options.get("place"), options.get("progress")
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)

@@ -10,7 +10,7 @@ from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Engine
-from bokehnet.engines.expected_error import can_expect_error
+from bokehnet.engines.expected_error import supports_expected_error
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
@@ -88,7 +88,7 @@ def expose(
     chosen = scene.pixel_filter
     lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
     lens["pixel_filter"] = None if chosen is None else chosen.pixel_filter
-    lens["rays_share"] = RAYS_SHARE if scene.supersampled > 1 else 1.0
+    lens["rays_factor"] = RAYS_SHARE if scene.supersampled > 1 else 1.0
     alpha, known = scene.alpha, scene.known
     lamps = lamps_of(image, defocus, settings)
     hiding = defocus.copy() if lamps is not None and overwrite and not keep else defocus
@@ -111,7 +111,7 @@ def expose(
             gamma=settings.highlights.gamma,
             highlights=make_highlights(settings.highlights),
             max_memory=max_memory,
-            memory_taken=taken,
+            memory_in_use=taken,
             overwrite=overwrite,
             known=known,
             layers=scene.layers,
@@ -159,7 +159,7 @@ def _expects_error(settings: RenderSettings, engine: Engine, lens_response: Lens
     output = settings.output
     if output.expected_error is not None:
         return output.expected_error == "on"
-    return output.save_maps is not None and can_expect_error(
+    return output.save_maps is not None and supports_expected_error(
         engine.classical_name, lens_response, settings.highlights.gamma
     )
 
@@ -184,7 +184,7 @@ def _spread_coverage(
     """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
     grey = np.repeat(alpha[..., None], 3, axis=-1)
     held = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + taken
-    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_taken=held).bokeh
+    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_in_use=held).bokeh
     coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
     return coverage
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from bokehnet.classical.base import Place
 from bokehnet.depth_repair.repair import network_memory
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
-from bokehnet.engines.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
+from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
 from bokehnet.engines.engine import ray_reach
-from bokehnet.engines.strips import least_rows
+from bokehnet.engines.strips import min_strip_rows
 from bokehnet.errors import ParameterError
 from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.picture import find_picture
@@ -73,13 +73,13 @@ def least_memory(settings: RenderSettings, engine: str, width: int, height: int,
     held += _TOLD if tells and spec.traces_rays else 0
     radius = _least_radius(settings)
     reach = _reach(settings, radius, height, width) if radius and spec.traces_rays else radius
-    rows = least_rows(height, reach, spec.classical)
+    rows = min_strip_rows(height, reach, spec.classical)
     held += _ALPHA if alpha else 0
     stages.append(PROGRAM + held * pixels + rows * width * spec.bytes_per_pixel)
     if alpha:
         stages.append(PROGRAM + (_HELD + _GREY) * pixels + rows * width * spec.bytes_per_pixel)
     if spec.networks is not None:
-        stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
+        stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, MIN_NETWORK_PIXELS))
     return max(stages)
 
 

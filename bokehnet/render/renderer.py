@@ -176,7 +176,7 @@ class BokehRenderer:
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
-        memory_taken: int = 0,
+        memory_in_use: int = 0,
         pixel_filter: PixelFilter | None = None,
         known: KnownSurfaces | None = None,
         expected_error: bool = False,
@@ -207,7 +207,7 @@ class BokehRenderer:
                 afterwards; in strips this saves their memory.
             options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
                 in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_taken``, ``known`` and
+                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_in_use``, ``known`` and
                 ``expected_error`` of :meth:`bokehnet.engines.engine.Engine.render`.
 
         Raises:

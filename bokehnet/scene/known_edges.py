@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from bokehnet.checks import check_finite, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
-from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.depth_repair.stages.edge_sharpening import extremes
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.exr.deep import FlatPixels, two_surfaces
@@ -83,7 +83,7 @@ def deep_surfaces(path: Path | str, unit: str = "m") -> KnownSurfaces | None:
             samples = file.read_deep(picture.part, list(picture.colours), rows)
             layers = two_surfaces(samples, list(picture.colours))
             parts.append(_parted(layers.front, layers.back, unit).below(rows.start))
-    return joined_surfaces(parts)
+    return concatenate_surfaces(parts)
 
 
 def _parted(front: FlatPixels, back: FlatPixels, unit: str) -> KnownSurfaces:

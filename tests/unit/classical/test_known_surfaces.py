@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.classical.rays_renderer import rays, render_rays
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
@@ -115,11 +115,11 @@ def test_gamma_weighs_the_known_colours_as_it_weighs_the_picture():
 def test_rows_are_cut_and_joined_again():
     known = wire()[2]
     parts = [known.in_rows(first, first + 10).below(first) for first in range(0, 40, 10)]
-    again = joined_surfaces(parts)
+    again = concatenate_surfaces(parts)
     assert again is not None
     np.testing.assert_array_equal(again.rows, known.rows)
     np.testing.assert_array_equal(again.front, known.front)
-    assert joined_surfaces([]) is None
+    assert concatenate_surfaces([]) is None
     assert again.complete
 
 

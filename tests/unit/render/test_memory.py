@@ -81,7 +81,7 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
             defocus,
             lens_response=response,
             max_memory=taken,
-            memory_taken=taken,
+            memory_in_use=taken,
         )
     found = re.search(r"at least (\d+) MB", str(told.value))
     assert found is not None

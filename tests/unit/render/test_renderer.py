@@ -364,7 +364,7 @@ def test_a_window_moves_what_is_centred(photo, steps):
         ({"camera": CameraSettings()}, "camera.blur", "needs `camera.blur`"),
         ({"focus": FocusSettings()}, "focus.value", "one of `focus.value`"),
         ({"focus": FocusSettings(at=(64, 0))}, "focus.at", "inside the picture of 64x40"),
-        ({"focus": FocusSettings(distance=2)}, "focus.distance", "cannot go with"),
+        ({"focus": FocusSettings(distance=2)}, "focus.distance", "does not apply to"),
         ({"lens": LensSettings(coma=2)}, "lens.coma", "rays or hybrid"),
         ({"highlights": HighlightSettings(gamma=2), "engine": EngineSettings(name="fast")}, "", ""),
     ],
@@ -372,7 +372,7 @@ def test_a_window_moves_what_is_centred(photo, steps):
 def test_what_does_not_fit_is_refused_by_its_field(scene, settings, parameter, words, random_weights):
     renderer = BokehRenderer("scatter", weights=random_weights)
     if not parameter:
-        parameter, words = "highlights.gamma", "expected 1, all that the networks of fast know"
+        parameter, words = "highlights.gamma", "expected 1, as in the training of the networks of fast"
     with pytest.raises(ParameterError, match=words) as caught:
         renderer.render(scene, with_groups(**settings))
     assert caught.value.parameter == parameter

@@ -39,7 +39,7 @@ _MIN_GRADIENT = 0.2
 
 @njit(cache=True)
 def _coverage_of(defocus, coverage, y, x, own, tolerance, unknown):  # type: ignore[no-untyped-def]
-    """Return the coverage by surfaces within ``apart`` of ``own``; nearer surfaces count ``unknown``."""
+    """Return the coverage by surfaces within ``tolerance`` of ``own``; nearer surfaces count ``unknown``."""
     total, clear = 0.0, 1.0
     for layer in range(defocus.shape[2]):
         seen = clear * coverage[y, x, layer]

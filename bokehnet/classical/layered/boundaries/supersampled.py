@@ -36,7 +36,7 @@ def _insert(depths, weights, colors, count, depth, weight, color):  # type: igno
 
 @njit(cache=True)
 def _widest_gap(depths, count, widest):  # type: ignore[no-untyped-def]
-    """Return the number of samples in front of the widest gap, 0 if none is wider than ``least``."""
+    """Return the number of samples in front of the widest gap, 0 if none is wider than ``widest``."""
     before = 0
     for i in range(1, count):
         if depths[i - 1] - depths[i] > widest:

@@ -21,7 +21,7 @@ from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = [
     "ORDERS",
-    "VISIBLE",
+    "VISIBLE_DEVIATION_PX",
     "LensTable",
     "collapse",
     "keep_within",
@@ -41,7 +41,7 @@ _NODES = 13
 _FIELDS, _RINGS, _SPOKES = 33, 8, 24
 
 # Pixels; where rays deviate by less, rays and scatter are blended.
-VISIBLE = 0.5
+VISIBLE_DEVIATION_PX = 0.5
 
 # Monomials in (a.a, a.h) that remain for a known field position.
 _PAIRS = tuple(sorted({(i, j) for i, j, _ in TERMS}))
@@ -116,7 +116,7 @@ class LensTable(NamedTuple):
         Returns:
             Map of the deviation, (H, W) float32 in [0, 1].
         """
-        deviation = np.minimum((self.max_aberration + radius * self.max_stretch) / VISIBLE, 1.0)
+        deviation = np.minimum((self.max_aberration + radius * self.max_stretch) / VISIBLE_DEVIATION_PX, 1.0)
         field = np.linalg.norm(_fields(shape, above, self.column, self.row, self.scale), axis=-1)
         return np.interp(field, np.linspace(0, 1, len(deviation)), deviation).astype(np.float32)
 
@@ -196,7 +196,7 @@ def lens_table(
         coefficients=by_field,
         waves=_variable(wavelengths).astype(np.float32),
         starts=np.ascontiguousarray(chances[:, 1:].T - 0.5, np.float32),
-        jitter_scale=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
+        jitter_scale=np.minimum(largest / VISIBLE_DEVIATION_PX, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
         colors=np.ascontiguousarray(colors.T, np.float32),
         chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),
         channel_waves=np.ascontiguousarray(_variable(by_channel).T, np.float32),

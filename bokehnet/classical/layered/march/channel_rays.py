@@ -35,14 +35,22 @@ from bokehnet.classical.simd.float8 import (
 )
 from bokehnet.kernels import njit
 
-__all__ = ["KEPT", "REACHES", "follow", "keep_rays", "outlines_of", "reach_between", "with_neighbours"]
+__all__ = [
+    "MAX_OUTLINE_REACH_PX",
+    "RAY_FIELDS",
+    "dilate_bins",
+    "follow",
+    "keep_rays",
+    "outlines_of",
+    "reach_between",
+]
 
 # Outlines are stored for pixels up to this distance; where channels are farther apart, each is marched.
-REACHES = 4
+MAX_OUTLINE_REACH_PX = 4
 
 # Values stored per ray to be marched: origin, direction, random number for coverage, weights in front of and
 # behind focus, and the fraction that is red.
-KEPT = 8
+RAY_FIELDS = 8
 
 _NEVER = 1e30
 _CLOSE_PX = np.float32(0.25)
@@ -111,20 +119,20 @@ def _widen(outlines, wider):  # type: ignore[no-untyped-def]
 def outlines_of(cells: np.ndarray) -> np.ndarray:
     """Return farthest and nearest defocus of outlines within 0, 1, ... pixels of each pixel.
 
-    Float32, (1 + REACHES, H, W, 2); where there is none the first is above the second.
+    Float32, (1 + MAX_OUTLINE_REACH_PX, H, W, 2); where there is none the first is above the second.
 
     Args:
         cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
     """
-    outlines = np.empty((1 + REACHES, *cells.shape[:2], 2), np.float32)
+    outlines = np.empty((1 + MAX_OUTLINE_REACH_PX, *cells.shape[:2], 2), np.float32)
     with parallel_region:
         _fill_outlines(cells, outlines[0])
-        for reach in range(REACHES):
+        for reach in range(MAX_OUTLINE_REACH_PX):
             _widen(outlines[reach], outlines[reach + 1])
     return outlines
 
 
-def with_neighbours(bins: DefocusBins) -> DefocusBins:
+def dilate_bins(bins: DefocusBins) -> DefocusBins:
     """Return bins in which tiles also contain those of adjacent tiles, so that no outline is skipped."""
     rows, columns = bins.held.shape
     padded = np.pad(bins.held, 1)
@@ -134,7 +142,9 @@ def with_neighbours(bins: DefocusBins) -> DefocusBins:
 
 @njit(cache=True, forceinline=True)
 def reach_between(rays, others, front, back):  # type: ignore[no-untyped-def]
-    """Return the distance of eight rays to eight others, 1 up, whole pixels; above ``REACHES`` if far.
+    """Return the distance of eight rays to eight others, in whole pixels from 1.
+
+    Above ``MAX_OUTLINE_REACH_PX`` the value is not exact.
 
     Args:
         rays: Origins and directions, lanes (begin_x, begin_y, a_x, a_y).
@@ -150,7 +160,7 @@ def reach_between(rays, others, front, back):  # type: ignore[no-untyped-def]
         max8(abs8(begin_y - run_y * near), abs8(begin_y - run_y * far)),
     )
     reach = 1
-    while reach <= REACHES and any8(less8(broadcast8(np.float32(reach)), distance)):
+    while reach <= MAX_OUTLINE_REACH_PX and any8(less8(broadcast8(np.float32(reach)), distance)):
         reach += 1
     return reach
 
@@ -198,7 +208,7 @@ def follow(cells, size, x, y, way, hits, apart, places):  # type: ignore[no-unty
 
 @njit(cache=True, forceinline=True)
 def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: ignore[no-untyped-def]
-    """Append those of eight rays that must be marched to ``kept`` (KEPT, n), which contains ``count``.
+    """Append those of eight rays that must be marched to ``kept`` (RAY_FIELDS, n), which contains ``count``.
 
     Args:
         lost: Mask of the rays, lanes of 1 and 0.
@@ -206,15 +216,15 @@ def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: igno
         chance: Random numbers for coverage, lanes.
         weights: Weights in front of and behind focus, lanes.
         red: 1 for red rays, 0 for blue rays.
-        work: Buffer of (KEPT * LANES,) values.
-        kept: Each value of all rays in sequence, (KEPT * room,), with room for ``LANES`` rays more than there
-            are to append.
+        work: Buffer of (RAY_FIELDS * LANES,) values.
+        kept: Each value of all rays in sequence, (RAY_FIELDS * room,), with room for ``LANES`` rays more
+            than there are to append.
         count: Number of stored rays.
 
     Returns:
         New number of stored rays.
     """
-    room = kept.size // KEPT
+    room = kept.size // RAY_FIELDS
     store8(work, 0, way[0])
     store8(work, LANES, way[1])
     store8(work, 2 * LANES, way[2])
@@ -225,8 +235,8 @@ def keep_rays(lost, way, chance, weights, red, work, kept, count):  # type: igno
     store8(work, 7 * LANES, lost)
     for lane in range(LANES):
         if work[7 * LANES + lane] > 0.0:
-            for i in range(KEPT - 1):
+            for i in range(RAY_FIELDS - 1):
                 kept[i * room + count] = work[i * LANES + lane]
-            kept[(KEPT - 1) * room + count] = red
+            kept[(RAY_FIELDS - 1) * room + count] = red
             count += 1
     return count

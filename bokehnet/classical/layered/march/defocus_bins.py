@@ -19,7 +19,16 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "as_radii", "bin_runs", "occupied_bins", "tile_sets"]
+__all__ = [
+    "BINS",
+    "STEEP",
+    "TILE",
+    "DefocusBins",
+    "bin_runs",
+    "occupied_bins",
+    "perfect_lens_reach",
+    "tile_sets",
+]
 
 TILE = 8
 BINS = 64
@@ -136,14 +145,14 @@ def _reached_bins(own, reaches, frame):  # type: ignore[no-untyped-def]
     return reached
 
 
-def as_radii(defocus: np.ndarray) -> np.ndarray:
+def perfect_lens_reach(defocus: np.ndarray) -> np.ndarray:
     """Return the reach of the rays of a perfect lens by defocus, pixels; one ring."""
     return np.abs(defocus)[None]
 
 
 def occupied_bins(
     cells: np.ndarray,
-    reach_at: Callable[[np.ndarray], np.ndarray] = as_radii,
+    reach_at: Callable[[np.ndarray], np.ndarray] = perfect_lens_reach,
     frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> DefocusBins:
     """Return, for each tile, the bins of defocus in which its rays can meet a surface.

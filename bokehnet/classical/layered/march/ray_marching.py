@@ -22,13 +22,13 @@ from bokehnet.classical.layered.march.aberrated_rays import (
     send_rays,
 )
 from bokehnet.classical.layered.march.channel_rays import (
-    KEPT,
-    REACHES,
+    MAX_OUTLINE_REACH_PX,
+    RAY_FIELDS,
+    dilate_bins,
     follow,
     keep_rays,
     outlines_of,
     reach_between,
-    with_neighbours,
 )
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.march.intersection import intersect, intersect_smooth
@@ -193,7 +193,7 @@ def _march(  # type: ignore[no-untyped-def]
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         if outlines is not None:
             room = 2 * rays + LANES
-            kept, work = np.empty(KEPT * room, np.float32), np.empty(KEPT * LANES, np.float32)
+            kept, work = np.empty(RAY_FIELDS * room, np.float32), np.empty(RAY_FIELDS * LANES, np.float32)
             flat_outlines = outlines.reshape(-1)
         for tile_column in range(bins.bits.shape[1]):
             sent = counts[tile_row - top, tile_column]
@@ -282,7 +282,7 @@ def _march(  # type: ignore[no-untyped-def]
                                     reach_between(way, red_way, runs[0, 0], runs[count - 1, 1]),
                                     reach_between(way, blue_way, runs[0, 0], runs[count - 1, 1]),
                                 )
-                                level = min(reach_px, REACHES)
+                                level = min(reach_px, MAX_OUTLINE_REACH_PX)
                                 adjacent = (flat_outlines, level * height * width * 2, red_way, blue_way)
                                 intersect(
                                     *(flat, size, tiles, runs, count),
@@ -298,7 +298,7 @@ def _march(  # type: ignore[no-untyped-def]
                                         adjacent,
                                     ),
                                 )
-                                if reach_px > REACHES:
+                                if reach_px > MAX_OUTLINE_REACH_PX:
                                     store8(hits, 4 * LANES, one)
                                     store8(hits, 5 * LANES, one)
                         w, layer, depth, blur = _read_hits(hits, way, pair)
@@ -335,7 +335,7 @@ def _march(  # type: ignore[no-untyped-def]
                         add_light(totals, numbers, blur, depth, shares, light, weight, hidden)
                     if outlines is not None:
                         for n in range(lost, -(-lost // LANES) * LANES):
-                            for j in range(KEPT):
+                            for j in range(RAY_FIELDS):
                                 kept[j * room + n] = kept[j * room + lost - 1]
                             kept[5 * room + n], kept[6 * room + n] = 0.0, 0.0
                         for n in range(0, lost, LANES):
@@ -414,7 +414,7 @@ def march(
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     numbers, outlines = PLAIN, None
     if lens is not None and lens.colors.shape[1]:
-        numbers, outlines, bins = COLORED, outlines_of(cells), with_neighbours(bins)
+        numbers, outlines, bins = COLORED, outlines_of(cells), dilate_bins(bins)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens, outlines)
     options = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)
