@@ -56,7 +56,7 @@ def repair_loss(network: RepairNet, batch: dict[str, Tensor]) -> Tensor:
     errors of the others vary arbitrarily.
     """
     span = batch["span"]
-    _, after, low, high = network.place(batch["image"], batch["disparity"], span)
+    _, after, low, high = network.position_logits(batch["image"], batch["disparity"], span)
     width = high - low
     target = ((batch["truth"] - low) / width.clamp(min=1e-6)).clamp(0, 1)
     weight = width / (width + HALF_WEIGHT_STEP * span)
