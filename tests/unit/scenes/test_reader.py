@@ -236,5 +236,5 @@ def test_a_lens_that_passes_no_light_is_refused():
         def sample_rays(self, sensor_xy, pupil_uv, wavelength=None):
             return Rays(origin=pupil_uv, slope=pupil_uv, weight=torch.zeros(pupil_uv.shape[:-1]))
 
-    with pytest.raises(LensError, match="no light gets through the lens"):
+    with pytest.raises(LensError, match="no light passes the lens"):
         _check_light(Camera(lens=Closed(), width=4, height=4, pixel_pitch=1.0))
