@@ -25,9 +25,9 @@ _OFFSETS = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375,
 
 
 @njit(cache=True)
-def _test_visibility(
+def _test_visibility(  # type: ignore[no-untyped-def]
     scene, runs, count, light, columns, y, transverse, offset_x, offset_y, chance, visibility, work
-):  # type: ignore[no-untyped-def]
+):
     """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
 
     Args:

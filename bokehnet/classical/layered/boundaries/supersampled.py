@@ -59,9 +59,9 @@ def _mean(depths, weights, colors, first, last, color):  # type: ignore[no-untyp
 
 
 @njit(cache=True, parallel=True)
-def _reduce(
+def _reduce(  # type: ignore[no-untyped-def]
     image, defocus, index, unmixed, surfaces, factor, min_gap, reduced, values, colors, pixel_surfaces
-):  # type: ignore[no-untyped-def]
+):
     """Fill picture, defocus, colors (H, W, 2, 3) and near, far, coverage (H, W, 3); -1 for one surface."""
     height, width = values.shape
     sample_weight = 1.0 / (factor * factor)
