@@ -12,17 +12,17 @@ from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.progress import Progress
 from bokehnet.render.look import copy_lean
 from bokehnet.render.supersampling import at_rendered_size, in_fine_pixels, rendered_surfaces
-from bokehnet.scene.blur_warnings import odd_blur
+from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_nothing_to_focus, focus_lens
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.scene import (
     FocusedScene,
     Scene,
-    check_nothing_to_mend,
-    fitted_map,
+    check_repair_allowed,
     is_exact,
     is_repaired,
+    map_at_picture_size,
 )
 from bokehnet.settings.settings import RenderSettings
 
@@ -60,8 +60,8 @@ def prepare(
     """
     report(0, 1)
     given, scene = scene, at_rendered_size(scene)
-    check_nothing_to_mend(scene, settings.depth)
-    values = fitted_map(scene, settings.depth)
+    check_repair_allowed(scene, settings.depth)
+    values = map_at_picture_size(scene, settings.depth)
     ends = float(values.min()), float(values.max())
     lens, repaired, reason, notes, found = None, None, "", scene.notes, None
     if scene.depth.kind == "defocus":
@@ -78,10 +78,10 @@ def prepare(
     else:
         depth, fine = replace(scene.depth, values=values), in_fine_pixels(settings, scene.supersampled)
         lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
-        lens = replace(lens, lean=copy_lean(settings.lens, lens, scene.window))
+        lens = replace(lens, tilt_gradient=copy_lean(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
-        notes += odd_blur(scene.depth, ends, lens, values)
+        notes += unexpected_blur(scene.depth, ends, lens, values)
     chosen = choose_filter(given, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
     image = scene.image
     if given.supersampled > scene.supersampled:

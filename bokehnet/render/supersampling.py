@@ -20,7 +20,7 @@ from bokehnet.io.frame import Frame
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.pixels.supersampling import downsample
-from bokehnet.scene.scene import RENDERED, FocusedScene, Scene
+from bokehnet.scene.scene import RENDER_SUPERSAMPLING, FocusedScene, Scene
 from bokehnet.settings.settings import RenderSettings
 
 __all__ = [
@@ -54,7 +54,7 @@ def at_rendered_size(scene: Scene) -> Scene:
         >>> at_rendered_size(fine).image.shape  # of a result of 6x8 pixels
         (12, 16, 3)
     """
-    factor = scene.supersampled // RENDERED
+    factor = scene.supersampled // RENDER_SUPERSAMPLING
     if factor <= 1:
         return scene
     check_same_size("the picture", scene.image, "its map", scene.depth.values)
@@ -67,7 +67,7 @@ def at_rendered_size(scene: Scene) -> Scene:
         alpha=alpha,
         depth=replace(scene.depth, values=np.ascontiguousarray(scene.depth.values[one, one]), filtered=None),
         window=_divided(scene.window, factor),
-        supersampled=RENDERED,
+        supersampled=RENDER_SUPERSAMPLING,
     )
 
 
@@ -90,7 +90,7 @@ def rendered_surfaces(
         >>> defocus[0].tolist(), known.columns.tolist(), known.coverage.tolist()
         ([2.0, 2.0, 16.0, 16.0], [2, 2], [0.5, 0.5])
     """
-    factor, values = scene.supersampled // RENDERED, scene.depth.values
+    factor, values = scene.supersampled // RENDER_SUPERSAMPLING, scene.depth.values
     fine = np.empty(values.shape, np.float32)
     for i in range(factor):
         for j in range(factor):  # a map of that size each: what leans is told by its pixels

@@ -20,7 +20,7 @@ from bokehnet.io.window import Window
 from bokehnet.progress import Progress
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
-from bokehnet.scene.scene import Scene, fitted_map, is_exact, read_scene
+from bokehnet.scene.scene import Scene, map_at_picture_size, is_exact, read_scene
 from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
@@ -74,7 +74,7 @@ def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> t
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
     if scene.depth.values.shape != scene.image.shape[:2] and not scene.depth.fits_any_size:
         settings = replace(settings, depth=replace(settings.depth, resize=True))
-    values = fitted_map(scene, replace(settings.depth, repair="off"))
+    values = map_at_picture_size(scene, replace(settings.depth, repair="off"))
     depth = replace(scene.depth, values=values, filtered=None, fits_any_size=False)
     return replace(scene, depth=depth), _completed(settings, scene)
 

@@ -20,7 +20,7 @@ from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
-from bokehnet.scene.depth.depth_source import tells_distances
+from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.scene.focus import check_focus
 from bokehnet.scene.scene import read_scene
 from bokehnet.sequence.frame_names import frame_path, is_pattern
@@ -97,7 +97,7 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
             shown=str(job.output),
         )
     base = job.settings
-    metric = tells_distances(base, blur_pulled=sequence.blur_from is not None)
+    metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(frames, sequence, metric=metric)
     maps = base.output.save_maps
     jobs = {}

@@ -12,7 +12,7 @@ from bokehnet.cli.render.frame import make_renderer
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.io.video.frames import choose_codec, video_info
-from bokehnet.scene.depth.depth_source import tells_distances
+from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.sequence.sequence import SequenceSettings, make_pull
 from bokehnet.sequence.video import VideoJob
 from bokehnet.settings.settings import RenderSettings
@@ -41,7 +41,7 @@ def render_video(
                 name, expected="no such option for a video, which is rendered whole", shown="one"
             )
     begun, info = perf_counter(), video_info(video)
-    metric = tells_distances(settings, blur_pulled=sequence.blur_from is not None)
+    metric = gives_metric_depth(settings, blur_pulled=sequence.blur_from is not None)
     job = VideoJob(
         info=info,
         output=output,

@@ -131,9 +131,9 @@ def test_a_photo_without_depth_is_told(portrait, cli):
     assert "expected one of --disparity and --depth, got neither, and plain.jpg holds no depth" in outcome.err
     outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--focus", 0.5)
     assert (
-        "--focus: expected nothing: it cannot go with a photo's own depth (no --disparity, --depth or --blur"
+        "--focus: expected nothing: it does not apply to a photo's own depth (without --disparity, --depth and --blur"
         in outcome.err
     )
     outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--blur", 5, "--f-number", 2)
-    assert "--f-number: expected nothing: it cannot go with --blur, got 2; leave it out" in outcome.err
+    assert "--f-number: expected nothing: it does not apply to --blur, got 2; leave it out" in outcome.err
     assert not (portrait / "out.jpg").exists()

@@ -176,7 +176,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--f-number-from", 2, "--f-number-to", 4),
-            "--f-number: expected nothing: it cannot go with --disparity, got 2",
+            "--f-number: expected nothing: it does not apply to --disparity, got 2",
         ),
         ((*STILL, *FOCUS, "--frames", "1-4", "--pull", "missing.csv"), "cannot read missing.csv"),
         (

@@ -292,10 +292,10 @@ def test_bad_mattes_are_refused(files, matte, error, message):
 def test_what_does_not_go_with_supersampling_is_refused(files):
     with pytest.raises(ParameterError, match=r"input.supersampled: expected 1, 2 or 4, got 3"):
         InputSettings(supersampled=3)
-    with pytest.raises(ParameterError, match=r"input.matte: expected none beside `input.supersampled`"):
+    with pytest.raises(ParameterError, match=r"input.matte: expected no `input.supersampled`"):
         InputSettings(supersampled=2, matte="matte.png")
     image, source = np.ones((9, 12, 3)), DefocusMap(map=np.zeros((9, 12)))
-    expected = r"input.supersampled: expected a picture whose sides 2 divides, got 12x9 pixels; crop it"
+    expected = r"input.supersampled: expected a picture with sides divisible by 2, got 12x9 pixels; crop it"
     with pytest.raises(ParameterError, match=expected):
         make_scene(image, source, supersampled=2)
     window = Window(x=1, y=0, width=12, height=8, display_width=16, display_height=8)

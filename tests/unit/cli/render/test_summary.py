@@ -75,9 +75,9 @@ def test_the_pixel_filter_is_told_where_pixels_are_parted(folder, cli):
     rays = ("render", "photo.png", "--disparity", "disparity.png", "--engine", "rays", "--blur", 6)
     asked = (*rays, "--focus", 0.4, "-o", "out.png", "--repair-disparity", "off", "--pixel-filter", "arnold")
     outcome = cli(*asked, "-v")
-    assert outcome.err.splitlines()[1].count("pixel filter gaussian:2 (as asked)") == 1
+    assert outcome.err.splitlines()[1].count("pixel filter gaussian:2 (as set)") == 1
     found = json.loads(cli(*asked, "--json").out)
-    assert (found["pixel_filter"], found["pixel_filter_reason"]) == ("gaussian:2", "as asked")
+    assert (found["pixel_filter"], found["pixel_filter_reason"]) == ("gaussian:2", "as set")
     assert found["pixel_filter_confidence"] is None
 
 
