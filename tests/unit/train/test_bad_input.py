@@ -161,7 +161,7 @@ def test_weights_alone_are_not_exported(checkpoint, tmp_path):
 
 def test_a_run_is_not_gone_on_with_from_weights_alone_or_another_network(checkpoint):
     for name in ("arnet", "repair"):
-        with pytest.raises(DataFileError, match=f"expected a run of {name} to go on with"):
+        with pytest.raises(DataFileError, match=f"expected a run of {name} to resume"):
             RunFolder(checkpoint.parent, name, config_of(4)).load()
 
 
