@@ -92,7 +92,7 @@ def test_what_a_method_does_not_know_is_refused(name):
         method(image, defocus[1:])
     with pytest.raises(ParameterError, match="defocus"):
         method(image, np.where(defocus > 0, np.nan, defocus))
-    known = BASELINES[name].openings
+    known = BASELINES[name].apertures
     for aperture, knows in (
         (Aperture(blades=5), ("outline", "cats-eye", "any")),
         (Aperture(obstruction=0.4), ("any",)),

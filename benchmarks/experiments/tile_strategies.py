@@ -1,4 +1,4 @@
-"""Post-processes that treat each tile as it needs: ``python -m benchmarks.experiments.tile_ways [FOLDER]``.
+"""Post-processes that treat each tile as it needs: ``python -m benchmarks.experiments.tile_strategies [FOLDER]``.
 
 Thesis 000, 6.0.1: on the path-traced scenes in FOLDER, edge PSNR and PSNR in dB and seconds of the processor,
 the whole picture alike and by tile, with discs, means over shots; and the share of tiles that take each way.
@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.theses import SCENES
 from bokehnet import baselines
 from bokehnet.baselines.gather.half_size import extreme_of_four
-from bokehnet.baselines.gather.scatter_as_you_gather import tile_ways
+from bokehnet.baselines.gather.scatter_as_you_gather import tile_strategies
 from bokehnet.baselines.gather.tiles import dilated_tiles
 from train.evaluation_sets import path_traced_shots
 from train.metrics import depth_step_pixels, encode, psnr
@@ -25,7 +25,7 @@ def _shares(defocus: np.ndarray) -> tuple[float, float, float]:
     """Of tiles in focus, of one depth and of others; and their mean number of rings."""
     coc = extreme_of_four(defocus, largest=False) / 2
     nearest, largest = dilated_tiles(coc, _TILE)
-    ways = tile_ways(nearest, -dilated_tiles(-coc, _TILE)[0], largest)
+    ways = tile_strategies(nearest, -dilated_tiles(-coc, _TILE)[0], largest)
     return float((ways == 0).mean()), float((ways < 0).mean()), float(np.abs(ways).mean())
 
 
