@@ -62,7 +62,7 @@ def _callback(scene: BakedScene, gain: float, bound: float):  # type: ignore[no-
 
     def trace_rays(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         slope = np.ascontiguousarray(directions[:, None, :2], np.float32)
-        found = scene.meet(origins[:, :2], np.ascontiguousarray(directions[:, :2], np.float32))
+        found = scene.intersect(origins[:, :2], np.ascontiguousarray(directions[:, :2], np.float32))
         colors = scene.colours(found, slope)
         hit = found["primID"] >= 0
         return gain * colors, np.where(hit, found["tfar"], bound), hit

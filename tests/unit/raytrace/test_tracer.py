@@ -264,7 +264,7 @@ def test_large_pictures_are_traced_in_pieces_of_the_same_numbers(monkeypatch):
     ball = Body(shape=Sphere(centre=(0, 0, 1000), radius=200), material=Material(color=(0.5, 0.6, 0.7)))
     world = World(bodies=(ball,), environment=flat(1))
     whole = Tracer(world, camera()).render(3)
-    monkeypatch.setattr("bokehnet.raytrace.tracer._RAYS_ON_CPU", 100)
+    monkeypatch.setattr("bokehnet.raytrace.tracer._MAX_RAYS_CPU", 100)
     pieces = Tracer(world, camera()).render(3)
     assert torch.allclose(pieces.bokeh, whole.bokeh, atol=1e-6)
     assert torch.equal(pieces.coverage, whole.coverage)
