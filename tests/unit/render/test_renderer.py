@@ -338,7 +338,7 @@ def test_maps_without_settings_have_no_file_of_them(scene, tmp_path):
     result.save_maps(tmp_path / "deep" / "maps")
     assert not (tmp_path / "deep" / "maps" / "settings.toml").exists()
     (tmp_path / "file").touch()
-    with pytest.raises(BokehnetError, match="cannot make the folder"):
+    with pytest.raises(BokehnetError, match="cannot create the folder"):
         result.save_maps(tmp_path / "file")
 
 
