@@ -12,7 +12,7 @@ from bokehnet.cli.progress import stages
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.inference.process_memory import keep_freed
+from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
 from bokehnet.io.overwrite_guard import check_overwrite
@@ -129,7 +129,7 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
     Without a memory bound the process keeps freed memory from now on.
     """
     if settings.engine.max_memory is None:
-        keep_freed()
+        keep_freed_memory()
     renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
     renderer.check(settings)
     return renderer
