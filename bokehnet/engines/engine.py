@@ -288,10 +288,8 @@ class Engine:
         if overwrite and defocus.flags.writeable and self._reads_defocus_again:
             memory_in_use += defocus.nbytes  # the error map cannot replace it
         strips = self._cut(defocus, lens, max_memory, memory_in_use)
-        report, largest = (
-            progress or ignore_progress,
-            _max_coc_radius(defocus, known),
-        )  # before defocus is overwritten
+        report = progress or ignore_progress
+        largest = _max_coc_radius(defocus, known)  # before defocus is overwritten
         available = None if max_memory is None else max_memory - memory_in_use
         (height, width), coarse, estimate = defocus.shape, None, None
         if self._networks is not None and self._networks.iunet is None:
@@ -364,7 +362,7 @@ class Engine:
         steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
         classical = self._render_classical(
-            image, defocus, lens, curve, progress=lambda share: report(int(share * _STEPS), steps)
+            image, defocus, lens, curve, progress=lambda fraction: report(int(fraction * _STEPS), steps)
         )
         report(_STEPS, steps)
         network_inputs.add(0, image, defocus, classical)
@@ -417,8 +415,8 @@ class Engine:
             report(_STEPS * index, steps)
             rows = slice(strip.first, strip.last)
 
-            def report_strip(share: float, index: int = index) -> None:
-                report(int(_STEPS * (index + share)), steps)
+            def report_strip(fraction: float, index: int = index) -> None:
+                report(int(_STEPS * (index + fraction)), steps)
 
             strip_result = self._render_classical(
                 image[rows], defocus[rows], lens, curve, strip, report_strip
