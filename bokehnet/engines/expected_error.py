@@ -41,7 +41,7 @@ def check_expected_error(classical: str, lens_response: LensResponse, gamma: flo
     if classical != "rays":
         raise ParameterError("expected_error", "an engine with rays: rays or hybrid", shown=f"`{name}`")
     expected = "a perfect lens and a gamma of 1, as in the training of the error network"
-    raise ParameterError("expected_error", expected, shown="others")
+    raise ParameterError("expected_error", expected, shown="another lens or gamma")
 
 
 @lru_cache(maxsize=1)

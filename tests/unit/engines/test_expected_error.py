@@ -86,7 +86,7 @@ def test_a_small_copy_is_enlarged_as_the_whole_at_once():
         (
             "rays",
             {"lens_response": make_lens_response(LensSettings(coma=2), ColorSettings())},
-            "expected a plain lens",
+            "expected a perfect lens",
         ),
     ],
 )
