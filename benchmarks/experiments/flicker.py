@@ -21,7 +21,7 @@ import bokehnet
 from bokehnet import BokehRenderer, RelativeDisparity, RenderSettings, make_scene, read_image
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
 from bokehnet.io.color.srgb import linear_to_srgb
-from bokehnet.sequence.filtered_shot import SteadyShot
+from bokehnet.sequence.filtered_shot import FilteredShot
 
 Array = npt.NDArray[np.float32]
 
@@ -126,8 +126,8 @@ def main() -> None:
         name = f"pan of {step} pixels" if step else "static"
         shot = Shot(asked.frames, step)
         with tempfile.TemporaryDirectory() as folder:
-            steady = SteadyShot(Path(folder))
-            steady.make(zip(shot.images, shot.maps, strict=True), asked.frames)
+            steady = FilteredShot(Path(folder))
+            steady.filter(zip(shot.images, shot.maps, strict=True), asked.frames)
             maps = [np.clip(steady.read(t), 0, 1) for t in range(asked.frames)]
         rows = [
             ("each for itself", shot.maps, "off"),

@@ -204,9 +204,10 @@ def open_source(settings: RenderSettings) -> DepthSource:
 def _frames_with_maps(frames: ShotFrames) -> Iterator[tuple[Array, Array] | None]:
     for index, scene in enumerate(frames.scenes(range(frames.count), Shot())):
         try:
-            frame = (
-                None if scene is None else (scene.image, map_at_picture_size(scene, frames.settings_of(index).depth))
-            )
+            frame = None
+            if scene is not None:
+                depth_settings = frames.settings_of(index).depth
+                frame = scene.image, map_at_picture_size(scene, depth_settings)
         except BokehnetError:  # reported when the frame is rendered
             frame = None
         yield frame

@@ -327,7 +327,7 @@ def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monke
         (["-o", "out.png"], "--output"),
         (["-o", "clip.mp4"], "another file than the video"),
         (["-o", "out.mp4", "--video-codec", "prores"], "h264 or h265 in MP4"),
-        (["-o", "out.mp4", "--frames", "1-2"], "--frames: expected none for a video"),
+        (["-o", "out.mp4", "--frames", "1-2"], "--frames: expected no such option for a video"),
         (["-o", "out.mp4", "--save-maps", "maps"], "--save-maps: expected none for a video"),
     ],
 )
