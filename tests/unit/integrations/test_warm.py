@@ -176,7 +176,7 @@ def test_lines_of_two_threads_are_whole():
 
     answers = Slow()
     warm = WarmRenderer(answers)
-    threads = [threading.Thread(target=warm._say, args=({"id": i, "x": "y" * 50},)) for i in range(20)]
+    threads = [threading.Thread(target=warm._send, args=({"id": i, "x": "y" * 50},)) for i in range(20)]
     for thread in threads:
         thread.start()
     for thread in threads:
