@@ -45,9 +45,9 @@ def find_picture(file: ImageFile) -> Picture:
             if _last_word(layer.rstrip(".")) in _PICTURE_LAYERS:
                 return _layer(part, layer)
         if layers:
-            found = ", ".join(layer.rstrip(".") for layer in layers)
+            layer_names = ", ".join(layer.rstrip(".") for layer in layers)
             raise ImageFileError(
-                f"{file.path}: expected one layer with R, G, B, found {found}; keep one of them"
+                f"{file.path}: expected one layer with R, G, B, found {layer_names}; keep one of them"
             )
         grey = [name for name in names if name != part.alpha]
         if {"Y", "RY", "BY"} <= set(grey):
@@ -59,8 +59,8 @@ def find_picture(file: ImageFile) -> Picture:
             return Picture(part=part, colours=("Y",), alpha=part.alpha)
         if len(grey) == 1 and file.file_format != "openexr":
             return Picture(part=part, colours=tuple(grey), alpha=part.alpha)
-    found = ", ".join(name for part in file.parts for name in part.channels)
-    raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {found}")
+    channels = ", ".join(name for part in file.parts for name in part.channels)
+    raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {channels}")
 
 
 def picture_layers(part: Part) -> list[str]:

@@ -209,9 +209,9 @@ class ImageFile:
         """
         assert self.headers is not None
         if "Z" not in part.channels or {"AR", "AG", "AB"} & set(part.channels):
-            found = ", ".join(part.channels)
+            channels = ", ".join(part.channels)
             raise ImageFileError(
-                f"{self.path}: expected deep samples with Z, and A for all colours, found {found}"
+                f"{self.path}: expected deep samples with Z, and A for all colours, found {channels}"
             )
         needed = [name for name in part.channels if name in ("A", "Z", "ZBack", *names)]
         rows = rows or slice(0, part.height)

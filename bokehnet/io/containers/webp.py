@@ -54,13 +54,13 @@ def webp_with(
             flags |= _ALPHA if name == b"ALPH" or lossless_alpha else 0
         position += 8 + length + length % 2
     metadata = [(b"ICCP", icc, _ICC), (b"EXIF", exif, _EXIF), (b"XMP ", xmp, _XMP)]
-    for _, content, flag in metadata:
-        flags |= flag if content else 0
+    for _, packet, flag in metadata:
+        flags |= flag if packet else 0
     size = (width - 1).to_bytes(3, "little") + (height - 1).to_bytes(3, "little")
     chunks = [(b"VP8X", struct.pack("<I", flags) + size)]
-    chunks += [(name, content) for name, content, _ in metadata[:1] if content]
+    chunks += [(name, packet) for name, packet, _ in metadata[:1] if packet]
     chunks += pixels
-    chunks += [(name, content) for name, content, _ in metadata[1:] if content]
+    chunks += [(name, packet) for name, packet, _ in metadata[1:] if packet]
     body = b"".join(
         struct.pack("<4sI", name, len(content)) + content + bytes(len(content) % 2)
         for name, content in chunks
