@@ -94,12 +94,12 @@ class FocusedLens:
         return defocus
 
     def aberration_map(self) -> AberrationMap | None:
-        """Return what a plane of focus that leans does to the rays; None where it does not tilt_gradient."""
-        leaning = self._plane_aberrations()
+        """Return the effect of a tilted plane of focus on the rays; None without tilt."""
+        tilted = self._plane_aberrations()
         if not any(self.tilt_gradient):
-            return leaning
-        own = plane_aberration_map(self._own_plane, 1.0)
-        return own if leaning is None else leaning + own
+            return tilted
+        misaligned = plane_aberration_map(self._misalignment_plane, 1.0)
+        return misaligned if tilted is None else tilted + misaligned
 
     @property
     def _misalignment_plane(self) -> FocusPlane:

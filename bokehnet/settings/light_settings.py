@@ -42,8 +42,8 @@ class LightSettings(Group):
     )
     pixel_pitch: float | None = setting(
         None,
-        "With --rings or --starburst: pixel pitch in micrometres. Default: from --sensor-width, else 36 mm "
-        "wide.",
+        "With --rings or --starburst: pixel pitch in micrometres. Default: from --sensor-width, else for a "
+        "sensor 36 mm wide.",
         unit="micrometres",
         low=0.3,
         high=100,

@@ -173,7 +173,7 @@ class DepthSettings(Group):
     """
 
     GROUP: ClassVar[str] = "depth"
-    TITLE: ClassVar[str] = "Depth map: reading and repair"
+    TITLE: ClassVar[str] = "Depth map reading and repair"
 
     unit: Literal["m", "cm", "mm", "in", "ft", "1/m"] | None = setting(
         None, "With --depth: unit, m (default), cm, mm, in, ft or 1/m.", flag="depth-unit", metavar="UNIT"

@@ -76,7 +76,9 @@ def preset(
         look = lens_preset(lens)
         report(1, 1)
     title = f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}"
-    description = f"{title}: correlation with traced points {look.correlation:.3f}, worst {look.worst:.3f}"
+    description = (
+        f"{title}: correlation with traced points {look.correlation:.3f}, worst {look.min_correlation:.3f}"
+    )
     escaped = "".join(c for c in description if c.isprintable()).replace("\\", "\\\\").replace('"', '\\"')
     file = table.name.replace("\\", "\\\\").replace('"', '\\"')
     lines = [f'description = "{escaped}"', f'aberration-table = "{file}"']

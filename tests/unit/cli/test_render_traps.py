@@ -127,7 +127,10 @@ def test_a_camera_that_blurs_nothing_is_told(folder, cli, write_channels):
 def test_the_depth_of_an_exr_is_its_own(folder, cli):
     asked = notes(cli("render", "camera.exr", "--depth", "camera.exr", *METRIC, "-o", "asked.exr"))
     (found,) = notes(cli("render", "camera.exr", *METRIC, "-o", "own.exr"))
-    assert (asked, found) == ([], "camera.exr: using its channel Z as depth in metres; --depth overrides this")
+    assert (asked, found) == (
+        [],
+        "camera.exr: using its channel Z as depth in metres; --depth overrides this",
+    )
     assert (folder / "asked.exr").read_bytes() == (folder / "own.exr").read_bytes()
 
 

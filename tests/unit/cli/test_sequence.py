@@ -155,7 +155,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
             assert_allclose(defocus, 6 * (top * read_map("disparity.png") - 0.4), atol=1e-5)
     outcome = cli(*words, "--disparity", "raw.#.exr")
     assert outcome.code == 1
-    assert "found -500 to 2500; say with --disparity-range" in outcome.err
+    assert "found -500 to 2500; set --disparity-range" in outcome.err
 
 
 @pytest.mark.parametrize(

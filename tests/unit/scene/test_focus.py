@@ -140,7 +140,7 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
             "camera.blur",
             "`input.constant_disparity` needs `camera.blur`",
         ),
-        ({"focus": VALUE}, "focus.value", "a photo's own depth (no `input.disparity`"),
+        ({"focus": VALUE}, "focus.value", "a photo's own depth (without `input.disparity`"),
         (
             {"camera": CameraSettings(blur=3, f_number=2)},
             "camera.f_number",
@@ -151,7 +151,7 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
         (
             {"input": InputSettings(defocus="a.exr"), "focus": FocusSettings(tilt_x=5)},
             "input.defocus",
-            "no tilt beside it",
+            "no tilt with it",
         ),
         (
             {"input": InputSettings(depth_model="a.onnx"), "camera": BLUR},

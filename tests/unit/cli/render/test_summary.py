@@ -19,7 +19,9 @@ def test_one_line_tells_size_engine_focus_blur_repair_and_time(folder, cli):
     """Authority: the largest |blur * (disparity - focus)| is 6 * (1 - 0.4) = 3.6 pixels."""
     outcome = cli(*RELATIVE, "--focus", 0.4, "--repair-disparity", "off")
     assert (outcome.code, outcome.out) == (0, "")
-    told = r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, map unchanged, \d+\.\d s\n"
+    told = (
+        r"bokehnet: out\.png: 64x40, scatter, focus at 0\.4, blur up to 3\.6 px, map unchanged, \d+\.\d s\n"
+    )
     assert re.fullmatch(told, outcome.err)
 
 
