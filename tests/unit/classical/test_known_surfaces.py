@@ -134,7 +134,7 @@ def test_rows_are_cut_and_joined_again():
         ({"rows": [-1, 0]}, ParameterError, "known rows: expected rows and columns from 0 up"),
         ({"rows": [0.5, 1]}, ShapeError, "known rows: expected 2 whole numbers"),
         ({"far": [1.0]}, ShapeError, r"known far: expected shape \(2,\), got \(1,\)"),
-        ({"front": None}, ParameterError, "known front: expected colours of both surfaces or of none"),
+        ({"front": None}, ParameterError, "known front: expected colors of both surfaces or of none"),
     ],
 )
 def test_what_does_not_go_together_is_refused(change, error, message):
