@@ -181,7 +181,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ((*STILL, *FOCUS, "--frames", "1-4", "--pull", "missing.csv"), "cannot read missing.csv"),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--pull", "a.csv", "--blur-from", 1, "--blur-to", 2),
-            "expected one of --pull and",
+            "expected either --pull or the ends",
         ),
         ((*STILL, *FOCUS, "--jobs", 2), "--frames: expected frames, which --jobs, --overwrite, --pull"),
         ((*STILL, *FOCUS, "--overwrite"), "--frames: expected frames, which --jobs, --overwrite, --pull"),
