@@ -103,10 +103,10 @@ def checked_trace(
         result = trace_rays(origins, directions)
     except Exception as error:
         problem = f"{type(error).__name__}: {error}"
-        raise ParameterError("trace_rays", "colour, depth and hit of each ray", visible=problem) from error
+        raise ParameterError("trace_rays", "colour, depth and hit of each ray", shown=problem) from error
     if not isinstance(result, tuple) or len(result) != 3:
         raise ParameterError(
-            "trace_rays", "colour, depth and hit of each ray", visible=f"a {type(result).__name__}"
+            "trace_rays", "colour, depth and hit of each ray", shown=f"a {type(result).__name__}"
         )
     color, depth, hit = (np.asarray(part) for part in result)
     count = len(origins)
@@ -123,7 +123,7 @@ def checked_trace(
         raise ParameterError(
             "trace_rays",
             "finite colours, and depths above 0 where it hits",
-            visible=f"{bad} rays with others",
+            shown=f"{bad} rays with others",
         )
     return color, np.where(hit, depth, np.inf), hit
 

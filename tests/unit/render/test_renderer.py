@@ -126,7 +126,7 @@ def test_what_settings_leave_at_their_default_is_as_the_renderer_was_made(scene,
     other = LensResponse(aberration_map=AberrationSliders(coma=-8.0).aberration_map())
     wanted = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render(photo, defocus)
     assert_array_equal(made.render(scene, settings).bokeh, wanted.bokeh)
-    with pytest.raises(ParameterError, match=r"engine.name: expected one that knows aberrations"):
+    with pytest.raises(ParameterError, match=r"engine.name: expected one that supports aberrations"):
         made.render(scene, with_groups(engine=EngineSettings(name="scatter")))
     disc = BokehRenderer("rays", aperture=Aperture(blades=5))
     found = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
