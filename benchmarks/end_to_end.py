@@ -197,13 +197,13 @@ def enlarged_section(shared: Path, rows: tuple[_Row, ...]) -> None:
                     pool.submit(_write_enlarged, str(shared), folder, *size).result()
                 before = size
             source, target = files.split()
-            held = os.times()
+            start = os.times()
             seconds, memory = run_command(
                 *("render", f"{folder}/photo.{source}", "--disparity", f"{folder}/map.png"),
                 *("--blur", f"{blur}", "--focus", f"{FOCUS:g}", "-o", f"{folder}/out.{target}", *extra),
             )
             now = os.times()
-            processor = now.children_user + now.children_system - held.children_user - held.children_system
+            processor = now.children_user + now.children_system - start.children_user - start.children_system
             options = f"blur {blur:3d}, {source} to {target} {' '.join(extra):24s}"
             print(
                 f"{size[0] * size[1] / 1e6:6.1f} MP, {options}"

@@ -35,8 +35,8 @@ def block_means(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
         return cut.reshape(height, _BLOCK_PX, width, _BLOCK_PX).sum((1, 3))
 
     count, total = sums(mask), sums(values * mask)
-    enough = count >= _MIN_FRACTION * _BLOCK_PX**2
-    return total[enough] / count[enough]
+    valid = count >= _MIN_FRACTION * _BLOCK_PX**2
+    return total[valid] / count[valid]
 
 
 def mean_around(values: np.ndarray) -> np.ndarray:

@@ -47,10 +47,10 @@ def crops(
     squares: list[tuple[int, int, int]],
 ) -> np.ndarray:
     """Return a sheet with one row per square (left, top, size): the photograph, then each render."""
-    shown = {"photograph": image, **renders}
+    pictures = {"photograph": image, **renders}
     rows = []
     for x, y, size in squares:
-        rows.append([(name, picture[y : y + size, x : x + size]) for name, picture in shown.items()])
+        rows.append([(name, picture[y : y + size, x : x + size]) for name, picture in pictures.items()])
     return contact_sheet(rows)
 
 

@@ -72,7 +72,7 @@ def pictures(job: SceneJob, samples: int, truth: int) -> dict[str, tuple[np.ndar
             lens,
             pitch,
             budget=0.35 * samples,
-            most=8,
+            max_rays=8,
             **options,
         )
         renders["tan" if name == "tan" else "scatter"] = result.post_process, 0

@@ -59,8 +59,8 @@ def parse_method(text: str) -> Method:
     Raises:
         ParameterError: Unknown engine or repair.
     """
-    whole, plus, ending = text.rpartition("+")
-    head, repair = (whole, ending) if plus else (text, "")
+    base, plus, ending = text.rpartition("+")
+    head, repair = (base, ending) if plus else (text, "")
     engine, _, weights = head.partition(":")
     check_choice("--method", engine, ENGINES)
     kind, _, path = repair.partition(":")

@@ -64,8 +64,8 @@ class Progress:
     def done(self, step: Step) -> bool:
         """Return whether a step is done with its present definition."""
         entry = self._entries.get(step.makes, {})
-        same = entry.get("asked") == self.recipe.fingerprint(step)
-        return bool(entry.get("done") and same and self._path_of(step).exists())
+        unchanged = entry.get("asked") == self.recipe.fingerprint(step)
+        return bool(entry.get("done") and unchanged and self._path_of(step).exists())
 
     def check(self, step: Step) -> None:
         """Raise unless a step can resume from its existing output.
@@ -102,21 +102,26 @@ class Progress:
         ]
         widths = [max(len(row[i]) for row in rows) for i in range(3)]
         lines = ["  ".join([*map(str.ljust, row[:3], widths), row[3]]) for row in rows]
-        left = [step for step in steps if not self.done(step)]
-        whole, rest = (time_in_words(expected_seconds(self.recipe, part)) for part in (steps, left))
+        remaining = [step for step in steps if not self.done(step)]
+        total_time, remaining_time = (
+            time_in_words(expected_seconds(self.recipe, part)) for part in (steps, remaining)
+        )
         elapsed = time_in_words(self.elapsed)
         lines.append(
-            f"expected: {whole} in all (cores: {self.recipe.workers}), {rest} of it to do; elapsed: {elapsed}"
+            f"expected: {total_time} in all (cores: {self.recipe.workers}), "
+            f"{remaining_time} of it to do; elapsed: {elapsed}"
         )
         return "\n".join(lines)
 
     def begin(self, step: Step) -> None:
         """Record that a step has started."""
         self._count()
-        definition, own = (self.recipe.fingerprint(step, with_needs=needs) for needs in (True, False))
+        definition, own_fingerprint = (
+            self.recipe.fingerprint(step, with_needs=needs) for needs in (True, False)
+        )
         self._entries[step.makes] = {
             "asked": definition,
-            "own": own,
+            "own": own_fingerprint,
             "done": False,
             "seconds": self.seconds(step),
         }

@@ -64,10 +64,10 @@ def render(folder: Path, number: int, label: str, aperture: Aperture) -> tuple[n
     renderer = BokehRenderer("rays", aperture=aperture)
     if label in ("coverage", "two surfaces"):
         defocus = renderer.prepare(scene_to_render, settings).defocus
-        small, radii, known = reduce_supersampled(scene_to_render.image, defocus, 4, _FILTER)
+        small, radii, known_edges = reduce_supersampled(scene_to_render.image, defocus, 4, _FILTER)
         if label == "coverage":
-            small, known = read_image(folder / "image.exr"), known.without_colors()
-        scene_to_render = make_scene(small, DefocusMap(map=radii), known=known)
+            small, known_edges = read_image(folder / "image.exr"), known_edges.without_colors()
+        scene_to_render = make_scene(small, DefocusMap(map=radii), known_edges=known_edges)
         settings = RenderSettings()
     start = process_time()
     picture = renderer.render(scene_to_render, settings).bokeh

@@ -53,9 +53,9 @@ def decibel(first: np.ndarray, second: np.ndarray) -> float:
 def fixed_ray_counts() -> Iterator[None]:
     """Send the nominal number of rays from every pixel inside this context."""
 
-    def nominal(known: FirstPass) -> np.ndarray:
-        rows, columns = (-(-n // TILE) for n in known.rays_mask.shape)
-        return np.full((rows, columns), known.nominal_rays)
+    def nominal(first_pass: FirstPass) -> np.ndarray:
+        rows, columns = (-(-n // TILE) for n in first_pass.rays_mask.shape)
+        return np.full((rows, columns), first_pass.nominal_rays)
 
     original = rays_renderer.march
     rays_renderer.march = functools.partial(march, sample_counts=nominal)  # type: ignore[assignment]
@@ -119,18 +119,18 @@ def print_pan(shared: Path, blur: float, sheet: Path | None) -> None:
     columns = [slice(200 + STEP * frame, 680 + STEP * frame) for frame in range(FRAMES)]
     truth = np.mean([displayed(rays(image, defocus, seed=seed)) for seed in range(100, 116)], axis=0)
     inner = np.s_[100:-100, 100:-100]  # excludes the influence of the crop's border
-    noise, shown = [], []
+    noise, crops = [], []
     for window in columns:
         frame = displayed(rays(image[rows, window].copy(), defocus[rows, window].copy()))
         noise.append((frame - truth[rows, window])[inner])
-        shown.append(frame[inner])
+        crops.append(frame[inner])
     stack = 255 * np.array(noise)
     total = math.sqrt(np.mean(stack**2))
     static = math.sqrt(max(np.mean(stack.mean(0) ** 2) - np.mean(stack.var(0, ddof=1)) / FRAMES, 0.0))
     print(f"== pan: {FRAMES} frames, {STEP} px each, blur {blur:g}")
     print(f"noise {total:.2f}/255 rms, of which {static:.2f}/255 stays on the screen")
     if sheet is not None:
-        halves = shown[: FRAMES // 2], shown[FRAMES // 2 :]
+        halves = crops[: FRAMES // 2], crops[FRAMES // 2 :]
         light = srgb_to_linear(np.concatenate([np.concatenate(half, axis=1) for half in halves]).clip(0, 1))
         write_image(sheet, np.asarray(light, np.float32))
 

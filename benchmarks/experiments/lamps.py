@@ -57,10 +57,10 @@ def print_kept() -> None:
     print("lamps beside an edge                  | light kept, mean | each, root mean square")
     print("---|---|---")
     for near, far, times in ((12, 0, 50), (12, 0, 1000), (6, -8, 150), (3.4, -3, 500)):
-        kept = light_kept_near_edge(near, far, times)
-        error = np.sqrt(np.mean((kept - 1) ** 2))
+        kept_fraction = light_kept_near_edge(near, far, times)
+        error = np.sqrt(np.mean((kept_fraction - 1) ** 2))
         description = f"radius {near}, wall {far}, {times} times as bright"
-        print(f"{description:37s} | {kept.mean():.4f} | {error:.4f}", flush=True)
+        print(f"{description:37s} | {kept_fraction.mean():.4f} | {error:.4f}", flush=True)
     print()
 
 
@@ -97,8 +97,8 @@ def main() -> None:
             start = time.process_time()
             result = effect()
             seconds.append(time.process_time() - start)
-        kept = result.sum(dtype=np.float64) / bokeh.sum(dtype=np.float64)
-        print(f"{name} | {seconds[0]:.2f} | {min(seconds[1:]):.2f} | {kept:.4f}")
+        kept_fraction = result.sum(dtype=np.float64) / bokeh.sum(dtype=np.float64)
+        print(f"{name} | {seconds[0]:.2f} | {min(seconds[1:]):.2f} | {kept_fraction:.4f}")
     for kernel in (disc_kernel, ring_kernel, star_kernel):
         kernel.cache_clear()
     if sheet is not None:

@@ -8,6 +8,7 @@ darken corners. Run ``python -m benchmarks.experiments.lens_pictures``.
 import argparse
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,7 +97,13 @@ def _make_scene(lens: PrescriptionLens, camera: Camera, rng: np.random.Generator
     focus = 1 / lens.focus_distance
     behind = min(step, 0.9 * focus)  # wide-angle lenses blur infinity by less
 
-    def plane(blur, position, size, tilt, paint) -> Plane:  # type: ignore[no-untyped-def]
+    def plane(
+        blur: float,
+        position: tuple[float, float],
+        size: tuple[float, float],
+        tilt: tuple[float, float],
+        paint: Callable[[int, int, np.random.Generator], np.ndarray],
+    ) -> Plane:
         """Return a plane; blur in steps, position and half size in half pictures, tilt in depths."""
         depth = 1 / (focus + blur * (step if blur > 0 else behind))
         texels = [
@@ -218,12 +225,12 @@ def main() -> None:
             arguments.sheets.mkdir(parents=True, exist_ok=True)
             error = np.abs(encode(pictures["rays, lens"]) - encode(truth)) * 8
             cells = [("stopped down", image), ("traced", truth), ("rays, lens", pictures["rays, lens"])]
-            others = [
+            more_cells = [
                 ("rays, perfect lens", pictures["rays, perfect lens"]),
                 ("8 x error", error),
                 ("8 x error, inner", error * inner[..., None]),
             ]
-            write_image(arguments.sheets / f"picture_{name}.png", contact_sheet([cells, others]))
+            write_image(arguments.sheets / f"picture_{name}.png", contact_sheet([cells, more_cells]))
 
 
 if __name__ == "__main__":

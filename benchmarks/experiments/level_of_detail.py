@@ -8,6 +8,7 @@ rays on the finest and the coarsest level.
 
 import argparse
 import math
+from collections.abc import Callable
 from pathlib import Path
 from time import process_time
 
@@ -64,9 +65,9 @@ def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshOb
 def halved(values: np.ndarray, axis: int) -> np.ndarray:
     """Return every other line of a grid along an axis, smoothed with its neighbours except at the ends."""
     lines = np.moveaxis(values, axis, 0)
-    kept = lines[::2].copy()
-    kept[1:-1] = 0.5 * lines[2:-1:2] + 0.25 * (lines[1:-2:2] + lines[3::2])
-    return np.moveaxis(kept, 0, axis)
+    reduced = lines[::2].copy()
+    reduced[1:-1] = 0.5 * lines[2:-1:2] + 0.25 * (lines[1:-2:2] + lines[3::2])
+    return np.moveaxis(reduced, 0, axis)
 
 
 def scene() -> list[MeshObject]:
@@ -85,7 +86,7 @@ def around(views: int, count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
 
 
-def blurred(views: int, count: int):  # type: ignore[no-untyped-def]
+def blurred(views: int, count: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
     """Return the blur between views, or None without subsamples."""
     if not count:
         return None

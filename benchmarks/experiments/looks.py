@@ -39,7 +39,7 @@ def effects() -> dict[str, tuple[Aperture, LensResponse]]:
         pupil_aberration=ideal.pupil_aberration,
         tilt=(0.0, 0.1),
     )
-    both = ChromaticAberration(axial=0.5, lateral=0.5)
+    fringes = ChromaticAberration(axial=0.5, lateral=0.5)
     return {
         "onion rings": (Aperture(onion=0.5), plain),
         "grain in discs": (Aperture(grain=0.3), plain),
@@ -47,11 +47,13 @@ def effects() -> dict[str, tuple[Aperture, LensResponse]]:
         "coma 1": (disc, sliders(coma=1.0)),
         "astigmatism 1.5": (disc, sliders(astigmatism=1.5)),
         "field curvature 1": (disc, sliders(field_curvature=1.0)),
-        "focus plane leans": (disc, LensResponse(aberration_map=tilted)),
-        "fringes, continuous": (disc, LensResponse(chromatic_aberration=both)),
+        "tilted focus plane": (disc, LensResponse(aberration_map=tilted)),
+        "fringes, continuous": (disc, LensResponse(chromatic_aberration=fringes)),
         "fringes, rgb": (
             disc,
-            LensResponse(chromatic_aberration=both, wavelength_sampling=WavelengthSampling(dispersion="rgb")),
+            LensResponse(
+                chromatic_aberration=fringes, wavelength_sampling=WavelengthSampling(dispersion="rgb")
+            ),
         ),
         "petzval, one colour": (
             disc,

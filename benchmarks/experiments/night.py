@@ -90,7 +90,10 @@ def main() -> None:
                 )
             with without_unmixing():
                 whole = rays(image, defocus)
-            for label, picture in {"whole": whole, "parted": rays(image, defocus, pixel_filter=_BOX)}.items():
+            for label, picture in {
+                "whole": whole,
+                "unmixed": rays(image, defocus, pixel_filter=_BOX),
+            }.items():
                 squared = (np.log1p(np.maximum(picture, 0)) - np.log1p(truth)) ** 2
                 row = compare(picture, truth, defocus)["edge_psnr"], psnr(squared)
                 scores.setdefault(label, []).append(row)

@@ -15,7 +15,7 @@ from time import process_time
 import numpy as np
 
 from bokehnet.baselines.rays.ray_mask import normals_of_depth
-from bokehnet.baselines.rays.selective_rays import SelectiveResult, selective_rays
+from bokehnet.baselines.rays.selective_rays import SelectiveResult, TraceRays, selective_rays
 from bokehnet.classical.scatter_renderer import scatter
 from bokehnet.engines.engine import Engine
 from bokehnet.optics.pixels.sample_allocation import neyman
@@ -56,7 +56,7 @@ _POST = {"hybrid, as published": "tan", "hybrid, by tile": "tan, by tile", "hybr
 _POST |= {"hybrid, expected error": "rays through the picture"}
 
 
-def _callback(scene: BakedScene, gain: float, sky_depth: float):  # type: ignore[no-untyped-def]
+def _callback(scene: BakedScene, gain: float, sky_depth: float) -> TraceRays:
     """Return a function that traces rays into the scene."""
 
     def trace_rays(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -40,7 +40,7 @@ SIX: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
             "focus": {"value": 0.2},
         },
     ),
-    "leaning plane, scatter, 16 bits": (
+    "tilted plane, scatter, 16 bits": (
         "tilt.png",
         {
             "focus": {"value": 0.4, "tilt_x": -20.0},
@@ -48,7 +48,7 @@ SIX: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
             "output": {"bits": "16"},
         },
     ),
-    "JPEG of quality 90, parted colours": (
+    "JPEG of quality 90, unmixed colours": (
         "colour.jpg",
         {"color": {"axial": 2.0}, "output": {"quality": 90}, "focus": {"value": 0.46}},
     ),
@@ -118,12 +118,15 @@ def main() -> None:
             for what, (output, changes) in SIX.items():
                 saved, command, python = exported(page, output, changes)
                 command_words = [sys.executable, "-m", *shlex.split(command), "-q"]
-                same = (
+                matches = (
                     saved == output_of(command_words, Path(name), output),
                     saved == output_of([sys.executable, "-c", python], Path(name), output),
                 )
-                equal += all(same)
-                print(f"{what}: {len(saved)} bytes; equal to the command's: {same[0]}, Python's: {same[1]}")
+                equal += all(matches)
+                print(
+                    f"{what}: {len(saved)} bytes; equal to the command's: {matches[0]}, "
+                    f"Python's: {matches[1]}"
+                )
                 print(f"    {re.sub(re.escape(str(_ASSETS)) + '/', '', command)}", flush=True)
             browser.close()
     finally:

@@ -64,12 +64,12 @@ def main() -> None:
         for (method, by_tile), rows in scores.items():
             edge, whole, seconds = np.mean(rows, 0)
             means.setdefault((method, by_tile), []).append(np.mean(rows, 0))
-            label = "by tile" if by_tile else "alike"
+            label = "by tile" if by_tile else "uniform"
             print(f"  {method:8s}{label:8s}{edge:8.2f}{whole:8.2f} dB{seconds:8.2f} s", flush=True)
     print("mean of the scenes")
     for (method, by_tile), scenes in means.items():
         edge, whole, seconds = np.mean(scenes, 0)
-        label = "by tile" if by_tile else "alike"
+        label = "by tile" if by_tile else "uniform"
         print(f"  {method:8s}{label:8s}{edge:8.2f}{whole:8.2f} dB{seconds:8.2f} s")
 
 

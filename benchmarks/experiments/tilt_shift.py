@@ -220,7 +220,7 @@ def main() -> None:
     if arguments.sheet is not None:
         draw_sheet(arguments.sheet)
         return
-    print("tilt x, y      line of best focus, px   lean   PSNR against the traced picture, dB")
+    print("tilt x, y      line of best focus, px   tilt   PSNR against the traced picture, dB")
     print(
         "               mean    max             px/px  rays conic, rays round, scatter, slices, traced again"
     )

@@ -121,20 +121,20 @@ def _peeled(scene: BakedScene, lens: ThinLens, view: View) -> tuple[np.ndarray, 
     for _ in range(_LAYERS):
         hit_triangle = np.full(len(sensor), -1, np.int32)
         barycentric = np.zeros((2, len(sensor)), np.float32)
-        rest = np.flatnonzero(~ended)
-        while len(rest):
-            start = direction[rest] * depth[rest, None]
-            start[:, :2] += np.broadcast_to(rays.origin, (len(sensor), 2))[rest]
-            hit = scene.soup.tree.run(start, direction[rest], output=True)
+        active = np.flatnonzero(~ended)
+        while len(active):
+            start = direction[active] * depth[active, None]
+            start[:, :2] += np.broadcast_to(rays.origin, (len(sensor), 2))[active]
+            hit = scene.soup.tree.run(start, direction[active], output=True)
             triangle = hit["primID"].astype(np.int32)
             is_hit = triangle >= 0
-            depth[rest] += np.where(is_hit, hit["tfar"] + 1e-4 * (depth[rest] + hit["tfar"]), 0)
+            depth[active] += np.where(is_hit, hit["tfar"] + 1e-4 * (depth[active] + hit["tfar"]), 0)
             owner = np.where(is_hit, scene.soup.mesh[np.maximum(triangle, 0)], -1)
-            again = is_hit & (owner == body[rest])
-            finished = rest[~again]
+            again = is_hit & (owner == body[active])
+            finished = active[~again]
             hit_triangle[finished], body[finished] = triangle[~again], owner[~again]
             barycentric[:, finished] = hit["u"][~again], hit["v"][~again]
-            rest = rest[again]
+            active = active[again]
         color = scene.colours(
             {"primID": hit_triangle, "u": barycentric[0], "v": barycentric[1]}, direction[:, None, :2].copy()
         )

@@ -134,10 +134,10 @@ class RepairNet(nn.Module):
         scale = 1 / (width + FLAT * span)
         relative = [(x - low) * scale for x in (disparity, *chain.from_iterable(inner))]
         strength = torch.log1p(width / (FLAT * span)) / math.log1p(1 / FLAT)
-        colors, own = encode(image), relative[0].clamp(0, 1)
-        similarities = [color_similarity(colors, own, cell) for cell in self.config.color_cells]
+        colors, position = encode(image), relative[0].clamp(0, 1)
+        similarities = [color_similarity(colors, position, cell) for cell in self.config.color_cells]
         features = torch.cat([colors, *relative, strength, *similarities], dim=1)
-        before = torch.logit(own, _LOGIT_EPSILON)
+        before = torch.logit(position, _LOGIT_EPSILON)
         return before, before + self.unet.from_full_size(features).float(), low, high
 
     def forward(self, image: Tensor, disparity: Tensor, span: Tensor) -> tuple[Tensor, Tensor]:

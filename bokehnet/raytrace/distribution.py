@@ -64,9 +64,11 @@ class Distribution:
         generator = torch.Generator().manual_seed(seed)
         shifts = []
         for dimension in range(len(self._bases)):
-            whole = torch.rand(pixels, generator=generator)
-            part = whole if window is None else whole[window].clone()
-            shifts.append(whole[:1].expand(len(part)) if shared_views and dimension < _BOUNCES else part)
+            all_shifts = torch.rand(pixels, generator=generator)
+            shift = all_shifts if window is None else all_shifts[window].clone()
+            shifts.append(
+                all_shifts[:1].expand(len(shift)) if shared_views and dimension < _BOUNCES else shift
+            )
         self._shifts = torch.stack(shifts).to(device)
 
     def points(self, start: int, count: int) -> Tensor:

@@ -140,7 +140,7 @@ def _find_occluders(planes: list[PreparedPlane], camera: Camera) -> list[list[_O
     reach = _pupil_reach(camera)
     occluders: list[list[_Occluder]] = []
     for i, plane in enumerate(planes):
-        before = []
+        in_front = []
         for j, other in enumerate(planes):
             window = _intersection(plane.window, other.window)
             if i == j or window is None:
@@ -150,8 +150,8 @@ def _find_occluders(planes: list[PreparedPlane], camera: Camera) -> list[list[_O
                 reverse = _order(plane, other, reach)
                 order = None if reverse is None else not reverse
             if order is not False:
-                before.append(_Occluder(j, window, bool(order)))
-        occluders.append(before)
+                in_front.append(_Occluder(j, window, bool(order)))
+        occluders.append(in_front)
     return occluders
 
 
@@ -198,9 +198,9 @@ def _add_pass(
             occluder_window = _relative(occluder.window, planes[j].window)
             passing = clear[j][occluder_window]
             if not occluder.always:  # at equal depth, the first plane occludes the second
-                other = hits[j][1][occluder_window]
-                before = other <= depth[own_window] if j < i else other < depth[own_window]
-                passing = torch.where(before, passing, 1.0)
+                occluder_depth = hits[j][1][occluder_window]
+                nearer = occluder_depth <= depth[own_window] if j < i else occluder_depth < depth[own_window]
+                passing = torch.where(nearer, passing, 1.0)
             transmittance[own_window] *= passing
         total[:, *plane.window].addcmul_(color[:3], transmittance)
         unblocked[plane.window] *= clear[i]

@@ -153,13 +153,15 @@ def abadie(
     if far is not None:
         covered = (far[..., 3:] > 0).astype(np.float32)
         colours = far[..., :3] / np.maximum(far[..., 3:], 1e-6) + _splat(lights, coc, aperture, near=False)
-        both = doubled(np.dstack([colours * covered, covered]), *size)
-        mix = np.clip(np.abs(defocus) - 0.5, 0, 1)[..., None] * (both[..., 3:] > 1e-3)
-        bokeh += mix * (both[..., :3] / np.maximum(both[..., 3:], 1e-3) - bokeh)
+        upsampled = doubled(np.dstack([colours * covered, covered]), *size)
+        mix = np.clip(np.abs(defocus) - 0.5, 0, 1)[..., None] * (upsampled[..., 3:] > 1e-3)
+        bokeh += mix * (upsampled[..., :3] / np.maximum(upsampled[..., 3:], 1e-3) - bokeh)
     near = _layer(light, coc, shape, rings, near=True)
     if near is not None:
         alpha = np.minimum(near[..., 3:], 1)
         colours = near[..., :3] / np.maximum(near[..., 3:], 1e-6)
-        both = doubled(np.dstack([colours * alpha + _splat(lights, coc, aperture, near=True), alpha]), *size)
-        bokeh += both[..., :3] - both[..., 3:] * bokeh
+        upsampled = doubled(
+            np.dstack([colours * alpha + _splat(lights, coc, aperture, near=True), alpha]), *size
+        )
+        bokeh += upsampled[..., :3] - upsampled[..., 3:] * bokeh
     return bokeh

@@ -94,12 +94,12 @@ def gather_passes(
     check_above("scale", scale, 0)
     image, defocus, aperture = check_baseline("gather_passes", "outline", image, defocus, aperture)
     bokeh = image
-    behind, before = np.clip(-defocus - 0.5, 0, 1), np.clip(defocus - 0.5, 0, 1)
+    behind, front = np.clip(-defocus - 0.5, 0, 1), np.clip(defocus - 0.5, 0, 1)
     if behind.any():
         far, alpha = _blurred(image, np.maximum(-defocus, 0), behind, aperture, scale, 0.0)
-        mix = np.maximum(behind, before * np.minimum(alpha / _FULL_COVERAGE, 1))
+        mix = np.maximum(behind, front * np.minimum(alpha / _FULL_COVERAGE, 1))
         bokeh = bokeh + mix[..., None] * (far - bokeh)
-    if before.any():
-        near, alpha = _blurred(image, np.maximum(defocus, 0), before, aperture, scale, 0.5)
+    if front.any():
+        near, alpha = _blurred(image, np.maximum(defocus, 0), front, aperture, scale, 0.5)
         bokeh = bokeh + alpha[..., None] * (near - bokeh)
     return np.asarray(bokeh, np.float32) if bokeh is not image else image.copy()

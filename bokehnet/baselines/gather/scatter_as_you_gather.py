@@ -178,7 +178,7 @@ def _main(  # type: ignore[no-untyped-def]
                 result[y, x, 3] = 1.0
                 continue
             count = 1 + 4 * rings * (rings + 1)
-            before, behind = np.zeros(4), np.zeros(4)
+            front, behind = np.zeros(4), np.zeros(4)
             for index in range(count):
                 angle, distance = table[rings - 1, index, 0], table[rings - 1, index, 1] * reach
                 fraction = angle / (2.0 * math.pi)
@@ -187,30 +187,30 @@ def _main(  # type: ignore[no-untyped-def]
                 column = min(max(int(math.floor(x + radial * math.cos(angle) + 0.5)), 0), columns - 1)
                 if plain:
                     for c in range(3):
-                        before[c] += light[row, column, c]
+                        front[c] += light[row, column, c]
                     continue
                 radius = abs(coc[row, column])
                 ring = math.floor(table[rings - 1, index, 1] * rings + 0.5)  # a third times 3 exceeds 1
                 weight = spread_weight(ring, radius * rings / reach) * sample_alpha(radius)
                 far = presort(first - coc[row, column], fade)
                 for c in range(3):
-                    before[c] += weight * (1.0 - far) * light[row, column, c]
+                    front[c] += weight * (1.0 - far) * light[row, column, c]
                     behind[c] += weight * far * light[row, column, c]
-                before[3] += weight * (1.0 - far)
+                front[3] += weight * (1.0 - far)
                 behind[3] += weight * far
             if plain:
                 for c in range(3):
-                    result[y, x, c] = before[c] / count
+                    result[y, x, c] = front[c] / count
                 result[y, x, 3] = 1.0
                 continue
-            alpha = min(2.0 * before[3] / (count * sample_alpha(reach)), 1.0)
-            total = before[3] + behind[3]
+            alpha = min(2.0 * front[3] / (count * sample_alpha(reach)), 1.0)
+            total = front[3] + behind[3]
             for c in range(3):
-                if two_layers and behind[3] > 0.0 and before[3] > 0.0:
-                    far_light, near_light = behind[c] / behind[3], before[c] / before[3]
+                if two_layers and behind[3] > 0.0 and front[3] > 0.0:
+                    far_light, near_light = behind[c] / behind[3], front[c] / front[3]
                     result[y, x, c] = far_light + alpha * (near_light - far_light)
                 else:
-                    result[y, x, c] = (before[c] + behind[c]) / total if total > 0.0 else light[y, x, c]
+                    result[y, x, c] = (front[c] + behind[c]) / total if total > 0.0 else light[y, x, c]
             result[y, x, 3] = alpha
 
 
@@ -252,8 +252,8 @@ def _render(
     full = doubled(blurred, *defocus.shape)
     # In focus: pixels whose blur is smaller than the diagonal of one, unless a foreground covers them.
     covered = np.clip(full[..., 3], 0, 1)
-    before = np.repeat(np.repeat(nearest, TILE, 0), TILE, 1)[: len(defocus), : defocus.shape[1]]
-    covered = np.where(before > math.sqrt(0.5), covered, 0)
+    nearest_full = np.repeat(np.repeat(nearest, TILE, 0), TILE, 1)[: len(defocus), : defocus.shape[1]]
+    covered = np.where(nearest_full > math.sqrt(0.5), covered, 0)
     mix = np.maximum(np.clip((np.abs(defocus) - math.sqrt(0.5)) / math.sqrt(0.5), 0, 1), covered)
     return np.asarray(image + mix[..., None] * (full[..., :3] - image), np.float32)
 

@@ -60,11 +60,11 @@ class History:
         before_y = np.round(y + motion[..., 1]).astype(np.int64)
         inside = (before_x >= 0) & (before_x < width) & (before_y >= 0) & (before_y < height)
         source = np.clip(before_y, 0, height - 1) * width + np.clip(before_x, 0, width - 1)
-        same = np.abs(self.depth.ravel()[source] - depth) <= _MAX_DEPTH_DIFFERENCE * depth
+        consistent = np.abs(self.depth.ravel()[source] - depth) <= _MAX_DEPTH_DIFFERENCE * depth
         sources = source.ravel()
         rays = self.count[:, sources].sum(0)
         weight = np.where(
-            (inside & same).ravel(), np.minimum(1.0, _MAX_HISTORY_RAYS / np.maximum(rays, 1.0)), 0.0
+            (inside & consistent).ravel(), np.minimum(1.0, _MAX_HISTORY_RAYS / np.maximum(rays, 1.0)), 0.0
         )
         return History(
             light=self.light[:, sources] * weight[:, None],

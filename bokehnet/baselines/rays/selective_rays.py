@@ -182,7 +182,7 @@ def selective_rays(
     mask: str | np.ndarray = "sobel",
     rule: str = "tan",
     by_tile: bool = False,
-    most: int = 5,
+    max_rays: int = 5,
     frames: int = 8,
     budget: float | None = None,
     post_process: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
@@ -201,13 +201,13 @@ def selective_rays(
         lens: Ideal, focused lens.
         pixel_pitch: Pixel pitch, mm.
         mask: Selection of the pixels that send rays: ``sobel``, ``sobel-depth`` or ``reach``, see
-            :mod:`bokehnet.baselines.rays.ray_mask`; or the maximum fraction of ``most`` of each pixel, (H,
-            W), 0 to 1.
+            :mod:`bokehnet.baselines.rays.ray_mask`; or the fraction of ``max_rays`` of each pixel, (H, W), 0
+            to 1.
         rule: ``tan``: as published. ``ours``: sends rays where they are noisy and differ from the
             post-process, and blends both with the minimum expected error.
         by_tile: Send no rays in tiles of one depth (:func:`bokehnet.baselines.rays.ray_mask.in_mixed_tiles`),
             and select a strategy per tile in Tan's post-process.
-        most: Maximum number of rays per pixel and frame, at least 1.
+        max_rays: Maximum number of rays per pixel and frame, at least 1.
         frames: Number of accumulated frames of a static scene, at least 1.
         budget: Maximum mean number of rays per pixel over all frames.
         post_process: Function that blurs a picture by its defocus in pixels; default: Tan's.
@@ -224,7 +224,7 @@ def selective_rays(
         ShapeError: The sizes differ.
     """
     check_choice("rule", rule, RULES)
-    check_whole("most", most, 1)
+    check_whole("most", max_rays, 1)
     check_whole("frames", frames, 1)
     if budget is not None:
         check_above("budget", budget, 0)
@@ -245,15 +245,17 @@ def selective_rays(
     sent_before = moments.rays
     for frame in range(frames):
         fraction = _fraction_of_rays(moments, ray_fraction, post.reshape(-1, 3), size, rule, frame)
-        counts = np.round(fraction * most)
+        counts = np.round(fraction * max_rays)
         if allocation is not None and rule == "ours" and frame:
             limit = counts.sum()
             if budget is not None:  # unused rays of earlier frames carry over
                 limit = (budget * (frame + 1) / frames) * defocus.size - (moments.rays - sent_before).sum()
             visible_variance = _visible_variance(moments, post.reshape(-1, 3), size) * (ray_fraction > 0)
-            counts = _capped(allocation, visible_variance, moments.rays, int(limit), most)
+            counts = _capped(allocation, visible_variance, moments.rays, int(limit), max_rays)
         elif budget is not None and counts.mean() > budget / frames:
-            counts = np.floor(fraction * most * (budget / frames / counts.mean()) + rng.random(defocus.size))
+            counts = np.floor(
+                fraction * max_rays * (budget / frames / counts.mean()) + rng.random(defocus.size)
+            )
         pixels = np.repeat(np.arange(defocus.size), counts.astype(np.int64))
         if len(pixels):
             origins, directions = lens_rays(lens, size, pixel_pitch, pixels, rng)
@@ -315,13 +317,15 @@ def _fraction_of_rays(
 
 
 def _capped(
-    allocation: Allocation, variance: np.ndarray, sent: np.ndarray, budget: int, most: int
+    allocation: Allocation, variance: np.ndarray, sent: np.ndarray, budget: int, max_rays: int
 ) -> np.ndarray:
-    """Return the number of rays of each pixel, at most ``most``; redistributes the excess."""
+    """Return the number of rays of each pixel, at most ``max_rays``; redistributes the excess."""
     counts = np.zeros(len(sent), np.int64)
     for _ in range(_REDISTRIBUTION_ITERATIONS):
         remaining = budget - int(counts.sum())
-        counts = np.minimum(counts + allocation(variance * (counts < most), sent + counts, remaining), most)
+        counts = np.minimum(
+            counts + allocation(variance * (counts < max_rays), sent + counts, remaining), max_rays
+        )
     return counts
 
 
@@ -361,8 +365,8 @@ def _smoothed(
             if distance > kernel:
                 continue
             rows, columns = (slice(kernel + d, kernel + d + n) for d, n in zip((dy, dx), size, strict=True))
-            neighbours, known, blur = (part[rows, columns] for part in padded)
-            weight = known * (blur >= distance) * np.exp(-2 * (distance / max(kernel, 1)) ** 2)
+            neighbours, valid, blur = (part[rows, columns] for part in padded)
+            weight = valid * (blur >= distance) * np.exp(-2 * (distance / max(kernel, 1)) ** 2)
             sums += weight[..., None] * neighbours
             weights += weight
     strength = np.clip(_SMOOTHING_VARIANCE_WEIGHT * variance, 0, _MAX_SMOOTHING).reshape(size)[..., None]
@@ -391,9 +395,9 @@ def _expected_error(
     sent = moments.rays
     noise = moments.variance * sent / np.maximum(sent - 1, 1) / np.maximum(sent, 1)
     square = ((moments.merged()[0] - post) @ _LUMINANCE) ** 2
-    known = np.maximum(_local_mean((sent > 1).astype(float), size), 1e-6)
-    noise = _local_mean(np.where(sent > 1, noise, 0), size) / known
-    square = _local_mean(np.where(sent > 1, square, 0), size) / known
+    fraction = np.maximum(_local_mean((sent > 1).astype(float), size), 1e-6)
+    noise = _local_mean(np.where(sent > 1, noise, 0), size) / fraction
+    square = _local_mean(np.where(sent > 1, square, 0), size) / fraction
     error = np.maximum(square - noise, 0)
     return noise, np.where(sent > 1, error / np.maximum(error + noise, 1e-12), 0)
 

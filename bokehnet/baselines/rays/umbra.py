@@ -37,22 +37,24 @@ def cull_umbra(layers: Layers, *, extended: bool = False) -> Layers:
         layers: Layers, front to back, for a disc-shaped pupil or any aperture within it.
         extended: Join the pixels of the surface in front to one occluder.
     """
-    kept = layers.coverage > 0
-    before = np.full(kept.shape[:2], -np.inf)
-    for layer in range(kept.shape[2]):
+    visible = layers.coverage > 0
+    nearest_opaque = np.full(visible.shape[:2], -np.inf)
+    for layer in range(visible.shape[2]):
         defocus = layers.defocus[:, :, layer].astype(np.float64)
-        umbra = before - defocus <= _HALF_PIXEL
-        umbra &= before > -np.inf
+        umbra = nearest_opaque - defocus <= _HALF_PIXEL
+        umbra &= nearest_opaque > -np.inf
         if extended and layer:
-            low, high = n_buffers(before)
-            shadow = np.zeros(before.shape, np.bool_)
+            low, high = n_buffers(nearest_opaque)
+            shadow = np.zeros(nearest_opaque.shape, np.bool_)
             with parallel_region:
                 _shadow(low, high, defocus, shadow)
             umbra |= shadow
-        kept[:, :, layer] &= ~umbra
-        opaque = kept[:, :, layer] & (layers.coverage[:, :, layer] >= _MIN_COVERAGE)
-        before = np.where(opaque, defocus, before)
-    return Layers(colors=layers.colors, defocus=layers.defocus, coverage=np.where(kept, layers.coverage, 0))
+        visible[:, :, layer] &= ~umbra
+        opaque = visible[:, :, layer] & (layers.coverage[:, :, layer] >= _MIN_COVERAGE)
+        nearest_opaque = np.where(opaque, defocus, nearest_opaque)
+    return Layers(
+        colors=layers.colors, defocus=layers.defocus, coverage=np.where(visible, layers.coverage, 0)
+    )
 
 
 @njit(cache=True, parallel=True)
@@ -61,10 +63,10 @@ def _shadow(low, high, defocus, shadow):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     for y in prange(height):
         for x in range(width):
-            own, farthest = defocus[y, x], high[-1, 0, 0]
-            if not low[0, y, x] > own:
+            center_defocus, farthest = defocus[y, x], high[-1, 0, 0]
+            if not low[0, y, x] > center_defocus:
                 continue
             nearest = -np.inf
             for _ in range(_BOUND_ITERATIONS):
-                nearest, farthest = radius_bounds(low, high, y, x, int(math.ceil(farthest - own)))
-            shadow[y, x] = nearest > own
+                nearest, farthest = radius_bounds(low, high, y, x, int(math.ceil(farthest - center_defocus)))
+            shadow[y, x] = nearest > center_defocus

@@ -82,9 +82,9 @@ def _ladder(low: float, high: float) -> np.ndarray:
     radii = [0.0]
     while radii[-1] <= max(-low, high):
         radii.append(radii[-1] + max(_MIN_STEP_PX, _RELATIVE_STEP * radii[-1]))
-    both = np.array([-r for r in radii[:0:-1]] + radii)
-    first, last = np.searchsorted(both, low, side="right") - 1, np.searchsorted(both, high)
-    return both[first : max(last, first + 1) + 1]
+    steps = np.array([-r for r in radii[:0:-1]] + radii)
+    first, last = np.searchsorted(steps, low, side="right") - 1, np.searchsorted(steps, high)
+    return steps[first : max(last, first + 1) + 1]
 
 
 def _tables(

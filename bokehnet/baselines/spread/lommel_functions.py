@@ -77,5 +77,7 @@ def lommel_intensity(u: float, v: np.ndarray) -> np.ndarray:
 
     zeroth, first_order, second_order = lommel(0), lommel(1), lommel(2)
     phase = 0.5 * (u + v * v / u)
-    within = 1 + zeroth**2 + first_order**2 - 2 * zeroth * np.cos(phase) - 2 * first_order * np.sin(phase)
-    return np.asarray((2 / u) ** 2 * np.where(inside, within, first_order**2 + second_order**2))
+    inner_intensity = (
+        1 + zeroth**2 + first_order**2 - 2 * zeroth * np.cos(phase) - 2 * first_order * np.sin(phase)
+    )
+    return np.asarray((2 / u) ** 2 * np.where(inside, inner_intensity, first_order**2 + second_order**2))

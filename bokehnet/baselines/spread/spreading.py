@@ -36,14 +36,14 @@ def _add_squares(image, defocus, mask, sums):  # type: ignore[no-untyped-def]
             if not mask[y, x]:
                 continue
             half = max(0.5 * math.sqrt(math.pi) * abs(defocus[y, x]), 0.5)
-            whole = int(math.floor(half - 0.5))
-            rest = half - 0.5 - whole
+            full_pixels = int(math.floor(half - 0.5))
+            fraction = half - 0.5 - full_pixels
             for axis in range(2):
                 middle, end = (y, height) if axis == 0 else (x, width)
                 at, by = (at_row, by_row) if axis == 0 else (at_column, by_column)
-                at[0], at[1] = middle - whole - 1, middle - whole
-                at[2], at[3] = middle + whole + 1, middle + whole + 2
-                by[0], by[1], by[2], by[3] = rest, 1.0 - rest, rest - 1.0, -rest
+                at[0], at[1] = middle - full_pixels - 1, middle - full_pixels
+                at[2], at[3] = middle + full_pixels + 1, middle + full_pixels + 2
+                by[0], by[1], by[2], by[3] = fraction, 1.0 - fraction, fraction - 1.0, -fraction
                 for k in range(4):
                     at[k] = min(max(at[k], 0), end)
             light = 1.0 / (4.0 * half * half)

@@ -56,11 +56,11 @@ def make_soup(meshes: Sequence[GridMesh], nearest: float) -> Soup:
             np.meshgrid(*(np.linspace(0, 1, n) for n in mesh.uv.shape[:2]), indexing="ij"), -1
         )
         cells = [_triangles(values) for values in (mesh.points, mesh.uv, coordinates)]
-        kept = cells[0][..., 2].min(1) > nearest
-        for whole, part in zip(parts, cells, strict=True):
-            whole.append(part[kept].astype(np.float32))
-        owner.append(np.full(int(kept.sum()), number, np.int32))
-    corners, uv, grid = (np.concatenate(whole) for whole in parts)
+        visible = cells[0][..., 2].min(1) > nearest
+        for collected, part in zip(parts, cells, strict=True):
+            collected.append(part[visible].astype(np.float32))
+        owner.append(np.full(int(visible.sum()), number, np.int32))
+    corners, uv, grid = (np.concatenate(collected) for collected in parts)
     vertices = corners.reshape(-1, 3)
     tree = rtcore_scene.EmbreeScene()
     TriangleMesh(tree, vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
@@ -70,8 +70,8 @@ def make_soup(meshes: Sequence[GridMesh], nearest: float) -> Soup:
 def _triangles(values: np.ndarray) -> np.ndarray:
     """Return the corners (T, 3, C) of the two triangles of each cell of a grid (N, M, C)."""
     a, b, c, d = values[:-1, :-1], values[:-1, 1:], values[1:, :-1], values[1:, 1:]
-    both = np.stack([np.stack([a, b, c], 2), np.stack([d, c, b], 2)], 2)
-    return both.reshape(-1, 3, values.shape[-1])
+    triangles = np.stack([np.stack([a, b, c], 2), np.stack([d, c, b], 2)], 2)
+    return triangles.reshape(-1, 3, values.shape[-1])
 
 
 def pack(pictures: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -207,7 +207,7 @@ def test_rays_go_where_noise_shows_and_no_budget_is_passed():
             PITCH,
             mask="reach",
             rule="ours",
-            most=8,
+            max_rays=8,
             frames=6,
             budget=6,
             allocation=allocation,
