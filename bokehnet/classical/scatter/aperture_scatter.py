@@ -130,7 +130,8 @@ def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves): 
         sums: The rows, flat.
         at: Index of the source's own pixel.
         stride: Values per row.
-        shape: Rows, columns and fractions, see :class:`ShapeTable`.
+        shape: Rows, columns and fractions, see
+            :class:`bokehnet.classical.scatter.aperture_table.ShapeTable`.
         begin: First block.
         end: Index behind the last block.
         f: Fraction towards the next step of the radius table, in all lanes.
