@@ -1,1 +1,1 @@
-"""Commands that print the numbers of the README."""
+"""Commands that print the figures of the README and the docs."""

@@ -1,8 +1,9 @@
 """Speed, memory and quality of the classical renderers: ``python -m benchmarks.classical SECTION...``.
 
-speed: the scatter on a photograph beside a literal double loop and GEGL's lens blur, in turns, on one core
-and on all. scaling: seconds and memory as pictures and radii grow. rays: time and noise of the rays on the
-same photograph. shapes: what other apertures than the disc cost. quality: PSNR and SSIM on ray-traced
+speed: the scatter on a photograph compared with a literal double loop and GEGL's lens blur, in alternation,
+    on one core and on all. scaling: seconds and memory by picture size and radius. rays: time and noise of
+    the rays on the same photograph. shapes: cost of other apertures than the disc. quality: PSNR and SSIM on
+    ray-traced
 planes and on path-traced scenes. SHARED holds ``real/21.jpg`` with its disparity ``21.png`` and the
 path-traced scenes in ``cycles``.
 """
@@ -30,26 +31,26 @@ from train.metrics import compare
 
 BLUR, FOCUS = 60.0, 90 / 255
 LOOP, GEGL = "double loop", "GEGL lens-blur"
-LARGE = 8.0  # px; discs this large look alike with whole pixels and with parts of pixels
+LARGE = 8.0  # px; minimum radius of discs for which whole and fractional pixels hardly differ
 
 
-# Bare: without their error maps.
+# Classical renderers without their error maps.
 ENGINES: dict[str, Engine] = {"scatter": scatter, "rays": rays}
 
 
 def photograph(shared: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Picture 21, (H, W, 3), and its defocus in pixels, (H, W)."""
+    """Return picture 21, (H, W, 3), and its defocus in pixels, (H, W)."""
     disparity = read_disparity(shared / "real/21.png")
     return read_image(shared / "real/21.jpg"), defocus_from_disparity(disparity, BLUR, FOCUS)
 
 
 def warm_up(render: Engine) -> None:
-    """Let numba compile, or load what it has compiled."""
+    """Let numba compile the kernels or load them from its cache."""
     render(np.zeros((64, 64, 3), np.float32), np.ones((64, 64), np.float32))
 
 
 def speed(shared: Path, threads: int, rounds: int) -> list[str]:
-    """Lines of the table for one number of threads."""
+    """Return the lines of the table for one number of threads."""
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     results = {"scatter": scatter(image, defocus)}
@@ -73,7 +74,7 @@ def speed(shared: Path, threads: int, rounds: int) -> list[str]:
     like_loop = compare(results["scatter"], results[LOOP], defocus)
     lines.append(f"  scatter against the double loop's exact coverage: {like_loop['psnr']:.1f} dB")
     if lens_blur is None:
-        lines.append(f"  {GEGL} left out: its library is not here (Debian: apt install gegl)")
+        lines.append(f"  {GEGL} skipped: its library is not installed (Debian: apt install gegl)")
     else:
         like_gegl = compare(results["scatter"], results[GEGL], defocus)
         large = np.where(np.abs(defocus) >= LARGE)
@@ -86,7 +87,7 @@ def speed(shared: Path, threads: int, rounds: int) -> list[str]:
 
 
 def print_speed(shared: Path, rounds: int) -> None:
-    """The scatter beside its rivals."""
+    """Print the speed of the scatter and its rivals."""
     image, defocus = photograph(shared)
     radius = np.abs(defocus)
     print(
@@ -98,18 +99,18 @@ def print_speed(shared: Path, rounds: int) -> None:
 
 
 def measure_size(name: str, width: int, height: int, radius: float, repeats: int) -> tuple[float, int]:
-    """Median seconds, and the memory in bytes beyond picture, defocus and result."""
+    """Return median seconds, and the memory in bytes in addition to picture, defocus and result."""
     engine = ENGINES[name]
     warm_up(engine)
     image, defocus = scene(width, height, 1.0)
-    # Every pixel is blurred by nearly the same radius, before or behind the focal plane.
+    # Every pixel has nearly the same blur radius, in front of or behind the focal plane.
     defocus = (np.sign(defocus) * radius * (0.8 + 0.2 * np.abs(defocus))).astype(np.float32)
     memory = extra_memory(lambda: engine(image, defocus))
     return median_seconds(lambda: engine(image, defocus), repeats), memory
 
 
 def print_scaling(name: str, megapixels: list[float], radii: list[float], repeats: int) -> None:
-    """Time and memory as pictures grow, the radius with their width, and as the radius alone grows."""
+    """Print time and memory by picture size, with a proportional radius, and by radius alone."""
     print(f"{name}: radii from 80 to 100 % of the largest; median of {repeats} warm renders")
     print(f"{'MP':>6s}{'radius':>8s}{'seconds':>10s}{'ns/pixel':>10s}{'extra MB':>10s}{'bytes/pixel':>12s}")
     widths = [round(math.sqrt(1.5e6 * size)) for size in megapixels]
@@ -125,7 +126,7 @@ def print_scaling(name: str, megapixels: list[float], radii: list[float], repeat
 
 
 def measure_rays(shared: Path, threads: int, repeats: int) -> tuple[float, dict[str, float]]:
-    """Median seconds, and how two seeds compare."""
+    """Return median seconds, and the scores between two seeds."""
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     first, second = (rays(image, defocus, seed=seed) for seed in (0, 1))
@@ -133,7 +134,7 @@ def measure_rays(shared: Path, threads: int, repeats: int) -> tuple[float, dict[
 
 
 def print_rays(shared: Path, repeats: int) -> None:
-    """Time and noise of the rays on two cores."""
+    """Print time and noise of the rays on two cores."""
     threads = min(2, numba.config.NUMBA_NUM_THREADS)
     seconds, noise = in_own_process(measure_rays, shared, threads, repeats)
     print(f"{seconds:.2f} s with {threads} threads on the photograph, median of {repeats} warm renders")
@@ -157,7 +158,7 @@ SHAPES = {
 
 
 def measure_shapes(shared: Path, threads: int, rounds: int) -> list[str]:
-    """Lines of the table: both renderers with every shape, as ratios to the disc in turns with it."""
+    """Return the lines of the table: both renderers with every shape, as ratios to the disc."""
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     lines = []
@@ -175,7 +176,7 @@ def measure_shapes(shared: Path, threads: int, rounds: int) -> list[str]:
 
 
 def print_shapes(shared: Path, rounds: int) -> None:
-    """What other shapes cost."""
+    """Print the cost of other shapes."""
     print(
         f"time on the photograph as a multiple of the disc's, medians of {rounds} rounds, 2 threads at most"
     )
@@ -185,7 +186,7 @@ def print_shapes(shared: Path, rounds: int) -> None:
 
 
 def print_gain(rows: list[Row]) -> None:
-    """What the rays gain on the scatter, picture by picture."""
+    """Print the gain of the rays over the scatter."""
     gains = {key: [row["rays"][key] - row["scatter"][key] for row in rows] for key in ("psnr", "edge_psnr")}
     print(
         f"  rays less scatter: edge pixels {np.nanmean(gains['edge_psnr']):+.2f} dB on average; all pixels "
@@ -194,8 +195,8 @@ def print_gain(rows: list[Row]) -> None:
 
 
 def print_quality(shared: Path, data: Path) -> None:
-    """Scores on ray-traced planes and on the path-traced scenes."""
-    from benchmarks.traced import LAMPS, PLANES, read_traced  # here: only this needs torch
+    """Print scores on ray-traced planes and on the path-traced scenes."""
+    from benchmarks.traced import LAMPS, PLANES, read_traced  # local import: only this section needs torch
 
     print_header("pictures")
     for label, config in (("ray-traced planes", PLANES), ("planes and lamps", LAMPS)):
@@ -211,7 +212,7 @@ def print_quality(shared: Path, data: Path) -> None:
         print_scores("path-traced, all", everything)
         print_gain(everything)
     else:
-        print(f"path-traced scenes left out: there are none in {shared / 'cycles'}")
+        print(f"path-traced scenes skipped: found none in {shared / 'cycles'}")
 
 
 def main() -> None:
@@ -220,18 +221,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sections", nargs="+", choices=(*sections, "all"), metavar="SECTION")
     parser.add_argument("--shared", type=Path, default=Path("../shared"), help="pictures and scenes")
-    parser.add_argument("--data", type=Path, default=Path("data/traced"), help="folder for the ray-traced")
-    parser.add_argument("--repeats", type=int, default=5, help="rounds or warm renders")
+    parser.add_argument(
+        "--data", type=Path, default=Path("data/traced"), help="folder of the ray-traced scenes"
+    )
+    parser.add_argument("--repeats", type=int, default=5, help="number of rounds or warm renders")
     parser.add_argument("--engine", default="scatter", choices=ENGINES, help="for scaling")
     parser.add_argument("--megapixels", type=float, nargs="*", default=[1, 4, 12, 24], help="for scaling")
     parser.add_argument("--radii", type=float, nargs="*", default=[8, 16, 32, 64, 128, 256], help="at 2 MP")
     arguments = parser.parse_args()
-    wanted = sections if "all" in arguments.sections else arguments.sections
+    selected = sections if "all" in arguments.sections else arguments.sections
     has_photograph = (arguments.shared / "real/21.png").exists()
-    for section in wanted:
+    for section in selected:
         print(f"== {section}")
         if section in ("speed", "rays", "shapes") and not has_photograph:
-            print(f"left out: there is no real/21.png in {arguments.shared}")
+            print(f"skipped: found no real/21.png in {arguments.shared}")
         elif section == "speed":
             print_speed(arguments.shared, arguments.repeats)
         elif section == "scaling":

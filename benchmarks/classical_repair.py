@@ -1,4 +1,4 @@
-"""Disparity repair without learning, as a rival: filters that let a map's edges follow the picture's."""
+"""Disparity repair without learning, for comparison: edge-aware filters guided by the picture."""
 
 import kornia
 import numpy as np
@@ -8,16 +8,16 @@ from bokehnet.io.color.srgb import linear_to_srgb
 
 __all__ = ["guided", "joint_bilateral"]
 
-# Half width of the windows, pixels: what the degradations of the evaluation reach.
-_RADIUS = 9
-_SIDE = 2 * _RADIUS + 1
+# Half width of the windows, pixels: the reach of the degradations of the evaluation.
+_RADIUS_PX = 9
+_SIDE = 2 * _RADIUS_PX + 1
 
-# Difference of sRGB colours that counts as an edge.
-_COLOR = 0.06
+# Difference of sRGB colours at an edge.
+_COLOR_SIGMA = 0.06
 
 
 def _tensors(image: np.ndarray, disparity: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, float, float]:
-    """Picture as sRGB (1, 3, H, W), map from 0 to 1 (1, 1, H, W), and what undoes the latter."""
+    """Return the picture as sRGB (1, 3, H, W), the normalized map (1, 1, H, W), its minimum and range."""
     low, span = float(disparity.min()), float(np.ptp(disparity)) or 1.0
     colors = torch.from_numpy(linear_to_srgb(np.clip(image, 0, 1)).astype(np.float32))
     relative = torch.from_numpy(((disparity - low) / span).astype(np.float32))
@@ -25,24 +25,24 @@ def _tensors(image: np.ndarray, disparity: np.ndarray) -> tuple[torch.Tensor, to
 
 
 def guided(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
-    """Guided filter of a map (H, W) by its picture (H, W, 3).
+    """Return a map (H, W) after a guided filter by its picture (H, W, 3).
 
     Source:
         He, Sun and Tang, "Guided image filtering", ECCV 2010; the filter is kornia's.
     """
     colors, relative, low, span = _tensors(image, disparity)
-    result = kornia.filters.guided_blur(colors, relative, _SIDE, _COLOR**2)
+    result = kornia.filters.guided_blur(colors, relative, _SIDE, _COLOR_SIGMA**2)
     return np.asarray(low + span * result[0, 0].numpy(), np.float32)
 
 
 def joint_bilateral(image: np.ndarray, disparity: np.ndarray) -> np.ndarray:
-    """Joint bilateral filter of a map (H, W) by its picture (H, W, 3).
+    """Return a map (H, W) after a joint bilateral filter by its picture (H, W, 3).
 
     Source:
         Petschnigg et al., "Digital photography with flash and no-flash image pairs", SIGGRAPH 2004; the
         filter is kornia's.
     """
     colors, relative, low, span = _tensors(image, disparity)
-    sigma = _RADIUS / 2
-    result = kornia.filters.joint_bilateral_blur(relative, colors, _SIDE, _COLOR, (sigma, sigma))
+    sigma = _RADIUS_PX / 2
+    result = kornia.filters.joint_bilateral_blur(relative, colors, _SIDE, _COLOR_SIGMA, (sigma, sigma))
     return np.asarray(low + span * result[0, 0].numpy(), np.float32)

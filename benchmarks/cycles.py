@@ -1,7 +1,7 @@
 """Quality on path-traced scenes of an independent renderer: ``python -m benchmarks.cycles FOLDER``.
 
-FOLDER holds the scenes as :func:`train.evaluation_sets.path_traced_pictures` reads them. PSNR and SSIM are
-those of :mod:`train.metrics`; ``python -m train.evaluate`` tells more.
+FOLDER holds scenes in the layout of :func:`train.evaluation_sets.path_traced_pictures`. PSNR and SSIM are
+those of :mod:`train.metrics`; ``python -m train.evaluate`` prints more scores.
 """
 
 import argparse
@@ -29,7 +29,7 @@ __all__ = ["read_shots", "scene_folders", "whole_engine"]
 
 
 def whole_engine(name: str, weights: Path | None = None) -> Engine:
-    """The engine that people use."""
+    """Return the complete engine of a name."""
     method = Method(name=name, engine=name, weights=weights)
 
     def render(image: np.ndarray, defocus: np.ndarray, *, aperture: Aperture) -> np.ndarray:

@@ -1,12 +1,12 @@
-"""What a user waits for: ``python -m benchmarks.end_to_end [SECTION...]``.
+"""Time and memory as seen by a user: ``python -m benchmarks.end_to_end [SECTION...]``.
 
-photograph: every engine, warm, on a photograph of 1080x1350 pixels, beside the published wiring in
-the same run: a scatter as a double loop over every disc, and ARNet and IUNet of the published widths over
-the whole picture, in torch. cold: the command line from its start to the written file, in turns with
-``--help``. large: 24 megapixels with radii up to 160 pixels, and 100 megapixels with bounded memory, through
-the command line, with its peak memory. enlarged: a photograph and its map at 6, 24 and 100 megapixels, all
-options at their defaults, with a lens, in bounded memory, and with large radii. radii: the same photograph at
-24 megapixels, with discs of up to 39, 100, 200 and 400 pixels. SHARED holds ``real/21.jpg`` with its
+photograph: every engine, warm, on a photograph of 1080x1350 pixels, compared with the published architecture
+    in the same run: a scatter as a double loop over every disc, and ARNet and IUNet of the published widths
+    over the whole picture, in torch. cold: the command line from start to the written file, in alternation
+    with ``--help``. large: 24 megapixels with radii up to 160 pixels, and 100 megapixels with bounded memory,
+    by the command line, with its peak memory. enlarged: a photograph and its map at 6, 24 and 100 megapixels,
+    with default options, with a lens, in bounded memory, and with large radii. radii: the same photograph at
+    24 megapixels, with discs of up to 39, 100, 200 and 400 pixels. SHARED holds ``real/21.jpg`` with its
 disparity ``21.png``.
 """
 
@@ -40,7 +40,7 @@ PUBLISHED = "published wiring"
 
 
 def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
-    """The networks as published, untrained: they cost what trained ones cost.
+    """Return a renderer with the published networks, untrained, which cost the same as trained ones.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
@@ -70,7 +70,7 @@ def published_wiring() -> Callable[[np.ndarray, np.ndarray], None]:
 
 
 def photograph_section(shared: Path, rounds: int, figures: Path | None = None) -> None:
-    """Print medians of all engines and the ratio of the published wiring to each."""
+    """Print medians of all engines and the ratio of the published architecture to each."""
     image, defocus = photograph(shared)
     runs: dict[str, Callable[[], object]] = {}
     for name in ENGINES:
@@ -98,10 +98,10 @@ def photograph_section(shared: Path, rounds: int, figures: Path | None = None) -
 
 
 def run_command(*arguments: str) -> tuple[float, int]:
-    """Seconds and peak memory, bytes, of one ``bokehnet`` command line. Linux only."""
+    """Return seconds and peak memory in bytes of one ``bokehnet`` command line. Linux only."""
     start = time.perf_counter()
     command = [sys.executable, "-m", "bokehnet", *arguments]
-    # As where it is installed: modules are compiled once, and not with each command.
+    # As in an installation: modules are compiled once and not with each command.
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
     _, status, usage = os.wait4(process.pid, 0)
@@ -113,7 +113,7 @@ def run_command(*arguments: str) -> tuple[float, int]:
 
 
 def cold_section(shared: Path, rounds: int) -> None:
-    """Print medians of whole command lines; the kernels were compiled before."""
+    """Print medians of whole command lines with compiled kernels."""
     with tempfile.TemporaryDirectory() as folder:
         picture = [str(shared / "real/21.jpg"), "--disparity", str(shared / "real/21.png")]
         options = ["--blur", f"{BLUR:g}", "--focus", f"{FOCUS:g}", "-o", f"{folder}/out.png"]
@@ -134,7 +134,7 @@ def cold_section(shared: Path, rounds: int) -> None:
 
 
 def _write_scene(folder: str, width: int, height: int, blur: float) -> tuple[float, float]:
-    """Write ``image.png`` and ``map.exr``; returns the lowest and the highest defocus."""
+    """Write ``image.png`` and ``map.exr``; return the minimum and maximum defocus."""
     image, defocus = scene(width, height, blur)
     low, high = float(defocus.min()), float(defocus.max())
     write_image(f"{folder}/image.png", image)
@@ -148,7 +148,7 @@ def large_section(engines: list[str]) -> None:
     cases = (((6000, 4000), 160.0, []), ((12000, 8400), 160.0, ["--max-memory", "4G"]))
     for (width, height), blur, extra in cases:
         with tempfile.TemporaryDirectory() as folder:
-            # In a process of its own: a child's peak of memory begins with what its parent holds.
+            # In a separate process: the peak memory of a child starts with that of its parent.
             with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
                 low, high = pool.submit(_write_scene, folder, width, height, blur).result()
             for engine in engines:
@@ -206,13 +206,13 @@ def enlarged_section(shared: Path, rows: tuple[_Row, ...]) -> None:
                     pool.submit(_write_enlarged, str(shared), folder, *size).result()
                 before = size
             source, target = files.split()
-            held = os.times()
+            start = os.times()
             seconds, memory = run_command(
                 *("render", f"{folder}/photo.{source}", "--disparity", f"{folder}/map.png"),
                 *("--blur", f"{blur}", "--focus", f"{FOCUS:g}", "-o", f"{folder}/out.{target}", *extra),
             )
             now = os.times()
-            processor = now.children_user + now.children_system - held.children_user - held.children_system
+            processor = now.children_user + now.children_system - start.children_user - start.children_system
             options = f"blur {blur:3d}, {source} to {target} {' '.join(extra):24s}"
             print(
                 f"{size[0] * size[1] / 1e6:6.1f} MP, {options}"
@@ -231,8 +231,10 @@ def main() -> None:
     parser.add_argument(
         "--figures", type=Path, help="JSON file for the documentation, of the section photograph"
     )
-    parser.add_argument("--megapixels", type=float, default=100, help="at most, of the section enlarged")
-    parser.add_argument("--engines", nargs="+", default=["rays", "hybrid"], help="of the section large")
+    parser.add_argument("--megapixels", type=float, default=100, help="maximum size of the section enlarged")
+    parser.add_argument(
+        "--engines", nargs="+", default=["rays", "hybrid"], help="engines of the section large"
+    )
     arguments = parser.parse_args()
     for section in arguments.sections:
         if section == "photograph":
@@ -242,8 +244,10 @@ def main() -> None:
         elif section == "large":
             large_section(arguments.engines)
         elif section == "enlarged":
-            most = 1e6 * arguments.megapixels
-            enlarged_section(arguments.shared, tuple(it for it in _ENLARGED if it[0][0] * it[0][1] <= most))
+            max_pixels = 1e6 * arguments.megapixels
+            enlarged_section(
+                arguments.shared, tuple(it for it in _ENLARGED if it[0][0] * it[0][1] <= max_pixels)
+            )
         elif section == "radii":
             enlarged_section(arguments.shared, _RADII)
         else:

@@ -1,12 +1,11 @@
-"""Whether what is expected comes: ``python -m benchmarks.expected_error KIND FOLDER``.
+"""Reliability of the expected error: ``python -m benchmarks.expected_error KIND FOLDER``.
 
-The rays render every picture of a set (KIND and FOLDER as of ``python -m train.evaluate --data``), with the
-true disparity and with wrong ones that are repaired first, and tell what error they expect. Printed are, for
-pixels within reach of depth discontinuities, Spearman's rank correlation with the true error, pixel by
-pixel and for means over blocks of 8x8 pixels, the mean over pictures; both means; and a reliability table:
-tenths of all these pixels, from the least to the most expected, with what was expected and what came. How
-much of a pixel's error is chance tells the rank correlation of somebody who knows the true errors of the
-eight pixels around it.
+The rays render every picture of a set (KIND and FOLDER as in ``python -m train.evaluate --data``), with the
+true disparity and with degraded, then repaired disparity, and predict their error. For pixels within reach of
+depth discontinuities, the command prints Spearman's rank correlation with the true error, per pixel and for
+means over blocks of 8x8 pixels, as mean over pictures; both means; and a reliability table: tenths of all
+these pixels by rising expected error, with mean expected and mean true error. The rank correlation of the
+true errors of the eight neighbours with that of the pixel bounds the predictable part of a pixel's error.
 """
 
 import argparse
@@ -23,42 +22,42 @@ from train.degradation import DEGRADATIONS, degrade
 from train.evaluation_sets import SETS, Shot, list_pictures
 from train.train_error import reliability, true_error
 
-# Side of the blocks, pixels, and the least part of one that must lie near edges.
-_BLOCK, _PART = 8, 0.5
+# Side of the blocks, pixels, and the minimum fraction of a block near edges.
+_BLOCK_PX, _MIN_FRACTION = 8, 0.5
 
 
-def block_means(values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Means of chosen pixels over the blocks in which there are enough of them, (n,)."""
-    height, width = (side // _BLOCK for side in values.shape)
+def block_means(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return the means of masked pixels over blocks with enough of them, (n,)."""
+    height, width = (side // _BLOCK_PX for side in values.shape)
 
     def sums(array: np.ndarray) -> np.ndarray:
-        cut = array[: height * _BLOCK, : width * _BLOCK]
-        return cut.reshape(height, _BLOCK, width, _BLOCK).sum((1, 3))
+        cut = array[: height * _BLOCK_PX, : width * _BLOCK_PX]
+        return cut.reshape(height, _BLOCK_PX, width, _BLOCK_PX).sum((1, 3))
 
-    count, total = sums(chosen), sums(values * chosen)
-    enough = count >= _PART * _BLOCK**2
-    return total[enough] / count[enough]
+    count, total = sums(mask), sums(values * mask)
+    valid = count >= _MIN_FRACTION * _BLOCK_PX**2
+    return total[valid] / count[valid]
 
 
 def mean_around(values: np.ndarray) -> np.ndarray:
-    """Mean of the eight neighbours of each pixel, (H, W); the border is repeated."""
+    """Return the mean of the eight neighbours of each pixel, (H, W), border repeated."""
     return (9 * uniform_filter(values.astype(np.float64), 3, mode="nearest") - values) / 8
 
 
-def examined(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.ndarray, tuple[float, ...]]:
-    """Expected and true error of the pixels near edges, (2, n), and rank correlations.
+def error_pairs(shot: Shot, disparity: str, repair: DisparityRepair) -> tuple[np.ndarray, tuple[float, ...]]:
+    """Return expected and true error of the pixels near edges, (2, n), and rank correlations.
 
-    These are by pixel, by block, and of the true errors around each pixel with its own.
+    The correlations are per pixel, per block, and of the neighbours' true errors with the pixel's own.
     """
-    given = degrade(shot.defocus, disparity)
-    defocus = repair(shot.image, given, "auto")
-    found = Engine("rays").render(shot.image, defocus, aperture=shot.aperture, expected_error=True)
-    assert found.expected_error is not None
-    pictures = {"rays": found.bokeh, "truth": shot.truth}
+    degraded = degrade(shot.defocus, disparity)
+    defocus = repair(shot.image, degraded, "auto")
+    result = Engine("rays").render(shot.image, defocus, aperture=shot.aperture, expected_error=True)
+    assert result.expected_error is not None
+    pictures = {"rays": result.bokeh, "truth": shot.truth}
     batch = {name: torch.from_numpy(picture.transpose(2, 0, 1))[None] for name, picture in pictures.items()}
-    near, true = found.error_map > 0, true_error(batch)[0, 0].numpy()
-    blocks = [block_means(x, near) for x in (found.expected_error, true)]
-    pixels = np.stack([found.expected_error[near], true[near]])
+    near, true = result.error_map > 0, true_error(batch)[0, 0].numpy()
+    blocks = [block_means(x, near) for x in (result.expected_error, true)]
+    pixels = np.stack([result.expected_error[near], true[near]])
     pairs = (pixels, blocks, (mean_around(true)[near], true[near]))
     return pixels, tuple(float(spearmanr(*pair).statistic) for pair in pairs)
 
@@ -70,23 +69,23 @@ def main() -> None:
     )
     parser.add_argument("kind", choices=SETS)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--limit", type=int, help="this many scenes only")
+    parser.add_argument("--limit", type=int, help="maximum number of scenes")
     arguments = parser.parse_args()
     pictures, repair = list_pictures(arguments.kind, arguments.folder, arguments.limit), DisparityRepair()
     for disparity in DEGRADATIONS:
-        everything, correlations = [], []
+        all_pixels, correlations = [], []
         for picture in pictures:
-            pixels, told_apart = examined(picture.read(), disparity, repair)
-            everything.append(pixels)
-            correlations.append(told_apart)
-        told, true = np.concatenate(everything, axis=1)
+            pixels, correlation = error_pairs(picture.read(), disparity, repair)
+            all_pixels.append(pixels)
+            correlations.append(correlation)
+        expected, true = np.concatenate(all_pixels, axis=1)
         by_pixel, by_block, around = np.mean(correlations, axis=0)
         print(
             f"{disparity} disparity, {len(pictures)} pictures: Spearman {by_pixel:.3f} by pixel, "
             f"{by_block:.3f} by block, {around:.3f} by the true errors around it; "
-            f"expected {told.mean():.2f}, came {true.mean():.2f} levels"
+            f"expected {expected.mean():.2f}, came {true.mean():.2f} levels"
         )
-        table = reliability(told, true)
+        table = reliability(expected, true)
         for name, values in zip(("expected", "came"), zip(*table, strict=True), strict=True):
             print(f"  {name:9s}" + "".join(f"{value:7.2f}" for value in values), flush=True)
 

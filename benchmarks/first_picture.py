@@ -1,8 +1,8 @@
-"""Seconds to the first picture where nothing is compiled yet: ``python -m benchmarks.first_picture``.
+"""Seconds to the first picture with an empty kernel cache: ``python -m benchmarks.first_picture``.
 
-Commands run one after the other, each in a program of its own, with one cache of numba's that is empty at
-first: each pays for what those before it have not compiled. ``--compile`` leaves all kernels to numba, as on
-machines that the package has no machine code for. The last line is what the installed packages weigh.
+Commands run one after the other, each in its own process, with one numba cache that is initially empty: each
+compiles what earlier commands have not. ``--compile`` compiles all kernels with numba, as on machines without
+precompiled kernels. The last line is the size of the installed packages.
 """
 
 import argparse
@@ -37,7 +37,7 @@ _PACKAGES = ("bokehnet", "numba", "llvmlite", "numpy", "onnxruntime", "OpenImage
 
 
 def measure(words: tuple[str, ...], environment: dict[str, str], folder: Path) -> tuple[float, float]:
-    """Seconds on the clock, and of the user's CPU time, of one command line."""
+    """Return wall-clock seconds and user CPU seconds of one command line."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, time.perf_counter()
     command = [sys.executable, "-m", "bokehnet", *words]
     subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
@@ -45,7 +45,7 @@ def measure(words: tuple[str, ...], environment: dict[str, str], folder: Path) -
 
 
 def megabytes(package: str) -> float | None:
-    """What an installed package weighs, unless it is not installed as files of its own."""
+    """Return the size of an installed package, MB."""
     if package == "bokehnet":
         files = [
             path for path in Path(bokehnet.__file__).parent.rglob("*") if "__pycache__" not in path.parts
@@ -60,8 +60,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--compile", action="store_true", help="leave all kernels to numba")
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(COMMANDS)}; default: all")
+    parser.add_argument("--compile", action="store_true", help="compile all kernels with numba")
+    parser.add_argument("names", nargs="*", help=f"some of {', '.join(COMMANDS)}; default: all")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -73,9 +73,9 @@ def main() -> None:
         compiled = 0
         for command in arguments.names or COMMANDS:
             first = measure(COMMANDS[command], environment, folder)
-            found = len(list(folder.rglob("*.nbc")))
+            total = len(list(folder.rglob("*.nbc")))
             second = measure(COMMANDS[command], environment, folder)
-            new, compiled = found - compiled, found
+            new, compiled = total - compiled, total
             seconds = [f"{value:.1f}" for value in (*first, *second)]
             print(f"| {command} | {' | '.join([*seconds[:2], str(new), *seconds[2:]])} |", flush=True)
     sizes = {package: megabytes(package) for package in _PACKAGES}

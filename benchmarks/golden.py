@@ -1,13 +1,14 @@
-"""The golden set: what the command line writes must stay as it is while the code behind it moves.
+"""Golden set: outputs of the command line that must not change when the code is refactored.
 
     git worktree add ../before REVISION
     PYTHONPATH=../before python benchmarks/golden.py write golden/before
     PYTHONPATH=.         python benchmarks/golden.py write golden/now
     python benchmarks/golden.py compare golden/before golden/now
 
-``write`` runs some forty command lines and four exports with whichever bokehnet is imported; the inputs are
-made here, from the demo picture and from numbers, by libraries that are not under test. ``compare`` asks that
-files of 8 and 16 bits are equal byte for byte and that floating-point pictures are equal, or 120 dB apart.
+``write`` runs some forty command lines and four exports with the imported bokehnet; the inputs are made here,
+from the demo picture and from numbers, by libraries that are not under test. ``compare`` requires that files
+of 8 and 16 bits are equal byte for byte and that floating-point pictures are equal or differ by at most -120
+dB.
 """
 
 import base64
@@ -22,7 +23,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 
 _ROOT = Path(__file__).resolve().parents[1]
-_LEAST = 120.0  # dB between floating-point pictures
+_MIN_PSNR_DB = 120.0  # between floating-point pictures
 
 _PHOTO = ("photo.png", "--disparity", "disparity.png")
 _BASE = (*_PHOTO, "--blur", "24", "--focus", "0.46")
@@ -30,7 +31,7 @@ _LARGE = ("large.png", "--disparity", "large_disparity.png", "--blur", "24", "--
 _LENS = ("--focal-length", "50", "--f-number", "1.8", "--sensor-width", "36")
 _DEPTH = ("shot.exr", "--depth", "shot.exr", *_LENS, "--focus-distance", "2.5")
 
-# Name of the case to the words behind "bokehnet render".
+# Name of the case -> arguments of "bokehnet render".
 RENDERS: dict[str, tuple[str, ...]] = {
     "rays": (*_BASE, "-o", "out.png"),
     "rays_tiff": (*_BASE, "-o", "out.tif"),
@@ -182,7 +183,7 @@ RENDERS: dict[str, tuple[str, ...]] = {
 
 
 def write(folder: Path) -> None:
-    """Render and export everything into ``folder``, one folder a case."""
+    """Render and export everything into ``folder``, one folder per case."""
     folder = folder.absolute()
     import bokehnet
     from bokehnet.cli.app import run
@@ -200,7 +201,7 @@ def write(folder: Path) -> None:
 
 
 def compare(before: Path, now: Path) -> int:
-    """Print what differs; the number of files that differ by more than they may."""
+    """Print the differences; return the number of files that differ by more than the tolerance."""
     wrong = 0
     names = sorted(
         path.relative_to(before) for path in before.rglob("*") if path.is_file() and not path.is_symlink()
@@ -236,11 +237,11 @@ def _verdict(before: Path, now: Path) -> str:
     )
     peak = max(1.0, float(np.abs(old[finite]).max()))
     decibels = math.inf if error == 0 else 20 * math.log10(peak / error)
-    return f"{'' if decibels >= _LEAST else 'WRONG: '}{decibels:.1f} dB"
+    return f"{'' if decibels >= _MIN_PSNR_DB else 'WRONG: '}{decibels:.1f} dB"
 
 
 def in_folder(folder: Path, inputs: Path, action: Callable[[], int | None]) -> None:
-    """Run in a folder that holds links to the inputs."""
+    """Run ``action`` in a folder with links to the inputs."""
     import os
 
     folder.mkdir()
@@ -325,21 +326,21 @@ def _run_networks(folder: Path) -> None:
 
 
 def _run_model(path: Path, values: dict[str, np.ndarray] | None) -> None:
-    """Keep what an exported network gives for one input, and not its bytes: names inside may change."""
+    """Store the output of an exported network for one input, not its bytes, whose names may change."""
     import onnxruntime
 
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     rng = np.random.default_rng(0)
-    fed = {}
+    feeds = {}
     for index, item in enumerate(session.get_inputs()):
         if values is not None:
-            fed[item.name] = np.ascontiguousarray(values[item.name], np.float32)
+            feeds[item.name] = np.ascontiguousarray(values[item.name], np.float32)
             continue
         small = item.name in ("coarse", "span")
         sides = (1, 1) if item.name == "span" else (32, 48) if small else (64, 96)
         channels = item.shape[1] if isinstance(item.shape[1], int) else 3
-        fed[item.name] = rng.random((1, channels, *sides), dtype=np.float32) + (0.1 * index)
-    for index, result in enumerate(session.run(None, fed)):
+        feeds[item.name] = rng.random((1, channels, *sides), dtype=np.float32) + (0.1 * index)
+    for index, result in enumerate(session.run(None, feeds)):
         np.save(path.with_name(f"{path.stem}_{index}.npy"), result)
     path.unlink()
     for manifest in path.parent.glob("manifest.json"):
@@ -366,7 +367,7 @@ def _store(
 
 
 def make_inputs(folder: Path) -> None:
-    """Write the pictures and maps that the command lines read."""
+    """Write the input pictures and maps of the command lines."""
     assets = _ROOT / "bokehnet/assets"
     large = oiio.ImageBuf(str(assets / "demo.png")).get_pixels(oiio.UINT8)[..., :3]
     map_of_large = oiio.ImageBuf(str(assets / "demo_disparity.png")).get_pixels(oiio.UINT16)[..., :1]
@@ -408,7 +409,7 @@ def make_inputs(folder: Path) -> None:
 
 
 def _make_portrait(path: Path, photo: np.ndarray, disparity: np.ndarray) -> None:
-    """A phone's photo with its map inside, after Google's GDepth specification; 255 is far."""
+    """Write a phone photograph with an embedded map, after Google's GDepth specification; 255 is far."""
     _store(path, photo, "uint8", Exif__FocalLength=4.3, Exif__FocalLengthIn35mmFilm=28, FNumber=1.9)
     stored = path.with_name("map.png")
     _store(stored, 255 - (disparity[::2, ::2] // 257).astype(np.uint8), "uint8")

@@ -1,7 +1,7 @@
 """Time and memory of the engines, warm: ``python -m benchmarks.hybrid``.
 
-Every engine renders the same picture of 1920x1080 pixels in a process of its own. Beside them, as a rival
-in the same run, the scatter as it is usually written: a double loop over every pixel's disc.
+Every engine renders the same picture of 1920x1080 pixels in a separate process. For comparison, the same run
+includes the usual implementation of the scatter: a double loop over every pixel's disc.
 """
 
 import argparse
@@ -17,10 +17,10 @@ RIVAL = "double loop"
 
 
 def measure(engine: str, size: tuple[int, int], blur: float, repeats: int) -> tuple[float, float]:
-    """Median seconds and peak memory, GB, of one engine."""
+    """Return median seconds and peak memory in GB of one engine."""
     render = double_loop if engine == RIVAL else BokehRenderer(engine).render
     image, defocus = scene(*size, blur)
-    render(image[:64, :64].copy(), np.zeros((64, 64), np.float32))  # what numba compiles counts for nobody
+    render(image[:64, :64].copy(), np.zeros((64, 64), np.float32))  # excludes compilation by numba
     seconds = median_seconds(lambda: render(image, defocus), 1 if engine == RIVAL else repeats)
     return seconds, peak_memory() / 1024**3
 
@@ -29,9 +29,9 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(1920, 1080), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--blur", type=float, default=40.0, help="largest radius, pixels")
+    parser.add_argument("--blur", type=float, default=40.0, help="maximum blur radius, pixels")
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--no-rival", action="store_true", help="leave the double loop out; it is slow")
+    parser.add_argument("--no-rival", action="store_true", help="skip the double loop, which is slow")
     arguments = parser.parse_args()
     width, height = arguments.size
     print(f"{width}x{height}, largest blur {arguments.blur:g} px, median of {arguments.repeats} warm renders")

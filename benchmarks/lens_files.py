@@ -1,10 +1,9 @@
 """Lens files of other programs: ``python -m benchmarks.lens_files FOLDER [--glasses FOLDER]``.
 
-Each file of the folder is read; focal length, f-number and sizes of spots stand beside those that optiland
-and ray-optics, where they are installed, say of the same file. They tell lengths in the unit of the file, we
-in mm. Spots are root mean square distances from the middle of one bundle, over 6 rings of rays in the
-Gaussian entrance pupil, of the object on the axis and at 0.7 of the largest angle, where the file puts the
-image.
+Reads each file of the folder and compares focal length, f-number and spot sizes with those of optiland and
+ray-optics, where installed, for the same file. Their lengths are in the unit of the file, ours in mm. Spots
+are root mean square distances from the centre of one bundle, over 6 rings of rays in the paraxial entrance
+pupil, for an object on the axis and at 0.7 of the maximum angle, in the image plane of the file.
 """
 
 import argparse
@@ -29,16 +28,16 @@ __all__ = ["main"]
 
 _RINGS = 6
 _FIELD = 0.7
-# Spots smaller than this share of the focal length are points.
-_POINT = 1e-8
-_AGREED = (1e-6, 1e-6, 1e-4, 1e-4)
+# Size below which a spot is a point, as a fraction of the focal length.
+_POINT_SIZE = 1e-8
+_TOLERANCES = (1e-6, 1e-6, 1e-4, 1e-4)
 
 _Four = tuple[float, float, float, float]
-"""Focal length, f-number, spots on the axis and off it; NaN where one is not told."""
+"""Focal length, f-number, spots on the axis and off it; NaN where unknown."""
 
 
 def _pupil() -> np.ndarray:
-    """Rings of rays in the unit disc, (rays, 2), the outermost at 0.9."""
+    """Return rings of rays in the unit disc, (rays, 2), the outermost at 0.9."""
     radii = np.repeat(0.9 * (np.arange(_RINGS) + 1) / _RINGS, 6 * (np.arange(_RINGS) + 1))
     turns = np.concatenate([np.arange(6 * k) / (6 * k) for k in range(1, _RINGS + 1)]) * 2 * np.pi
     return np.stack([radii * np.cos(turns), radii * np.sin(turns)], -1)
@@ -50,29 +49,29 @@ def _size(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def _ours(path: Path, glasses: list[Path]) -> tuple[_Four, float]:
-    """The four numbers, and the unit of the file, mm."""
+    """Return the four numbers, and the unit of the file in mm."""
     read = import_lens(path, glasses)
-    found = read.prescription
-    surfaces = found.trace_surfaces(found.design_wavelength)
+    prescription = read.prescription
+    surfaces = prescription.trace_surfaces(prescription.design_wavelength)
     gauss = paraxial_lens(surfaces)
     focal_length = float(gauss.cardinal.focal_length)
     sizes = [math.nan, math.nan]
     if math.isinf(read.object_distance):
-        image = surfaces[-1].vertex + found.surfaces[-1].thickness
+        image = surfaces[-1].vertex + prescription.surfaces[-1].thickness
         pupil = abs(float(gauss.entrance.radius)) * _pupil()
-        angle = math.atan(found.image_radius / found.focal_length)
+        angle = math.atan(prescription.image_radius / prescription.focal_length)
         before = min(0.0, float(gauss.entrance.position)) - 1.0
-        for number, share in enumerate((0.0, _FIELD)):
-            slope = math.tan(share * angle)
+        for number, fraction in enumerate((0.0, _FIELD)):
+            slope = math.tan(fraction * angle)
             ends = [
                 (pupil[:, 0], pupil[:, 1] + (t - gauss.entrance.position) * slope, t)
                 for t in (before - 1.0, before)
             ]
             beam = trace(surfaces, beam_between(*ends))
-            told = share == 0 or read.field_is_angle
-            if told and np.isfinite(beam.fill).all() and beam.fill.max() < 1e5:
+            comparable = fraction == 0 or read.field_is_angle
+            if comparable and np.isfinite(beam.fill).all() and beam.fill.max() < 1e5:
                 size = _size(*beam.at(image))
-                sizes[number] = size if size > _POINT * abs(focal_length) else math.nan
+                sizes[number] = size if size > _POINT_SIZE * abs(focal_length) else math.nan
     f_number = abs(focal_length / gauss.entrance.radius / 2)
     return (focal_length, f_number, sizes[0], sizes[1]), read.millimetres
 
@@ -84,9 +83,9 @@ def _optiland(path: Path) -> _Four:
     lens: Any = getattr(fileio, readers[path.suffix.lower()])(str(path))
     pupil, sizes = _pupil(), []
     ones = np.ones(len(pupil))
-    for share in (0.0, _FIELD):
+    for fraction in (0.0, _FIELD):
         with contextlib.suppress(Exception):
-            lens.trace_generic(0 * ones, share * ones, pupil[:, 0], pupil[:, 1], lens.primary_wavelength)
+            lens.trace_generic(0 * ones, fraction * ones, pupil[:, 0], pupil[:, 1], lens.primary_wavelength)
             x, y = (np.asarray(at)[-1] for at in (lens.surfaces.x, lens.surfaces.y))
             sizes.append(_size(x, y))
     sizes += [math.nan] * (2 - len(sizes))
@@ -107,20 +106,20 @@ def _rayoptics(path: Path) -> _Four:
     sizes = []
     largest = math.radians(max((math.hypot(f.x, f.y) for f in spec.field_of_view.fields), default=0.0))
     scale = getattr(spec.field_of_view, "value", 1.0) if spec.field_of_view.is_relative else 1.0
-    for share in (0.0, _FIELD):
+    for fraction in (0.0, _FIELD):
         with contextlib.suppress(Exception):
-            angle = share * largest * scale
+            angle = fraction * largest * scale
             direction = np.array([0.0, math.sin(angle), math.cos(angle)])
             path_of = list(sequence.path(wl=wavelength, start=1))
-            # Rays begin in the plane of the first surface, which stands in the way from there on.
+            # Rays start in front of the plane of the first surface.
             start = [
                 np.array([x, y - data.enp_dist * math.tan(angle), 0.0]) - 2 * direction / direction[2]
                 for x, y in _pupil() * data.enp_radius
             ]
             dummy = next(iter(sequence.path(wl=wavelength)))
-            moved = (dummy[0], dummy[1], (np.eye(3), np.array([0.0, 0.0, 0.0])), dummy[3], dummy[4])
+            at_origin = (dummy[0], dummy[1], (np.eye(3), np.array([0.0, 0.0, 0.0])), dummy[3], dummy[4])
             ends = [
-                raytrace.trace_raw(iter([moved, *path_of]), point, direction, wavelength)[0][-1][0]
+                raytrace.trace_raw(iter([at_origin, *path_of]), point, direction, wavelength)[0][-1][0]
                 for point in start
             ]
             sizes.append(_size(*np.array(ends)[:, :2].T))
@@ -129,20 +128,22 @@ def _rayoptics(path: Path) -> _Four:
 
 
 def _against(tool: Callable[[Path], _Four], path: Path, ours: _Four, unit: float) -> tuple[str, list[float]]:
-    """How far a tool is from ours in each number, NaN where either has none; or that it fails."""
-    hidden = io.StringIO()
+    """Return the deviation of a tool from our numbers as text and values; NaN where either has none."""
+    output = io.StringIO()
     try:
-        with contextlib.redirect_stdout(hidden), contextlib.redirect_stderr(hidden):
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
             theirs = tool(path)
-    except Exception as error:  # whatever another program raises
+    except Exception as error:  # other programs raise exceptions of any type
         return f"- ({type(error).__name__})", [math.nan] * 4
-    # A mirror turns the axis and with it the sign of their focal length.
+    # A mirror reverses the axis and thus the sign of their focal length.
     units = (unit, 1.0, unit, unit)
-    off = [
+    deviations = [
         abs(abs(a * scale) / abs(b) - 1) if b else math.nan
         for a, b, scale in zip(theirs, ours, units, strict=True)
     ]
-    return ", ".join("-" if math.isnan(one) else f"{one:.0e}" for one in off), off
+    return ", ".join(
+        "-" if math.isnan(deviation) else f"{deviation:.0e}" for deviation in deviations
+    ), deviations
 
 
 def main() -> None:
@@ -158,7 +159,7 @@ def main() -> None:
     print("Off by: of focal length, f-number, spot on the axis and off it")
     print("| file | focal length | f-number | optiland: off by | ray-optics: off by |")
     print("|---|---|---|---|---|")
-    read, agreed, told = 0, np.zeros(4, int), np.zeros(4, int)
+    read, agreed, compared = 0, np.zeros(4, int), np.zeros(4, int)
     for path in paths:
         try:
             ours, unit = _ours(path, arguments.glasses)
@@ -166,18 +167,22 @@ def main() -> None:
             print(f"| {path.name} | {str(error).replace(str(path), '').strip(', :')} | | | |")
             continue
         read += 1
-        cells, offs = zip(
+        cells, tool_deviations = zip(
             *(_against(tool, path, ours, unit) for tool in (_optiland, _rayoptics)), strict=True
         )
-        nearest = np.fmin(*np.array(offs))
-        told += ~np.isnan(nearest)
-        agreed += nearest <= _AGREED
+        nearest = np.fmin(*np.array(tool_deviations))
+        compared += ~np.isnan(nearest)
+        agreed += nearest <= _TOLERANCES
         print(f"| {path.name} | {ours[0]:.6f} | {ours[1]:.5f} | {' | '.join(cells)} |", flush=True)
     print(f"{read} of {len(paths)} files are read")
-    for name, limit, count, all_told in zip(
-        ("focal length", "f-number", "spot on the axis", "spot off it"), _AGREED, agreed, told, strict=True
+    for name, limit, count, total in zip(
+        ("focal length", "f-number", "spot on the axis", "spot off it"),
+        _TOLERANCES,
+        agreed,
+        compared,
+        strict=True,
     ):
-        print(f"{name}: {count} of {all_told} as the nearer program says, to {limit:g}")
+        print(f"{name}: {count} of {total} as the nearer program says, to {limit:g}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How time and memory are measured, and the pictures they are measured on."""
+"""Measurement of time and memory, and the test picture."""
 
 import multiprocessing
 import statistics
@@ -15,7 +15,7 @@ __all__ = ["extra_memory", "in_own_process", "median_seconds", "peak_memory", "s
 
 
 def scene(width: int, height: int, blur: float) -> tuple[np.ndarray, np.ndarray]:
-    """Noise behind discs and stripes at several depths; the largest radius is ``blur``."""
+    """Return a picture of noise with discs and stripes at several depths; the maximum radius is ``blur``."""
     rng = np.random.default_rng(0)
     image = rng.random((height, width, 3), dtype=np.float32)
     y, x = np.mgrid[:height, :width].astype(np.float32)
@@ -29,13 +29,13 @@ def scene(width: int, height: int, blur: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def in_own_process(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call ``function`` in a fresh process, whose memory and threads nothing else has touched."""
+    """Call ``function`` in a new process with its own memory and threads."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(function, *arguments).result()
 
 
 def time_in_turns(runs: dict[str, Callable[[], Any]], rounds: int) -> list[dict[str, float]]:
-    """Seconds of each run in each round; all take turns, so that a slow moment of the machine hits all."""
+    """Return the seconds of each run in each round; runs alternate, so that all share slow periods."""
     rows = []
     for _ in range(rounds):
         row = {}
@@ -48,17 +48,17 @@ def time_in_turns(runs: dict[str, Callable[[], Any]], rounds: int) -> list[dict[
 
 
 def median_seconds(run: Callable[[], Any], repeats: int) -> float:
-    """Median time of one run."""
+    """Return the median time of one run, seconds."""
     return statistics.median(row["run"] for row in time_in_turns({"run": run}, repeats))
 
 
 def peak_memory() -> int:
-    """Most memory this process has held so far, bytes."""
+    """Return the peak memory of this process so far, bytes."""
     return memory_status("VmHWM")
 
 
 def extra_memory(run: Callable[[], np.ndarray]) -> int:
-    """Bytes that ``run`` held at its peak beyond what was there before and beyond its result. Linux only."""
+    """Return the peak memory of ``run`` in addition to previous memory and its result, bytes. Linux only."""
     peak = PeakMemory()
     result = run()
     assert peak.extra is not None

@@ -1,7 +1,8 @@
 """Time and memory of the renderer as one ONNX file: ``python -m benchmarks.one_file``.
 
-ONNX Runtime renders with the file that ``bokehnet export`` writes, beside it the package with the same engine
-in the same run, each in a process of its own, warm; then both on one picture, for their PSNR.
+ONNX Runtime renders with the file that ``bokehnet export`` writes; for comparison, the package renders with
+the same engine in the same run, each in a separate process, warm. Then both render one picture for their
+PSNR.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from bokehnet.render.renderer import BokehRenderer
 
 
 class OneFile:
-    """The file in plain ONNX Runtime; called like a renderer's ``render``."""
+    """Exported file in plain ONNX Runtime."""
 
     def __init__(self, path: Path) -> None:
         options = onnxruntime.SessionOptions()
@@ -26,20 +27,20 @@ class OneFile:
         self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
 
     def __call__(self, image: np.ndarray, disparity: np.ndarray, blur: float) -> np.ndarray:
-        """Bokeh (H, W, 3), focused on disparity 0."""
+        """Return the bokeh (H, W, 3), focused on disparity 0."""
         numbers = {"K": blur, "focus": 0, "gamma": 1}
         scalars = {name: np.array(value, np.float32) for name, value in numbers.items()}
         return self._session.run(None, {"image": image, "disparity": disparity, **scalars})[0]
 
 
 class Package:
-    """The package, called likewise."""
+    """Renderer of the package with the same interface."""
 
     def __init__(self, engine: str) -> None:
         self._renderer = BokehRenderer(engine)
 
     def __call__(self, image: np.ndarray, disparity: np.ndarray, blur: float) -> np.ndarray:
-        """Bokeh (H, W, 3), focused on disparity 0."""
+        """Return the bokeh (H, W, 3), focused on disparity 0."""
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(0))
         return self._renderer.render(image, defocus).bokeh
 
@@ -47,7 +48,7 @@ class Package:
 def measure(
     path: Path | None, engine: str, size: tuple[int, int], blur: float, repeats: int
 ) -> tuple[float, float]:
-    """Median seconds and peak memory, GB, of the file, or of the package without one."""
+    """Return median seconds and peak memory in GB of the file, or of the package without a file."""
     render = OneFile(path) if path else Package(engine)
     image, disparity = scene(*size, 1.0)
     render(image[:64, :64].copy(), disparity[:64, :64].copy(), 4.0)
@@ -56,7 +57,7 @@ def measure(
 
 
 def parity(path: Path, engine: str, size: tuple[int, int], blur: float) -> float:
-    """PSNR of the file to the package, dB, scene-linear."""
+    """Return the PSNR between file and package, dB, scene-linear."""
     image, disparity = scene(*size, 1.0)
     one, other = (render(image, disparity, blur) for render in (OneFile(path), Package(engine)))
     return float(-10 * np.log10(np.square(one - other).mean() + 1e-20))
@@ -66,7 +67,7 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(1350, 1080), metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--blur", type=float, default=60.0, help="largest radius, pixels")
+    parser.add_argument("--blur", type=float, default=60.0, help="maximum blur radius, pixels")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--engine", choices=ONE_FILE_ENGINES, default="fast")
     arguments = parser.parse_args()

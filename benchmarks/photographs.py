@@ -1,7 +1,7 @@
-"""Photographs at several blurs and focus distances, to look at: ``python -m benchmarks.photographs FOLDER``.
+"""Contact sheets of photographs by blur and focus: ``python -m benchmarks.photographs FOLDER``.
 
-FOLDER holds ``NAME.jpg`` with its disparity ``NAME.png`` each. One sheet a photograph shows blur by focus;
-with ``--crops NAME:X,Y,SIZE`` another shows squares of a photograph as several engines render them.
+FOLDER holds photographs ``NAME.jpg`` with disparity ``NAME.png``. One sheet per photograph shows blur by
+focus; with ``--crop X,Y,SIZE`` it shows square crops rendered by several engines.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from bokehnet.tools.contact_sheet import contact_sheet
 
 BLURS = (30.0, 60.0, 120.0)
 
-# Where to focus: these quantiles of the disparity, and what the sheet calls them.
+# Focus: name on the sheet -> quantile of the disparity.
 FOCUS = {"far": 0.1, "middle": 0.5, "near": 0.95}
 
 
@@ -29,7 +29,7 @@ def _halved(picture: np.ndarray) -> np.ndarray:
 
 
 def blur_by_focus(image: np.ndarray, disparity: np.ndarray, renderer: BokehRenderer) -> np.ndarray:
-    """Sheet of all blurs (rows) and focus distances (columns), at a quarter of the size."""
+    """Return a sheet of all blurs (rows) and focus distances (columns), at a quarter of the size."""
     rows = []
     for blur in BLURS:
         row = []
@@ -44,17 +44,17 @@ def blur_by_focus(image: np.ndarray, disparity: np.ndarray, renderer: BokehRende
 def crops(
     image: np.ndarray,
     renders: dict[str, np.ndarray],
-    places: list[tuple[int, int, int]],
+    squares: list[tuple[int, int, int]],
 ) -> np.ndarray:
-    """Sheet with one row for each square (left, top, size): the photograph, then each render."""
-    shown = {"photograph": image, **renders}
+    """Return a sheet with one row per square (left, top, size): the photograph, then each render."""
+    pictures = {"photograph": image, **renders}
     rows = []
-    for x, y, size in places:
-        rows.append([(name, picture[y : y + size, x : x + size]) for name, picture in shown.items()])
+    for x, y, size in squares:
+        rows.append([(name, picture[y : y + size, x : x + size]) for name, picture in pictures.items()])
     return contact_sheet(rows)
 
 
-def _place(text: str) -> tuple[int, int, int]:
+def _parse_square(text: str) -> tuple[int, int, int]:
     x, y, size = (int(part) for part in text.split(","))
     return x, y, size
 
@@ -66,10 +66,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("."))
     parser.add_argument("--engine", default="hybrid")
     parser.add_argument("--only", action="append", help="name of a photograph; default: all")
-    parser.add_argument("--crop", action="append", type=_place, metavar="X,Y,SIZE", help="with --only")
-    parser.add_argument("--blur", type=float, default=60.0, help="of the crops")
-    parser.add_argument("--focus", type=float, default=90 / 255, help="of the crops")
-    parser.add_argument("--rival", type=Path, help="another render of the photograph, shown beside the crops")
+    parser.add_argument("--crop", action="append", type=_parse_square, metavar="X,Y,SIZE", help="with --only")
+    parser.add_argument("--blur", type=float, default=60.0, help="for the crops")
+    parser.add_argument("--focus", type=float, default=90 / 255, help="for the crops")
+    parser.add_argument("--rival", type=Path, help="another render of the photograph to show with the crops")
     arguments = parser.parse_args()
     renderer, repair = BokehRenderer(arguments.engine), DisparityRepair()
     for path in sorted(arguments.folder.glob("*.jpg")):
@@ -83,11 +83,11 @@ def main() -> None:
             )
             continue
         maps = {"as it is": disparity, "repaired": repaired}
-        wanted = [("scatter", "as it is"), ("rays", "as it is"), ("rays", "repaired")]
+        variants = [("scatter", "as it is"), ("rays", "as it is"), ("rays", "repaired")]
         if arguments.engine not in ("scatter", "rays"):
-            wanted.append((arguments.engine, "repaired"))
+            variants.append((arguments.engine, "repaired"))
         renders = {}
-        for engine, kind in wanted:
+        for engine, kind in variants:
             defocus = defocus_from_disparity(maps[kind], arguments.blur, arguments.focus)
             name = engine if kind == "as it is" else f"{engine}, repaired"
             renders[name] = BokehRenderer(engine).render(image, defocus).bokeh

@@ -1,4 +1,4 @@
-"""Scores of several engines on the same pictures, as a table."""
+"""Tables of the scores of several engines on the same pictures."""
 
 from collections.abc import Callable, Iterable
 
@@ -11,16 +11,16 @@ __all__ = ["COLUMNS", "Engine", "print_header", "print_scores", "score"]
 
 COLUMNS = ("psnr", "ssim", "edge_psnr", "edge_ssim")
 
-# (image, defocus, aperture=) -> picture; the rays also take a seed
+# Function (image, defocus, aperture=) -> picture; the rays also accept a seed.
 Engine = Callable[..., np.ndarray]
 
 
-# For each engine the scores of one shot.
+# Scores of one shot by engine.
 Row = dict[str, dict[str, float]]
 
 
 def score(shots: Iterable[Shot], engines: dict[str, Engine]) -> list[Row]:
-    """Scores of every engine on every shot, and last the noise of the truth where it is known."""
+    """Return the scores of every engine on every shot, plus the noise of the truth where known."""
     return [
         {
             name: compare(engine(shot.image, shot.defocus, aperture=shot.aperture), shot.truth, shot.defocus)
@@ -32,12 +32,12 @@ def score(shots: Iterable[Shot], engines: dict[str, Engine]) -> list[Row]:
 
 
 def print_header(label: str) -> None:
-    """The table's first line; dB and [0, 1]."""
+    """Print the header of the table; dB and [0, 1]."""
     print(f"{label:22s}{'engine':14s}" + "".join(f"{column:>11s}" for column in COLUMNS))
 
 
 def print_scores(label: str, rows: list[Row]) -> None:
-    """One line for each engine: means over ``rows``."""
+    """Print one line per engine: means over ``rows``."""
     for name in rows[0]:
         scores = mean_scores([row[name] for row in rows])
         values = "".join(f"{scores[column]:11.4f}" for column in COLUMNS)

@@ -1,9 +1,9 @@
-"""The ray tracer: ``python -m benchmarks.raytrace``.
+"""Convergence and speed of the ray tracer: ``python -m benchmarks.raytrace``.
 
-Prints how the error falls with the samples for random, stratified and Halton points (``--plot`` draws it),
-how many camera rays are followed per second beside Mitsuba 3 on the same cores, and how many training
-pairs a minute gives (:mod:`benchmarks.training_pairs`). ``--device cuda`` measures rays and pairs on a GPU.
-Run it on a quiet machine.
+Prints the error by number of samples for random, stratified and Halton points (``--plot`` draws it), the
+camera rays per second compared with Mitsuba 3 on the same cores, and the training pairs per minute
+(:mod:`benchmarks.training_pairs`). ``--device cuda`` measures rays and pairs on a GPU. Run it on an idle
+machine.
 """
 
 import argparse
@@ -38,7 +38,7 @@ __all__ = ["convergence", "main"]
 
 
 def plane_scene(device: torch.device) -> Scene:
-    """Textured cards before, in and behind the focus, before a picture at infinity."""
+    """Return textured cards in front of, in and behind focus, with a picture at infinity."""
     rng = np.random.default_rng(0)
 
     def blocks() -> np.ndarray:
@@ -52,24 +52,24 @@ def plane_scene(device: torch.device) -> Scene:
             ((300.0, 100.0, 2500.0), (400.0, 50.0, 0.0), (-50.0, 300.0, 0.0)),
         )
     ]
-    sky = background_from(blocks(), (0.45, 0.45))  # more than the view, beyond which it is clamped
+    sky = background_from(blocks(), (0.45, 0.45))  # larger than the view, outside of which it is clamped
     background = Background(texture=sky.texture.to(device), half_extent=sky.half_extent)
     return Scene(background=background, planes=tuple(planes))
 
 
 def camera(width: int, height: int) -> Camera:
-    """An 80 mm pupil behind which all but the middle card is blurred."""
+    """Return a camera with an 80 mm pupil that blurs all cards except the middle one."""
     lens = ThinLens(focal_length=50.0, f_number=0.625, focus_distance=1200.0)
     return Camera(lens=lens, width=width, height=height, pixel_pitch=36 / width)
 
 
 def random_points(count: int, pixels: int, rng: np.random.Generator) -> np.ndarray:
-    """Independent points (count, pixels, 4) for pupil and pixel."""
+    """Return independent points (count, pixels, 4) for pupil and pixel."""
     return rng.random((count, pixels, 4))
 
 
 def stratified_points(count: int, pixels: int, rng: np.random.Generator) -> np.ndarray:
-    """One point at random in each cell of a square grid; cells of pupil and pixel are paired at random."""
+    """Return one random point per cell of a square grid; cells of pupil and pixel are paired at random."""
     side = math.isqrt(count)
     cells = np.stack(np.divmod(np.arange(side * side), side), -1)
     halves = []
@@ -80,7 +80,7 @@ def stratified_points(count: int, pixels: int, rng: np.random.Generator) -> np.n
 
 
 def halton_points(count: int, pixels: int, rng: np.random.Generator) -> np.ndarray:
-    """One Halton sequence, shifted for each pixel."""
+    """Return one Halton sequence with a shift per pixel."""
     points = np.stack([halton(count, base) for base in (2, 3, 5, 7)], -1)
     return rotate_points(points[:, None], rng.random((pixels, 4)))
 
@@ -93,18 +93,18 @@ _PATTERNS: dict[str, Callable[[int, int, np.random.Generator], np.ndarray]] = {
 
 
 def _picture(world: World, view: Camera, points: np.ndarray) -> Tensor:
-    """Mean colour (P, 3) over points (N, P, 4)."""
+    """Return the mean colour (P, 3) over points (N, P, 4)."""
     sensor = view.sensor_xy(torch.device("cpu"), torch.float32).reshape(-1, 2)
     total = torch.zeros(len(sensor), 3)
     for point in torch.from_numpy(points.astype(np.float32)):
-        place = sensor + view.pixel_pitch * (point[:, 2:] - 0.5)
-        rays, _ = lens_rays(view, place, disc_from_square(point[:, :2]), torch.zeros(len(sensor)))
+        position = sensor + view.pixel_pitch * (point[:, 2:] - 0.5)
+        rays, _ = lens_rays(view, position, disc_from_square(point[:, :2]), torch.zeros(len(sensor)))
         total += trace_paths(world, rays, lambda dimension, row: torch.zeros(len(row)), 0).color
     return total / len(points)
 
 
 def convergence(counts: tuple[int, ...], repeats: int = 4) -> dict[str, list[float]]:
-    """Root-mean-square error of each pattern for each number of samples, on a small plane scene."""
+    """Return the root mean square error of each pattern for each number of samples on a small plane scene."""
     world, view = world_from_scene(plane_scene(torch.device("cpu"))), camera(48, 32)
     pixels = view.width * view.height
     truth = _picture(world, view, halton_points(16 * max(counts), pixels, np.random.default_rng(99)))
@@ -191,7 +191,7 @@ def _mitsuba_scene(scene: Scene, view: Camera, samples: int) -> Any:
 
 
 def _print_rates(device: torch.device, width: int, height: int, samples: int) -> None:
-    """Camera rays per second on the plane scene, and how well the pictures agree."""
+    """Print camera rays per second on the plane scene, and the PSNR between the pictures."""
     scene, view = plane_scene(device), camera(width, height)
     tracer = Tracer(world_from_scene(scene), view, bounces=0, device=device)
     rays = width * height * samples
@@ -204,7 +204,7 @@ def _print_rates(device: torch.device, width: int, height: int, samples: int) ->
 
     print(f"plane scene, {width}x{height}, {samples} samples, {device}, {torch.get_num_threads()} threads")
     rate("ours, planes (synth)", lambda: render_bokeh(scene, view, samples, 0).cpu())
-    # The general tracer follows a ray through the pupil's middle beside each ray through the pupil.
+    # For each ray through the pupil, the general tracer also traces one through the pupil centre.
     rate("ours, general", lambda: tracer.render(samples).bokeh.cpu(), 2 * rays)
     try:
         import mitsuba as mi
@@ -229,7 +229,9 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=64)
     parser.add_argument("--scenes", type=int, default=6, help="scenes for the training pairs")
     parser.add_argument("--threads", type=int, default=os.cpu_count())
-    parser.add_argument("--plot", type=Path, help="draw the convergence here (needs matplotlib)")
+    parser.add_argument(
+        "--plot", type=Path, help="write a plot of the convergence to this file (needs matplotlib)"
+    )
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     device = torch.device(arguments.device)

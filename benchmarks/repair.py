@@ -1,7 +1,8 @@
-"""Edge PSNR of wrong maps, repaired and as they are: ``python -m benchmarks.repair FOLDER [--faults moved]``.
+"""Edge PSNR of faulty maps with and without repair: ``python -m benchmarks.repair FOLDER [--faults moved]``.
 
-FOLDER holds path-traced scenes as :func:`train.evaluation_sets.path_traced_shots` reads them. Each fault is
-put into the true map; the rays render it unrepaired, repaired everywhere and by ``auto``. Edge PSNR in dB.
+FOLDER holds path-traced scenes in the layout of :func:`train.evaluation_sets.path_traced_shots`. Each fault
+is applied to the true map; the rays render it unrepaired, repaired everywhere and by ``auto``. Edge PSNR in
+dB.
 """
 
 import argparse
@@ -74,24 +75,24 @@ FAULTS: Mapping[str, Mapping[str, Fault]] = {
 
 
 def main() -> None:
-    """Print a row for each scene and fault, and the mean of all."""
+    """Print a row per scene and fault, and the mean of all."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--faults", choices=FAULTS, action="append", help="default: all")
-    parser.add_argument("--shots", type=int, default=2, help="shots of each scene, from the first on")
+    parser.add_argument("--shots", type=int, default=2, help="number of shots per scene, from the first")
     arguments = parser.parse_args()
     repair, everything = DisparityRepair(), []
     print(f"{'scene':20s}{'map':22s}" + "".join(f"{mode:>8s}" for mode in _MODES))
     for scene in scene_folders(arguments.folder):
         shots = list(islice(path_traced_shots(scene), arguments.shots))
         for group in arguments.faults or FAULTS:
-            for name, spoil in FAULTS[group].items():
+            for name, apply_fault in FAULTS[group].items():
                 rows = []
                 for shot in shots:
-                    wrong = spoil(shot.defocus)
-                    maps = [repair(shot.image, wrong, mode) for mode in _MODES]
+                    faulty = apply_fault(shot.defocus)
+                    maps = [repair(shot.image, faulty, mode) for mode in _MODES]
                     renders = [rays(shot.image, values, aperture=shot.aperture) for values in maps]
                     rows.append(
                         [compare(render, shot.truth, shot.defocus)["edge_psnr"] for render in renders]

@@ -1,6 +1,6 @@
-"""What the classical renderers are timed against: the scatter as it is usually written, and GEGL's.
+"""Rivals of the classical renderers: the usual implementation of the scatter, and GEGL's lens blur.
 
-Both take ``(image, defocus)`` as the package's own scatter does and blur by the same radii.
+Both accept ``(image, defocus)`` like the package's scatter and blur by the same radii.
 """
 
 import ctypes
@@ -14,20 +14,20 @@ from numba import get_num_threads, njit, prange
 
 __all__ = ["double_loop", "open_lens_blur"]
 
-# A disc of this radius lies inside its own pixel; smaller ones are the same picture.
+# Radius of a disc inside its own pixel; smaller discs give the same picture.
 SMALLEST_RADIUS = 0.5
 
 
 @njit(cache=True)
 def _area_left_of(x, radius):  # type: ignore[no-untyped-def]
-    """Area between the x axis and the half circle of ``radius`` around 0, from 0 to ``x``."""
+    """Return the area between the x axis and the semicircle of ``radius`` around 0, from 0 to ``x``."""
     t = min(max(x / radius, -1.0), 1.0)
     return 0.5 * radius * radius * (t * math.sqrt(1.0 - t * t) + math.asin(t))
 
 
 @njit(cache=True)
 def _area_in_quadrant(left, right, bottom, top, radius):  # type: ignore[no-untyped-def]
-    """Area of the disc inside a rectangle that lies in the first quadrant, by one integral along x."""
+    """Return the area of the disc inside a rectangle in the first quadrant, by one integral along x."""
     if left * left + bottom * bottom >= radius * radius:
         return 0.0
     full = math.sqrt(max(radius * radius - top * top, 0.0))  # up to here the circle passes above
@@ -39,7 +39,7 @@ def _area_in_quadrant(left, right, bottom, top, radius):  # type: ignore[no-unty
 
 @njit(cache=True)
 def disc_coverage(u, v, radius):  # type: ignore[no-untyped-def]
-    """Exact share of the pixel at offset (u, v) that lies inside the disc of ``radius`` around 0."""
+    """Return the exact coverage of the pixel at offset (u, v) by the disc of ``radius`` around 0."""
     u, v = abs(u), abs(v)
     nearest = max(u - 0.5, 0.0) ** 2 + max(v - 0.5, 0.0) ** 2
     if nearest >= radius * radius:
@@ -54,7 +54,7 @@ def disc_coverage(u, v, radius):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def _add_discs(image, defocus, sums):  # type: ignore[no-untyped-def]
-    """Every thread adds the discs of its share of rows to a picture (H, W, 4) of its own."""
+    """Add the discs of all pixels, each thread its own rows to its own picture (H, W, 4)."""
     height, width, _ = image.shape
     threads = sums.shape[0]
     for thread in prange(threads):
@@ -73,14 +73,14 @@ def _add_discs(image, defocus, sums):  # type: ignore[no-untyped-def]
 
 
 def double_loop(image: np.ndarray, defocus: np.ndarray) -> np.ndarray:
-    """The normalised scatter, literally: every pixel adds its colour to all pixels of its disc.
+    """Return the normalised scatter, implemented literally: every pixel adds its colour to its disc.
 
-    The weights are exact: the area of the disc on each pixel, over the area of the disc. All of numba's
-    threads take part.
+    The weights are exact: the area of the disc on each pixel, divided by the area of the disc. Uses all numba
+        threads.
 
     Args:
         image: Scene-linear, (H, W, 3) float32.
-        defocus: Blur radius in pixels, (H, W); only its magnitude matters.
+        defocus: Blur radius in pixels, (H, W); its sign is ignored.
     """
     sums = np.zeros((get_num_threads(), *defocus.shape, 4), np.float32)
     _add_discs(image, defocus, sums)
@@ -89,29 +89,29 @@ def double_loop(image: np.ndarray, defocus: np.ndarray) -> np.ndarray:
 
 
 class _Rectangle(ctypes.Structure):
-    """GeglRectangle."""
+    """Layout of GeglRectangle."""
 
     _fields_ = [(name, ctypes.c_int) for name in ("x", "y", "width", "height")]
 
 
 def open_lens_blur(threads: int) -> Callable[[np.ndarray, np.ndarray], Callable[[], np.ndarray]] | None:
-    """GEGL's ``gegl:lens-blur`` (Ell, 2017) by its C library; ``None`` where that is not installed.
+    """Return GEGL's ``gegl:lens-blur`` (Ell, 2017) by its C library, or ``None`` if it is not installed.
 
-    The operation spreads row ends, as ours does, over whole pixels: a radius r of its own lights the
-    pixels whose centres lie within r + 1/2, so our radius less 1/2 is the disc of equal area.
+    The operation spreads row ends over whole pixels, like ours: its radius r covers the pixels with centres
+        within r + 1/2, so our radius minus 1/2 gives a disc of equal area.
 
     Args:
-        threads: For GEGL, for the rest of this process.
+        threads: Number of threads of GEGL, for the rest of this process.
 
     Returns:
-        A function that hands a picture and its defocus to GEGL and returns another, to be timed, that
-        blurs: with no file and no conversion of pixels in between.
+        A function that passes a picture and its defocus to GEGL and returns the function to time, which blurs
+        without files and pixel conversions.
     """
-    found = ctypes.util.find_library("gegl-0.4"), ctypes.util.find_library("babl-0.1")
-    if None in found:
+    libraries = ctypes.util.find_library("gegl-0.4"), ctypes.util.find_library("babl-0.1")
+    if None in libraries:
         return None
     os.environ["GEGL_THREADS"] = str(threads)
-    gegl, babl = (ctypes.CDLL(name) for name in found)
+    gegl, babl = (ctypes.CDLL(name) for name in libraries)
     pointer = ctypes.c_void_p
     for function in (gegl.gegl_buffer_new, gegl.gegl_node_new, gegl.gegl_node_new_child, babl.babl_format):
         function.restype = pointer

@@ -1,13 +1,12 @@
-"""How long it is from the hand to painted pixels in the studio, in a browser on the same machine.
+"""Latency of the studio from input to painted pixels, in a browser on the same machine.
 
     python -m benchmarks.studio_latency [FOLDER] [--clicks 30]
 
-``FOLDER`` holds 21.jpg and 21.png (by default the photographs of ../shared/real). Each is measured from the
-time stamp of the pointer's event to the first task after the frame in which the pixels are drawn: for the
-first picture, for the one at the size of the screen, and for the engine's own. A photograph of 1080x1350
-pixels and its enlargement to 12 megapixels; the window is 1440x900, blur up to 60 pixels of
-the preview, the map as it is.
-Needs the extra studio, playwright and Chromium.
+``FOLDER`` holds 21.jpg and 21.png (by default the photographs of ../shared/real). Measures from the time
+stamp of the pointer event to the first task after the frame that draws the pixels: for the first picture, for
+the picture at screen resolution, and for the engine's final picture. The inputs are a photograph of 1080x1350
+pixels and its enlargement to 12 megapixels; the window is 1440x900, the blur up to 60 preview pixels, without
+disparity repair. Needs the extra studio, playwright and Chromium.
 """
 
 import argparse
@@ -29,28 +28,28 @@ SHARED = Path(__file__).resolve().parents[2] / "shared" / "real"
 KINDS = ("click", "slider", "preset")
 STAGES = ("draft", "scatter", "final")
 WORDS = {"draft": "first", "scatter": "screen", "final": "engine"}
-_PAUSE = 300  # milliseconds of a hand between two clicks
+_PAUSE_MS = 300  # between two clicks
 TWELVE = (3098, 3872)  # width, height
 
 
 def enlarged(source: Path, target: Path) -> Path:
-    """Write a picture or a map at 12 megapixels."""
+    """Write a picture or map enlarged to 12 megapixels."""
     roi = oiio.ROI(0, TWELVE[0], 0, TWELVE[1])
     oiio.ImageBufAlgo.resize(oiio.ImageBuf(str(source)), roi=roi).write(str(target))
     return target
 
 
 def until(page: Page, expression: str, seconds: float = 240) -> None:
-    """Wait until an expression is true."""
+    """Wait until a JavaScript expression is true."""
     for _ in range(int(seconds / 0.03)):
         if page.evaluate(expression):
             return
         page.wait_for_timeout(30)
-    raise SystemExit(f"not within {seconds:g} s: {expression}")
+    raise SystemExit(f"timeout after {seconds:g} s: {expression}")
 
 
-def measured(page: Page) -> dict[str, list[float]]:
-    """Milliseconds of each stage since the last look; the first is the draft, or what came in its place."""
+def stage_times(page: Page) -> dict[str, list[float]]:
+    """Return milliseconds of each stage since the last call; the draft is the first picture of any kind."""
     entries = page.evaluate(
         """() => {
             const found = performance.getEntriesByType("measure")
@@ -70,8 +69,8 @@ def measured(page: Page) -> dict[str, list[float]]:
 
 
 def act(page: Page, kind: str, count: int, rng: random.Random, wait: str) -> dict[str, list[float]]:
-    """Do one thing several times, each time waiting for a stage."""
-    found: dict[str, list[float]] = {stage: [] for stage in STAGES}
+    """Repeat one kind of input, each time waiting for a stage."""
+    times_by_stage: dict[str, list[float]] = {stage: [] for stage in STAGES}
     sheet = page.locator("#sheet").bounding_box()
     blur = page.locator("#blur").bounding_box()
     presets = page.locator("#presets button")
@@ -80,7 +79,7 @@ def act(page: Page, kind: str, count: int, rng: random.Random, wait: str) -> dic
     if kind == "slider":
         page.mouse.move(blur["x"] + 0.5 * blur["width"], blur["y"] + blur["height"] / 2)
         page.mouse.down()
-    for at in range(count):
+    for index in range(count):
         page.evaluate("() => { delete document.body.dataset.stage; performance.clearMeasures(); }")
         if kind == "click":
             x = sheet["x"] + rng.uniform(0.1, 0.9) * sheet["width"]
@@ -90,19 +89,19 @@ def act(page: Page, kind: str, count: int, rng: random.Random, wait: str) -> dic
             x = blur["x"] + (0.3 + 0.4 * rng.random()) * blur["width"]
             page.mouse.move(x, blur["y"] + blur["height"] / 2)
         else:
-            presets.nth(1 + at % (presets.count() - 1)).click()
-        later = {"scatter": "['scatter', 'final']", "final": "['final']"}[wait]
-        until(page, f"{later}.includes(document.body.dataset.stage)")
-        page.wait_for_timeout(60 if kind == "slider" else _PAUSE)
-        for stage, times in measured(page).items():
-            found[stage] += times
+            presets.nth(1 + index % (presets.count() - 1)).click()
+        stages = {"scatter": "['scatter', 'final']", "final": "['final']"}[wait]
+        until(page, f"{stages}.includes(document.body.dataset.stage)")
+        page.wait_for_timeout(60 if kind == "slider" else _PAUSE_MS)
+        for stage, times in stage_times(page).items():
+            times_by_stage[stage] += times
     if kind == "slider":
         page.mouse.up()
-    return found
+    return times_by_stage
 
 
-def told(times: list[float]) -> str:
-    """p50 and p95."""
+def percentiles(times: list[float]) -> str:
+    """Return p50 and p95 as text."""
     if not times:
         return "      -      "
     return f"{np.percentile(times, 50):6.0f} {np.percentile(times, 95):6.0f}"
@@ -135,10 +134,11 @@ def measure(picture: Path, disparity: Path, clicks: int, browser: Any, kinds: tu
         print(f"{picture.name}: preview {size[0]}x{size[1]}; milliseconds, p50 and p95")
         for kind in kinds:
             act(page, kind, 3, rng, "scatter")  # warm
-            found = act(page, kind, clicks, rng, "scatter")
-            last = act(page, kind, 3, rng, "final")["final"] if kind == "click" else []
+            times = act(page, kind, clicks, rng, "scatter")
+            final_times = act(page, kind, 3, rng, "final")["final"] if kind == "click" else []
             row = "   ".join(
-                f"{WORDS[stage]} {told(found[stage] if stage != 'final' else last)}" for stage in STAGES
+                f"{WORDS[stage]} {percentiles(times[stage] if stage != 'final' else final_times)}"
+                for stage in STAGES
             )
             print(f"  {kind:<7} {row}", flush=True)
         page.close()
@@ -155,19 +155,25 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=SHARED)
     parser.add_argument("--clicks", type=int, default=30)
     parser.add_argument("--only", choices=("small", "large"))
-    parser.add_argument("--kind", choices=KINDS, help="only this; default all three")
-    given = parser.parse_args()
+    parser.add_argument("--kind", choices=KINDS, help="only this kind; default: all three")
+    arguments = parser.parse_args()
     sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as folder:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
-        small = given.folder / "21.jpg", given.folder / "21.png"
+        small = arguments.folder / "21.jpg", arguments.folder / "21.png"
         large = [
             enlarged(path, Path(folder) / name)
             for path, name in zip(small, ("21_12mp.jpg", "21.png"), strict=True)
         ]
         for name, (picture, disparity) in {"small": small, "large": large}.items():
-            if given.only in (None, name):
-                measure(picture, disparity, given.clicks, browser, (given.kind,) if given.kind else KINDS)
+            if arguments.only in (None, name):
+                measure(
+                    picture,
+                    disparity,
+                    arguments.clicks,
+                    browser,
+                    (arguments.kind,) if arguments.kind else KINDS,
+                )
         browser.close()
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
 

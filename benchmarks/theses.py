@@ -1,11 +1,11 @@
-"""Every method of four theses on one ruler: ``python -m benchmarks.theses [FOLDER] [--engine NAME]``.
+"""Comparison of all methods of four theses: ``python -m benchmarks.theses [FOLDER] [--engine NAME]``.
 
-Prints the faults of each method on probes whose blur is known (:mod:`benchmarks.fault_probes`), its time and
-memory, its flicker on a pan of our own (:mod:`benchmarks.experiments.pan`), and its
-scores on the path-traced scenes in FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default
-``../shared/cycles``): PSNR within the blur's reach of a step in depth, over all pixels, FLIP, and seconds;
-then all of it as one table (:mod:`benchmarks.theses_table`), which ``--table JSON ...`` prints of runs that
-were kept. Methods that know only discs render discs where a shot has blades.
+Prints the faults of each method on probes with known blur (:mod:`benchmarks.fault_probes`), its time and
+memory, its flicker on a pan (:mod:`benchmarks.experiments.pan`), and its scores on the path-traced scenes in
+FOLDER (:func:`train.evaluation_sets.path_traced_pictures`; default ``../shared/cycles``): PSNR within the
+blur's reach of a depth step and over all pixels, FLIP, and seconds; then everything as one table
+(:mod:`benchmarks.theses_table`), which ``--table JSON ...`` prints from saved runs. Methods that support only
+discs render discs where a shot has blades.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.experiments.pan import flicker, pan
 from benchmarks.fault_probes import FAULTS, faults
 from benchmarks.measurement import extra_memory, median_seconds, scene
-from benchmarks.theses_table import Found, merged, table
+from benchmarks.theses_table import Figures, merged, table
 from bokehnet import baselines
 from bokehnet.baselines import BASELINES
 from bokehnet.engines.engine import Engine
@@ -43,7 +43,7 @@ def _no_blur(image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> np.n
 
 
 def render_with(name: str) -> Method:
-    """The method of a name: (image, defocus, aperture) -> picture; discs where it knows no other opening."""
+    """Return the method of a name: (image, defocus, aperture) -> picture; discs for unsupported apertures."""
     if name == "no_blur":
         return _no_blur
     if name in OURS:
@@ -63,21 +63,21 @@ def render_with(name: str) -> Method:
 
 
 def score_shot(shot: Shot, methods: dict[str, Method]) -> Iterator[tuple[str, dict[str, float]]]:
-    """Scores of every method on one shot."""
+    """Yield the scores of every method on one shot."""
     assert shot.disparity is not None
-    wanted, near = encode(shot.truth), depth_step_pixels(shot.disparity, shot.defocus)
+    truth, near = encode(shot.truth), depth_step_pixels(shot.disparity, shot.defocus)
     for name, method in methods.items():
         start = time.perf_counter()
         bokeh = method(shot.image, shot.defocus, shot.aperture)
         seconds = time.perf_counter() - start
-        got = encode(bokeh)
-        squared = (got - wanted) ** 2
+        encoded = encode(bokeh)
+        squared = (encoded - truth) ** 2
         yield (
             name,
             {
                 "edge": psnr(squared[near]),
                 "psnr": psnr(squared),
-                "flip": float(flip_map(wanted, got).mean()),
+                "flip": float(flip_map(truth, encoded).mean()),
                 "seconds": seconds,
             },
         )
@@ -88,84 +88,84 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("../shared/cycles"))
     parser.add_argument("--engine", action="append", choices=METHODS, help="default: all")
-    parser.add_argument("--shots", type=int, default=None, help="of each scene, at most")
-    parser.add_argument("--json", type=Path, help="keep the figures")
-    parser.add_argument("--table", type=Path, nargs="+", metavar="JSON", help="print kept figures")
-    parser.add_argument("--faults", action="store_true", help="faults alone")
-    parser.add_argument("--costs", action="store_true", help="time, memory and flicker alone")
-    parser.add_argument("--timings", action="store_true", help="repeat the theses' tables of times")
+    parser.add_argument("--shots", type=int, default=None, help="maximum number of shots per scene")
+    parser.add_argument("--json", type=Path, help="save the figures to this file")
+    parser.add_argument("--table", type=Path, nargs="+", metavar="JSON", help="print saved figures")
+    parser.add_argument("--faults", action="store_true", help="only faults")
+    parser.add_argument("--costs", action="store_true", help="only time, memory and flicker")
+    parser.add_argument("--timings", action="store_true", help="repeat the timing tables of the theses")
     arguments = parser.parse_args()
     if arguments.timings:
         print_timings()
         return
     if arguments.table:
-        kept = [json.loads(path.read_text(encoding="utf-8")) for path in arguments.table]
-        print(table(merged(kept), METHODS))
+        runs = [json.loads(path.read_text(encoding="utf-8")) for path in arguments.table]
+        print(table(merged(runs), METHODS))
         return
     methods = {name: render_with(name) for name in arguments.engine or METHODS}
-    whole = not (arguments.faults or arguments.costs)
-    found: Found = {}
-    if whole or arguments.faults:
-        found["faults"] = print_faults(methods)
-    if whole or arguments.costs:
-        found["costs"] = print_costs(methods)
-    if whole:
-        found["scenes"] = {}
+    everything = not (arguments.faults or arguments.costs)
+    figures: Figures = {}
+    if everything or arguments.faults:
+        figures["faults"] = print_faults(methods)
+    if everything or arguments.costs:
+        figures["costs"] = print_costs(methods)
+    if everything:
+        figures["scenes"] = {}
         for name in SCENES:
             folder = arguments.folder / name
             if not (folder / "scene.json").exists():
                 print(f"\n{name}: skipped, as {folder} holds no scene.json")
                 continue
-            found["scenes"][name] = print_scene(folder, methods, arguments.shots)
-        print(f"\n{table(found, METHODS)}")
+            figures["scenes"][name] = print_scene(folder, methods, arguments.shots)
+        print(f"\n{table(figures, METHODS)}")
     if arguments.json:
-        arguments.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
 
 
 def print_faults(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
-    """The first table, and its numbers."""
+    """Print the table of faults, and return its values."""
     print("Faults on probes, per cent; 0 is best")
     print(f"{'method':18s}" + "".join(f"{name:>9s}" for name in FAULTS))
-    found = {}
+    figures = {}
     for name, method in methods.items():
-        found[name] = faults(lambda image, defocus, method=method: method(image, defocus, Aperture()))
-        print(f"{name:18s}" + "".join(f"{found[name][key]:9.1f}" for key in FAULTS), flush=True)
+        figures[name] = faults(lambda image, defocus, method=method: method(image, defocus, Aperture()))
+        print(f"{name:18s}" + "".join(f"{figures[name][key]:9.1f}" for key in FAULTS), flush=True)
     for name, text in FAULTS.items():
         print(f"  {name}: {text}")
-    return found
+    return figures
 
 
 def print_costs(methods: dict[str, Method]) -> dict[str, dict[str, float]]:
-    """Seconds, memory beyond picture and result in bytes a pixel, and flicker, and their numbers."""
+    """Print seconds, extra memory in bytes per pixel and flicker, and return the values."""
     image, defocus = scene(512, 384, 16.0)
     frames = pan()
     middle = [(frame.truths[0] + frame.truths[1]) / 2 for frame in frames]
     print("\nSeconds and memory at 512x384, discs up to 16 px; bytes a pixel; flicker, per cent of white")
     print(f"{'method':18s}{'seconds':>9s}{'memory':>9s}{'flicker':>9s}")
-    found = {}
+    figures = {}
     for name, method in methods.items():
 
         def run(method: Method = method) -> np.ndarray:
             return method(image, defocus, Aperture())
 
         method(image[:64, :64], defocus[:64, :64], Aperture())  # compiles
-        taken = extra_memory(run)
+        memory = extra_memory(run)
         pictures = [method(frame.image, frame.defocus, Aperture()) for frame in frames]
         cost = {
             "seconds": median_seconds(run, 3),
-            "memory": max(taken, 0) / defocus.size,
+            "memory": max(memory, 0) / defocus.size,
             "flicker": flicker(pictures, middle),
         }
         print(f"{name:18s}{cost['seconds']:9.2f}{cost['memory']:9.0f}{cost['flicker']:9.2f}", flush=True)
-        found[name] = cost
+        figures[name] = cost
     # Half the difference of two truths has the noise of their mean.
     noise = flicker([frame.truths[0] for frame in frames], middle)
     print(f"{'the truth itself':18s}{'':18s}{noise:9.2f}")
-    return found
+    return figures
 
 
 def print_scene(folder: Path, methods: dict[str, Method], shots: int | None) -> dict[str, dict[str, float]]:
-    """The table of one scene, means over its shots."""
+    """Print the table of one scene, means over its shots, and return the values."""
     rows: dict[str, list[dict[str, float]]] = {name: [] for name in methods}
     for index, shot in enumerate(path_traced_shots(folder)):
         if shots is not None and index >= shots:
@@ -173,8 +173,8 @@ def print_scene(folder: Path, methods: dict[str, Method], shots: int | None) -> 
         for name, scores in score_shot(shot, methods):
             rows[name].append(scores)
     means = {
-        name: {key: float(np.mean([row[key] for row in found])) for key in found[0]}
-        for name, found in rows.items()
+        name: {key: float(np.mean([row[key] for row in shot_scores])) for key in shot_scores[0]}
+        for name, shot_scores in rows.items()
     }
     _print_scores(folder.name, means)
     return means
@@ -188,18 +188,18 @@ def _print_scores(title: str, means: dict[str, dict[str, float]]) -> None:
 
 
 def _user_seconds(function: Callable[..., np.ndarray], *arrays: np.ndarray, **options: float) -> float:
-    """The less of two runs, after one on a corner that compiles."""
+    """Return the minimum of two runs, after a warm-up run on a corner."""
     function(*(array[:64, :64] for array in arrays), **options)
-    taken = []
+    seconds = []
     for _ in range(2):
         start = time.process_time()
         function(*arrays, **options)
-        taken.append(time.process_time() - start)
-    return min(taken)
+        seconds.append(time.process_time() - start)
+    return min(seconds)
 
 
 def print_timings() -> None:
-    """Table 2.1 of thesis 004, and figure 5.7 of thesis 001, in seconds of user time."""
+    """Print table 2.1 of thesis 004 and figure 5.7 of thesis 001, in seconds of user time."""
     rng = np.random.default_rng(0)
     print("1280x720 pixels, discs of 20 px")
     image = rng.random((720, 1280, 3)).astype(np.float32)

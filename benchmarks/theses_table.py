@@ -1,4 +1,4 @@
-"""What ``benchmarks.theses`` found, as one table: a row for each method, and why a cell is empty."""
+"""Results of ``benchmarks.theses`` as one table with a row per method, and reasons for missing rows."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ import numpy as np
 
 from benchmarks.fault_probes import FAULTS
 
-__all__ = ["Found", "merged", "table"]
+__all__ = ["Figures", "merged", "table"]
 
-# ``faults`` and ``costs``: method to numbers; ``scenes``: scene to method to numbers.
-Found = dict[str, dict[str, Any]]
+# ``faults`` and ``costs``: method -> values; ``scenes``: scene -> method -> values.
+Figures = dict[str, dict[str, Any]]
 
-# Methods that are no engines, and where they are measured.
+# Methods that are not engines, and the commands that measure them.
 _NEED_GEOMETRY = {
     "selective_rays": "python -m benchmarks.experiments.selective_rays",
     "mesh_views": "python -m benchmarks.experiments.level_of_detail",
@@ -20,33 +20,33 @@ _NEED_GEOMETRY = {
 _COSTS = {"seconds": ".2f", "memory": ".0f", "flicker": ".2f"}
 
 
-def merged(runs: list[Found]) -> Found:
-    """Figures of several runs as one; where two have the same, the later run's count."""
-    found: Found = {"faults": {}, "costs": {}, "scenes": {}}
+def merged(runs: list[Figures]) -> Figures:
+    """Merge the figures of several runs; later runs take precedence."""
+    figures: Figures = {"faults": {}, "costs": {}, "scenes": {}}
     for run in runs:
         for part in ("faults", "costs"):
-            found[part].update(run.get(part, {}))
+            figures[part].update(run.get(part, {}))
         for scene, rows in run.get("scenes", {}).items():
-            found["scenes"].setdefault(scene, {}).update(rows)
-    return found
+            figures["scenes"].setdefault(scene, {}).update(rows)
+    return figures
 
 
-def table(found: Found, methods: tuple[str, ...]) -> str:
-    """Markdown: edge PSNR, PSNR and FLIP of each scene and their means, costs and faults; a dash was not run.
+def table(figures: Figures, methods: tuple[str, ...]) -> str:
+    """Return Markdown: scores of each scene and their means, costs and faults; a dash means not run.
 
     Args:
-        found: Figures by part, scene and method.
-        methods: Names in the order of the rows; those without any figure are left out.
+        figures: Figures by part, scene and method.
+        methods: Names in the order of the rows; those without any figure are omitted.
     """
-    scenes, costs, faults = (found.get(part, {}) for part in ("scenes", "costs", "faults"))
-    here = [
+    scenes, costs, faults = (figures.get(part, {}) for part in ("scenes", "costs", "faults"))
+    present = [
         name
         for name in methods
         if name in costs or name in faults or any(name in rows for rows in scenes.values())
     ]
     head = ["method", *scenes, "mean", *_COSTS, *FAULTS]
     lines = [_line(head), "|---" * len(head) + "|"]
-    for name in here:
+    for name in present:
         scores = [rows[name] for rows in scenes.values() if name in rows]
         cells = [_scores([rows[name]]) if name in rows else "-" for rows in scenes.values()]
         cells.append(_scores(scores) if scores and len(scores) == len(scenes) else "-")

@@ -1,7 +1,7 @@
-"""Held-out scenes of textured planes, ray-traced once and kept: the truth for classical renderers.
+"""Held-out ray-traced scenes of textured planes, cached on disk: ground truth for classical renderers.
 
-Each truth is traced twice with other rays; the mean of both is what engines are held against, and their
-difference tells how noisy it is.
+Each truth is traced twice with different rays; engines are compared with the mean, and the difference
+measures its noise.
 """
 
 import math
@@ -34,7 +34,7 @@ PLANES = SynthConfig(
     defocus=(10.0, 40.0),
     scene=SceneConfig(light_probability=0.0, photographs=_HELD_OUT),
 )
-# The same with small lamps, up to hundreds of times brighter than what is around them.
+# The same with small lamps, up to hundreds of times brighter than their surroundings.
 LAMPS = SynthConfig(
     seed=2000029,
     scenes=4,
@@ -48,10 +48,10 @@ LAMPS = SynthConfig(
 
 
 def read_traced(config: SynthConfig, folder: Path) -> Iterator[Shot]:
-    """Shots of a set, one of each scene; what ``folder`` does not hold is traced first.
+    """Yield the shots of a set, one per scene; traces those that are missing in ``folder``.
 
-    A file is named after all that it depends on but the code that draws scenes: delete the folder when
-    that has changed.
+    A file name includes everything that determines its content except the code that draws scenes: delete the
+    folder after changes of that code.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for index in tqdm(range(config.scenes), desc="traced scenes", mininterval=1):
@@ -63,19 +63,19 @@ def read_traced(config: SynthConfig, folder: Path) -> Iterator[Shot]:
         with np.load(folder / name) as arrays:
             image, defocus, first, second = (arrays[key] for key in ("image", "defocus", "first", "second"))
         noise = compare(first, second, defocus)
-        # The halves differ by twice the variance of one, their mean errs by half of it: 6 dB.
+        # The difference of the halves has twice the variance of one, their mean half of it: 6 dB.
         noise |= {key: noise[key] + 20 * math.log10(2) for key in ("psnr", "edge_psnr")}
         yield Shot(image=image, defocus=defocus, truth=(first + second) / 2, noise=noise)
 
 
 def _trace(config: SynthConfig, index: int) -> dict[str, np.ndarray]:
-    """One scene, focused on something in the picture, near or far; the largest radius is log-uniform."""
+    """Trace one scene, focused at a depth in the picture; the maximum radius is log-uniform."""
     rng = np.random.default_rng([config.seed, index])
     scene = random_scene(rng, config)
     pinhole = _camera(config, ThinLens(focal_length=config.sensor_distance, f_number=1.0))
     disparity = render_disparity(scene, pinhole).numpy() * np.float32(config.nearest_distance)
-    wanted = rng.uniform(disparity.min(), disparity.max())
-    focus = float(disparity.flat[np.abs(disparity - wanted).argmin()])
+    target = rng.uniform(disparity.min(), disparity.max())
+    focus = float(disparity.flat[np.abs(disparity - target).argmin()])
     radius = math.exp(rng.uniform(*np.log(config.defocus)))
     blur = radius / max(float(np.abs(disparity - focus).max()), 0.1)
     lens = _camera(config, lens_for_view(blur, focus, config))

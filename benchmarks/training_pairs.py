@@ -1,7 +1,7 @@
-"""How many training pairs a minute gives: ``python -m benchmarks.training_pairs``.
+"""Training pairs per minute: ``python -m benchmarks.training_pairs``.
 
 Planes as ``bokehnet synth`` makes them in one process, or rendered on a GPU (``--device cuda``); on the CPU
-clutter too, through thin lenses and through those of the catalog, with the noise of its pictures.
+also clutter, through thin lenses and catalog lenses, with the noise of its pictures.
 """
 
 import argparse
@@ -33,7 +33,7 @@ from bokehnet.synth.scenes import random_scene
 __all__ = ["main", "print_pairs"]
 
 _PAIRS = SynthConfig(seed=11, scenes=1, width=256, height=256, bokeh_samples=512, image_samples=16)
-# Cluttered scenes as configs/synth_clutter.toml has them, with the narrower field of the catalog's lenses.
+# Cluttered scenes as in configs/synth_clutter.toml, with the narrower field of the catalog lenses.
 _CATALOG = ("cooke_triplet", "double_gauss", "retrofocus")
 _CLUTTER = SynthConfig(
     seed=11,
@@ -55,7 +55,7 @@ def print_pairs(device: torch.device, scenes: int) -> None:
 
 
 def _print_clutter(scenes: int) -> None:
-    """Training pairs per minute of scenes with objects on the ground, in one process, and their noise."""
+    """Print training pairs per minute of scenes with objects, in one process, and their noise."""
     variants: dict[str, dict[str, Any]] = {
         "thin lenses": {},
         "catalog lenses": {"catalog": _CATALOG, "catalog_share": 1.0},
@@ -77,7 +77,7 @@ def _print_clutter(scenes: int) -> None:
 
 
 def _clutter_noise(index: int) -> float:
-    """PSNR of a cluttered picture against one without noise, from two seeds."""
+    """Return the PSNR of a cluttered picture relative to one without noise, from two seeds."""
     rng = np.random.default_rng([_CLUTTER.seed, index])
     clutter = random_clutter(rng, _CLUTTER)
     pinhole = ThinLens(focal_length=_CLUTTER.sensor_distance, f_number=1.0)
@@ -96,20 +96,20 @@ def _clutter_noise(index: int) -> float:
 
 
 def _print_planes(device: torch.device, scenes: int) -> None:
-    """Training pairs of planes per minute: as synth makes them in one process, or rendered on a GPU."""
+    """Print training pairs of planes per minute: as synth makes them in one process, or rendered on a GPU."""
     start = time.perf_counter()
     if device.type == "cpu":
         pairs = sum(len(make_sample(_PAIRS, index).bokeh) for index in range(scenes))
         seconds = time.perf_counter() - start
     else:
-        made = [random_scene(np.random.default_rng(index), _PAIRS) for index in range(scenes)]
-        made = [_on(scene, device) for scene in made]
+        scene_list = [random_scene(np.random.default_rng(index), _PAIRS) for index in range(scenes)]
+        scene_list = [_to_device(scene, device) for scene in scene_list]
         lens = lens_for_view(20.0, 0.3, _PAIRS)
         view = Camera(lens=lens, width=256, height=256, pixel_pitch=_PAIRS.pixel_pitch)
-        render_bokeh(made[0], view, 8, 0)
+        render_bokeh(scene_list[0], view, 8, 0)
         torch.cuda.synchronize()
         start = time.perf_counter()
-        for index, scene in enumerate(made):
+        for index, scene in enumerate(scene_list):
             render_all_in_focus(scene, view, _PAIRS.image_samples, index)
             render_disparity(scene, view)
             render_bokeh(scene, view, _PAIRS.bokeh_samples, index)
@@ -121,7 +121,7 @@ def _print_planes(device: torch.device, scenes: int) -> None:
     )
 
 
-def _on(scene: Scene, device: torch.device) -> Scene:
+def _to_device(scene: Scene, device: torch.device) -> Scene:
     background = scene.background
     return Scene(
         background=Background(

@@ -1,12 +1,11 @@
-"""A video whose rendering is killed again and again: ``python -m benchmarks.video`` (extra: video).
+"""Resumption of a repeatedly killed video render: ``python -m benchmarks.video`` (extra: video).
 
-It makes a clip of uneven frame times with sound and a timecode, in which every frame tells its number,
-renders it in one run, and once more in runs that are killed (SIGKILL) after some segments. Printed is whether
-all frames are there, once each and in order, at their times, with the same sound and timecode, and whether
-both files are equal.
+Makes a clip of uneven frame times with sound and a timecode, in which every frame encodes its number, renders
+it in one run, and again in runs that are killed (SIGKILL) after some segments. Prints whether all frames are
+present once and in order, at their times, with the same sound and timecode, and whether both files are equal.
 
-With ``--once`` it is rendered in one run alone, whose frames a minute are printed, with ``--depth-video``
-from a video of depth, whose maps are made steady first.
+With ``--once`` it renders in a single run and prints its frames per minute; ``--depth-video`` reads depth
+from a video, with temporal filtering of its maps.
 """
 
 import argparse
@@ -33,7 +32,7 @@ _BITS, _BASE = 9, Fraction(1, 24000)
 
 
 def make_clip(path: Path, frames: int, width: int, height: int) -> None:
-    """Write a clip that pans over the demonstration's picture."""
+    """Write a clip that pans over the demo picture."""
     import av
 
     picture = read_image(_DEMO / "demo.png")
@@ -64,7 +63,7 @@ def make_clip(path: Path, frames: int, width: int, height: int) -> None:
 
 
 def make_depth(path: Path, frames: int, width: int, height: int) -> None:
-    """Write the depth of :func:`make_clip`'s clip as a video, with noise of 1 % of its range."""
+    """Write the depth of the clip of :func:`make_clip` as a video, with noise of 1 % of its range."""
     import av
 
     near = np.asarray(linear_to_srgb(read_image(_DEMO / "demo_disparity.png")[..., 0]), np.float32)
@@ -80,8 +79,8 @@ def make_depth(path: Path, frames: int, width: int, height: int) -> None:
         container.mux(stream.encode(None))
 
 
-def told_by(path: Path) -> dict[str, Any]:
-    """Numbers of the frames, their times, the packets of sound, and the timecode."""
+def read_clip(path: Path) -> dict[str, Any]:
+    """Return the frame numbers, their times, the sound packets, and the timecode."""
     import av
 
     info, numbers = video_info(path), []
@@ -98,7 +97,7 @@ def told_by(path: Path) -> dict[str, Any]:
 
 
 def killed_after(command: list[str], folder: Path, segments: int) -> bool:
-    """Start a command and kill it once so many segments are there; whether it still ran."""
+    """Start a command and kill it after ``segments`` segments; return whether it was still running."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     while process.poll() is None:
         with contextlib.suppress(FileNotFoundError):
@@ -111,43 +110,48 @@ def killed_after(command: list[str], folder: Path, segments: int) -> bool:
 
 
 def main() -> None:
-    """Print what was found."""
-    parser = argparse.ArgumentParser(description="A video whose rendering is killed again and again.")
+    """Print the comparison of both renders."""
+    parser = argparse.ArgumentParser(description="Resumption of a repeatedly killed video render.")
     parser.add_argument("--frames", type=int, default=240)
     parser.add_argument("--size", default="320x180")
     parser.add_argument("--engine", default="scatter")
-    parser.add_argument("--once", action="store_true", help="how long one run takes, nothing else")
-    parser.add_argument("--depth-video", action="store_true", help="depth from a video, in place of one map")
-    asked = parser.parse_args()
-    width, height = map(int, asked.size.split("x"))
+    parser.add_argument("--once", action="store_true", help="only measure the time of one run")
+    parser.add_argument(
+        "--depth-video", action="store_true", help="read depth from a video instead of a single map"
+    )
+    arguments = parser.parse_args()
+    width, height = map(int, arguments.size.split("x"))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         clip, whole, parts = (folder / f"{one}.mp4" for one in ("clip", "whole", "parts"))
-        make_clip(clip, asked.frames, width, height)
-        (folder / "pull.csv").write_text(f"frame,focus\n1,0.2\n{asked.frames},0.8\n")
-        words = [sys.executable, "-m", "bokehnet", "render", str(clip), "--engine", asked.engine]
+        make_clip(clip, arguments.frames, width, height)
+        (folder / "pull.csv").write_text(f"frame,focus\n1,0.2\n{arguments.frames},0.8\n")
+        words = [sys.executable, "-m", "bokehnet", "render", str(clip), "--engine", arguments.engine]
         depth = ["--disparity", str(_DEMO / "demo_disparity.png"), "--resize-disparity"]
-        if asked.depth_video:
-            make_depth(folder / "depth.mkv", asked.frames, width, height)
+        if arguments.depth_video:
+            make_depth(folder / "depth.mkv", arguments.frames, width, height)
             depth = ["--disparity", str(folder / "depth.mkv")]
         words += [*depth, "--blur", "12"]
         words += ["--repair-disparity", "off", "--pull", str(folder / "pull.csv"), "--json", "-q", "-o"]
-        begun = time.perf_counter()
+        start = time.perf_counter()
         subprocess.run([*words, str(whole)], check=True, stdout=subprocess.DEVNULL)
-        seconds = time.perf_counter() - begun
-        print(f"one run: {seconds:.1f} s, {60 * asked.frames / seconds:.1f} frames a minute", flush=True)
-        if asked.once:
+        seconds = time.perf_counter() - start
+        print(
+            f"one run: {seconds:.1f} s, {60 * arguments.frames / seconds:.1f} frames per minute", flush=True
+        )
+        if arguments.once:
             return
-        kept, most = folder / f".bokehnet-video-{parts.name}", asked.frames // 24
+        segments_folder, segment_count = folder / f".bokehnet-video-{parts.name}", arguments.frames // 24
         kills = sum(
-            killed_after([*words, str(parts)], kept, round(share * most)) for share in (0.2, 0.5, 0.8)
+            killed_after([*words, str(parts)], segments_folder, round(fraction * segment_count))
+            for fraction in (0.2, 0.5, 0.8)
         )
         done = subprocess.run([*words, str(parts)], check=True, capture_output=True, text=True).stdout
         print(f"killed {kills} times; the last run rendered {json.loads(done)['rendered']} frames")
-        given, found = told_by(clip), told_by(parts)
-        print("every frame once, in order:", found["numbers"] == list(range(asked.frames)))
+        original, resumed = read_clip(clip), read_clip(parts)
+        print("every frame once, in order:", resumed["numbers"] == list(range(arguments.frames)))
         for key in ("times", "sound", "timecode"):
-            print(f"same {key}:", found[key] == given[key])
+            print(f"same {key}:", resumed[key] == original[key])
         print("same bytes as in one run:", whole.read_bytes() == parts.read_bytes())
 
 

@@ -1,6 +1,6 @@
 """Bokeh from a picture and its depth: classical, neural and hybrid renderers.
 
-The public names load on first use: importing the package imports neither torch nor onnxruntime. Open first:
+Public names load on first use: importing the package imports neither torch nor onnxruntime. Open first:
 :mod:`bokehnet.render`.
 """
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bokehnet.version import __version__ as __version__
 
-if TYPE_CHECKING:  # what type checkers see of the lazy names
+if TYPE_CHECKING:  # lazy names for type checkers
     from bokehnet.classical.layered.background.occluded_background import (
         occluded_background as occluded_background,
     )
@@ -67,7 +67,7 @@ if TYPE_CHECKING:  # what type checkers see of the lazy names
     from bokehnet.tools.demo import demo_scene as demo_scene
     from bokehnet.tools.demo import demo_sheet as demo_sheet
 
-_HOMES = {
+_NAMES_BY_MODULE = {
     "bokehnet.classical.layered.background.occluded_background": ("occluded_background",),
     "bokehnet.classical.layered.layers": ("Layers", "split_layers"),
     "bokehnet.classical.rays_renderer": ("rays",),
@@ -113,23 +113,23 @@ _HOMES = {
     ),
     "bokehnet.settings.settings_file": ("load_settings", "save_settings"),
 }
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
+_MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names}
 
 # Names of earlier versions, which still work.
 _OLD_NAMES = {"DisparityRefiner": "DisparityRepair", "hidden_layer": "occluded_background"}
 
-__all__ = [  # one list, above
-    *_HOME,
+__all__ = [
+    *_MODULES,
     "__version__",
 ]
 
 
-if not TYPE_CHECKING:  # a type checker that sees it accepts any name
+if not TYPE_CHECKING:  # with __getattr__ visible, a type checker would accept any name
 
     def __getattr__(name: str) -> Any:
         name = _OLD_NAMES.get(name, name)
-        if name in _HOME:
-            return getattr(import_module(_HOME[name]), name)
+        if name in _MODULES:
+            return getattr(import_module(_MODULES[name]), name)
         raise AttributeError(f"module 'bokehnet' has no attribute {name!r}")
 
 

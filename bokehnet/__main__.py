@@ -1,4 +1,4 @@
-"""``python -m bokehnet``: the command line."""
+"""Entry point of ``python -m bokehnet``: the command line."""
 
 from bokehnet.cli.app import main
 

@@ -1,6 +1,6 @@
-"""Checks at the public API, for NumPy arrays and torch tensors alike.
+"""Checks of arguments at the public API, for NumPy arrays and torch tensors.
 
-None of these functions imports torch.
+No function here imports torch.
 """
 
 import importlib
@@ -15,7 +15,7 @@ import numpy as np
 from bokehnet.errors import MissingExtraError, ParameterError, ShapeError
 
 __all__ = [
-    "BRIGHTEST",
+    "MAX_LIGHT",
     "Arithmetic",
     "Array",
     "Values",
@@ -42,12 +42,12 @@ __all__ = [
     "require_extra",
 ]
 
-# A NumPy array, a torch tensor, a value of an ONNX graph or a float: whatever a formula's operators accept.
+# A NumPy array, a torch tensor, a value of an ONNX graph or a float: anything that a formula accepts.
 Array = Any
 
 
 class Arithmetic(Protocol):
-    """The same to a type checker: what can be calculated with."""
+    """Type that supports arithmetic, for type checkers."""
 
     def __sub__(self, other: Any, /) -> Any: ...
 
@@ -56,15 +56,15 @@ class Arithmetic(Protocol):
     def __rtruediv__(self, other: Any, /) -> Any: ...
 
 
-# Of a formula that gives back what it was given: floats, arrays or tensors.
+# Input and output type of a formula: floats, arrays or tensors.
 Values = TypeVar("Values", bound=Arithmetic)
 
 
 def array_namespace(x: Array) -> Any:
-    """Return what holds the functions for ``x``.
+    """Return the namespace of the functions for ``x``.
 
-    That is ``torch`` for a tensor, never imported here; what ``x`` itself names, as values of an ONNX graph
-    do; ``numpy`` for everything else.
+    This is ``torch`` for a tensor (not imported here), the namespace that ``x`` names itself, as values of an
+    ONNX graph do, and otherwise ``numpy``.
 
     Source:
         The method ``__array_namespace__`` of the Python array API standard, 2021.
@@ -92,30 +92,30 @@ def check_rank(name: str, array: Array, rank: int, layout: str) -> None:
         raise ShapeError(f"{name}: expected shape {layout} with no empty side, got {shape}")
 
 
-# The most light that a picture may hold: its square, summed over a picture, is still a float32.
-BRIGHTEST = 1e15
+# Maximum light of a picture: the sum of its square over a picture still fits into float32.
+MAX_LIGHT = 1e15
 
-# What is white in an encoded picture.
+# Value of white in an encoded picture, by dtype.
 _WHITES = {"uint8": 255, "uint16": 65535}
 
 
 def check_image(name: str, image: Array) -> None:
-    """Raise unless ``image`` is (H, W, 3), of floats and finite."""
+    """Raise unless ``image`` is finite, floating-point and (H, W, 3)."""
     check_rank(name, image, 3, "(H, W, 3)")
     if image.shape[2] != 3:
         raise ShapeError(f"{name}: expected 3 channels, got {image.shape[2]}; convert it to RGB first")
     white = _WHITES.get(str(image.dtype))
-    decoded = f"bokehnet.io.color.srgb.srgb_to_linear({name} / {white}) makes light of sRGB" if white else ""
-    check_floats(name, image, decoded)
+    remedy = f"bokehnet.io.color.srgb.srgb_to_linear({name} / {white}) decodes sRGB" if white else ""
+    check_floats(name, image, remedy)
     check_finite(name, image)
 
 
 def check_light(name: str, image: Array) -> None:
-    """:func:`check_image`, and ``ParameterError`` beyond ``BRIGHTEST``, of which sums would overflow."""
+    """Raise as :func:`check_image`, or for light beyond ``MAX_LIGHT``, whose sums overflow."""
     check_image(name, image)
     low, high = float(image.min()), float(image.max())
-    if max(-low, high) > BRIGHTEST:
-        expected = f"light of at most {BRIGHTEST:g}, white being 1"
+    if max(-low, high) > MAX_LIGHT:
+        expected = f"light of at most {MAX_LIGHT:g}, relative to white at 1"
         shown = f"{high if high > -low else low:g}"
         raise ParameterError(name, expected, high, "clip it or divide it", shown=shown)
 
@@ -127,19 +127,19 @@ def check_map(name: str, values: Array) -> None:
 
 
 def check_floats(name: str, array: Array, remedy: str = "") -> None:
-    """Raise ``ParameterError`` unless ``array`` is of floats of any length.
+    """Raise ``ParameterError`` unless ``array`` is floating-point of any precision.
 
-    Integers are codes of a file, as 0 to 255, or flags, of which nobody says what 1 is.
+    Integers are code values of a file, such as 0 to 255, or flags, whose scale is unknown.
     """
     dtype = array.dtype
     floating = dtype.kind == "f" if isinstance(dtype, np.dtype) else bool(dtype.is_floating_point)
     if not floating:
-        way_out = remedy or f"{name}.astype(numpy.float32) takes its numbers as they are"
-        raise ParameterError(name, "floating-point numbers", shown=f"an array of {dtype}", remedy=way_out)
+        remedy = remedy or f"{name}.astype(numpy.float32) keeps its numbers"
+        raise ParameterError(name, "floating-point numbers", shown=f"an array of {dtype}", remedy=remedy)
 
 
 def check_finite(name: str, array: Array) -> None:
-    """Raise ``ParameterError`` when ``array`` holds NaN or infinity, or no real numbers at all."""
+    """Raise ``ParameterError`` if ``array`` contains NaN or infinity, or is not real-valued."""
     if getattr(getattr(array, "dtype", None), "kind", "f") == "c":
         raise ParameterError(name, "real numbers", shown=f"an array of {array.dtype}")
     try:
@@ -152,15 +152,15 @@ def check_finite(name: str, array: Array) -> None:
 
 
 def check_same_size(first: str, a: Array, second: str, b: Array, hint: str = "") -> None:
-    """Raise ``ShapeError`` unless both arrays have the same height and width; sizes are told as W x H."""
+    """Raise ``ShapeError`` unless both arrays have the same height and width; the message has W x H."""
     if tuple(a.shape[:2]) != tuple(b.shape[:2]):
         sizes = [f"{array.shape[1]}x{array.shape[0]}" for array in (a, b)]
-        message = f"{first} is {sizes[0]} pixels but {second} is {sizes[1]}; they must be of one size"
+        message = f"{first} is {sizes[0]} pixels but {second} is {sizes[1]}; they must have the same size"
         raise ShapeError(f"{message}; {hint}" if hint else message)
 
 
 def number_of(value: object) -> float:
-    """Return a number, or an array or tensor without dimensions, as a float; NaN for all else, bools too."""
+    """Return a number or a zero-dimensional array or tensor as a float; NaN for all else, including bools."""
     if getattr(value, "ndim", None) == 0:
         value = value.item()  # type: ignore[attr-defined]
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -172,7 +172,7 @@ def number_of(value: object) -> float:
 
 
 def array_of_numbers(name: str, values: object, dtype: type[np.generic]) -> np.ndarray:
-    """Return ``values`` as a new array of ``dtype``; ``ParameterError`` where they are no numbers."""
+    """Return ``values`` as a new array of ``dtype``, or raise ``ParameterError`` if they are not numeric."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:  # rows of different lengths
@@ -189,7 +189,7 @@ def check_number(name: str, value: object) -> None:
 
 
 def check_numbers(name: str, values: object, count: int) -> None:
-    """Raise ``ParameterError`` unless ``values`` are a tuple or a list of ``count`` finite numbers."""
+    """Raise ``ParameterError`` unless ``values`` is a tuple or list of ``count`` finite numbers."""
     if not isinstance(values, tuple | list) or len(values) != count:
         raise ParameterError(name, f"{count} numbers", values)
     for value in values:
@@ -197,7 +197,7 @@ def check_numbers(name: str, values: object, count: int) -> None:
 
 
 def check_at_least(name: str, value: object, lowest: float) -> None:
-    """Raise ``ParameterError`` unless ``value`` is a finite number and not below ``lowest``."""
+    """Raise ``ParameterError`` unless ``value`` is a finite number of at least ``lowest``."""
     check_number(name, value)
     if number_of(value) < lowest:
         raise ParameterError(name, f"at least {lowest:g}", value)
@@ -218,7 +218,7 @@ def check_range(name: str, value: object, low: float, high: float, unit: str = "
 
 
 def check_whole(name: str, value: object, lowest: int | None = None) -> None:
-    """Raise ``ParameterError`` unless ``value`` is a whole number and not below ``lowest``."""
+    """Raise ``ParameterError`` unless ``value`` is a whole number of at least ``lowest``."""
     number = number_of(value)
     if not (number.is_integer() and (lowest is None or number >= lowest)):
         expected = "a whole number" if lowest is None else f"a whole number from {lowest} up"
@@ -232,7 +232,7 @@ def check_flag(name: str, value: object) -> None:
 
 
 def check_kind(name: str, value: object, *kinds: type, optional: bool = False) -> None:
-    """Raise ``ParameterError`` unless ``value`` is of one of the classes, or None if ``optional``."""
+    """Raise ``ParameterError`` unless ``value`` is an instance of ``kinds``, or None if ``optional``."""
     if not (isinstance(value, kinds) or (optional and value is None)):
         names = [kind.__name__ for kind in kinds] + ["None"] * optional
         raise ParameterError(name, " or ".join(names), value)
@@ -245,7 +245,7 @@ def check_choice(name: str, value: object, choices: Collection[str]) -> None:
 
 
 def require_extra(module: str, extra: str) -> None:
-    """Raise ``MissingExtraError`` unless ``module`` can be imported; it comes with ``bokehnet[extra]``."""
+    """Raise ``MissingExtraError`` unless ``module``, part of ``bokehnet[extra]``, can be imported."""
     try:
         importlib.import_module(module)
     except ImportError as error:

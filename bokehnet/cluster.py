@@ -1,4 +1,4 @@
-"""A Ray cluster that runs already: connected to for as long as a block lasts."""
+"""Connection to a running Ray cluster, and iteration over the results of tasks on it."""
 
 import collections
 import contextlib
@@ -10,37 +10,37 @@ from typing import Any, TypeVar
 from bokehnet.checks import require_extra
 from bokehnet.errors import ParameterError
 
-__all__ = ["as_they_end", "connected", "in_order"]
+__all__ = ["cluster_connection", "results_as_completed", "results_in_order"]
 
-Given = TypeVar("Given")
-Answer = TypeVar("Answer")
+Argument = TypeVar("Argument")
+Result = TypeVar("Result")
 
-_PATIENCE = 10.0  # s
+_CONNECT_TIMEOUT = 10.0  # s
 
 
 @contextlib.contextmanager
-def connected(address: str, parameter: str = "cluster") -> Iterator[tuple[Any, int]]:
-    """Give the module ``ray``, connected, and the number of the cluster's cores.
+def cluster_connection(address: str, parameter: str = "cluster") -> Iterator[tuple[Any, int]]:
+    """Yield the connected module ``ray`` and the number of cores of the cluster.
 
     Args:
-        address: Of a cluster that runs: ``HOST:PORT`` from one of its machines, ``ray://HOST:PORT`` from
-            elsewhere, ``auto`` for the one that runs here.
-        parameter: What the address was given as, for errors.
+        address: Address of a running cluster: ``HOST:PORT`` from one of its machines, ``ray://HOST:PORT``
+            from elsewhere, ``auto`` for a local one.
+        parameter: Name of the address in errors.
 
     Raises:
         MissingExtraError: Ray is not installed.
-        ParameterError: There is no cluster at ``address``, or no core in it.
+        ParameterError: There is no cluster at ``address``, or it has no cores.
     """
     require_extra("ray", "cluster")
     import ray
 
     try:
-        _knock(address)
+        _check_reachable(address)
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        found = " ".join(str(error).split())
+        reason = " ".join(str(error).split())
         expected = "the address of a running cluster"
-        raise ParameterError(parameter, expected, address, shown=f"{address!r}: {found}") from error
+        raise ParameterError(parameter, expected, address, shown=f"{address!r}: {reason}") from error
     try:
         cores = int(ray.cluster_resources().get("CPU", 0))
         if not cores:
@@ -51,67 +51,67 @@ def connected(address: str, parameter: str = "cluster") -> Iterator[tuple[Any, i
         ray.shutdown()
 
 
-def as_they_end(
-    ray: Any, work: Callable[[Given], Answer], tasks: Iterable[tuple[Any, Given]], most: int
-) -> Generator[tuple[Any, Answer], None, None]:
-    """Give the name of each task and what it came to, as tasks end; one whose worker dies is done again.
+def results_as_completed(
+    ray: Any, work: Callable[[Argument], Result], tasks: Iterable[tuple[Any, Argument]], max_running: int
+) -> Generator[tuple[Any, Result], None, None]:
+    """Yield name and result of each task on completion; repeat a task if its worker dies.
 
-    When the caller stops, what is under way is given up.
+    When the caller stops, running tasks are cancelled.
 
     Args:
-        ray: As :func:`connected` gives it.
-        work: A function of a module.
-        tasks: Name and argument of each.
-        most: How many are under way at the most.
+        ray: Module yielded by :func:`cluster_connection`.
+        work: Module-level function.
+        tasks: Name and argument of each task.
+        max_running: Maximum number of tasks that run at the same time.
     """
     remote = _remote(ray, work)
-    left, running = iter(tasks), dict[Any, Any]()
+    remaining, running = iter(tasks), dict[Any, Any]()
     try:
         while True:
-            while len(running) < most and (task := next(left, None)) is not None:
+            while len(running) < max_running and (task := next(remaining, None)) is not None:
                 running[remote.remote(task[1])] = task[0]
             if not running:
                 return
             done, _ = ray.wait(list(running), num_returns=1)
-            for found in done:
-                yield running.pop(found), ray.get(found)
+            for task_id in done:
+                yield running.pop(task_id), ray.get(task_id)
     finally:
-        for found in running:
-            ray.cancel(found, force=True)
+        for task_id in running:
+            ray.cancel(task_id, force=True)
 
 
-def in_order(
-    ray: Any, work: Callable[[Given], Answer], arguments: Iterable[Given], most: int
-) -> Generator[Answer, None, None]:
-    """Give what tasks came to in their order, with at most so many under way; else as :func:`as_they_end`."""
+def results_in_order(
+    ray: Any, work: Callable[[Argument], Result], arguments: Iterable[Argument], max_running: int
+) -> Generator[Result, None, None]:
+    """Yield the results in the order of the tasks; otherwise as :func:`results_as_completed`."""
     remote = _remote(ray, work)
-    left, running = iter(arguments), collections.deque[Any]()
+    remaining, running = iter(arguments), collections.deque[Any]()
     try:
         while True:
-            while len(running) < most and (argument := next(left, None)) is not None:
+            while len(running) < max_running and (argument := next(remaining, None)) is not None:
                 running.append(remote.remote(argument))
             if not running:
                 return
             yield ray.get(running.popleft())
     finally:
-        for found in running:
-            ray.cancel(found, force=True)
+        for task_id in running:
+            ray.cancel(task_id, force=True)
 
 
-def _remote(ray: Any, work: Callable[[Given], Answer]) -> Any:
-    """A task of it. Ray takes functions alone, and no partial ones."""
+def _remote(ray: Any, work: Callable[[Argument], Result]) -> Any:
+    """Return a remote function; Ray accepts neither methods nor partial functions."""
 
-    def run(argument: Given) -> Answer:
+    def run(argument: Argument) -> Result:
         return work(argument)
 
     return ray.remote(num_cpus=1, max_retries=-1)(run)
 
 
-def _knock(address: str) -> None:
-    """Raise ``OSError`` or ``ValueError`` if nobody listens at ``address``: Ray itself tries for minutes."""
+def _check_reachable(address: str) -> None:
+    """Raise ``OSError`` or ``ValueError`` if ``address`` is unreachable: Ray itself retries for minutes."""
     if address == "auto":
         return
     host, separator, port = address.removeprefix("ray://").rpartition(":")
     if not separator:
         raise ValueError("need auto, HOST:PORT or ray://HOST:PORT")
-    socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE).close()
+    socket.create_connection((host.strip("[]"), int(port)), timeout=_CONNECT_TIMEOUT).close()

@@ -1,16 +1,16 @@
-"""The neural half from coarse to fine: ARNet where the blur is small, then up to full size.
+"""Neural half from coarse to fine: ARNet where the blur is small, then up to full size.
 
-The way up is IUNet's, level by level. Without it ARNet's change of the classical render is doubled until it
-has the picture's size, and laid over: detail is the classical render's. A scatter's detail is not to be
-trusted everywhere: see :func:`suppress_foreground_outlines`.
+With IUNet the way up is level by level. Without it ARNet's change of the classical render is doubled to the
+size of the picture, and applied: detail is that of the classical render. The detail of a scatter is wrong in
+some places: see :func:`suppress_foreground_outlines`.
 
-The formulas, :func:`ask_arnet`, :func:`find_change`, :func:`lay_over`, :func:`suppress_foreground_outlines`
-and :func:`bokehnet.fusion.fuse`, are written once, on operators: for training (torch), for inference (NumPy)
-and for the one file (ONNX graphs).
-:func:`render_neural` is the whole way for torch and NumPy. Two twins go it in their own fashion:
+The formulas :func:`run_arnet`, :func:`encoded_change`, :func:`apply_change`,
+:func:`suppress_foreground_outlines` and :func:`bokehnet.fusion.fuse` are written once, on operators: for
+training (torch), for inference (NumPy) and for the one file (ONNX graphs).
+:func:`render_neural` is the complete algorithm for torch and NumPy. Two variants exist:
 :mod:`bokehnet.engines.coarse_to_fine`, without an IUNet, in strips and only where the classical render can
 be wrong, and :mod:`bokehnet.onnx_file.neural` with the loops of a graph.
-``tests/reference/test_correction_agrees.py`` holds all of them to one result.
+``tests/reference/test_correction_agrees.py`` checks that all agree.
 """
 
 import math
@@ -29,20 +29,20 @@ __all__ = [
     "NeuralResult",
     "Refine",
     "RefineNetwork",
-    "ask_arnet",
+    "apply_change",
     "build_levels",
-    "find_change",
-    "lay_over",
+    "encoded_change",
     "refine_whole",
     "render_neural",
+    "run_arnet",
     "suppress_foreground_outlines",
 ]
 
-# Blur in front of focus, in pixels of the coarse size, from which on no detail of such a render is kept.
-_DETAIL_ENDS = 3.0
+# Blur in front of focus, pixels of the coarse size, from which on the coarse render replaces all detail.
+_MAX_DETAIL_BLUR_PX = 3.0
 
-# And from which on the root of the error map takes its place.
-_FAR = 9.0
+# Blur in front of focus from which on the root of the error map replaces it.
+_MAX_BLUR_PX = 9.0
 
 
 class CoarseNetwork(Protocol):
@@ -51,7 +51,7 @@ class CoarseNetwork(Protocol):
     def __call__(
         self, image: Array, defocus: Array, classical: Array, features: Array | None, /
     ) -> tuple[Array, Array]:
-        """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur that it was trained for."""
+        """Return bokeh (B, 3, H, W) and error map (B, 1, H, W) for blur within the range of the training."""
         ...
 
 
@@ -61,21 +61,21 @@ class RefineNetwork(Protocol):
     def __call__(
         self, image: Array, defocus: Array, classical: Array, coarse: Array, features: Array | None, /
     ) -> Array:
-        """Return bokeh (B, 3, H, W), given ``coarse``, the bokeh at half the size."""
+        """Return bokeh (B, 3, H, W) from ``coarse``, the bokeh at half the size."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """The inputs at one size.
+    """Inputs at one size.
 
     Attributes:
         image, classical: Scene-linear, (B, 3, H, W).
-        defocus: Signed radius in pixels of this size, (B, 1, H, W).
-        classical_error_map: Where the classical render can be wrong, (B, 1, H, W) in [0, 1].
-        features: What the classical renderer knows besides, (B, 5, H, W): the colours that it takes to stand
-            behind each pixel, scene-linear, the share of the pixel's light that no picture shows, and the
-            classical error map; ``None`` if it knows nothing.
+        defocus: Signed blur radius in pixels of this size, (B, 1, H, W).
+        classical_error_map: Error map of the classical render, (B, 1, H, W) in [0, 1].
+        features: Further output of the classical renderer, (B, 5, H, W): colors of the occluded background,
+            scene-linear, fraction of the pixel's light that no picture shows, and the classical error map;
+            ``None`` if it has none.
     """
 
     image: Array
@@ -87,14 +87,15 @@ class Level:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NeuralResult:
-    """The neural half of the hybrid, and the blend of both.
+    """Neural half of the hybrid, and the blend of both halves.
 
     Attributes:
-        bokeh: The blend, (B, 3, H, W), at the picture's size. Where the error map is 0 it is the classical
+        bokeh: Blend, (B, 3, H, W), at the picture's size. Where the error map is 0 it is the classical
             render bit for bit.
         steps: Bokeh (B, 3, h, w) at every level, coarse to fine; without an IUNet at the first one only.
-        picture: The networks' own, (B, 3, H, W): ARNet's change laid over the classical render; with an IUNet
-            the mean of that, which has all detail, and of IUNet's last step, which relies on none.
+        picture: Picture of the networks, (B, 3, H, W): the classical render with ARNet's change; with an
+            IUNet the mean of that, which has all detail, and of IUNet's last step, which does not depend on
+            it.
         error_map: (B, 1, H, W) in [0, 1], at the picture's size: ARNet's times the classical renderer's, so
             that nothing changes where the classical render is right.
     """
@@ -105,15 +106,15 @@ class NeuralResult:
     error_map: Array
 
 
-# Sides of the coarsest level are multiples of this: a U-Net halves its input three times.
+# Sides of the coarsest level are multiples of this, pixels: a U-Net halves its input three times.
 BLOCK = 8
 
-# How IUNet is run at one level: (network, level, bokeh at half the size, error map) to bokeh (B, 3, H, W).
-# The error map (B, 1, H, W) tells where the result will be used.
+# Runs IUNet at one level: (network, level, bokeh at half the size, error map) to bokeh (B, 3, H, W).
+# The error map (B, 1, H, W) is above 0 where the result is used.
 Refine = Callable[[RefineNetwork, Level, Array, Array], Array]
 
 
-def ask_arnet(
+def run_arnet(
     arnet: CoarseNetwork,
     image: Array,
     defocus: Array,
@@ -124,12 +125,12 @@ def ask_arnet(
     """Run ARNet at the coarse size.
 
     Args:
-        arnet: The network.
+        arnet: Coarse network.
         image: See :class:`Level`, as ``defocus``, ``classical`` and ``features``.
         defocus: See ``image``.
         classical: See ``image``.
         features: See ``image``.
-        max_valid_radius: Largest blur radius, in pixels of this size, that ARNet learned from. The error map
+        max_valid_radius: Largest blur radius in the training of ARNet, pixels of this size. The error map
             fades out over the upper half of that range, to 0 at its end.
 
     Returns:
@@ -139,20 +140,23 @@ def ask_arnet(
     return bokeh, error_map * (2 - 2 * abs(defocus) / max_valid_radius).clip(0, 1)
 
 
-def find_change(bokeh: Array, classical: Array) -> Array:
-    """How a bokeh differs from the classical render, on a scale on which light and shadow weigh alike."""
+def encoded_change(bokeh: Array, classical: Array) -> Array:
+    """Return the difference of a bokeh and the classical render in encoded colors.
+
+    The encoding gives light and shadow similar weight.
+    """
     return encode(bokeh) - encode(classical)
 
 
-def lay_over(classical: Array, change: Array) -> Array:
-    """Change the classical render at full size; the inverse of :func:`find_change`.
+def apply_change(classical: Array, change: Array) -> Array:
+    """Apply a change to the classical render at full size; the inverse of :func:`encoded_change`.
 
     Args:
-        classical: Scene-linear.
-        change: Of its encoded colours, from a coarse size; of the same shape.
+        classical: Classical render, scene-linear.
+        change: Change of its encoded colors, from a coarse size; same shape.
 
     Returns:
-        Bokeh, scene-linear. Where nothing changes it equals ``classical``, up to rounding.
+        Bokeh, scene-linear. Where the change is 0 it equals ``classical``, up to rounding.
     """
     return decode(encode(classical) + change).clip(min=0)
 
@@ -160,28 +164,28 @@ def lay_over(classical: Array, change: Array) -> Array:
 def suppress_foreground_outlines(
     classical: Array, defocus: Array, coarse: Array, coarse_defocus: Array, error_map: Array
 ) -> tuple[Array, Array]:
-    """Rely less on a scatter where something stands before focus and the network doubts the render.
+    """Reduce the detail of a scatter in front of focus where the error map is above 0.
 
-    No detail there is finer than the blur, but a scatter does not know what a foreground hides, and keeps its
-    outline. At the coarse size the same render has the same light without the line. And the farther before
-    focus, the more a doubt counts.
+    No detail there is finer than the blur, but a scatter ignores occlusion by a foreground, and keeps its
+    outline. At the coarse size the same render has the same light without the outline. The farther in front
+    of focus, the more the error map is raised.
 
     Args:
-        classical: Scene-linear.
-        defocus: Signed radius in pixels of the coarse size.
-        coarse: ``classical`` as it is at the coarse size, doubled up to full size.
-        coarse_defocus: The same of ``defocus``: an outline has two sides, and that of the background is a
-            coarse pixel wide.
-        error_map: Where the render is wrong, in [0, 1].
+        classical: Scatter, scene-linear.
+        defocus: Signed blur radius in pixels of the coarse size.
+        coarse: ``classical`` at the coarse size, doubled up to full size.
+        coarse_defocus: ``defocus`` at the coarse size, doubled: an outline has two sides, and that of the
+            background is a coarse pixel wide.
+        error_map: Expected error of the scatter, in [0, 1].
 
     Returns:
-        Both, mended. Where the error map is 0, and away from what stands before focus, bit for bit as before.
+        Both, corrected. Where the error map is 0, and behind focus, they are unchanged bit for bit.
     """
     radius = array_namespace(defocus).maximum(defocus, coarse_defocus)
     doubt = (2 * error_map).clip(0, 1)
-    mended = fuse(classical, coarse, (radius / _DETAIL_ENDS).clip(0, 1) * doubt)
-    far = ((radius - _DETAIL_ENDS) / (_FAR - _DETAIL_ENDS)).clip(0, 1)
-    return mended, fuse(error_map, error_map**0.5, far)
+    suppressed = fuse(classical, coarse, (radius / _MAX_DETAIL_BLUR_PX).clip(0, 1) * doubt)
+    distance_weight = ((radius - _MAX_DETAIL_BLUR_PX) / (_MAX_BLUR_PX - _MAX_DETAIL_BLUR_PX)).clip(0, 1)
+    return suppressed, fuse(error_map, error_map**0.5, distance_weight)
 
 
 def refine_whole(iunet: RefineNetwork, level: Level, coarse: Array, error_map: Array) -> Array:
@@ -226,7 +230,7 @@ def render_neural(
 ) -> NeuralResult:
     """Render the neural half, and blend.
 
-    The published method resizes by max|r| over the radius that ARNet was trained for; here the factor is the
+    The published method resizes by max|r| over the radius in the training of ARNet; here the factor is the
     next power of two, so that every step doubles exactly, no step loses detail, and pixels of all sizes are
     aligned.
 
@@ -235,14 +239,14 @@ def render_neural(
         defocus: Signed blur radius in pixels, (B, 1, H, W).
         classical: Classical render, scene-linear, (B, 3, H, W).
         classical_error_map: The classical renderer's own error map, (B, 1, H, W) in [0, 1].
-        arnet: The coarse network.
-        network_max_radius: Largest radius ``arnet`` was trained for, pixels.
-        iunet: The refining network; without it ARNet's change is laid over the classical render.
+        arnet: Coarse network.
+        network_max_radius: Largest radius in the training of ``arnet``, pixels.
+        iunet: Refining network; without it ARNet's change is applied to the classical render.
         max_valid_radius: Largest blur radius that the networks may correct, in pixels of the picture.
-        refine: How IUNet is run at each level.
-        features: What the classical renderer knows besides, see :class:`Level`.
-        extra_halvings: Start this many sizes lower than needed (for training).
-        leaves_outlines: Whether the classical renderer leaves sharp outlines on blurred foregrounds
+        refine: Function that runs IUNet at each level.
+        features: Further output of the classical renderer, see :class:`Level`.
+        extra_halvings: Number of additional smaller sizes (for training).
+        leaves_outlines: True if the classical renderer leaves sharp outlines on blurred foregrounds
             (:attr:`~bokehnet.engine_registry.EngineSpec.sharp_foregrounds`).
 
     Source:
@@ -252,11 +256,11 @@ def render_neural(
     halvings = count_halvings(float(abs(defocus).max()), network_max_radius) + extra_halvings
     levels = build_levels(image, defocus, classical, classical_error_map, features, halvings)
     low, full = levels[0], levels[-1]
-    bokeh, learned = ask_arnet(
+    bokeh, learned = run_arnet(
         arnet, low.image, low.defocus, low.classical, low.features, max_valid_radius / 2**halvings
     )
     steps = [bokeh]
-    change, light, radius = find_change(bokeh, low.classical), low.classical, low.defocus
+    change, light, radius = encoded_change(bokeh, low.classical), low.classical, low.defocus
     for level in levels[1:]:
         learned, change = upsample2(learned), upsample2(change)
         if leaves_outlines:
@@ -265,12 +269,14 @@ def render_neural(
             steps.append(refine(iunet, level, steps[-1], learned * level.classical_error_map))
     error_map, classical = learned * full.classical_error_map, full.classical
     if leaves_outlines:
-        at_full_size = full.defocus / 2**halvings
-        classical, error_map = suppress_foreground_outlines(classical, at_full_size, light, radius, error_map)
-    picture = lay_over(classical, change)
+        radius_at_full_size = full.defocus / 2**halvings
+        classical, error_map = suppress_foreground_outlines(
+            classical, radius_at_full_size, light, radius, error_map
+        )
+    picture = apply_change(classical, change)
     if iunet is not None:
         picture = 0.5 * (picture + steps[-1])
         steps[-1] = crop_to(steps[-1], height, width)
-    found = (fuse(classical, picture, error_map), picture, error_map)
-    bokeh, picture, error_map = (crop_to(x, height, width) for x in found)
+    outputs = (fuse(classical, picture, error_map), picture, error_map)
+    bokeh, picture, error_map = (crop_to(x, height, width) for x in outputs)
     return NeuralResult(bokeh=bokeh, steps=steps, picture=picture, error_map=error_map)

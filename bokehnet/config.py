@@ -1,9 +1,9 @@
-"""TOML files to frozen dataclasses, and back to text.
+"""Conversion of TOML files to frozen dataclasses and back.
 
-A configuration is a frozen keyword-only dataclass beside the class that it configures. Fields may be
-``bool``, ``int``, ``float``, ``str``, ``Literal[...]``, ``X | None``, ``tuple[X, ...]``, ``tuple[X, Y]``
-or another such dataclass, which is a table in the file. A missing key takes the default of its field; keys of
-earlier versions count as today's (``OLD_KEYS``).
+A configuration is a frozen keyword-only dataclass, defined next to the class that it configures. Fields may
+be ``bool``, ``int``, ``float``, ``str``, ``Literal[...]``, ``X | None``, ``tuple[X, ...]``, ``tuple[X, Y]``
+or another such dataclass, which is a table in the file. A missing key takes the default of its field. Keys of
+earlier versions are translated (``OLD_KEYS``).
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ __all__ = [
 
 Config = TypeVar("Config")
 
-# What earlier versions called keys of configurations: TOML files, checkpoints, prepared sets.
+# Keys of earlier versions in TOML files, checkpoints and prepared sets, and their current names.
 OLD_KEYS = {
     "see_hints": "see_features",
     "spoilt": "augmented",
@@ -49,7 +49,7 @@ def load_config(path: str | Path, cls: type[Config], overrides: Mapping[str, Any
         overrides: Values that replace those of the file; ``"table.key"`` reaches into a table.
 
     Raises:
-        ConfigError: The file is missing or not TOML, a key is unknown or absent without default, or a
+        ConfigError: The file is missing or not TOML, a key is unknown or missing without default, or a
             value has the wrong type.
     """
     path = Path(path)
@@ -65,7 +65,7 @@ def load_config(path: str | Path, cls: type[Config], overrides: Mapping[str, Any
 
 
 def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
-    """Return ``overrides`` of ``load_config`` from words ``key=value``; what is no TOML value is a text.
+    """Return ``overrides`` for ``load_config`` from words ``key=value``; non-TOML values become texts.
 
     Raises:
         ParameterError: A word has no equals sign.
@@ -74,33 +74,33 @@ def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
         >>> parse_settings(["scenes=12", "clutter.lamps=0.5", "kind=planes"])
         {'scenes': 12, 'clutter.lamps': 0.5, 'kind': 'planes'}
     """
-    found: dict[str, Any] = {}
+    overrides: dict[str, Any] = {}
     for text in settings:
         key, equals, value = text.partition("=")
         if not equals:
             raise ParameterError("--set", "key=value", text)
         try:
-            found[key] = tomllib.loads(f"value = {value}")["value"]
+            overrides[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
-            found[key] = value
-    return found
+            overrides[key] = value
+    return overrides
 
 
 def build_config(table: Mapping[str, Any], cls: type[Config], source: str = "config") -> Config:
-    """Make ``cls`` from a table of plain values; ``source`` names it in messages.
+    """Return an instance of ``cls`` from a table of plain values; ``source`` names it in messages.
 
     Raises:
-        ConfigError: A key is unknown, absent without default, or has a value of the wrong type.
+        ConfigError: A key is unknown, missing without default, or has a value of the wrong type.
     """
     return typing.cast(Config, _dataclass_from(table, cls, source, ""))
 
 
 def renamed(table: Mapping[str, Any], today: Collection[str] = ()) -> dict[str, Any]:
-    """Return a table with today's keys in place of those of earlier versions (``OLD_KEYS``).
+    """Return a table with current keys in place of those of earlier versions (``OLD_KEYS``).
 
     Args:
         table: Plain values.
-        today: Keys that mean what they say, whatever earlier versions called by that name.
+        today: Current keys, which are never translated.
     """
     return {
         key if key in today or OLD_KEYS.get(key) in table else OLD_KEYS.get(key, key): value
@@ -124,28 +124,28 @@ def first_difference(old: Any, new: Any, key: str = "") -> tuple[str, Any, Any] 
     """Return the dotted key and the two values where two plain configurations first differ, or ``None``."""
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(old.keys() | new.keys()):
-            found = first_difference(old.get(name), new.get(name), f"{key}.{name}" if key else name)
-            if found is not None:
-                return found
+            difference = first_difference(old.get(name), new.get(name), f"{key}.{name}" if key else name)
+            if difference is not None:
+                return difference
         return None
     return None if old == new else (key, old, new)
 
 
 def check_same(holder: str, old: Any, new: Any, way_out: str) -> None:
-    """Raise unless what a folder was begun with is what is asked for now.
+    """Raise unless the configuration of an existing folder equals the requested one.
 
     Args:
-        holder: The folder and what it holds, as the message begins.
-        old: Plain configuration that it was begun with.
-        new: The one asked for.
-        way_out: What to do, as the message ends.
+        holder: Start of the message: the folder and its content.
+        old: Plain configuration of the folder.
+        new: Requested plain configuration.
+        way_out: End of the message: the remedy.
 
     Raises:
-        ConfigError: They differ; the first key that does is named.
+        ConfigError: They differ; names the first key that does.
     """
     if difference := first_difference(old, new):
-        key, was, asked = difference
-        raise ConfigError(f"{holder} with {key} = {was!r}, but {asked!r} was asked for; {way_out}")
+        key, existing, requested = difference
+        raise ConfigError(f"{holder} with {key} = {existing!r}, but {requested!r} was requested; {way_out}")
 
 
 def _set(table: dict[str, Any], keys: list[str], value: Any, source: str) -> None:

@@ -1,7 +1,7 @@
-"""Engines by name: every fact about an engine that more than one part of the package needs.
+"""Registry of engines: every fact about an engine that more than one part of the package needs.
 
 A new engine is one row here, plus its module. The command line, the settings, memory bounds, strips, the
-one-file export and the help read these rows. The methods of the literature, for comparison only, stand in
+one-file export and the help read these rows. Methods of the literature, for comparison only, are in
 :mod:`bokehnet.baselines`.
 """
 
@@ -15,14 +15,14 @@ class EngineSpec:
     """Facts about one engine.
 
     Attributes:
-        name: As users write it.
-        about: Half a sentence for help texts.
-        classical: Name of the engine without networks that makes the classical half; its own name if it has
+        name: Name for users.
+        about: Short description for help texts.
+        classical: Name of the engine that renders the classical half; its own name if it has
             no networks.
-        renderer: That classical half, "module:function".
+        renderer: Function of the classical half, "module:function".
         networks: Folder of its networks in ``bokehnet/weights``; ``None`` for a classical engine.
         refines: Whether IUNet leads the correction up to full size; without it the classical detail is kept.
-        traces_rays: Whether pupil rays are traced, so that aberrations, coloured fringes and hidden
+        traces_rays: Whether pupil rays are traced, so that aberrations, colour fringes and occluded
             surfaces are rendered.
         sharp_foregrounds: Whether the classical half leaves sharp outlines on blurred foregrounds, which the
             correction has to suppress (:func:`bokehnet.coarse_to_fine.suppress_foreground_outlines`).
@@ -48,16 +48,16 @@ class EngineSpec:
 
 _RAYS = EngineSpec(
     name="rays",
-    about="pupil rays traced through layers",
+    about="rays traced from the pupil through layers",
     classical="rays",
     renderer="bokehnet.classical.rays_renderer:render_rays",
     traces_rays=True,
-    strip_halo=2,  # rays cross one radius, hidden background is filled from one more
+    strip_halo=2,  # rays cross one radius, occluded background is inpainted from one more
     bytes_per_pixel=156,
 )
 _SCATTER = EngineSpec(
     name="scatter",
-    about="every pixel spread over its disc, blind to occlusion, fastest",
+    about="every pixel spread over its disc, without occlusion, fastest",
     classical="scatter",
     renderer="bokehnet.classical.scatter_renderer:render_scatter",
     sharp_foregrounds=True,

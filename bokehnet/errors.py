@@ -1,4 +1,4 @@
-"""The errors that bokehnet raises on purpose.
+"""Exceptions of bokehnet.
 
 ::
 
@@ -6,19 +6,19 @@
     |-- ShapeError         (ValueError)   an array has the wrong rank or size
     |-- ParameterError     (ValueError)   a number or a choice is out of range, or of the wrong type;
     |                                     has parameter, expected, got and remedy
-    |-- LensError          (ValueError)   a lens cannot exist or cannot focus there; may have parameter
+    |-- LensError          (ValueError)   a lens is invalid or cannot focus there; may have parameter
     |-- ConfigError        (ValueError)   a configuration file has a wrong key or value
     |-- ImageFileError     (OSError)      an image cannot be read or written
-    |-- RenderCancelled                   nobody wants the result any more
+    |-- RenderCancelled                   the caller cancelled the render
     |-- DataFileError      (OSError)      a shard or a checkpoint cannot be used
     |-- ModelFileError     (OSError)      network weights are missing, damaged or of another version
     `-- MissingExtraError  (ImportError)  an optional dependency is not installed
 
-Every message says what was wrong, what was expected, what was found and the way out. The command line
-prints it as one line; any other exception is a bug and keeps its traceback.
+Every message names the parameter, the expected and the actual value, and a remedy. The command line prints
+it as one line; any other exception is a bug and keeps its traceback.
 
-Other parameters stand in back quotes in ``expected`` and ``remedy``, as "give `blur`", and never with the
-names that a command line or a page has for them: these are put in by whoever shows the message.
+``expected`` and ``remedy`` put other parameters in back quotes, as in "give `blur`", by their Python names.
+The command line and the studio replace these by their own names when they show the message.
 """
 
 import re
@@ -41,25 +41,25 @@ __all__ = [
 
 
 class _Nothing(Enum):
-    """What stands where no value is told; None can be one."""
+    """Sentinel for a missing value, as None can be a value."""
 
     NOTHING = "nothing"
 
 
 _NOTHING = _Nothing.NOTHING
 
-# Characters of a value in a message.
-_LONGEST = 100
+# Maximum number of characters of a value in a message.
+_MAX_VALUE_CHARACTERS = 100
 
-# What begins a message that is all in one text: a parameter, as focus.blur or quads[0].radius, or an option.
+# Parameter name at the start of a message in a single text: focus.blur, quads[0].radius, or an option.
 _NAME = re.compile(r"(?:--)?[A-Za-z_][\w-]*(?:\.[A-Za-z_]\w*|\[\d+\])*")
 
 
 class BokehnetError(Exception):
-    """Base of every error that is the caller's to mend.
+    """Base of all errors that the caller can correct.
 
-    Its text is one line: where it holds control characters, as names in damaged files do, line breaks become
-    spaces and the others are escaped.
+    Its text is one line: line breaks become spaces, other control characters (as in damaged files) are
+    escaped.
     """
 
     def __str__(self) -> str:
@@ -76,24 +76,24 @@ class ShapeError(BokehnetError, ValueError):
 class ParameterError(BokehnetError, ValueError):
     """A number or a choice is out of range, or of the wrong type.
 
-    The message is ``{parameter}: expected {expected}, got {got}; {remedy}``; what is empty is left out. A
+    The message is ``{parameter}: expected {expected}, got {got}; {remedy}``, without the empty parts. A
     single argument is a whole message: a name before its first colon becomes ``parameter``.
 
-    It can be pickled. Then numbers, texts and tuples of them come along, of other values the text.
+    Pickling keeps numbers, texts and tuples of them as ``got``, and the text of any other value.
 
     Args:
         parameter: Name of the argument or field, as in Python: "curvature".
-        expected: What it may be, without "expected": "0 to 1".
-        got: What it was: the value itself. None is a value, too.
-        remedy: The way out where ``expected`` does not tell it, as "give `blur`".
-        shown: Text of ``got`` in the message, with its unit, say; by default floats are short and texts in
-            quotes. Without ``got`` it is what was found, as "3 that are NaN".
+        expected: Accepted values, without the word "expected": "0 to 1".
+        got: Rejected value itself; None counts as a value.
+        remedy: Remedy where ``expected`` does not imply it, such as "give `blur`".
+        shown: Text of ``got`` in the message, such as one with a unit. Default: short floats, texts in
+            quotes. Without ``got``: a description of the input, such as "3 that are NaN".
 
     Attributes:
-        parameter: As given; empty if a whole message names none.
-        expected: As given.
-        got: The value, or else the text of what was found; of no meaning where :attr:`has_got` is not.
-        remedy: As given.
+        parameter: Name of the parameter; empty if a whole message names none.
+        expected: Accepted values.
+        got: Rejected value, or the text ``shown`` without one; undefined if not :attr:`has_got`.
+        remedy: Remedy, or empty.
     """
 
     parameter: str
@@ -112,44 +112,44 @@ class ParameterError(BokehnetError, ValueError):
     ) -> None:
         self.parameter, self.expected, self.remedy = parameter, expected, remedy
         self.got = shown if got is _NOTHING and shown is not None else got
-        found = f"got {_told(got) if shown is None else shown}" if self.has_got else ""
-        wanted = ", ".join(filter(None, [expected and f"expected {expected}", found]))
-        self._reason = "; ".join(filter(None, [wanted, remedy]))
+        actual = f"got {_value_text(got) if shown is None else shown}" if self.has_got else ""
+        mismatch = ", ".join(filter(None, [expected and f"expected {expected}", actual]))
+        self._reason = "; ".join(filter(None, [mismatch, remedy]))
         if not self._reason:
             name, _, rest = parameter.partition(":")
-            named = bool(rest) and _NAME.fullmatch(name) is not None
-            self.parameter, self._reason = (name, rest.lstrip()) if named else ("", parameter)
+            has_name = bool(rest) and _NAME.fullmatch(name) is not None
+            self.parameter, self._reason = (name, rest.lstrip()) if has_name else ("", parameter)
         super().__init__(self._message())
 
     @property
     def has_got(self) -> bool:
-        """Whether ``got`` was told."""
+        """True if ``got`` is set."""
         return self.got is not _NOTHING
 
     def renamed(self, parameter: str) -> Self:
-        """Return the same error about the parameter of another name, for rooms above that have their own."""
-        twin = self.__copy__()
-        twin.parameter = parameter
-        twin.args = (twin._message(),)
-        return twin
+        """Return the same error with another parameter name, as used by a higher layer."""
+        copied = self.__copy__()
+        copied.parameter = parameter
+        copied.args = (copied._message(),)
+        return copied
 
     def _message(self) -> str:
         return ": ".join(filter(None, [self.parameter, self._reason]))
 
     def __copy__(self) -> Self:
-        twin = _bare(type(self), str(self))
-        twin.__dict__.update(self.__dict__)
-        return twin
+        copied = _bare(type(self), str(self))
+        copied.__dict__.update(self.__dict__)
+        return copied
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _bare, (type(self), str(self)), {**self.__dict__, "got": _portable(self.got)}
 
 
 class LensError(BokehnetError, ValueError):
-    """A lens cannot exist, or cannot focus where it was asked to.
+    """A lens is invalid, or cannot focus at the requested distance.
 
     Attributes:
-        parameter: Name of the field that is wrong, where it is one: "f_number". Else empty.
+        parameter: Name of the invalid field, such as "f_number"; empty if there is none.
     """
 
     def __init__(self, message: str, parameter: str = "") -> None:
@@ -157,8 +157,8 @@ class LensError(BokehnetError, ValueError):
         self.parameter = parameter
 
 
-class RenderCancelled(BokehnetError):  # noqa: N818  # it is no mistake
-    """A rendering ended because it was cancelled."""
+class RenderCancelled(BokehnetError):  # noqa: N818  # no error of the caller
+    """The caller cancelled the render."""
 
 
 class ConfigError(BokehnetError, ValueError):
@@ -182,17 +182,17 @@ class MissingExtraError(BokehnetError, ImportError):
 
 
 def _bare(kind: type[Any], message: str) -> Any:
-    """An error of this kind with nothing but its message."""
+    """Return an error of this class with only its message."""
     return kind.__new__(kind, message)
 
 
-def _told(value: Any) -> str:
-    """The text of a value in a message: one short line."""
+def _value_text(value: Any) -> str:
+    """Return the text of a value in a message: one short line."""
     try:
         text = _text(value)
-    except Exception:  # numbers too long to be written, objects whose repr fails
+    except Exception:  # numbers with too many digits, objects whose repr fails
         text = f"a value of type {type(value).__name__}"
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return text if len(text) <= _MAX_VALUE_CHARACTERS else f"{text[:_MAX_VALUE_CHARACTERS]}..."
 
 
 def _text(value: Any) -> str:
@@ -201,7 +201,7 @@ def _text(value: Any) -> str:
     if isinstance(value, Real) and not isinstance(value, Integral):
         return f"{float(value):g}"
     if type(value) in (list, tuple):
-        items = ", ".join(map(_told, value[:_LONGEST]))
+        items = ", ".join(map(_value_text, value[:_MAX_VALUE_CHARACTERS]))
         comma = "," if type(value) is tuple and len(value) == 1 else ""
         return f"[{items}]" if type(value) is list else f"({items}{comma})"
     if hasattr(value, "shape"):
@@ -210,11 +210,11 @@ def _text(value: Any) -> str:
 
 
 def _portable(value: Any) -> Any:
-    """The value if another process surely can read it, else its text."""
+    """Return the value if any process can unpickle it, else its text."""
     if type(value).__module__ == "numpy" and getattr(value, "ndim", None) == 0:
         value = value.item()
     if value is None or type(value) in (bool, int, float, complex, str, bytes, _Nothing):
         return value
     if type(value) in (list, tuple):
         return type(value)(map(_portable, value))
-    return _told(value)
+    return _value_text(value)

@@ -1,31 +1,31 @@
-"""What a forked process must have anew: of its parent it has the memory, but no thread save one."""
+"""Renewal of locks and sessions in forked processes, which have only one of the parent's threads."""
 
 import os
 import threading
 import weakref
 from typing import Protocol
 
-__all__ = ["ForkSafeLock", "Renewed", "renew_in_children"]
+__all__ = ["ForkSafeLock", "Renewable", "renew_in_children"]
 
 
-class Renewed(Protocol):
-    """Something that a forked process makes anew."""
+class Renewable(Protocol):
+    """Object that a forked process must renew."""
 
     def renew(self) -> None:
-        """Forget what belongs to the parent; called in the child, before anything else."""
+        """Discard state of the parent; called in the child before anything else."""
         ...
 
 
-_kept: weakref.WeakSet[Renewed] = weakref.WeakSet()
+_renewables: weakref.WeakSet[Renewable] = weakref.WeakSet()
 
 
-def renew_in_children(item: Renewed) -> None:
-    """Call ``item.renew()`` in every process that is forked from this one, while the item lives."""
-    _kept.add(item)
+def renew_in_children(item: Renewable) -> None:
+    """Call ``item.renew()`` in every process forked from this one while the item exists."""
+    _renewables.add(item)
 
 
 class ForkSafeLock:
-    """A lock that one thread may take more than once; open in a forked process, whoever held it before."""
+    """Reentrant lock that is released in forked processes."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
@@ -38,12 +38,12 @@ class ForkSafeLock:
         self._lock.release()
 
     def renew(self) -> None:
-        """Open the lock: the thread that held it is not there."""
+        """Release the lock: the thread that held it does not exist in the child."""
         self._lock = threading.RLock()
 
 
 def _renew_all() -> None:
-    for item in list(_kept):
+    for item in list(_renewables):
         item.renew()
 
 

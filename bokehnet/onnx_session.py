@@ -1,7 +1,7 @@
-"""ONNX Runtime, silent towards the network, and sessions that can be pickled and outlive a fork.
+"""ONNX Runtime without telemetry, and sessions that can be pickled and survive a fork.
 
-The one place that imports it. From version 1.31 on it reports its use, with a number for the device, unless
-it is told not to; here it is told before it is loaded and again before any session.
+Only this module imports onnxruntime. Since version 1.31 it reports its use with a device identifier unless
+disabled; this module disables it before loading it and again before any session.
 """
 
 import ctypes
@@ -17,30 +17,28 @@ CPU = ("CPUExecutionProvider",)
 
 
 def load_onnxruntime() -> Any:
-    """Return the module ``onnxruntime``, whose telemetry is off."""
-    os.environ["ORT_DISABLE_TELEMETRY"] = (
-        "1"  # read when its library is loaded; the call comes too late for that
-    )
-    import onnxruntime  # here, so that what needs no network starts without it
+    """Return the module ``onnxruntime`` with telemetry disabled."""
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # read on loading its library, before the call below
+    import onnxruntime  # imported late: not needed without networks
 
     onnxruntime.disable_telemetry_events()
     return onnxruntime
 
 
 class OnnxSession:
-    """A network in ONNX Runtime.
+    """Network in ONNX Runtime.
 
-    A forked process opens it again with its first picture, as the threads that compute are not there; so does
-    one that unpickles it.
+    A forked process reopens it on first use, as the parent's worker threads do not exist there; unpickling
+    reopens it as well.
 
     Args:
-        model: Content of an ONNX file, or the path of one.
+        model: Content or path of an ONNX file.
         providers: Execution providers of ONNX Runtime, the preferred one first.
-        options: An ``onnxruntime.SessionOptions``, which cannot be pickled, or its attributes and entries by
-            name.
+        options: ``onnxruntime.SessionOptions``, which cannot be pickled, or its attributes and configuration
+            entries by name.
 
     Raises:
-        Exception: ONNX Runtime's own, which have no common base: it cannot use the model.
+        Exception: ONNX Runtime cannot use the model; its exceptions have no common base.
     """
 
     def __init__(
@@ -52,17 +50,17 @@ class OnnxSession:
         self._opened()
 
     def inputs(self) -> list[Any]:
-        """Its inputs, each with ``name``, ``shape`` and ``type``."""
-        found: list[Any] = self._opened().get_inputs()
-        return found
+        """Return the inputs, each with ``name``, ``shape`` and ``type``."""
+        inputs: list[Any] = self._opened().get_inputs()
+        return inputs
 
     def outputs(self) -> list[Any]:
-        """Its outputs, likewise, in the order of :meth:`run`."""
-        found: list[Any] = self._opened().get_outputs()
-        return found
+        """Return the outputs, each with ``name``, ``shape`` and ``type``, in the order of :meth:`run`."""
+        outputs: list[Any] = self._opened().get_outputs()
+        return outputs
 
     def run(self, arrays: Mapping[str, Any], *, release: bool = False) -> list[Any]:
-        """Return all its outputs for the inputs by name; ``release`` gives its memory back afterwards."""
+        """Return all outputs for the inputs by name; ``release`` frees the session's memory afterwards."""
         options = None
         if release:
             options = load_onnxruntime().RunOptions()
@@ -71,9 +69,9 @@ class OnnxSession:
         return results
 
     def renew(self) -> None:
-        """Leave the parent's session: to end it would wait for threads that are not there."""
+        """Abandon the parent's session: destroying it would wait for threads that do not exist here."""
         if self._session is not None:
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._session))  # so that it never ends
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._session))  # never destroyed
         self._session = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -94,8 +92,8 @@ class OnnxSession:
                 onnxruntime = load_onnxruntime()
                 options = self._options
                 if options is None or isinstance(options, Mapping):
-                    given, options = options or {}, onnxruntime.SessionOptions()
-                    for name, value in given.items():
+                    entries, options = options or {}, onnxruntime.SessionOptions()
+                    for name, value in entries.items():
                         if "." in name:
                             options.add_session_config_entry(name, value)
                         else:

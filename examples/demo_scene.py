@@ -1,7 +1,7 @@
-"""Trace the picture of ``bokehnet demo`` with our own ray tracer, and its disparity.
+"""Trace the picture of ``bokehnet demo`` and its disparity with the package's ray tracer.
 
-Printed photographs stand on a table in the evening, leaves hang before the camera, lamps and a town shine
-behind. The command, from the root of the repository, which makes the files that ship with the package::
+Printed photographs on a table in the evening, leaves in front of the camera, lamps and a town behind. This
+command, from the root of the repository, makes the files that ship with the package::
 
     python examples/demo_scene.py --out bokehnet/assets
 
@@ -49,7 +49,7 @@ TABLE = 185.0  # mm: the table lies this far below the camera
 TABLE_NEAR, TABLE_FAR, TABLE_SIDE = 520.0, 2300.0, 1300.0  # mm
 NEAREST = 470.0  # mm: the leaves
 
-# Photographs: file, part (top, left, height, width), width mm, foot (x, z) mm, turn and lean in degrees.
+# Photographs: file, crop (top, left, height, width), width mm, foot (x, z) mm, yaw and tilt in degrees.
 PRINTS = (
     ("chelsea", (0, 62, 300, 330), 275.0, (-45.0, 1000.0), 14.0, 12.0),
     ("coffee", (20, 90, 370, 330), 215.0, (290.0, 1240.0), -24.0, 10.0),
@@ -70,24 +70,26 @@ def make_print(
     part: tuple[int, int, int, int],
     width: float,
     foot: tuple[float, float],
-    turn: float,
-    lean: float,
+    yaw: float,
+    tilt: float,
 ) -> Plane:
-    """A photograph with a white border that stands on the table, turned and leaning back."""
+    """Return a photograph with a white border on the table, with yaw and tilt."""
     top, left, rows, columns = part
     photograph = read_image(photograph_files((name,))[0])[top : top + rows, left : left + columns]
     border = round(0.05 * columns)
     sheet = np.pad(photograph * 0.85, ((border, border), (border, border), (0, 0)), constant_values=0.5)
     height = width * sheet.shape[0] / sheet.shape[1]
-    about, back = np.radians(turn), np.radians(lean)
-    right = np.array([np.cos(about), 0, np.sin(about)])
-    down = np.array([np.sin(about) * np.sin(back), np.cos(back), -np.cos(about) * np.sin(back)])
+    yaw_angle, tilt_angle = np.radians(yaw), np.radians(tilt)
+    right = np.array([np.cos(yaw_angle), 0, np.sin(yaw_angle)])
+    down = np.array(
+        [np.sin(yaw_angle) * np.sin(tilt_angle), np.cos(tilt_angle), -np.cos(yaw_angle) * np.sin(tilt_angle)]
+    )
     centre = np.array([foot[0], TABLE, foot[1]]) - down * height / 2
     return _plane(plane_texture(sheet), centre, right * width / 2, down * height / 2)
 
 
 def make_table(prints: list[Plane], rng: np.random.Generator) -> Plane:
-    """Planks that run away from the camera, one texel per mm, darker at the feet of ``prints``."""
+    """Return planks that recede from the camera, one texel per mm, with contact shadows of ``prints``."""
     rows, columns = int(TABLE_FAR - TABLE_NEAR), int(2 * TABLE_SIDE)
     z = TABLE_FAR - 0.5 - np.arange(rows)[:, None]
     x = np.arange(columns)[None] + 0.5 - TABLE_SIDE
@@ -110,7 +112,7 @@ def make_table(prints: list[Plane], rng: np.random.Generator) -> Plane:
 
 
 def make_lamps(rng: np.random.Generator) -> Plane:
-    """Bulbs with hot cores on two slack wires, one texel per pixel, over the whole picture."""
+    """Return bulbs with hot cores on two slack wires, one texel per pixel, across the picture."""
     depth, half = 3400.0, HALF * 1.15
     height, width = int(2 * half[1] * DENSITY), int(2 * half[0] * DENSITY)
     wire = Canvas(height, width)
@@ -133,7 +135,7 @@ def make_lamps(rng: np.random.Generator) -> Plane:
 
 
 def make_town(rng: np.random.Generator) -> Background:
-    """An evening sky over dark houses with bright windows, infinitely far."""
+    """Return an evening sky over dark houses with bright windows at infinity."""
     half = HALF * 1.1
     height, width = int(2 * half[1] * DENSITY), int(2 * half[0] * DENSITY)
     y = np.linspace(-1.1, 1.1, height)[:, None, None]
@@ -156,7 +158,7 @@ def make_town(rng: np.random.Generator) -> Background:
 
 
 def make_leaves(rng: np.random.Generator) -> Plane:
-    """A twig with leaves that hangs into the picture from above, two texels per pixel."""
+    """Return a twig with leaves that hangs into the picture from above, two texels per pixel."""
     half = np.array([0.25, 0.17])
     height, width = (int(4 * h * DENSITY) for h in half[::-1])
     colour, alpha = np.zeros((height, width, 3)), np.zeros((height, width))
@@ -181,14 +183,14 @@ def make_leaves(rng: np.random.Generator) -> Plane:
 
 
 def make_grass(rng: np.random.Generator) -> Plane:
-    """Thin blades that rise before the camera at the lower left, two texels per pixel."""
+    """Return thin blades of grass in front of the camera at the lower left, two texels per pixel."""
     half = np.array([0.13, 0.17])
     height, width = (int(4 * h * DENSITY) for h in half[::-1])
     colour, alpha = np.zeros((height, width, 3)), np.zeros((height, width))
     t = np.linspace(0, 1, 16)
     for _ in range(17):
-        foot, lean, tall = rng.uniform(0.05, 0.6), rng.uniform(-0.2, 0.45), rng.uniform(0.45, 0.97)
-        blade = np.stack([(foot + lean * t**2) * width, (1 - tall * t) * height], -1)
+        foot, bend, tall = rng.uniform(0.05, 0.6), rng.uniform(-0.2, 0.45), rng.uniform(0.45, 0.97)
+        blade = np.stack([(foot + bend * t**2) * width, (1 - tall * t) * height], -1)
         green = np.array([0.11, 0.17, 0.035]) * rng.uniform(0.4, 1.6)
         _paint(colour, alpha, blade, np.linspace(rng.uniform(2.5, 5.5), 0.8, len(t)), green)
     z = NEAREST * 1.2
@@ -204,7 +206,7 @@ def _leaf(
     length: float,
     rng: np.random.Generator,
 ) -> None:
-    """Lay a leaf with a midrib and veins over what is painted; its halves catch different light."""
+    """Composite a leaf with midrib and veins over the canvas; its halves have different shading."""
     canvas = Canvas(*alpha.shape)
     breadth = length * rng.uniform(0.34, 0.44)
     canvas.add_leaf(centre, angle, length, breadth)
@@ -221,7 +223,7 @@ def _leaf(
 def _paint(
     colour: np.ndarray, alpha: np.ndarray, points: np.ndarray, radii: np.ndarray, ink: np.ndarray
 ) -> None:
-    """Lay a chain of strokes over what is painted."""
+    """Composite a chain of strokes over the canvas."""
     canvas = Canvas(*alpha.shape)
     canvas.add_path(points, radii)
     _over(colour, alpha, ink, canvas.alpha)
@@ -230,27 +232,27 @@ def _paint(
 def _lamp(
     colour: np.ndarray, alpha: np.ndarray, centre: np.ndarray, radius: float, light: np.ndarray
 ) -> None:
-    """Lay a bright disc over what is painted."""
+    """Composite a bright disc over the canvas."""
     canvas = Canvas(*alpha.shape)
     canvas.add_stroke(centre, centre, radius, radius)
     _over(colour, alpha, light, canvas.alpha)
 
 
-def _over(colour: np.ndarray, alpha: np.ndarray, ink: np.ndarray, cover: np.ndarray) -> None:
-    """Composite straight ``ink`` over straight ``colour``, in place; bare texels take the ink whole."""
-    share = np.where(alpha > 0, cover, (cover > 0).astype(float))[..., None]
-    colour += share * (ink - colour)
-    alpha[...] = np.maximum(alpha, cover)
+def _over(colour: np.ndarray, alpha: np.ndarray, ink: np.ndarray, coverage: np.ndarray) -> None:
+    """Composite straight ``ink`` over straight ``colour``, in place; uncovered texels take the ink fully."""
+    mix = np.where(alpha > 0, coverage, (coverage > 0).astype(float))[..., None]
+    colour += mix * (ink - colour)
+    alpha[...] = np.maximum(alpha, coverage)
 
 
 def _smooth_rows(values: np.ndarray, size: int) -> np.ndarray:
-    """Running mean of ``size`` rows."""
+    """Return the running mean of ``size`` rows."""
     total = np.cumsum(np.pad(values, ((size // 2, size - size // 2), (0, 0)), mode="edge"), axis=0)
     return (total[size:] - total[:-size]) / size
 
 
 def _plane(texture: Tensor, centre: ArrayLike, u_axis: ArrayLike, v_axis: ArrayLike) -> Plane:
-    """A :class:`Plane` from vectors of any kind."""
+    """Return a :class:`Plane` from array-like vectors."""
     c, u, v = (tuple(np.asarray(vector, float).tolist()) for vector in (centre, u_axis, v_axis))
     return Plane(texture=texture, centre=c, u_axis=u, v_axis=v)
 
@@ -267,7 +269,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for demo.png and demo_disparity.png")
     parser.add_argument("--truth", type=Path, help="folder for the ray-traced bokeh (slow)")
-    parser.add_argument("--samples", type=int, default=64, help="rays per pixel; the truth takes six times")
+    parser.add_argument(
+        "--samples", type=int, default=64, help="rays per pixel; the truth uses six times as many"
+    )
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     scene = make_scene(np.random.default_rng(SEED))
@@ -287,7 +291,7 @@ def main() -> None:
 
     sharp = camera(BLUR, 0.0, NEAREST)
     disparity = render_disparity(scene, sharp).numpy()
-    nearest = 1 / float(disparity.max())  # the file is scaled to [0, 1]; the town is at 0 already
+    nearest = 1 / float(disparity.max())  # the file is scaled to [0, 1]; the town is already at 0
     write_disparity(options.out / "demo_disparity.png", disparity * nearest)
     with progress("tracing the picture") as report:
         picture = render_all_in_focus(scene, sharp, options.samples, SEED, report).numpy()

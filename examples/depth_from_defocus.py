@@ -1,14 +1,14 @@
-"""Depth from defocus in miniature: read focus and blur off a bokeh picture by gradient descent.
+"""Estimate focus and blur of a bokeh picture by gradient descent: a small depth-from-defocus example.
 
-Known are the all-in-focus picture, its disparity and a picture with bokeh, 8-bit as from a file. Unknown are
-the blur K and the focus f of ``defocus = K * (disparity - f)``. The command, from the root of the
-repository, which hides a pair of numbers and looks for it::
+Given the all-in-focus picture, its disparity and an 8-bit picture with bokeh, estimate the blur K and the
+focus f of ``defocus = K * (disparity - f)``. This command, from the root of the repository, renders with
+known values and recovers them::
 
     python examples/depth_from_defocus.py --blur 12 --focus 0.46
 
-The descent moves the blur radii of the farthest and the nearest point, which the picture tells almost apart;
-K is their sum and f the share of the farthest. A gradient only knows the way down, so three short descents
-start at a near, a middle and a far focus with much too strong a blur; the best of them goes on.
+The descent optimizes the blur radii of the farthest and the nearest point, which are nearly independent; K is
+their sum, and f is the radius of the farthest divided by K. As gradient descent is local, three short
+descents start at a near, a middle and a far focus with a much too strong blur; the best one continues.
 """
 
 import argparse
@@ -33,11 +33,11 @@ STARTS = ((4.0, 36.0), (20.0, 20.0), (36.0, 4.0))
 
 
 @dataclass(frozen=True)
-class Found:
-    """Where a descent ended.
+class Estimate:
+    """Result of a descent.
 
     Attributes:
-        far, near: Blur radius of disparity 0 and of disparity 1, pixels.
+        far, near: Blur radius at disparity 0 and at disparity 1, pixels.
         loss: Mean squared difference of the square roots of both pictures.
     """
 
@@ -47,17 +47,17 @@ class Found:
 
     @property
     def blur(self) -> float:
-        """K, pixels of radius per unit of disparity."""
+        """Blur K, pixels of radius per unit of disparity."""
         return self.far + self.near
 
     @property
     def focus(self) -> float:
-        """The disparity that is sharp."""
+        """Disparity in focus."""
         return self.far / self.blur
 
 
 def small_scene(shrink: int) -> tuple[Tensor, Tensor]:
-    """Picture (H, W, 3) and disparity (H, W) of the demo, ``shrink`` times smaller, float32."""
+    """Return picture (H, W, 3) and disparity (H, W) of the demo, reduced by ``shrink``, float32."""
 
     def mean_of_blocks(array: np.ndarray) -> Tensor:
         height, width = array.shape[0] // shrink, array.shape[1] // shrink
@@ -76,66 +76,68 @@ def photograph(image: Tensor, disparity: Tensor, blur: float, focus: float) -> T
     return srgb_to_linear((linear_to_srgb(bokeh.clamp(0, 1)) * 255).round() / 255)
 
 
-def descend(image: Tensor, disparity: Tensor, bokeh: Tensor, start: Found, steps: int, rate: float) -> Found:
-    """Fit the render to ``bokeh`` by Adam; ``rate`` is the first step's length in pixels and sinks to 0."""
+def descend(
+    image: Tensor, disparity: Tensor, bokeh: Tensor, start: Estimate, steps: int, rate: float
+) -> Estimate:
+    """Fit the render to ``bokeh`` by Adam; ``rate`` is the initial step in pixels and decays to 0."""
     radii = torch.tensor([start.far, start.near], requires_grad=True)
     optimizer = torch.optim.Adam([radii], lr=rate)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    wanted = _root(bokeh)
+    target = _root(bokeh)
     loss = start.loss
     for _ in range(steps):
         optimizer.zero_grad()
         far, near = radii.abs()  # focus lies between far and near
-        difference = _root(scatter(image, near * disparity - far * (1 - disparity))) - wanted
+        difference = _root(scatter(image, near * disparity - far * (1 - disparity))) - target
         error = difference.square().mean()
         error.backward()
         optimizer.step()
         schedule.step()
         loss = error.item()
     far, near = radii.detach().abs().tolist()
-    return Found(far, near, loss)
+    return Estimate(far, near, loss)
 
 
 def recover(
-    image: Tensor, disparity: Tensor, bokeh: Tensor, told: Callable[[str, Found], None] | None = None
-) -> Found:
-    """Find blur and focus of ``bokeh`` (H, W, 3); ``told`` hears of every descent."""
-    told = told or (lambda _name, _found: None)
-    ends = []
+    image: Tensor, disparity: Tensor, bokeh: Tensor, report: Callable[[str, Estimate], None] | None = None
+) -> Estimate:
+    """Estimate blur and focus of ``bokeh`` (H, W, 3); ``report`` is called after every descent."""
+    report = report or (lambda _name, _estimate: None)
+    estimates = []
     for radii in STARTS:
-        start = Found(*radii, loss=float("nan"))
-        ends.append(descend(image, disparity, bokeh, start, steps=60, rate=2.0))
-        told(f"started at blur {start.blur:.0f}, focus {start.focus:.2f}", ends[-1])
-    best = min(ends, key=lambda end: end.loss)
-    found = descend(image, disparity, bokeh, best, steps=100, rate=0.3)
-    told("the best went on", found)
-    return found
+        start = Estimate(*radii, loss=float("nan"))
+        estimates.append(descend(image, disparity, bokeh, start, steps=60, rate=2.0))
+        report(f"started at blur {start.blur:.0f}, focus {start.focus:.2f}", estimates[-1])
+    best = min(estimates, key=lambda end: end.loss)
+    estimate = descend(image, disparity, bokeh, best, steps=100, rate=0.3)
+    report("best one continued", estimate)
+    return estimate
 
 
 def _root(light: Tensor) -> Tensor:
-    """Square root: lamps must not outweigh everything else."""
+    """Return the square root, which reduces the weight of lamps."""
     return light.clamp(min=1e-6).sqrt()
 
 
 def main() -> None:
-    """Hide blur and focus in a picture, and find them."""
+    """Render a picture with known blur and focus, and recover them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--blur", type=float, default=12.0, help="the true K, pixels of the small picture")
     parser.add_argument("--focus", type=float, default=0.46, help="the true focus, 0 to 1")
-    parser.add_argument("--shrink", type=int, default=4, help="the demo's picture is made so much smaller")
+    parser.add_argument("--shrink", type=int, default=4, help="reduction factor of the demo picture")
     options = parser.parse_args()
     torch.set_num_threads(1)
     image, disparity = small_scene(options.shrink)
     bokeh = photograph(image, disparity, options.blur, options.focus)
-    began = time.perf_counter()
+    start_time = time.perf_counter()
 
-    def tell(name: str, found: Found) -> None:
-        typer.echo(f"{name}: blur {found.blur:.2f}, focus {found.focus:.3f}, loss {found.loss:.1e}")
+    def report(name: str, estimate: Estimate) -> None:
+        typer.echo(f"{name}: blur {estimate.blur:.2f}, focus {estimate.focus:.3f}, loss {estimate.loss:.1e}")
 
-    found = recover(image, disparity, bokeh, tell)
-    seconds = time.perf_counter() - began
+    estimate = recover(image, disparity, bokeh, report)
+    seconds = time.perf_counter() - start_time
     typer.echo(f"truth: blur {options.blur:.2f}, focus {options.focus:.3f}")
-    typer.echo(f"found: blur {found.blur:.2f}, focus {found.focus:.3f}, in {seconds:.0f} s")
+    typer.echo(f"found: blur {estimate.blur:.2f}, focus {estimate.focus:.3f}, in {seconds:.0f} s")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Write a street at night, scene-linear with lamps up to 300 times white, and its disparity.
 
 ``python examples/night_scene.py --out FOLDER`` writes ``night.exr`` and ``night_disparity.exr``: a picture
-with the light that a photograph would have clipped, for looks that live from lights. Near is 1, far is 0.
+without clipped light, for looks that depend on lights. Disparity is 1 near and 0 far.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import bokehnet
 
 WIDTH, HEIGHT = 960, 640
 
-# Disparity of the person, who is in focus, and of the lights in front of her.
+# Disparity of the person, who is in focus, and of the lights in front.
 FOCUS, NEAR = 0.6, 0.95
 
 # Row of the horizon, and the disparity of the road at the lower border.
@@ -25,18 +25,18 @@ _LAMP_COLORS = np.array(
 
 
 def _discs(image: np.ndarray, disparity: np.ndarray, lights: np.ndarray) -> None:
-    """Draw lights that nothing hides, rows (x, y, radius, disparity, red, green, blue), with smooth rims."""
+    """Draw unoccluded lights, rows (x, y, radius, disparity, red, green, blue), with smooth rims."""
     y, x = np.mgrid[: image.shape[0], : image.shape[1]]
     for column, row, radius, depth, *color in lights:
-        cover = np.clip(radius + 0.5 - np.hypot(x - column, y - row), 0, 1)[..., None]
-        if (disparity[cover[..., 0] > 0] > depth).any():
+        coverage = np.clip(radius + 0.5 - np.hypot(x - column, y - row), 0, 1)[..., None]
+        if (disparity[coverage[..., 0] > 0] > depth).any():
             continue
-        image[:] = image * (1 - cover) + cover * np.array(color)
-        disparity[cover[..., 0] > 0] = depth
+        image[:] = image * (1 - coverage) + coverage * np.array(color)
+        disparity[coverage[..., 0] > 0] = depth
 
 
 def _houses(rng: np.random.Generator, image: np.ndarray, disparity: np.ndarray) -> None:
-    """Two rows of houses beside the road, with lit windows."""
+    """Draw two rows of houses along the road, with lit windows."""
     for side in (-1, 1):
         for number, depth in enumerate(np.linspace(0.06, 0.4, 6)):
             middle = WIDTH / 2 + side * (90 + 900 * depth)
@@ -54,7 +54,7 @@ def _houses(rng: np.random.Generator, image: np.ndarray, disparity: np.ndarray) 
 
 
 def _person(rng: np.random.Generator, image: np.ndarray, disparity: np.ndarray) -> None:
-    """Somebody with an umbrella, lit from behind."""
+    """Draw a person with an umbrella, lit from behind."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     head = np.hypot((x - 500) / 26, (y - 330) / 32) < 1
     body = (np.abs(x - 500) < 38 + 34 * np.clip((y - 360) / 200, 0, 1)) & (y > 352)

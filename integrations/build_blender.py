@@ -1,8 +1,8 @@
-"""Builds the Blender extension with all wheels that it needs: ``integrations/build_blender.py -o FOLDER``.
+"""Build the Blender extension with all wheels it needs: ``integrations/build_blender.py -o FOLDER``.
 
-Blender installs the wheels that its manifest lists, for its own Python and platform; a build is for one of
-each. It needs pip with a network, or a folder of wheels (``--find-links``). NumPy goes along, since Blender's
-own may be older than what others of these need; the process beside Blender finds it first.
+Blender installs the wheels of the manifest for its own Python and platform; each build is for one of each. It
+needs pip with a network, or a folder of wheels (``--find-links``). NumPy is included, since Blender's own may
+be older than the other wheels require; the bokehnet process finds the included one first.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 MANIFEST = "blender_manifest.toml"
 
-# Blender's name of a platform -> what wheels for it may be named after.
+# Blender's name of a platform, and the compatible wheel tags.
 PLATFORMS = {
     "linux-x64": (
         "manylinux_2_28_x86_64",
@@ -32,9 +32,9 @@ PLATFORMS = {
 
 
 def collect_wheels(folder: Path, platform: str, python: str, pip: list[str]) -> list[Path]:
-    """Build bokehnet's wheel and fetch those of all that it needs.
+    """Build bokehnet's wheel and download those of its dependencies.
 
-    It has machine code where this Python and this system are those of the Blender.
+    It carries machine code if this Python and this system are those of the Blender.
     """
     root = HERE.parent
     here = (sysconfig.get_python_version(), sysconfig.get_platform())
@@ -49,21 +49,21 @@ def collect_wheels(folder: Path, platform: str, python: str, pip: list[str]) -> 
 
 
 def manifest_text(wheels: list[str], platform: str) -> str:
-    """The manifest of a build: that of the source, for one platform, with its wheels."""
+    """Return the manifest of a build: that of the source, for one platform, with its wheels."""
     text = (HERE / "blender" / MANIFEST).read_text(encoding="utf-8")
-    listed = "".join(f'  "./wheels/{name}",\n' for name in wheels)
+    entries = "".join(f'  "./wheels/{name}",\n' for name in wheels)
     added = f'platforms = ["{platform}"]\n'
     if wheels:
-        added += f"wheels = [\n{listed}]\n"
+        added += f"wheels = [\n{entries}]\n"
     return re.sub(r"(?m)^(?=\[permissions\])", added + "\n", text, count=1)
 
 
 def build(output: Path, wheels: list[Path], platform: str) -> Path:
-    """Write the archive that Blender installs.
+    """Write the archive for installation in Blender.
 
     Args:
-        output: Folder it goes into.
-        wheels: What is bundled; none makes an extension that needs a Python with bokehnet in its preferences.
+        output: Folder of the archive.
+        wheels: Wheels to include; without any the extension needs a Python with bokehnet in its preferences.
         platform: A key of ``PLATFORMS``.
     """
     version = re.search(r'(?m)^version = "(.+)"$', (HERE / "blender" / MANIFEST).read_text(encoding="utf-8"))
@@ -81,7 +81,7 @@ def build(output: Path, wheels: list[Path], platform: str) -> Path:
 
 
 def run(command: list[str]) -> None:
-    """Run a command, and end with its message where it fails."""
+    """Run a command, and exit with an error if it fails."""
     done = subprocess.run(command, check=False)
     if done.returncode:
         raise SystemExit(
@@ -96,14 +96,16 @@ def main() -> None:
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("dist"))
     parser.add_argument("--platform", choices=PLATFORMS, default="linux-x64")
-    parser.add_argument("--python", default="3.11", help="of the Blender: 3.11 for 4.2 to 5.0")
-    parser.add_argument("--no-wheels", action="store_true", help="bundle none")
+    parser.add_argument("--python", default="3.11", help="Python version of Blender: 3.11 for 4.2 to 5.0")
+    parser.add_argument("--no-wheels", action="store_true", help="include no wheels")
     parser.add_argument("--find-links", help="folder of wheels")
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        pip = ["--find-links", given.find_links] if given.find_links else []
-        wheels = [] if given.no_wheels else collect_wheels(Path(folder), given.platform, given.python, pip)
-        archive = build(given.output, wheels, given.platform)
+        pip = ["--find-links", arguments.find_links] if arguments.find_links else []
+        wheels = []
+        if not arguments.no_wheels:
+            wheels = collect_wheels(Path(folder), arguments.platform, arguments.python, pip)
+        archive = build(arguments.output, wheels, arguments.platform)
     print(f"{archive}: {archive.stat().st_size / 2**20:.1f} MiB, {len(wheels)} wheels")
 
 

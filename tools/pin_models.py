@@ -26,7 +26,7 @@ from bokehnet.inference.monocular import DepthEstimator
 from bokehnet.io.atomic import write_text
 
 _HEAD = """\
-# Written by `python -m tools.pin_models`: which bytes each name of depth_models.toml stands for.
+# Written by `python -m tools.pin_models`: pinned revision and hash of each network in depth_models.toml.
 """
 
 

@@ -1,1 +1,1 @@
-"""Training scripts, and what only they need."""
+"""Training scripts and their helper modules."""

@@ -1,4 +1,4 @@
-"""Disparity as cameras and depth networks see it: what is done to the true map before a network gets it."""
+"""Augmentation of true disparity with the errors of depth cameras and depth networks."""
 
 import kornia
 import numpy as np
@@ -9,15 +9,16 @@ from torch import Tensor
 __all__ = ["augment_disparity"]
 
 
-# What a pixel grows over in one step.
+# Structuring elements of one growth step.
 _SQUARE = torch.ones(3, 3)
 _CROSS = torch.tensor([[0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 1.0, 0.0]])
 
 
 def _grow(disparity: Tensor, radius: int, rounded: bool = False) -> Tensor:
-    """Let near surfaces grow by ``radius`` pixels, far ones for a negative radius.
+    """Grow near surfaces by ``radius`` pixels, or far surfaces for a negative radius.
 
-    A square grows with them, or an octagon if ``rounded``: square corners would tell a network how far to go.
+    The structuring element is a square, or an octagon if ``rounded``: square corners would reveal the radius
+    to a network.
     """
     if radius < 0:
         return -_grow(-disparity, -radius, rounded)
@@ -30,62 +31,62 @@ def _grow(disparity: Tensor, radius: int, rounded: bool = False) -> Tensor:
 
 
 def _blur(disparity: Tensor, sigma: float) -> Tensor:
-    """Gaussian blur, cut off at three sigma, the border repeated."""
+    """Return the map after a Gaussian blur, cut off at three sigma, border repeated."""
     side = 2 * int(np.ceil(3 * sigma)) + 1
     return kornia.filters.gaussian_blur2d(disparity, side, (sigma, sigma), border_type="replicate")
 
 
 def _smooth_noise(shape: tuple[int, int], channels: int, cell: float, rng: np.random.Generator) -> Tensor:
-    """Noise of unit variance at its nodes, ``cell`` pixels apart, (1, channels, H, W)."""
+    """Return interpolated noise of unit variance at nodes ``cell`` pixels apart, (1, channels, H, W)."""
     rows, columns = (max(2, round(side / cell)) for side in shape)
     nodes = torch.from_numpy(rng.standard_normal((1, channels, rows, columns)).astype(np.float32))
     return F.interpolate(nodes, size=shape, mode="bicubic", align_corners=True)
 
 
 def _shift(disparity: Tensor, pixels: float, rng: np.random.Generator) -> Tensor:
-    """Move every place by its own smooth way, typically of that many pixels."""
+    """Displace the map by a smooth random field of typically ``pixels`` pixels."""
     height, width = disparity.shape[-2:]
-    way = pixels * _smooth_noise((height, width), 2, float(rng.uniform(24, 96)), rng)
+    offset = pixels * _smooth_noise((height, width), 2, float(rng.uniform(24, 96)), rng)
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     return kornia.geometry.transform.remap(
-        disparity, x + way[:, 0], y + way[:, 1], padding_mode="border", align_corners=True
+        disparity, x + offset[:, 0], y + offset[:, 1], padding_mode="border", align_corners=True
     )
 
 
 def _at_low_size(disparity: Tensor, factor: float) -> Tensor:
-    """As a network of that much lower resolution gives it."""
+    """Return the map as a network at a resolution lower by ``factor`` would give it."""
     size = [max(2, round(side / factor)) for side in disparity.shape[-2:]]
     small = F.interpolate(disparity, size=size, mode="area")
     return F.interpolate(small, size=disparity.shape[-2:], mode="bilinear", align_corners=False)
 
 
 def _jag(disparity: Tensor, pixels: float, rng: np.random.Generator) -> Tensor:
-    """Edges frayed by a rough random way of up to that many pixels, values kept."""
+    """Fray edges by a rough random displacement of up to ``pixels`` pixels, without interpolation."""
     height, width = disparity.shape[-2:]
-    way = _smooth_noise((height, width), 2, float(rng.uniform(6, 40)), rng)
-    way = pixels * way / way.abs().max()
+    offset = _smooth_noise((height, width), 2, float(rng.uniform(6, 40)), rng)
+    offset = pixels * offset / offset.abs().max()
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
-    rows = (y + way[0, 1]).round().long().clamp(0, height - 1)
-    columns = (x + way[0, 0]).round().long().clamp(0, width - 1)
+    rows = (y + offset[0, 1]).round().long().clamp(0, height - 1)
+    columns = (x + offset[0, 0]).round().long().clamp(0, width - 1)
     return disparity[..., rows, columns]
 
 
 def _in_blocks(disparity: Tensor, factor: float) -> Tensor:
-    """In stairs, as enlarged without smoothing."""
+    """Return the map in blocks, as after enlargement without smoothing."""
     size = [max(2, round(side / factor)) for side in disparity.shape[-2:]]
     return F.interpolate(F.interpolate(disparity, size=size), size=disparity.shape[-2:])
 
 
-def _drawn_to_picture(disparity: Tensor, image: np.ndarray, rng: np.random.Generator) -> Tensor:
-    """Smoothed along the picture's edges, so that its brightness shows in the map."""
+def _guided_by_picture(disparity: Tensor, image: np.ndarray, rng: np.random.Generator) -> Tensor:
+    """Smooth the map with the picture as guide, so that brightness leaks into it."""
     brightness = torch.from_numpy(np.ascontiguousarray(image.mean(-1), np.float32)).clamp(0, 1).sqrt()
     side = 2 * int(rng.integers(2, 9)) + 1
     eps = float(10 ** rng.uniform(-4, -2))
     return kornia.filters.guided_blur(brightness[None, None], disparity, side, eps)
 
 
-def _without_some_things(disparity: Tensor, rng: np.random.Generator) -> Tensor:
-    """Near things up to some size are lost here and there."""
+def _remove_objects(disparity: Tensor, rng: np.random.Generator) -> Tensor:
+    """Remove near objects up to a random size in random regions."""
     radius = int(rng.integers(5, 13))
     small = disparity[..., ::2, ::2]
     opened = _grow(_grow(small, -(radius // 2)), radius // 2)
@@ -94,7 +95,7 @@ def _without_some_things(disparity: Tensor, rng: np.random.Generator) -> Tensor:
 
 
 def _patchy(plain: Tensor, changed: Tensor, rng: np.random.Generator) -> Tensor:
-    """Change some regions only."""
+    """Apply the change in random regions only."""
     noise = _smooth_noise((plain.shape[-2], plain.shape[-1]), 1, float(rng.uniform(32, 128)), rng)
     return torch.where(noise > 0.125, changed, plain)
 
@@ -102,18 +103,19 @@ def _patchy(plain: Tensor, changed: Tensor, rng: np.random.Generator) -> Tensor:
 def augment_disparity(
     disparity: np.ndarray, rng: np.random.Generator, image: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return ``disparity`` (H, W) float32, in [0, 1], with edges soft, grown, shrunk or out of place.
+    """Return augmented ``disparity`` (H, W) float32 in [0, 1], with soft, grown, shrunk or displaced edges.
 
-    One or more of: growing or shrinking everywhere or in patches, smooth displacements, frayed edges, stairs,
-    the soft edges of a lower resolution, Gaussian blur, things or gaps lost, 8 bits; and with an ``image``
-    (H, W, 3) brightness that shows in the map. Growth, blur and displacement are measured in pixels.
+    Applies one or more of: growth or shrinkage, global or in patches; smooth displacement; frayed edges;
+        blocks; the soft edges of a lower resolution; Gaussian blur; lost objects or gaps; 8 bits; and, with
+        an ``image`` (H, W, 3), brightness that leaks into the map. Growth, blur and displacement are in
+        pixels.
 
     Source:
         Blur, dilation and erosion are those of Peng et al., "BokehMe: When neural rendering meets classical
         rendering", CVPR 2022; the rest and all strengths are ours.
     """
     augmented = torch.from_numpy(disparity)[None, None]
-    known = [
+    candidates = [
         "grow",
         "patches",
         "shift",
@@ -123,10 +125,10 @@ def augment_disparity(
         "blur",
         *(["draw"] if image is not None else []),
     ]
-    kinds = rng.permutation(known)[: rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15])]
+    kinds = rng.permutation(candidates)[: rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15])]
     rounded = bool(rng.random() < 0.5)
     if rng.random() < 0.15:
-        augmented = _without_some_things(augmented, rng)
+        augmented = _remove_objects(augmented, rng)
     if rng.random() < 0.25:
         radius = int(rng.choice([-1, 1]) * rng.integers(1, 5))
         augmented = _grow(_grow(augmented, -radius, rounded), radius, rounded)
@@ -143,7 +145,7 @@ def augment_disparity(
     if "blocks" in kinds:
         augmented = _in_blocks(augmented, float(rng.uniform(1.5, 5.0)))
     if "draw" in kinds and image is not None:
-        augmented = _drawn_to_picture(augmented, image, rng)
+        augmented = _guided_by_picture(augmented, image, rng)
     if "size" in kinds:
         augmented = _at_low_size(augmented, float(rng.uniform(1.5, 5.0)))
     if "blur" in kinds:

@@ -1,4 +1,4 @@
-"""Write the table of the model card: what the networks are and what they measured.
+"""Write the tables of the model card: the networks and their scores.
 
 ``python -m train.card --networks bokehnet/weights/hybrid --scores runs/scores.json --out runs/card.md``
 """
@@ -19,16 +19,16 @@ from train.report import Row, format_table
 
 __all__ = ["main", "network_rows", "score_table"]
 
-# Columns of the scores.
+# Columns of the score table.
 _COLUMNS = ("psnr", "ssim", "edge_psnr", "edge_ssim", "flip")
 
 
 def network_rows(folder: Path) -> list[list[str]]:
-    """Cells for each network of a folder: folder, network, weights, megabytes, steps, what it started from.
+    """Return the cells of each network of a folder.
 
     Raises:
-        DataFileError: There is no manifest, or it does not tell this.
-        ModelFileError: A network is not what the manifest says.
+        DataFileError: The manifest is missing or incomplete.
+        ModelFileError: A network does not match the manifest.
     """
     path = folder / "manifest.json"
     try:
@@ -50,16 +50,16 @@ def network_rows(folder: Path) -> list[list[str]]:
         if isinstance(error, BokehnetError):
             raise
         raise DataFileError(
-            f"{path}: expected a manifest that tells how networks were made ({error}); run "
+            f"{path}: expected a manifest with the runs of the networks ({error}); run "
             "python -m train.export again"
         ) from error
 
 
 def score_table(path: Path) -> str:
-    """Means of a file of scores that ``train.evaluate --json`` wrote, as a table.
+    """Return a table of the means in a file that ``train.evaluate --json`` wrote.
 
     Raises:
-        DataFileError: It is no such file.
+        DataFileError: It is not such a file.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -74,7 +74,7 @@ def score_table(path: Path) -> str:
 
 def _row(entry: dict[str, Any]) -> Row:
     scores = {key: math.nan if entry.get(key) is None else float(entry[key]) for key in _COLUMNS}
-    method = re.sub(r":[^+]*/", ":", str(entry["method"]))  # networks by their folders' own names
+    method = re.sub(r":[^+]*/", ":", str(entry["method"]))  # networks by the base name of their folder
     return Row(method=method, disparity=str(entry["disparity"]), scores=scores)
 
 
@@ -83,8 +83,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--networks", type=Path, action="append", default=[], help="a folder of them")
-    parser.add_argument("--scores", type=Path, action="append", default=[], help="of train.evaluate --json")
+    parser.add_argument("--networks", type=Path, action="append", default=[], help="folder of networks")
+    parser.add_argument(
+        "--scores", type=Path, action="append", default=[], help="file of train.evaluate --json"
+    )
     parser.add_argument("--out", type=Path, required=True, help="Markdown file to write")
     options = parser.parse_args(arguments)
     try:

@@ -1,4 +1,4 @@
-"""The command line that the training scripts share."""
+"""Command line of the training scripts."""
 
 import argparse
 import math
@@ -23,7 +23,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Values by dotted key, as they were given by that option."""
+    """Return the values of ``--set`` by dotted key."""
     return parse_settings(arguments.set)
 
 
@@ -33,19 +33,22 @@ def run_command(
     run: Callable[[Any, Path, torch.device, float], Path],
     words: Sequence[str] | None = None,
 ) -> None:
-    """Parse the arguments, load the configuration, run; a user's mistake is one line and exit code 1.
+    """Parse the arguments, load the configuration and run; a user error prints one line and exits with 1.
 
-    Started by ``torchrun``, this process joins the others first.
+    A process started by ``torchrun`` joins the others first.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--config", required=True, type=Path, help="TOML file of the run")
     parser.add_argument(
-        "--out", required=True, type=Path, help="folder of the run; an older run goes on there"
+        "--out", required=True, type=Path, help="folder of the run; resumes a run that it already holds"
     )
     add_settings(parser)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument(
-        "--max-minutes", type=float, default=math.inf, help="stop with a checkpoint after this time"
+        "--max-minutes",
+        type=float,
+        default=math.inf,
+        help="time limit, minutes; writes a checkpoint and stops",
     )
     arguments = parser.parse_args(words)
     stopped = None
@@ -56,13 +59,14 @@ def run_command(
             try:
                 path = run(config, arguments.out, device, arguments.max_minutes)
             except Stopped as error:
-                # Its traceback would hold all that the run was made of until after the processes have parted.
+                # Its traceback would keep the objects of the run alive until after the process group has
+                # ended.
                 stopped = error.with_traceback(None)
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
     if stopped is not None:
         if first:
             print(stopped, file=sys.stderr)
-        sys.exit(130 if stopped.asked else 0)
+        sys.exit(130 if stopped.interrupted else 0)
     if first:
         print(f"done: {path}")

@@ -1,4 +1,4 @@
-"""Training examples for ARNet and IUNet: random crops of what ``train.prepare`` wrote."""
+"""Training examples for ARNet and IUNet: random crops of prepared examples."""
 
 from dataclasses import dataclass
 
@@ -13,21 +13,21 @@ from train.prepared import PLANES, PreparedSet
 
 __all__ = ["CropsConfig", "DataConfig", "PreparedCrops", "best_window"]
 
-# Crops to choose from; where the error map is empty there is nothing to learn.
-TRIES = 4
+# Number of candidate crops; a crop with an empty error map teaches nothing.
+CANDIDATE_CROPS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class CropsConfig:
-    """Where prepared examples come from and how they are drawn.
+    """Sources of prepared examples and how to draw from them.
 
     Attributes:
         folder: Prepared examples for training.
-        also: Further sets of them; every set is as likely as the others.
+        also: Further folders; all sets are equally likely.
         validation: Prepared examples for validation, of other scenes.
-        batch_size: Examples a step.
+        batch_size: Examples per step.
         workers: Loader processes; 0 loads in the training process.
-        max_exposure: Light is scaled by 2 ** u, u uniform in [-max_exposure, max_exposure].
+        max_exposure: Scales light by 2 ** u with u uniform in [-max_exposure, max_exposure].
     """
 
     folder: str
@@ -40,16 +40,16 @@ class CropsConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class DataConfig(CropsConfig):
-    """Where the examples come from and what is done to them.
+    """Sources of the examples and their augmentation.
 
     Attributes:
-        augmented: Share of examples with an augmented disparity, where the set holds such.
-        coarse_crop: Side of ARNet's crops, pixels at the size that it works at.
-        fine_crop: Side of IUNet's crops, pixels at the full size.
-        most_halvings: ARNet's crops are halved at most this often, so that they stay large enough; it then
-            sees somewhat more blur than it is made for.
-        extra_halvings: ARNet's crops are halved up to this many times more than their blur asks for: pictures
-            of all sizes are seen at all sizes.
+        augmented: Fraction of examples with augmented disparity, where the set holds such examples.
+        coarse_crop: Side of ARNet's crops, pixels at its working resolution.
+        fine_crop: Side of IUNet's crops, pixels at full resolution.
+        most_halvings: Maximum number of halvings of ARNet's crops, so that they stay large enough; the
+            network then sees somewhat more blur than its design radius.
+        extra_halvings: Maximum number of random halvings of ARNet's crops beyond those that their blur
+            requires, so that training covers all scales.
     """
 
     augmented: float = 0.5
@@ -68,11 +68,11 @@ def _halved(array: np.ndarray, times: int) -> np.ndarray:
 def best_window(
     classical_error_map: np.ndarray, halvings: int, crop: int, rng: np.random.Generator
 ) -> tuple[slice, slice]:
-    """Of a few random windows of ``crop`` pixels at the halved size, the one with most errors, full size."""
+    """Return the window with most errors of a few random ones of ``crop`` halved pixels, at full size."""
     small = _halved(classical_error_map, halvings)
     height, width = small.shape
-    tops = rng.integers(max(1, height - crop + 1), size=TRIES)
-    lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
+    tops = rng.integers(max(1, height - crop + 1), size=CANDIDATE_CROPS)
+    lefts = rng.integers(max(1, width - crop + 1), size=CANDIDATE_CROPS)
     pairs = list(zip(tops, lefts, strict=True))
     sums = [float(small[top : top + crop, left : left + crop].sum()) for top, left in pairs]
     top, left = pairs[int(np.argmax(sums))]
@@ -81,20 +81,21 @@ def best_window(
 
 
 class PreparedCrops:
-    """Draws crops of what ``train.prepare`` wrote.
+    """Source of random crops of prepared examples.
 
-    Each is a dict of tensors: "image", "classical", "truth" (3, h, w), scene-linear; "defocus" (1, h, w),
-    pixels of that size; "features" (5, h, w); "classical_error_map" and "target" (1, h, w), where the
-    classical render can be wrong by its own account and by the true disparity. Crops at full size have
-    "extra_halvings", 0 or 1.
+    Each example is a dict of tensors: "image", "classical", "truth" (3, h, w), scene-linear; "defocus" (1, h,
+        w),
+    pixels of the crop; "features" (5, h, w); "classical_error_map" and "target" (1, h, w), the regions where
+    the classical render can be wrong according to the given and to the true disparity. Crops at full size
+    also have "extra_halvings", 0 or 1.
 
     Args:
         config: Data settings.
-        network_max_radius: Give crops at the size at which blur is within this radius; ``None`` gives crops
-            at full size.
+        network_max_radius: Halve the crops until their blur is within this radius, pixels; ``None`` keeps
+            full size.
 
     Raises:
-        DataFileError: No prepared examples are there, or they are of several classical renderers.
+        DataFileError: No prepared examples exist, or they are of several classical renderers.
         ParameterError: Crops are larger than their pictures.
     """
 
@@ -102,18 +103,18 @@ class PreparedCrops:
         self.config, self.network_max_radius = config, network_max_radius
         skips = Skips()
         self.sets = [PreparedSet(folder, on_damage=skips) for folder in (config.folder, *config.also)]
-        if len(bases := {prepared.classical for prepared in self.sets}) > 1:
+        if len(renderers := {prepared.classical for prepared in self.sets}) > 1:
             raise DataFileError(
                 "folder and also: expected examples of one classical renderer, found "
-                f"{', '.join(sorted(bases))}"
+                f"{', '.join(sorted(renderers))}"
             )
 
-        least = min(min(prepared[0].shape[1:]) for prepared in self.sets)
+        smallest_side = min(min(prepared[0].shape[1:]) for prepared in self.sets)
         fine = network_max_radius is None
         side = config.fine_crop if fine else config.coarse_crop * 2**config.most_halvings
-        if side > least:
+        if side > smallest_side:
             name = "fine_crop" if fine else "coarse_crop"
-            expected = f"at most {least} pixels of full size, as the smallest pictures have"
+            expected = f"at most {smallest_side} pixels at full size, the side of the smallest picture"
             raise ParameterError(f"data.{name}", expected, getattr(config, name), shown=str(side))
 
     def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:

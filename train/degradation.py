@@ -1,4 +1,4 @@
-"""Wrong disparity, always the same way: what engines are given in place of the true map."""
+"""Deterministic degradations of a disparity map, for evaluation with wrong depth."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
@@ -8,7 +8,7 @@ from bokehnet.checks import check_choice
 __all__ = ["DEGRADATIONS", "DEGRADED", "EDGE_SHIFT", "degrade"]
 
 DEGRADATIONS = ("clean", "blurred", "eroded", "dilated", "quantised")
-DEGRADED = ("blurred", "eroded", "dilated")  # their mean is told as "degraded"
+DEGRADED = ("blurred", "eroded", "dilated")  # their mean is reported as "degraded"
 EDGE_SHIFT = 2  # a window of five pixels
 
 _SIGMA = 3.0
@@ -16,19 +16,19 @@ _LEVELS = 256
 
 
 def degrade(disparity: np.ndarray, name: str, edge_shift: int = EDGE_SHIFT) -> np.ndarray:
-    """Return a copy of ``disparity`` that is wrong in one way.
+    """Return a degraded copy of ``disparity``.
 
-    - ``clean``: as it is.
-    - ``blurred``: by a Gaussian of 3 px.
-    - ``eroded``: the least value of a square window; near things lose ``edge_shift`` pixels on every side.
-    - ``dilated``: its largest value; near things gain as much.
-    - ``quantised``: to 256 levels from the map's least to its largest value, as in an 8-bit file.
+    - ``clean``: unchanged.
+    - ``blurred``: Gaussian blur, sigma 3 px.
+    - ``eroded``: minimum over a square window; near objects lose ``edge_shift`` pixels on every side.
+    - ``dilated``: maximum over the same window; near objects gain as many pixels.
+    - ``quantised``: 256 levels between the map's minimum and maximum, as in an 8-bit file.
 
-    All commute with a change of scale and of offset, so defocus, which is linear in disparity, may be given
-    as well. The border is repeated.
+    All commute with a change of scale and offset, so the function also accepts defocus, which is linear in
+    disparity. The border is repeated.
 
     Args:
-        disparity: Near is large, any scale, (H, W).
+        disparity: Disparity or defocus on any scale, larger is nearer, (H, W).
         name: One of ``DEGRADATIONS``.
         edge_shift: Pixels by which edges move; the window's side is ``2 * edge_shift + 1``.
 

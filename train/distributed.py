@@ -1,10 +1,10 @@
-"""One run in several processes, as ``torchrun`` starts them: each takes its share of every batch.
+"""Data-parallel training in processes that ``torchrun`` starts: each takes its share of every batch.
 
-The settings speak of the whole run, whatever the number of processes: ``batch_size`` is what all of them
-see in one step, and steps, rates and seeds stay as they are. So a run may be stopped on one process and go
-on with four. Process r of N takes the r-th of N equal parts of every batch; the gradients are averaged,
-which is the gradient of the whole batch for a loss that is a mean over examples. A loss that divides by
-a sum over the batch is normalised by the sum over each part instead.
+The settings refer to the whole run and do not depend on the number of processes: ``batch_size`` is the total
+of all processes in one step, and steps, rates and seeds stay the same. So a run can stop on one process and
+resume on four. Process r of N takes the r-th of N equal parts of every batch; the average of the gradients is
+the gradient of the whole batch for a loss that is a mean over examples. A loss that divides by a sum over the
+batch is instead normalised by the sum over each part.
 """
 
 import gc
@@ -27,17 +27,17 @@ from train.stopping import leave_signals_to_the_parent
 
 __all__ = ["Processes", "joined"]
 
-# The others wait this long while the first one validates; a process that dies is noticed at once.
-PATIENCE = timedelta(hours=2)
+# Timeout of the other processes while the first one validates; a dead process is detected at once.
+TIMEOUT = timedelta(hours=2)
 
 
 @dataclass(frozen=True)
 class Processes:
-    """The processes that train together; all methods with a result are called by all of them at once.
+    """Processes that train together; all must call every method that returns a result.
 
     Attributes:
-        rank: Number of this process, from 0.
-        count: How many there are; 1 needs no partner and waits for none.
+        rank: Index of this process, from 0.
+        count: Number of processes; a single one never waits.
     """
 
     rank: int = 0
@@ -45,16 +45,16 @@ class Processes:
 
     @classmethod
     def current(cls) -> "Processes":
-        """Return the processes that :func:`joined` brought together; alone without it."""
+        """Return the processes joined by :func:`joined`, or a single process."""
         return cls(dist.get_rank(), dist.get_world_size()) if dist.is_initialized() else cls()
 
     @property
     def first(self) -> bool:
-        """Whether this process writes the files and talks to the user."""
+        """True if this process writes files and messages."""
         return self.rank == 0
 
     def check_batch(self, batch_size: int) -> None:
-        """Raise ``ConfigError`` unless a batch can be cut into equal shares."""
+        """Raise ``ConfigError`` unless a batch can be divided into equal shares."""
         if batch_size % self.count:
             raise ConfigError(
                 f"data.batch_size = {batch_size} is shared by all processes; expected a multiple of their "
@@ -63,16 +63,16 @@ class Processes:
 
     def check_same(self, step: int) -> None:
         """Raise ``DataFileError`` unless all processes resume from the same step."""
-        if self._largest([step, -step]) != [step, -step]:
+        if self._maxima([step, -step]) != [step, -step]:
             raise DataFileError(
                 f"process {self.rank} found a checkpoint of step {step}, another one does not; put --out on "
                 "a disk that all processes see"
             )
 
     def share(self, loader: DataLoader[Any], device: torch.device) -> DataLoader[Any]:
-        """Return a loader of this process's share of every batch; it loads no more than that.
+        """Return a loader that loads only this process's share of every batch.
 
-        Pages are locked for a CUDA device, and signals to stop are left to the training process.
+        Pins memory for a CUDA device; loader processes ignore signals to stop.
         """
         if loader.batch_sampler is None:
             expected = "a DataLoader with a batch_size or a batch_sampler"
@@ -89,18 +89,18 @@ class Processes:
         )
 
     def wrap(self, module: nn.Module, device: torch.device) -> nn.Module:
-        """Return ``module`` with gradients averaged over the processes, and with the first one's weights."""
+        """Return ``module`` with the first process's weights and gradients averaged over all processes."""
         if self.count == 1:
             return module
         devices = [device] if device.type == "cuda" else None
         return DistributedDataParallel(module, device_ids=devices, broadcast_buffers=False)
 
     def anywhere(self, *flags: bool) -> list[bool]:
-        """Return for each flag whether it is set in some process."""
-        return [bool(x) for x in self._largest([int(flag) for flag in flags])]
+        """Return for each flag whether it is set in any process."""
+        return [bool(x) for x in self._maxima([int(flag) for flag in flags])]
 
     def mean(self, values: dict[str, float]) -> dict[str, float]:
-        """Return the means over all processes, which have the same keys."""
+        """Return the means over all processes, which must have the same keys."""
         if self.count == 1:
             return values
         sums = torch.tensor(list(values.values()), dtype=torch.float64)
@@ -108,24 +108,24 @@ class Processes:
         return dict(zip(values, (sums / self.count).tolist(), strict=True))
 
     def use_cores(self, device: torch.device, workers: int) -> None:
-        """Share the processor's cores with the loaders and with the other processes of this machine.
+        """Share the cores of this machine with the loaders and the other processes.
 
-        A thread more than there are cores makes every barrier wait for it: measured, four times slower.
+        One thread more than cores delays every barrier: four times slower, measured.
         """
-        here = int(os.environ.get("LOCAL_WORLD_SIZE", "1")) if self.count > 1 else 1
-        if device.type == "cpu" and (workers or here > 1):
-            torch.set_num_threads(max(1, (os.cpu_count() or 1) // here - workers))
+        local_processes = int(os.environ.get("LOCAL_WORLD_SIZE", "1")) if self.count > 1 else 1
+        if device.type == "cpu" and (workers or local_processes > 1):
+            torch.set_num_threads(max(1, (os.cpu_count() or 1) // local_processes - workers))
 
-    def _largest(self, numbers: list[int]) -> list[int]:
+    def _maxima(self, numbers: list[int]) -> list[int]:
         if self.count == 1:
             return numbers
-        found = torch.tensor(numbers)
-        dist.all_reduce(found, dist.ReduceOp.MAX)
-        return cast(list[int], found.tolist())
+        maxima = torch.tensor(numbers)
+        dist.all_reduce(maxima, dist.ReduceOp.MAX)
+        return cast(list[int], maxima.tolist())
 
 
 class _Shares:
-    """Batches of indices, cut down to one process's share."""
+    """Batch sampler that yields one process's share of each batch of indices."""
 
     def __init__(self, batches: Iterable[list[int]], processes: Processes) -> None:
         self.batches, self.processes = batches, processes
@@ -140,35 +140,35 @@ class _Shares:
 
 @contextmanager
 def joined(device: torch.device) -> Iterator[torch.device]:
-    """Join the processes that ``torchrun`` started, if it did, and give the device of this one.
+    """Join the processes that ``torchrun`` started, if any, and yield the device of this one.
 
     Args:
-        device: ``cpu``, or ``cuda`` without a number under ``torchrun``, where each process gets its own.
+        device: ``cpu`` or ``cuda``; without an index under ``torchrun``, which gives each process a device.
     """
     if not dist.is_torchelastic_launched():
         yield device
         return
     if device.type == "cuda":
         device = _own_gpu(device, int(os.environ["LOCAL_RANK"]))
-    # Numbers of the host go through gloo, so that agreeing on a stop never waits for a GPU.
-    dist.init_process_group("cpu:gloo,cuda:nccl" if device.type == "cuda" else "gloo", timeout=PATIENCE)
+    # Host tensors use gloo, so that an agreement to stop never waits for a GPU.
+    dist.init_process_group("cpu:gloo,cuda:nccl" if device.type == "cuda" else "gloo", timeout=TIMEOUT)
     try:
         yield device
     finally:
-        # Whatever still holds the group, as a wrapped module in a cycle does, would end its threads only
-        # while the interpreter goes down, and sometimes abort the process.
+        # An object that still holds the group, such as a wrapped module in a reference cycle, would end its
+        # threads only at interpreter shutdown and sometimes abort the process.
         gc.collect()
         dist.destroy_process_group()
 
 
 def _own_gpu(device: torch.device, number: int) -> torch.device:
-    found = torch.cuda.device_count()
-    if device.index is not None or number >= found:
+    gpus = torch.cuda.device_count()
+    if device.index is not None or number >= gpus:
         raise ParameterError(
             "--device",
-            f"cuda, and under torchrun at most a process for each of the {found} GPUs here",
+            f"cuda, and under torchrun at most one process for each of the {gpus} GPUs",
             str(device),
-            f"use --device cuda and --nproc-per-node {found}",
+            f"use --device cuda and --nproc-per-node {gpus}",
             shown=f"{device} in process {number}",
         )
     torch.cuda.set_device(number)

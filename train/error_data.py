@@ -1,4 +1,4 @@
-"""Examples for ErrorNet: crops of what ``train.prepare`` made with the rays, and the scatter of each."""
+"""Examples for ErrorNet: crops of examples prepared with the rays, and the scatter of each crop."""
 
 import math
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from train.prepared import PLANES, PreparedSet
 
 __all__ = ["ERROR_PARTS", "ErrorCrops", "ErrorDataConfig", "as_tensors", "error_parts"]
 
-# What an example holds beside the scatter, and of which planes.
+# Parts of an example besides the scatter, and the planes of each.
 ERROR_PARTS = {
     "image": ("image",),
     "rays": ("classical",),
@@ -31,11 +31,11 @@ ERROR_PARTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorDataConfig(CropsConfig):
-    """Where the examples come from and what is done to them.
+    """Sources of the examples and their augmentation.
 
     Attributes:
         crop: Side of the crops, pixels, a multiple of 8.
-        halved: Share of the crops that are taken twice as large and halved, as large pictures are in use.
+        halved: Fraction of crops drawn at twice the size and halved, as large pictures are in use.
     """
 
     crop: int = 96
@@ -43,22 +43,22 @@ class ErrorDataConfig(CropsConfig):
 
 
 def error_parts(planes: np.ndarray, rows: slice, columns: slice) -> dict[str, np.ndarray]:
-    """Parts of a window of an example (planes, H, W): those of ``ERROR_PARTS`` and the scatter, (C, h, w)."""
+    """Return ``ERROR_PARTS`` and the scatter, (C, h, w), of a window of an example (planes, H, W)."""
     height, width = planes.shape[1:]
     reach = math.ceil(float(np.abs(planes[PLANES["defocus"]]).max()))
-    larger = [
+    extended = [
         slice(max(0, side.start - reach), min(length, side.stop + reach))
         for side, length in ((rows, height), (columns, width))
     ]
     inner = tuple(
-        slice(side.start - around.start, side.stop - around.start)
-        for side, around in zip((rows, columns), larger, strict=True)
+        slice(side.start - outer.start, side.stop - outer.start)
+        for side, outer in zip((rows, columns), extended, strict=True)
     )
-    around = planes[:, *larger].astype(np.float32)
-    image = np.ascontiguousarray(around[PLANES["image"]].transpose(1, 2, 0))
+    outer = planes[:, *extended].astype(np.float32)
+    image = np.ascontiguousarray(outer[PLANES["image"]].transpose(1, 2, 0))
     place = Place.whole(*image.shape[:2])
-    scatter = scatter_beyond(image, around[PLANES["defocus"]][0], Aperture(), reach, None, place)
-    window = around[:, *inner]
+    scatter = scatter_beyond(image, outer[PLANES["defocus"]][0], Aperture(), reach, None, place)
+    window = outer[:, *inner]
     parts = {
         name: np.concatenate([window[PLANES[plane]] for plane in names])
         for name, names in ERROR_PARTS.items()
@@ -69,7 +69,7 @@ def error_parts(planes: np.ndarray, rows: slice, columns: slice) -> dict[str, np
 def as_tensors(
     parts: dict[str, np.ndarray], gain: float = 1.0, order: Sequence[int] | np.ndarray = (0, 1, 2)
 ) -> dict[str, Tensor]:
-    """Tensors by name, light scaled by ``gain`` and colours in another order."""
+    """Return tensors by name, with light scaled by ``gain`` and colours permuted by ``order``."""
     pictures = ("image", "rays", "scatter", "truth")
     scaled = {
         name: np.float32(gain) * part[list(order)] if name in pictures else part
@@ -85,13 +85,13 @@ def _halved(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class ErrorCrops:
-    """Draws crops of what ``train.prepare`` wrote.
+    """Source of random crops of prepared examples.
 
-    Each is a dict of tensors: "image", "rays", "scatter", "truth" (3, h, w), scene-linear; "features" (3, h,
-    w) as :class:`bokehnet.models.error.ErrorNet` takes them.
+    Each example is a dict of tensors: "image", "rays", "scatter", "truth" (3, h, w), scene-linear; "features"
+        (3, h, w), the input of :class:`bokehnet.models.error.ErrorNet`.
 
     Raises:
-        DataFileError: No prepared examples are there, or they are not of the rays.
+        DataFileError: No prepared examples exist, or they are not of the rays.
     """
 
     def __init__(self, config: ErrorDataConfig) -> None:

@@ -1,10 +1,10 @@
-"""Score ways to render on pictures with a known truth, given right and wrong disparity.
+"""Score methods on pictures with ground truth, with true and degraded disparity.
 
 ``python -m train.evaluate --data cycles FOLDER --method rays --method hybrid:runs/best+repair``
 
-A method is ``ENGINE[:FOLDER][+repair[:PATH]]``: the engine, the folder of its networks, and whether the
-disparity is repaired first and by which network; the package's own by default. Whatever disparity a method
-gets, edges and blur radii by which pixels are told apart are the true ones.
+A method is ``ENGINE[:FOLDER][+repair[:PATH]]``: the engine, the folder of its networks, and an optional
+    repair of the disparity with its network; networks default to those of the package. Edges and blur radii
+    that classify pixels are always the true ones, whatever disparity a method receives.
 """
 
 import argparse
@@ -35,16 +35,16 @@ __all__ = ["evaluate", "main", "score_picture"]
 def score_picture(
     picture: Picture, methods: Sequence[Method], degradations: Sequence[str], edge_shift: int = EDGE_SHIFT
 ) -> list[Row]:
-    """Scores of every method on one picture with every kind of disparity."""
+    """Return the scores of every method on one picture with every kind of disparity."""
     shot = picture.read()
     scorer = Scorer(shot.truth, shot.defocus, shot.disparity)
     rows = []
     for kind in degradations:
-        given = degrade(shot.defocus, kind, edge_shift)
-        repaired = {None: given}
+        degraded = degrade(shot.defocus, kind, edge_shift)
+        repaired = {None: degraded}
         for method in methods:
             if method.repair not in repaired:
-                repaired[method.repair] = load_repair(*method.repair)(shot.image, given)
+                repaired[method.repair] = load_repair(*method.repair)(shot.image, degraded)
             result = method.render(shot.image, repaired[method.repair], shot.aperture)
             classical = None if result.neural is None else result.classical
             rows.append(Row(method=method.name, disparity=kind, scores=scorer(result.bokeh, classical)))
@@ -60,18 +60,18 @@ def evaluate(
     jobs: int = 1,
     progress: Callable[[int], object] = lambda done: None,
 ) -> list[list[Row]]:
-    """Scores of every method on every picture with every kind of disparity.
+    """Return the scores of every method on every picture with every kind of disparity.
 
     Args:
-        pictures: What to render.
-        methods: How.
-        degradations: Of ``train.degradation.DEGRADATIONS``.
-        edge_shift: Pixels by which eroded and dilated disparity is off.
-        jobs: Processes that share pictures and cores.
-        progress: Called with the number of pictures done, once for each.
+        pictures: Pictures to render.
+        methods: Methods to score.
+        degradations: Names from ``train.degradation.DEGRADATIONS``.
+        edge_shift: Displacement of edges in eroded and dilated disparity, pixels.
+        jobs: Number of processes that share pictures and cores.
+        progress: Called after each picture with the number of pictures done.
 
     Returns:
-        For each picture a row of each method and disparity.
+        For each picture, one row per method and disparity.
     """
     work = partial(score_picture, methods=methods, degradations=degradations, edge_shift=edge_shift)
     rows = []
@@ -90,7 +90,7 @@ def evaluate(
 
 
 def _share_cores(jobs: int) -> None:
-    """Give this process its share; one to torch, whose threads wait for each other in pictures this small."""
+    """Give this process its share of the cores; torch gets one, as small pictures do not scale to more."""
     numba.set_num_threads(max(1, numba.config.NUMBA_NUM_THREADS // jobs))
     torch.set_num_threads(1)
 
@@ -100,27 +100,38 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("--data", required=True, nargs=2, metavar=("KIND", "FOLDER"), help=f"a set; KIND: {', '.join(SETS)}")
+    add(
+        "--data",
+        required=True,
+        nargs=2,
+        metavar=("KIND", "FOLDER"),
+        help=f"evaluation set; KIND: {', '.join(SETS)}",
+    )
     add("--method", action="append", metavar="METHOD", help=f"default: {', '.join(ENGINES)}")
     add("--disparity", action="append", metavar="KIND", help=f"default: {', '.join(DEGRADATIONS)}")
-    add("--edge-shift", type=int, default=EDGE_SHIFT, help="px, of eroded and dilated; default %(default)s")
-    add("--limit", type=int, help="this many scenes only")
-    add("--baseline", metavar="METHOD", help="also tell what the other methods have more than this one")
+    add(
+        "--edge-shift",
+        type=int,
+        default=EDGE_SHIFT,
+        help="edge displacement of eroded and dilated disparity, pixels; default %(default)s",
+    )
+    add("--limit", type=int, help="maximum number of scenes")
+    add("--baseline", metavar="METHOD", help="also print the differences to this method")
     add(
         "--noise-floor",
         type=float,
         nargs=2,
         metavar=("ALL", "EDGE"),
-        help="PSNR of the truth's own noise over all and over edge pixels, dB; taken off the mean errors",
+        help="PSNR of the truth's noise over all and over edge pixels, dB; subtracted from the mean errors",
     )
-    add("--markdown", action="store_true", help="tables for a document")
+    add("--markdown", action="store_true", help="print Markdown tables")
     add("--json", type=Path, help="write all scores to this file")
-    add("--jobs", type=int, default=1, help="processes; default %(default)s")
+    add("--jobs", type=int, default=1, help="number of processes; default %(default)s")
     return parser.parse_args(arguments)
 
 
 def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
-    """Raise before any work is done."""
+    """Raise ParameterError for a bad option before any work."""
     for name in ("limit", "jobs"):
         value = getattr(options, name)
         if value is not None and value < 1:
@@ -156,7 +167,7 @@ def _run(options: argparse.Namespace) -> None:
             jobs=options.jobs,
             progress=lambda done: bar.update(),
         )
-    means = mean_rows([row for some in rows for row in some])
+    means = mean_rows([row for picture_rows in rows for row in picture_rows])
     if options.noise_floor:
         means = excess(means, dict(zip(("psnr", "edge_psnr"), options.noise_floor, strict=True)))
     print(f"{kind} {folder}: means over {len(pictures)} pictures, dB and [0, 1]")
@@ -164,11 +175,11 @@ def _run(options: argparse.Namespace) -> None:
     if options.baseline is not None:
         _print_tables(differences(means, options.baseline), options.markdown, f", less {options.baseline}")
     if options.json is not None:
-        found = [
-            {"scene": picture.scene, "picture": picture.name, "rows": as_json(some)}
-            for picture, some in zip(pictures, rows, strict=True)
+        scores = [
+            {"scene": picture.scene, "picture": picture.name, "rows": as_json(picture_rows)}
+            for picture, picture_rows in zip(pictures, rows, strict=True)
         ]
-        text = json.dumps({"means": as_json(means), "pictures": found}, indent=1, allow_nan=False)
+        text = json.dumps({"means": as_json(means), "pictures": scores}, indent=1, allow_nan=False)
         options.json.write_text(text + "\n", encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""Pictures with a known truth, from anybody's renderer: our shards, path-traced scenes, the BLB set."""
+"""Evaluation pictures with ground truth: shards, path-traced scenes, the BLB set."""
 
 import json
 import re
@@ -26,16 +26,15 @@ _MM_PER_M = 1000.0
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Shot:
-    """A picture to render and the truth; scene-linear float32.
+    """Picture to render and its ground truth; scene-linear float32.
 
     Attributes:
-        image: All in focus, (H, W, 3).
-        defocus: Signed blur radius in pixels, (H, W).
-        truth: With bokeh, (H, W, 3).
+        image: All-in-focus picture, (H, W, 3).
+        defocus: Signed blur radius, pixels, (H, W).
+        truth: True picture with bokeh, (H, W, 3).
         disparity: Inverse depth, (H, W), any unit; 0 is infinitely far.
-        aperture: Shape of the opening.
-        noise: What :func:`train.metrics.compare` would say of an engine that errs by the noise of the
-            truth alone, where that is known.
+        aperture: Aperture shape.
+        noise: Scores of :func:`train.metrics.compare` for an error equal to the noise of the truth, if known.
     """
 
     image: np.ndarray
@@ -48,7 +47,7 @@ class Shot:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Picture:
-    """Where a shot is; can be sent to another process."""
+    """Reference to a shot that is read on demand; picklable."""
 
     scene: str
     name: str
@@ -56,27 +55,27 @@ class Picture:
 
 
 def list_pictures(kind: str, folder: Path, limit: int | None = None) -> list[Picture]:
-    """Pictures of a set, in order.
+    """List the pictures of a set, in order.
 
     Args:
         kind: One of ``SETS``.
-        folder: Where the set is.
-        limit: Take this many scenes only.
+        folder: Folder of the set.
+        limit: Maximum number of scenes.
 
     Raises:
         ParameterError: Unknown kind.
-        DataFileError: No such set in ``folder``.
+        DataFileError: ``folder`` holds no such set.
     """
     check_choice("kind", kind, SETS)
     pictures = SETS[kind](folder)
     if not pictures:
-        raise DataFileError(f"{folder}: no pictures of a {kind} set found there")
+        raise DataFileError(f"{folder}: expected pictures of a {kind} set, found none")
     scenes = list(dict.fromkeys(picture.scene for picture in pictures))[:limit]
     return [picture for picture in pictures if picture.scene in scenes]
 
 
 def shard_pictures(folder: Path) -> list[Picture]:
-    """Every view of every sample of shards that ``bokehnet synth`` wrote."""
+    """List every view of every sample of the shards that ``bokehnet synth`` wrote."""
     samples = ShardSet(folder)
     views = int(samples.description.get("views", 1))
     return [
@@ -97,15 +96,15 @@ def _read_shard(samples: ShardSet, index: int, view: int) -> Shot:
 
 
 def scene_folders(folder: Path) -> list[Path]:
-    """Path-traced scenes below ``folder``, by name."""
+    """List the folders of path-traced scenes in ``folder``, by name."""
     return sorted(path.parent for path in folder.glob("*/scene.json"))
 
 
 def path_traced_pictures(folder: Path) -> list[Picture]:
-    """Every shot of path-traced scenes, one folder a scene.
+    """List every shot of path-traced scenes, one folder per scene.
 
-    It holds ``image.exr``, ``depth.exr`` (metres), the truth of every shot, and ``scene.json`` with
-    ``width`` (pixels), ``focal_length_mm``, ``sensor_width_mm`` and ``shots``: ``file``, ``f_number``,
+    A folder holds ``image.exr``, ``depth.exr`` (metres), the true picture of every shot, and ``scene.json``
+    with ``width`` (pixels), ``focal_length_mm``, ``sensor_width_mm`` and ``shots``: ``file``, ``f_number``,
     ``focus_distance_m``, ``blades``, ``blade_rotation_deg``.
     """
     return [
@@ -117,7 +116,7 @@ def path_traced_pictures(folder: Path) -> list[Picture]:
 
 
 def path_traced_shots(folder: Path) -> Iterator[Shot]:
-    """Every shot of one path-traced scene."""
+    """Return an iterator over the shots of one path-traced scene."""
     scene = _read_description(folder / "scene.json", "shots")
     return (_read_path_traced(folder, scene, shot) for shot in scene["shots"])
 
@@ -139,16 +138,16 @@ def _read_path_traced(folder: Path, scene: dict[str, Any], shot: dict[str, Any])
 
 
 def blb_pictures(folder: Path) -> list[Picture]:
-    """Every triple of scenes in the layout of the BLB set, one folder a scene.
+    """List every picture of scenes in the layout of the BLB set, one folder per scene.
 
-    - ``image.exr``: all in focus, scene-linear.
+    - ``image.exr``: all-in-focus picture, scene-linear.
     - ``depth.exr``: depth along the axis; very large for the sky. Or ``disparity.exr``: its inverse, 0 for
-      the sky, not normalised; it goes before depth where both are there.
+      the sky, not normalised; it takes precedence over depth.
     - ``info.json``: ``blur_parameters`` (K of each level) and ``focus_distances``, in the unit of depth.
-    - ``bokeh_II_JJ.exr``: the truth for level II and focus distance JJ, both counted from 0.
+    - ``bokeh_II_JJ.exr``: the true picture for level II and focus distance JJ, both counted from 0.
 
-    The blur radius is K * (disparity - 1 / focus distance) pixels. All in focus and truth are clipped to
-    [0, 1], as the set's authors do.
+    The blur radius is K * (disparity - 1 / focus distance) pixels. The all-in-focus and the true picture are
+    clipped to [0, 1], as by the set's authors.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022, and what its
@@ -161,11 +160,11 @@ def blb_pictures(folder: Path) -> list[Picture]:
             match = re.fullmatch(r"bokeh_(\d+)_(\d+)", truth.stem)
             if match is None:
                 continue
-            level, place = (int(number) for number in match.groups())
+            level, index = (int(number) for number in match.groups())
             try:
-                blur, focus = float(info["blur_parameters"][level]), 1 / float(info["focus_distances"][place])
+                blur, focus = float(info["blur_parameters"][level]), 1 / float(info["focus_distances"][index])
             except (LookupError, TypeError, ValueError, ZeroDivisionError) as error:
-                message = f"no blur parameter {level} or focus distance {place} for {truth.name}"
+                message = f"no blur parameter {level} or focus distance {index} for {truth.name}"
                 raise DataFileError(f"{path}: {message}") from error
             read = partial(_read_blb, truth, blur, focus)
             pictures.append(Picture(scene=path.parent.name, name=truth.stem, read=read))
@@ -173,9 +172,9 @@ def blb_pictures(folder: Path) -> list[Picture]:
 
 
 def _read_blb(truth: Path, blur: float, focus: float) -> Shot:
-    given = truth.with_name("disparity.exr")
-    if given.exists():
-        disparity = read_map(given)
+    disparity_path = truth.with_name("disparity.exr")
+    if disparity_path.exists():
+        disparity = read_map(disparity_path)
     else:
         disparity = _MM_PER_M * disparity_from_depth(read_depth(truth.with_name("depth.exr")))
     return Shot(

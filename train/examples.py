@@ -1,4 +1,4 @@
-"""Training examples as an endless, fixed sequence, and their batches: the same for every network."""
+"""Training examples as an endless, reproducible sequence, and their batches, for every network."""
 
 import sys
 from typing import Any, Protocol
@@ -14,18 +14,18 @@ __all__ = ["Batches", "Examples", "Skips", "Source", "example_loader"]
 
 
 class Source(Protocol):
-    """Where examples are drawn from; can be sent to a loader process."""
+    """Source of examples; must be picklable for loader processes."""
 
     def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:
-        """Draw one example; all that is random in it follows from ``rng``."""
+        """Draw one example; ``rng`` alone determines it."""
 
 
 class Batches(Protocol):
-    """What every data configuration has."""
+    """Fields that every data configuration has."""
 
     @property
     def batch_size(self) -> int:
-        """Examples a step."""
+        """Examples per step."""
 
     @property
     def workers(self) -> int:
@@ -33,7 +33,7 @@ class Batches(Protocol):
 
 
 class Examples(Dataset):
-    """Example number i of an endless, fixed sequence: all that is random follows from (seed, i)."""
+    """Endless, reproducible sequence of examples: (seed, index) determines each one."""
 
     def __init__(self, source: Source, *, seed: int, length: int) -> None:
         self.source, self.seed, self.length = source, seed, length
@@ -46,7 +46,7 @@ class Examples(Dataset):
 
 
 def example_loader(source: Source, data: Batches, optim: OptimConfig, first_step: int = 0) -> DataLoader[Any]:
-    """Batches ``first_step`` to ``optim.steps`` of a sequence; a resumed run sees what it would have seen."""
+    """Return a loader of batches ``first_step`` to ``optim.steps``; a resumed run sees the same batches."""
     examples = Examples(source, seed=optim.seed, length=optim.steps * data.batch_size)
     return DataLoader(
         examples,
@@ -59,19 +59,19 @@ def example_loader(source: Source, data: Batches, optim: OptimConfig, first_step
 
 
 class Skips:
-    """Names everything damaged that is left out, once each, with a count; every loader process by itself."""
+    """Report each damaged item that is skipped, once, with a count per loader process."""
 
     def __init__(self) -> None:
-        self._named: set[str] = set()
+        self._reported: set[str] = set()
 
     @property
     def count(self) -> int:
-        """How many there were."""
-        return len(self._named)
+        """Number of skipped items."""
+        return len(self._reported)
 
     def __call__(self, error: Exception) -> None:
-        """Note what ``error`` names as damaged."""
+        """Report the damaged item that ``error`` names."""
         text = " ".join(str(error).split())
-        if text not in self._named:
-            self._named.add(text)
+        if text not in self._reported:
+            self._reported.add(text)
             tqdm.write(f"warning: {text}; skipped, {self.count} so far", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Turn checkpoints into the ONNX files that inference uses.
+"""Export checkpoints to the ONNX files that inference uses.
 
 ``python -m train.export --arnet runs/arnet/last.pt [--iunet LAST.pt] --out bokehnet/weights/hybrid``
 ``python -m train.export --repair runs/repair/last.pt --out bokehnet/weights/repair``
@@ -24,21 +24,21 @@ _NETWORKS = ("arnet", "iunet", "repair", "error")
 
 
 def _note(path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """How a network was made, by its checkpoint."""
+    """Return the number of steps and the configuration stored in a checkpoint."""
     if not {"step", "run"} <= state.keys():
-        raise DataFileError(f"{path}: expected the checkpoint of a run, found weights alone; train again")
+        raise DataFileError(f"{path}: expected the checkpoint of a run, found only weights; train again")
     return {"steps": state["step"], "run": state["run"]}
 
 
-def _base(run: dict[str, Any]) -> str:
-    """The classical renderer whose result a run's networks correct."""
+def _classical_of(run: dict[str, Any]) -> str:
+    """Return the classical renderer whose result a run's networks correct."""
     path = Path(DESCRIPTION)
     try:
         path = Path(run["data"]["folder"]) / DESCRIPTION
         return str(json.loads(path.read_text(encoding="utf-8"))["config"]["classical"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataFileError(
-            f"{path}: expected the description of what the network was trained on ({error})"
+            f"{path}: expected the description of the network's training data ({error})"
         ) from error
 
 
@@ -51,28 +51,29 @@ def main(words: Sequence[str] | None = None) -> None:
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument(
         "--max-valid-radius",
-        "--trusted-radius",  # as earlier versions called it
+        "--trusted-radius",  # name in earlier versions
         type=float,
         help="largest blur that ARNet may correct, pixels",
     )
     parser.add_argument("--out", required=True, type=Path)
     arguments = parser.parse_args(words)
-    chosen = [name for name in _NETWORKS if getattr(arguments, name)]
-    if chosen != ["arnet", "iunet"] and (len(chosen) != 1 or chosen == ["iunet"]):
+    names = [name for name in _NETWORKS if getattr(arguments, name)]
+    if names != ["arnet", "iunet"] and (len(names) != 1 or names == ["iunet"]):
         parser.error("expected --arnet, with or without --iunet, or one of --repair and --error")
     try:
-        states = {name: load_checkpoint(getattr(arguments, name)) for name in chosen}
+        states = {name: load_checkpoint(getattr(arguments, name)) for name in names}
         notes = {name: _note(getattr(arguments, name), state) for name, state in states.items()}
-        networks = {name: load_network(getattr(arguments, name), name) for name in chosen}
+        networks = {name: load_network(getattr(arguments, name), name) for name in names}
         manifest: dict[str, Any] = {"notes": notes}
         if "arnet" in networks:
-            bases = {name: _base(note["run"]) for name, note in notes.items()}
-            if bases["arnet"] != bases.get("iunet", bases["arnet"]):
+            renderers = {name: _classical_of(note["run"]) for name, note in notes.items()}
+            if renderers["arnet"] != renderers.get("iunet", renderers["arnet"]):
                 raise ModelFileError(
-                    f"both networks must correct one classical renderer, found {bases['arnet']} for ARNet "
-                    f"and {bases['iunet']} for IUNet; train IUNet again on examples of {bases['arnet']}"
+                    f"both networks must correct one classical renderer, found {renderers['arnet']} for "
+                    f"ARNet and {renderers['iunet']} for IUNet; train IUNet again on examples of "
+                    f"{renderers['arnet']}"
                 )
-            manifest["classical"] = bases["arnet"]
+            manifest["classical"] = renderers["arnet"]
             if arguments.max_valid_radius is not None:
                 check_at_least("--max-valid-radius", arguments.max_valid_radius, 1)
                 manifest["max_valid_radius"] = arguments.max_valid_radius

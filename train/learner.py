@@ -1,4 +1,4 @@
-"""One step of training, and the state that steps change."""
+"""Training step and the state that it changes."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,38 +12,38 @@ from train.schedule import AveragedWeights, OptimConfig, learning_rate
 
 __all__ = ["FiniteGuard", "Learner", "LossOf", "has_bfloat16"]
 
-# Loss and its parts for one batch.
+# Function that returns the loss and its terms for one batch.
 LossOf = Callable[[nn.Module, dict[str, Tensor]], tuple[Tensor, dict[str, Tensor]]]
 
-# So many steps in a row without a finite gradient are no accident any more.
-PATIENCE = 25
+# Maximum number of consecutive steps without a finite gradient.
+MAX_SKIPPED_IN_A_ROW = 25
 
 
 def has_bfloat16(device: torch.device) -> bool:
-    """Return whether bfloat16 pays on ``device``: it has instructions for it."""
+    """Return whether ``device`` has bfloat16 instructions."""
     if device.type == "cuda":
         return bool(torch.cuda.is_bf16_supported(including_emulation=False))
-    found = torch.cpu.get_capabilities()
-    return bool(found.get("amx_bf16", False) or found.get("avx512_bf16", False))
+    capabilities = torch.cpu.get_capabilities()
+    return bool(capabilities.get("amx_bf16", False) or capabilities.get("avx512_bf16", False))
 
 
 class FiniteGuard:
-    """Counts the steps whose gradient is not finite, and gives up after ``patience`` of them in a row.
+    """Counter of steps without a finite gradient; raises after ``patience`` of them in a row.
 
     Attributes:
-        skipped: How many there were since this start of the run.
-        in_a_row: How many of them came last, one after the other.
+        skipped: Number of skipped steps since this start of the run.
+        in_a_row: Number of consecutive skipped steps up to now.
     """
 
-    def __init__(self, patience: int = PATIENCE) -> None:
+    def __init__(self, patience: int = MAX_SKIPPED_IN_A_ROW) -> None:
         self.patience = patience
         self.skipped = self.in_a_row = 0
 
     def passes(self, norm: Tensor, step: int) -> bool:
-        """Return whether a gradient of this norm is finite, so that the step may be taken.
+        """Return whether a gradient norm is finite, so that the step can be applied.
 
         Raises:
-            ParameterError: It was not, and neither were the ones before it.
+            ParameterError: ``patience`` consecutive norms were not finite.
         """
         if torch.isfinite(norm):
             self.in_a_row = 0
@@ -55,14 +55,14 @@ class FiniteGuard:
                 "optim.learning_rate",
                 "a finite gradient",
                 shown=f"none in {self.in_a_row} steps in a row up to step {step}",
-                remedy="look at the first batch of them in bad_batch-*.pt in --out, and use a smaller one or "
-                "`optim.bfloat16` = false in another --out",
+                remedy="inspect the first of these batches, bad_batch-*.pt in --out, and use a smaller rate "
+                "or `optim.bfloat16` = false in another --out",
             )
         return False
 
 
 class _Objective(nn.Module):
-    """The loss as a module, so that gradients can be averaged however often ``loss_of`` runs the network."""
+    """Loss as a module, so that gradients are averaged once however often ``loss_of`` runs the network."""
 
     def __init__(self, network: nn.Module, loss_of: LossOf) -> None:
         super().__init__()
@@ -74,13 +74,13 @@ class _Objective(nn.Module):
 
 
 class Learner:
-    """A network in training, its averaged weights and its optimizer.
+    """Network in training, its averaged weights and its optimizer.
 
     Attributes:
-        network: What is trained.
-        average: The weights to use.
-        guard: Counts skipped steps.
-        step: Steps done.
+        network: Network in training.
+        average: Averaged weights, for validation and export.
+        guard: Counter of skipped steps.
+        step: Number of completed steps.
     """
 
     def __init__(
@@ -103,17 +103,17 @@ class Learner:
         self._autocast = torch.autocast(device.type, torch.bfloat16, enabled=bfloat16)
 
     def advance(
-        self, batch: dict[str, Tensor], keep: Callable[..., object] = lambda **_: None
+        self, batch: dict[str, Tensor], save_bad_batch: Callable[..., object] = lambda **_: None
     ) -> dict[str, Tensor]:
-        """Take one step; without a finite gradient the weights stay, but the step counts.
+        """Run one step; without a finite gradient the weights stay unchanged, but the step counts.
 
         Args:
-            batch: This process's share.
-            keep: Called with ``step``, ``batch`` and ``weights`` in the first of some steps in a row without
-                a finite gradient.
+            batch: This process's share of the batch.
+            save_bad_batch: Called with ``step``, ``batch`` and ``weights`` at the first of consecutive steps
+                without a finite gradient.
 
         Returns:
-            Scalars of this process's share: ``loss/sum``, its parts, and ``gradient_norm`` of all shares.
+            Scalars of this process's share: ``loss/sum``, its terms, and ``gradient_norm`` over all shares.
         """
         self._set_rate_and_seed()
         self.network.train()
@@ -127,14 +127,14 @@ class Learner:
         if self.guard.passes(norm, self.step):
             self.optimizer.step()
         elif self.guard.in_a_row == 1:
-            keep(step=self.step, batch=batch, weights=self.network.state_dict())
+            save_bad_batch(step=self.step, batch=batch, weights=self.network.state_dict())
         self.step += 1
         self.average.follow(self.network, self.step)
         named = {f"loss/{key}": part for key, part in parts.items()}
         return {"loss/sum": loss.detach(), **named, "gradient_norm": norm}
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint holds of all this."""
+        """Return the state for a checkpoint."""
         return {
             "network": self.average.network.state_dict(),
             "raw": self.network.state_dict(),
@@ -143,14 +143,14 @@ class Learner:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go back to what :meth:`state` returned."""
+        """Restore a state that :meth:`state` returned."""
         self.network.load_state_dict(state["raw"])
         self.average.network.load_state_dict(state["network"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.step = state["step"]
 
     def _set_rate_and_seed(self) -> None:
-        """What is random in a step follows from its number and the process, so a resumed run repeats it."""
+        """Set the learning rate and the seed, which depend only on step and process."""
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(self.optim, self.step)
         steps = self.optim.seed * self.optim.steps + self.step

@@ -1,4 +1,4 @@
-"""What a run tells while it goes: curves and pictures for TensorBoard, a bar and lines for the terminal."""
+"""Log of a run: curves and pictures for TensorBoard, a progress bar and lines for the terminal."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,10 +15,10 @@ _Example = TypeVar("_Example")
 
 
 class Logbook:
-    """Curves, pictures, bar and lines; a silent one, of the processes that do not report, has none."""
+    """Log with curves, pictures, a progress bar and lines; a silent log writes nothing."""
 
     def __init__(self, name: str, out: Path, *, steps: int, first_step: int, silent: bool) -> None:
-        # What a killed run noted after its last checkpoint, on which this one goes on, is hidden.
+        # Hides entries that a killed run logged after the checkpoint from which this run resumes.
         self._writer = None if silent else SummaryWriter(out, purge_step=first_step + 1)
         self._bar = tqdm(total=steps, initial=first_step, desc=name, mininterval=1, disable=silent)
 
@@ -33,18 +33,18 @@ class Logbook:
             self._writer.close()
 
     def advance(self) -> None:
-        """Note a step on the bar."""
+        """Advance the progress bar by one step."""
         self._bar.update()
 
     def curves(self, values: dict[str, float], step: int) -> None:
-        """Note points of curves; the bar shows ``loss/sum``."""
+        """Log one value per curve; the bar shows ``loss/sum``."""
         if self._writer is not None:
             for key, value in values.items():
                 self._writer.add_scalar(key, value, step)
         self._bar.set_postfix(loss=f"{values['loss/sum']:.4f}", refresh=False)
 
     def validation(self, scores: dict[str, float], pictures: dict[str, Tensor], step: int) -> None:
-        """Note scores, and pictures (3, H, W) in [0, 1]."""
+        """Log scores, and pictures (3, H, W) in [0, 1]."""
         if self._writer is not None:
             for key, score in scores.items():
                 self._writer.add_scalar(f"validation/{key}", score, step)
@@ -59,6 +59,6 @@ class Logbook:
 
 
 def over_held_out(examples: Sequence[_Example]) -> Iterable[_Example]:
-    """Held-out examples one by one, with a bar of their own below that of the training."""
+    """Iterate over held-out examples with a separate progress bar below that of the training."""
     bar: Iterable[_Example] = tqdm(examples, desc="validating", leave=False, mininterval=1)
     return bar

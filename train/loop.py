@@ -1,4 +1,4 @@
-"""The training loop: resumable after a kill at any step, in one process or in several."""
+"""Training loop: resumable after a kill at any step, in one or several processes."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from train.stopping import Stopped, stop_requests
 
 __all__ = ["OptimConfig", "Stopped", "train"]
 
-# Scores and pictures (3, H, W) in [0, 1] of a network.
+# Function that returns scores and pictures (3, H, W) in [0, 1] of a network.
 Validate = Callable[[nn.Module], tuple[dict[str, float], dict[str, Tensor]]]
 
 
@@ -35,31 +35,32 @@ def train(
     validate: Validate,
     max_minutes: float = math.inf,
 ) -> Path:
-    """Train ``network`` to the end of its schedule, or go on where an earlier run was interrupted.
+    """Train ``network`` to the end of its schedule, or resume an interrupted run.
 
-    In several processes (see ``train.distributed``) all call this with the same arguments; the first one
+    With several processes (see ``train.distributed``) all call this with the same arguments; the first one
     writes and validates.
 
     Args:
-        name: The network's name in checkpoints.
-        config: The run's configuration, with ``model``, ``data.batch_size``, ``data.workers`` and ``optim``;
+        name: Name of the network in checkpoints.
+        config: Configuration of the run, with ``model``, ``data.batch_size``, ``data.workers`` and ``optim``;
             written to ``out/config.json``.
-        network: A fresh network.
+        network: Network with initial weights.
         out: Folder of the run: checkpoint ``last.pt``, TensorBoard files.
-        device: Where to compute.
-        loader: Gives the whole batches from a step on; what comes must depend on the step alone. Each process
-            loads its share of them.
-        loss_of: Loss and its parts for one batch or share.
-        validate: Scores and pictures (3, H, W) in [0, 1] of the averaged network.
-        max_minutes: Stop with a checkpoint after this time; run again to go on.
+        device: Device that trains.
+        loader: Function that returns the loader of whole batches from a step on; a batch must depend only on
+            its step. Each process loads its share.
+        loss_of: Function that returns the loss and its terms for one batch or one process's share of it.
+        validate: Function that returns scores and pictures (3, H, W) in [0, 1] of the averaged network.
+        max_minutes: Time limit, minutes; the run then writes a checkpoint and stops. Run again to resume.
 
     Returns:
         Path of the final checkpoint.
 
     Raises:
-        Stopped: Interrupted or out of time; the checkpoint is written.
-        ConfigError: ``out`` holds a run with another configuration, or batches have no equal shares.
-        ParameterError: The gradient is not finite any more; the batch is saved in ``out``.
+        Stopped: The run was interrupted or reached its time limit; the checkpoint is written.
+        ConfigError: ``out`` holds a run with another configuration, or a batch cannot be divided equally
+            among the processes.
+        ParameterError: The gradient is no longer finite; the batch is saved in ``out``.
     """
     optim: OptimConfig = config.optim
     processes = Processes.current()
@@ -84,15 +85,15 @@ def train(
             _report(learner, scalars, processes, logbook)
             if processes.first and (learner.step % optim.validate_every == 0 or learner.step == optim.steps):
                 logbook.validation(*validate(learner.average.network), learner.step)
-            asked, late = processes.anywhere(request.asked, request.late)
-            stop = learner.step < optim.steps and (asked or late)
+            interrupted, expired = processes.anywhere(request.interrupted, request.expired)
+            stop = learner.step < optim.steps and (interrupted or expired)
             if processes.first and (stop or folder.due(learner.step)):
                 folder.save(learner.state())
             if stop:
                 message = (
-                    f"stopped at step {learner.step} of {optim.steps}; run the same command again to go on"
+                    f"stopped at step {learner.step} of {optim.steps}; run the same command again to resume"
                 )
-                raise Stopped(message, asked)
+                raise Stopped(message, interrupted)
     return folder.checkpoint
 
 
@@ -100,9 +101,9 @@ def _report(learner: Learner, scalars: dict[str, Tensor], processes: Processes, 
     logbook.advance()
     skipped = learner.guard.skipped
     if learner.guard.in_a_row:
-        ending = ", batch saved" if learner.guard.in_a_row == 1 else ""
+        suffix = ", batch saved" if learner.guard.in_a_row == 1 else ""
         count = f"({skipped} since the start)"
-        logbook.line(f"step {learner.step}: gradient not finite, step skipped {count}{ending}")
+        logbook.line(f"step {learner.step}: gradient not finite, step skipped {count}{suffix}")
     if learner.step % learner.optim.log_every == 0:
         means = processes.mean({key: float(x) for key, x in scalars.items()})
         logbook.curves({**means, "skipped_steps": skipped}, learner.step)

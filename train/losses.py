@@ -1,6 +1,6 @@
-"""What the networks are trained to make small, and what the error map is to learn.
+"""Training losses of the networks, and the measured target of the error map.
 
-All on the perceptual scale of :func:`bokehnet.optics.encoding.encode`.
+All use the perceptual scale of :func:`bokehnet.optics.encoding.encode`.
 """
 
 from dataclasses import dataclass, fields
@@ -15,32 +15,33 @@ from bokehnet.optics.encoding import encode
 
 __all__ = ["ERROR_TARGETS", "LossWeights", "arnet_loss", "iunet_loss", "measured_error"]
 
-# From geometry, by the disparity alone; or from the pictures, by what the classical render got wrong.
+# Derived from the disparity alone, or measured as the error of the classical render.
 ERROR_TARGETS = ("geometric", "measured")
 
-# Errors that noise of the ray-traced truth explains, and errors that are plainly wrong.
-_NOISE, _WRONG = 0.01, 0.04
+# Encoded error at the level of the noise of the ray-traced truth, and encoded error that is clearly wrong.
+_NOISE_ERROR, _CLEAR_ERROR = 0.01, 0.04
 
-# How much a pixel counts where the classical half is right and the network's answer is not used.
-OUTSIDE = 0.1
+# Weight of a pixel where the classical half is right and the network's output is not used.
+WEIGHT_OUTSIDE = 0.1
 
 
 def _encode_signed(linear: Tensor) -> Tensor:
-    """``encode``, continued below 0 by its slope there, so that negative predictions are pulled back."""
+    """Return ``encode``, extended linearly below 0, so that the loss penalizes negative predictions."""
     return encode(linear) + linear.clamp(max=0)
 
 
-# How much squared errors count beside absolute ones; at 100 they balance for errors of a hundredth.
-SQUARED = 100.0
+# Weight of squared errors relative to absolute ones; at 100 both are equal for an error of 0.01.
+SQUARED_ERROR_WEIGHT = 100.0
 
 
 def _distance(prediction: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
-    """Mean of weighted |d| + SQUARED d^2: absolute errors alone hardly moved a fresh network.
+    """Return the weighted mean of |d| + SQUARED_ERROR_WEIGHT d^2.
 
-    Not divided by the sum of the weights, so that the loss of a batch is the mean of its examples' losses.
+    Absolute errors alone hardly trained a fresh network. The mean is not divided by the sum of the weights,
+    so that the loss of a batch is the mean of its examples' losses.
     """
     difference = (prediction - truth).abs()
-    return (weight * difference * (1 + SQUARED * difference)).mean()
+    return (weight * difference * (1 + SQUARED_ERROR_WEIGHT * difference)).mean()
 
 
 def _gradient_l1(prediction: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
@@ -52,14 +53,14 @@ def _gradient_l1(prediction: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
 
 @dataclass(frozen=True, kw_only=True)
 class LossWeights:
-    """How much each part of ARNet's loss counts.
+    """Weights of the terms of ARNet's loss.
 
     Attributes:
-        neural: The network's picture, above all where the target is 1.
-        gradient: Its slopes, there.
-        fused: What its error map makes of it and the classical render, everywhere.
-        error_map: The error map's distance to the target. The more it counts, the less the map chooses
-            what is better at each pixel.
+        neural: Error of the network's picture, mainly where the target is 1.
+        gradient: Error of its gradients, with the same pixel weights.
+        fused: Error of the fusion with the classical render by the error map, over all pixels.
+        error_map: Distance of the error map to the target. A larger weight reduces the map's freedom to
+            select the better picture at each pixel.
     """
 
     neural: float = 1.0
@@ -69,8 +70,8 @@ class LossWeights:
 
     def __post_init__(self) -> None:
         for part in fields(self):
-            if not 0 <= (found := getattr(self, part.name)) < float("inf"):
-                raise ConfigError(f"loss.{part.name}: expected 0 or more, found {found}")
+            if not 0 <= (value := getattr(self, part.name)) < float("inf"):
+                raise ConfigError(f"loss.{part.name}: expected 0 or more, found {value}")
 
 
 def arnet_loss(
@@ -81,54 +82,54 @@ def arnet_loss(
     target: Tensor,
     weights: LossWeights | None = None,
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    """Loss of the coarse network.
+    """Return the loss of the coarse network.
 
     Args:
-        bokeh: Its picture, scene-linear, (B, 3, H, W).
-        error_map: Its error map, (B, 1, H, W).
+        bokeh: Picture of the network, scene-linear, (B, 3, H, W).
+        error_map: Error map of the network, (B, 1, H, W).
         classical: Classical render at the same size.
         truth: Ray-traced bokeh at the same size.
-        target: One of ``ERROR_TARGETS``, (B, 1, H, W).
-        weights: Of the parts; default: those of a fresh network.
+        target: Target of the error map, (B, 1, H, W).
+        weights: Weights of the terms; default: those for a fresh network.
 
     Returns:
-        The sum, and its parts by name.
+        Sum of the terms, and the terms by name.
     """
     counts = weights or LossWeights()
-    wanted, neural = _encode_signed(truth), _encode_signed(bokeh)
-    weight = OUTSIDE + (1 - OUTSIDE) * target
+    encoded_truth, neural = _encode_signed(truth), _encode_signed(bokeh)
+    weight = WEIGHT_OUTSIDE + (1 - WEIGHT_OUTSIDE) * target
     fused = _encode_signed(fuse(classical, bokeh, error_map))
     parts = {
-        "neural": counts.neural * _distance(neural, wanted, weight),
-        "gradient": counts.gradient * _gradient_l1(neural, wanted, weight),
-        "fused": counts.fused * _distance(fused, wanted, torch.ones_like(weight)),
+        "neural": counts.neural * _distance(neural, encoded_truth, weight),
+        "gradient": counts.gradient * _gradient_l1(neural, encoded_truth, weight),
+        "fused": counts.fused * _distance(fused, encoded_truth, torch.ones_like(weight)),
         "error_map": counts.error_map * F.mse_loss(error_map, target),
     }
     return torch.stack(list(parts.values())).sum(), parts
 
 
 def iunet_loss(bokeh: Tensor, truth: Tensor, target: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
-    """Loss of one upsampling step; arguments and result as in :func:`arnet_loss`."""
-    wanted, neural = _encode_signed(truth), _encode_signed(bokeh)
-    weight = OUTSIDE + (1 - OUTSIDE) * target
+    """Return the loss of one upsampling step; arguments and result as in :func:`arnet_loss`."""
+    encoded_truth, neural = _encode_signed(truth), _encode_signed(bokeh)
+    weight = WEIGHT_OUTSIDE + (1 - WEIGHT_OUTSIDE) * target
     parts = {
-        "neural": _distance(neural, wanted, weight),
-        "gradient": LossWeights.gradient * _gradient_l1(neural, wanted, weight),
+        "neural": _distance(neural, encoded_truth, weight),
+        "gradient": LossWeights.gradient * _gradient_l1(neural, encoded_truth, weight),
     }
     return torch.stack(list(parts.values())).sum(), parts
 
 
 def measured_error(classical: Tensor, truth: Tensor) -> Tensor:
-    """Error map of a classical render against the truth.
+    """Return the error map of a classical render against the truth.
 
     Args:
-        classical: Scene-linear, (B, 3, H, W).
-        truth: The same.
+        classical: Classical render, scene-linear, (B, 3, H, W).
+        truth: True picture, scene-linear, (B, 3, H, W).
 
     Returns:
-        0 where the mean of the colours' errors over 3x3 pixels is no more than noise, 1 where it is plainly
-        wrong, linear between, (B, 1, H, W).
+        0 where the mean error over colours and 3x3 pixels is at noise level, 1 where it is clearly wrong,
+        linear between, (B, 1, H, W).
     """
     error = (encode(classical) - encode(truth)).abs().mean(1, keepdim=True)
     error = F.avg_pool2d(error, 3, stride=1, padding=1, count_include_pad=False)
-    return ((error - _NOISE) / (_WRONG - _NOISE)).clamp(0, 1)
+    return ((error - _NOISE_ERROR) / (_CLEAR_ERROR - _NOISE_ERROR)).clamp(0, 1)

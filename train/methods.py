@@ -1,4 +1,4 @@
-"""Ways to render that are held against each other: an engine, its networks, and a disparity repair."""
+"""Methods to compare: an engine, its networks and an optional disparity repair."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from bokehnet.render.result import RenderResult
 
 __all__ = ["REPAIRS", "Method", "load_repair", "parse_method"]
 
-# What earlier versions called a repair.
-_OLD_REPAIRS = {"refine": "repair"}
+# Names of repairs in earlier versions.
+_OLD_REPAIR_NAMES = {"refine": "repair"}
 
 # (image (H, W, 3) scene-linear, disparity (H, W) on any scale) -> disparity on the same scale
 Repair = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -27,13 +27,14 @@ Repair = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Method:
-    """What ``ENGINE[:FOLDER][+REPAIR[:PATH]]`` says; can be sent to another process.
+    """Parsed form of ``ENGINE[:FOLDER][+REPAIR[:PATH]]``; picklable.
 
     Attributes:
-        name: As it was written.
+        name: Original text.
         engine: One of ``ENGINES``.
-        weights: Folder of the engine's networks; the package's own by default.
-        repair: One of ``REPAIRS`` and the path of its network, if it has another one than the package's.
+        weights: Folder of the engine's networks; default: those of the package.
+        repair: One of ``REPAIRS`` and the path of its network; a path of ``None`` means the package's
+            network.
     """
 
     name: str
@@ -42,13 +43,13 @@ class Method:
     repair: tuple[str, Path | None] | None = None
 
     def load(self) -> None:
-        """Load all networks, so that what is missing shows at once."""
+        """Load all networks, so that a missing file raises at once."""
         _renderer(self.engine, Aperture(), self.weights, numba.get_num_threads())
         if self.repair is not None:
             load_repair(*self.repair)
 
     def render(self, image: np.ndarray, defocus: np.ndarray, aperture: Aperture) -> RenderResult:
-        """Render with defocus that is repaired already."""
+        """Render with defocus that has already been repaired."""
         return _renderer(self.engine, aperture, self.weights, numba.get_num_threads()).render(image, defocus)
 
 
@@ -58,12 +59,12 @@ def parse_method(text: str) -> Method:
     Raises:
         ParameterError: Unknown engine or repair.
     """
-    whole, plus, ending = text.rpartition("+")
-    head, repair = (whole, ending) if plus else (text, "")
+    base, plus, ending = text.rpartition("+")
+    head, repair = (base, ending) if plus else (text, "")
     engine, _, weights = head.partition(":")
     check_choice("--method", engine, ENGINES)
     kind, _, path = repair.partition(":")
-    kind = _OLD_REPAIRS.get(kind, kind)
+    kind = _OLD_REPAIR_NAMES.get(kind, kind)
     if plus:
         check_choice("--method", kind, REPAIRS)
     return Method(
@@ -81,7 +82,7 @@ def _renderer(engine: str, aperture: Aperture, weights: Path | None, threads: in
 
 @cache
 def load_repair(kind: str, path: Path | None) -> Repair:
-    """One of ``REPAIRS``, loaded once."""
+    """Return one of ``REPAIRS``, loaded once per path."""
     return REPAIRS[kind](path)
 
 

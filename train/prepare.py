@@ -2,9 +2,9 @@
 
 ``python -m train.prepare --config configs/prepare_rays.toml --out data/rays``
 
-Each view of each scene gives one example with its true disparity and, where ``augmented`` asks for them, more
-with augmented ones; most of those are repaired by a trained RepairNet first, as they are when people use it.
-A killed run goes on where it stopped and gives the same bytes.
+Each view of each scene gives one example with its true disparity, and ``augmented`` more with augmented
+disparity. Most augmented maps are first repaired by a trained RepairNet, as in use. A killed run resumes and
+writes the same bytes.
 """
 
 import argparse
@@ -39,16 +39,16 @@ __all__ = ["PrepareConfig", "load_repair", "main", "prepare", "prepare_view"]
 
 @dataclass(frozen=True, kw_only=True)
 class PrepareConfig:
-    """What a prepared set is made of.
+    """Configuration of a prepared set.
 
     Attributes:
         folder: Shards of ``bokehnet synth``.
-        classical: The classical renderer whose result the networks will correct.
-        augmented: Examples with an augmented disparity for each view, beside the one with the true one.
+        classical: Classical renderer whose result the networks will correct.
+        augmented: Number of examples with augmented disparity per view, in addition to the true one.
         repair: Folder of the disparity repair's weights; empty leaves augmented disparity as it is.
-        repaired: Share of the augmented disparity maps that are repaired.
-        seed: Of what is augmented and how.
-        scenes_per_part: Scenes in one file.
+        repaired: Fraction of the augmented maps that are repaired.
+        seed: Seed of the augmentation.
+        scenes_per_part: Number of scenes per file.
     """
 
     folder: str
@@ -61,7 +61,7 @@ class PrepareConfig:
 
 
 def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, classical: str) -> np.ndarray:
-    """Render one view with ``disparity`` (H, W) in place of the true one; (NUM_PLANES, H, W) float16."""
+    """Render one view with ``disparity`` (H, W); return the planes (NUM_PLANES, H, W) float16."""
     image = sample.image.astype(np.float32)
     blur, focus = float(sample.blur[view]), float(sample.focus[view])
     defocus = defocus_from_disparity(disparity, blur, focus)
@@ -90,12 +90,12 @@ def prepare_view(sample: TrainingSample, view: int, disparity: np.ndarray, class
 
 @functools.lru_cache(maxsize=1)
 def load_repair(folder: str) -> DisparityRepair:
-    """The disparity repair with the weights in a folder, on one thread, loaded once in a process."""
+    """Return the disparity repair with the weights of a folder, single-threaded, cached per process."""
     return DisparityRepair(Path(folder), threads=1)
 
 
 def _prepare_scene(config: PrepareConfig, samples: ShardSet, number: int) -> list[np.ndarray] | DataFileError:
-    """All examples of a scene, with its disparity and with augmented ones, or what is wrong with it."""
+    """Return all examples of a scene, or the error if it is damaged."""
     try:
         sample = samples[number]
     except DataFileError as error:
@@ -120,12 +120,12 @@ def _start_worker() -> None:
 
 
 def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
-    """Write all parts that are missing. Damaged scenes are named, counted and left out.
+    """Write all missing parts. Reports, counts and skips damaged scenes.
 
     Args:
-        config: What to make; it is also written, as ``prepared.json``.
-        out: Folder, made if missing.
-        workers: Processes that render.
+        config: Configuration of the set; also written as ``prepared.json``.
+        out: Folder of the set; created if missing.
+        workers: Number of processes that render.
 
     Raises:
         ConfigError: The folder holds a set made with another configuration.
@@ -142,13 +142,13 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
     _claim(out, config, len(parts))
     remove_leftovers(out)
     missing = [i for i in range(len(parts)) if not (out / part_name(i)).exists()]
-    wanted = [number for i in missing for number in parts[i]]
+    pending = [number for i in missing for number in parts[i]]
     work = functools.partial(_prepare_scene, config, samples)
     with (
         ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker) as executor,
-        tqdm(total=len(samples), initial=len(samples) - len(wanted), desc="preparing scenes") as bar,
+        tqdm(total=len(samples), initial=len(samples) - len(pending), desc="preparing scenes") as bar,
     ):
-        scenes = executor.map(work, wanted, chunksize=2)
+        scenes = executor.map(work, pending, chunksize=2)
         for i in missing:
             examples: list[np.ndarray] = []
             for _ in parts[i]:
@@ -167,31 +167,31 @@ def prepare(config: PrepareConfig, out: Path, workers: int = 1) -> None:
 
 
 def _claim(out: Path, config: PrepareConfig, parts: int) -> None:
-    """Write the description, or compare it with ``config`` when it is there."""
+    """Write the description, or compare an existing one with ``config``."""
     path = out / DESCRIPTION
-    wanted = {"parts": parts, "config": to_dict(config)}
+    expected = {"parts": parts, "config": to_dict(config)}
     if not path.exists():
-        write_text(path, json.dumps(wanted, indent=2) + "\n", error=DataFileError)
+        write_text(path, json.dumps(expected, indent=2) + "\n", error=DataFileError)
         return
     try:
-        there = json.loads(path.read_text(encoding="utf-8"))
-        there = {**there, "config": renamed(there["config"])}
+        existing = json.loads(path.read_text(encoding="utf-8"))
+        existing = {**existing, "config": renamed(existing["config"])}
     except ValueError as error:
         raise ConfigError(f"{path}: expected a description as JSON: {error}") from error
-    check_same(f"{out}: holds examples", there, wanted, "choose another folder")
+    check_same(f"{out}: holds examples", existing, expected, "choose another folder")
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Entry of the command line; a user's mistake is one line."""
+    """Entry of the command line; a user error prints one line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--config", required=True, type=Path, help="TOML file of the set")
     parser.add_argument(
-        "--out", required=True, type=Path, help="folder of the set; an older run goes on there"
+        "--out", required=True, type=Path, help="folder of the set; resumes a run that it already holds"
     )
     add_settings(parser)
-    parser.add_argument("--workers", type=int, default=1, help="processes that render")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes that render")
     arguments = parser.parse_args(words)
     try:
         config = load_config(arguments.config, PrepareConfig, settings_of(arguments))

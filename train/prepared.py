@@ -1,4 +1,4 @@
-"""Prepared examples on disk: one array a file, read by memory map, so that a crop costs what it holds."""
+"""Prepared examples on disk: memory-mapped arrays, so that a crop reads only its own pixels."""
 
 import json
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from bokehnet.errors import DataFileError
 
 __all__ = ["DESCRIPTION", "NUM_PLANES", "PLANES", "PreparedSet", "part_name"]
 
-# What is where in an example (NUM_PLANES, H, W), float16.
+# Planes of an example (NUM_PLANES, H, W), float16.
 PLANES = {
     "image": slice(0, 3),
     "classical": slice(3, 6),
@@ -29,7 +29,7 @@ DESCRIPTION = "prepared.json"
 
 
 def part_name(number: int) -> str:
-    """File name of one part of a set, an array (examples, NUM_PLANES, H, W)."""
+    """Return the file name of one part of a set, an array (examples, NUM_PLANES, H, W)."""
     return f"part-{number:06d}.npy"
 
 
@@ -40,19 +40,18 @@ def _open(path: str) -> np.ndarray:
 
 
 class PreparedSet:
-    """All examples of a folder, by number. Can be pickled.
+    """Examples of a folder, by index; picklable.
 
     Attributes:
-        per_view: Examples of one view: one with the true disparity, then those with an augmented one.
-        classical: Name of the renderer that made them.
+        per_view: Number of examples per view: the first has the true disparity, the others augmented ones.
+        classical: Name of their classical renderer.
 
     Args:
-        folder: Where ``train.prepare`` wrote.
-        on_damage: Called with what is wrong with a part that cannot be read, which is then left out; by
-            default it is raised.
+        folder: Folder that ``train.prepare`` wrote.
+        on_damage: Called with the error of an unreadable part, which is then skipped; default: raise it.
 
     Raises:
-        DataFileError: No complete set is there, or it is of another version.
+        DataFileError: The folder holds no complete set, or one of another version.
     """
 
     def __init__(
@@ -63,16 +62,16 @@ class PreparedSet:
         self.folder = Path(folder)
         description = self.folder / DESCRIPTION
         try:
-            told = json.loads(description.read_text(encoding="utf-8"))
-            config = renamed(told["config"])
-            parts, self.per_view = int(told["parts"]), 1 + int(config["augmented"])
+            content = json.loads(description.read_text(encoding="utf-8"))
+            config = renamed(content["config"])
+            parts, self.per_view = int(content["parts"]), 1 + int(config["augmented"])
             self.classical = str(config.get("classical", "rays"))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataFileError(
                 f"{description}: expected the description of prepared examples ({error}); "
                 f"run python -m train.prepare"
             ) from error
-        self._places: list[tuple[str, int]] = []
+        self._locations: list[tuple[str, int]] = []
         for number in range(parts):
             path = self.folder / part_name(number)
             try:
@@ -90,15 +89,15 @@ class PreparedSet:
                     f"{path}: expected examples of {NUM_PLANES} planes, found shape {array.shape}; "
                     "prepare the set again in another folder"
                 )
-            self._places += [(str(path), i) for i in range(len(array))]
-        if not self._places:
+            self._locations += [(str(path), i) for i in range(len(array))]
+        if not self._locations:
             raise DataFileError(f"{self.folder}: expected prepared examples, found none that can be read")
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._locations)
 
     def __getitem__(self, number: int) -> np.ndarray:
-        """Example ``number``, (NUM_PLANES, H, W) float16, read only."""
-        path, index = self._places[number]
+        """Return example ``number``, (NUM_PLANES, H, W) float16, read-only."""
+        path, index = self._locations[number]
         example: np.ndarray = _open(path)[index]
         return example

@@ -1,11 +1,10 @@
-"""Make everything from nothing: data, all networks, their scores and the table of the model card.
+"""Run the complete recipe: data, all networks, their scores and the table of the model card.
 
 ``python -m train.recipe [--small | --share 0.1] [--config configs/recipe.toml] [--out runs/recipe]``
 
-The plan comes first, with its expected hours. What is done is not done again, and a killed start goes on
-where it stood when the same command is given again. Steps that need nothing of each other run side by side;
-what they print goes to ``logs`` in the folder. With CUDA devices each training takes all of them, one after
-the other; with ``--ray`` a cluster renders the scenes.
+Prints the plan with the expected times first. Skips finished steps; the same command resumes a killed run.
+Independent steps run in parallel; their output goes to ``logs`` in the folder. With CUDA devices the
+trainings run one after the other, each on all devices; with ``--ray`` a cluster renders the scenes.
 """
 
 import argparse
@@ -34,21 +33,21 @@ _CONFIGS = {False: Path("configs/recipe.toml"), True: Path("configs/recipe_small
 
 
 def _processes(table: dict[str, Any]) -> int:
-    """How many CUDA devices can share the batches of a training; 1 without any."""
+    """Return the number of CUDA devices that can share the batches of a training; 1 without any."""
     batch, devices = int(table["data"].get("batch_size", 1)), max(1, torch.cuda.device_count())
     return max(count for count in range(1, devices + 1) if batch % count == 0)
 
 
 def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
-    """Do all steps that are not done yet.
+    """Run all steps that are not done yet.
 
     Args:
-        recipe: What to make.
-        out: Folder in which everything is made; an older start goes on there.
+        recipe: Recipe to run.
+        out: Folder of all outputs; resumes an earlier run there.
         ray: Address of a Ray cluster that renders the scenes.
 
     Raises:
-        ConfigError, DataFileError: What is there cannot be gone on with, or the folder cannot be written.
+        ConfigError, DataFileError: Existing output cannot be resumed, or the folder cannot be written.
         SystemExit: A step failed.
         KeyboardInterrupt: Ctrl-C or SIGTERM; trainings have written a checkpoint.
     """
@@ -63,44 +62,44 @@ def make(recipe: Recipe, out: Path, ray: str | None = None) -> None:
     left = [step for step in recipe.steps if not progress.done(step)]
     for step in left:
         progress.check(step)
-    older = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     count = len(recipe.steps)
     try:
         with tqdm(total=count, initial=count - len(left), desc="steps", disable=None) as bar:
-            running = _Running(progress, left, ray, bar)
+            scheduler = _Scheduler(progress, left, ray, bar)
             try:
-                while running.start():
-                    running.wait()
+                while scheduler.start():
+                    scheduler.wait()
             finally:
-                running.stop()
+                scheduler.stop()
     finally:
-        signal.signal(signal.SIGTERM, older)
+        signal.signal(signal.SIGTERM, previous)
     print(f"\n{progress.plan()}\ndone: {out}")
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _RunningStep:
     step: Step
     cores: int
     job: Job
-    at: float
+    started_at: float
 
 
-class _Running:
-    """The steps that run side by side."""
+class _Scheduler:
+    """Scheduler of the steps that run in parallel."""
 
     def __init__(self, progress: Progress, left: Sequence[Step], ray: str | None, bar: "tqdm[Any]") -> None:
         self.progress, self.recipe, self.ray, self.bar = progress, progress.recipe, ray, bar
-        alone = torch.cuda.is_available()  # each training takes all devices
-        places = 1 if alone else self.recipe.workers
-        self._threads = self.recipe.threads or max(1, torch.get_num_threads() // places)
-        self._queue = Queue(self.recipe, left, places)
-        self._begun: dict[int, _Begun] = {}
+        exclusive = torch.cuda.is_available()  # each training takes all devices
+        slots = 1 if exclusive else self.recipe.workers
+        self._threads = self.recipe.threads or max(1, torch.get_num_threads() // slots)
+        self._queue = Queue(self.recipe, left, slots)
+        self._running: dict[int, _RunningStep] = {}
 
     def start(self) -> bool:
-        """Start all that can start; false if nothing runs."""
-        while (taken := self._queue.take()) is not None:
-            step, cores = taken
+        """Start all steps that can start; return whether any step runs."""
+        while (started := self._queue.take()) is not None:
+            step, cores = started
             out = self.progress.out
             words = self.recipe.command(step, out, self.ray, cores * self._threads)
             self.bar.write(
@@ -109,37 +108,39 @@ class _Running:
             self.progress.begin(step)
             log = out / "logs" / f"{step.makes.replace('/', '-')}.log"
             job = Job(words, log, self._threads, _processes(self.recipe.table(step)) if step.trains else 1)
-            self._begun[job.sentinel] = _Begun(step, cores, job, time.monotonic())
-        self.bar.set_postfix_str(", ".join(begun.step.makes for begun in self._begun.values()))
-        return bool(self._begun)
+            self._running[job.sentinel] = _RunningStep(step, cores, job, time.monotonic())
+        self.bar.set_postfix_str(", ".join(active.step.makes for active in self._running.values()))
+        return bool(self._running)
 
     def wait(self) -> None:
-        """Wait a moment for some of them to end.
+        """Wait up to a second for steps to end.
 
         Raises:
-            SystemExit: One has failed.
+            SystemExit: A step failed.
         """
-        self.progress.go_on()
-        for sentinel in multiprocessing.connection.wait(list(self._begun), timeout=1):
-            begun = self._begun[cast(int, sentinel)]
-            if self._end(begun):
-                said = begun.job.last_words().removeprefix("error: ")
-                sys.exit(f"error: {begun.step.makes}: {said} (all that it said: {begun.job.log})")
-            self.bar.write(f"{begun.step.makes}: done in {time_in_words(time.monotonic() - begun.at)}")
-            self._queue.give_back(begun.step, begun.cores)
+        self.progress.save_periodically()
+        for sentinel in multiprocessing.connection.wait(list(self._running), timeout=1):
+            active = self._running[cast(int, sentinel)]
+            if self._end(active):
+                message = active.job.last_log_line().removeprefix("error: ")
+                sys.exit(f"error: {active.step.makes}: {message} (log: {active.job.log})")
+            self.bar.write(
+                f"{active.step.makes}: done in {time_in_words(time.monotonic() - active.started_at)}"
+            )
+            self._queue.give_back(active.step, active.cores)
             self.bar.update()
 
     def stop(self) -> None:
-        """Ask all that still run to stop, and wait until they have."""
-        for begun in self._begun.values():
-            begun.job.stop()
-        for begun in list(self._begun.values()):
-            self._end(begun)
+        """Stop all running steps, and wait for them to end."""
+        for active in self._running.values():
+            active.job.stop()
+        for active in list(self._running.values()):
+            self._end(active)
 
-    def _end(self, begun: _Begun) -> int:
-        code = begun.job.code()
-        del self._begun[begun.job.sentinel]
-        self.progress.end(begun.step, done=code == 0)
+    def _end(self, active: _RunningStep) -> int:
+        code = active.job.code()
+        del self._running[active.job.sentinel]
+        self.progress.end(active.step, done=code == 0)
         return code
 
 
@@ -149,13 +150,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--config", type=Path, help=f"TOML file of the steps; default {_CONFIGS[False]}")
-    parser.add_argument("--small", action="store_true", help=f"{_CONFIGS[True]}: the same in a few minutes")
-    parser.add_argument("--out", type=Path, default=Path("runs/recipe"), help="folder; default %(default)s")
-    parser.add_argument("--dry-run", action="store_true", help="print the plan and do nothing")
-    parser.add_argument("--commands", action="store_true", help="print the single commands and do nothing")
-    parser.add_argument("--seed", type=int, help="of all trainings; default: that of their configurations")
     parser.add_argument(
-        "--share", type=float, help="of all scenes and steps, to try it: 0.1 takes a tenth of the time"
+        "--small", action="store_true", help=f"use {_CONFIGS[True]}, a recipe of a few minutes"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/recipe"), help="output folder; default %(default)s"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="print the plan and do nothing")
+    parser.add_argument(
+        "--commands", action="store_true", help="print the command of each step and do nothing"
+    )
+    parser.add_argument(
+        "--seed", type=int, help="seed of all trainings; default: that of their configurations"
+    )
+    parser.add_argument(
+        "--share",
+        type=float,
+        help="fraction of all scenes and training steps, for a trial: 0.1 takes a tenth of the time",
     )
     parser.add_argument("--ray", metavar="ADDRESS", help="render scenes on this Ray cluster")
     options = parser.parse_args(arguments)
@@ -176,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BokehnetError as error:
         sys.exit(f"error: {' '.join(str(error).split())}")
     except KeyboardInterrupt:
-        print("stopped; run the same command again to go on", file=sys.stderr)
+        print("stopped; run the same command again to resume", file=sys.stderr)
         sys.exit(130)
 
 

@@ -1,4 +1,4 @@
-"""Commands of a recipe, each in a process of its own that writes to a log and ends with this one."""
+"""Commands of a recipe, each in a child process that writes to a log and ends with its parent."""
 
 import contextlib
 import importlib
@@ -16,16 +16,16 @@ from bokehnet.synth.dataset import end_with_parent
 
 __all__ = ["Job", "call"]
 
-# Imported once, in the process that all jobs are forked from; it runs nothing else.
+# Imported once in the fork server, which runs nothing else.
 _TOOLS = ["bokehnet.cli.app", *(f"train.{name}" for name in ("prepare", "export", "evaluate", "card"))]
 _TOOLS += [f"train.train_{name}" for name in ("repair", "arnet", "iunet", "error")]
 
 
 def call(words: Sequence[str], processes: int = 1) -> None:
-    """Run a command in this process, or behind ``torchrun`` in several.
+    """Run a command in this process, or with ``torchrun`` in several processes.
 
     Raises:
-        SystemExit: It failed or was stopped.
+        SystemExit: The command failed or was stopped.
     """
     if words[0] == "bokehnet":
         from bokehnet.cli.app import run
@@ -41,19 +41,19 @@ def call(words: Sequence[str], processes: int = 1) -> None:
         try:
             torchrun(["--standalone", "--nproc-per-node", str(processes), "-m", module, *arguments])
         except ChildFailedError:
-            sys.exit(f"error: {module} failed; what it said stands above")
+            sys.exit(f"error: {module} failed; see its messages above")
         return
     importlib.import_module(module).main(arguments)
 
 
 class Job:
-    """A running command.
+    """Running command in a child process.
 
     Args:
-        words: The command.
-        log: File to which all that it prints is appended.
-        threads: Threads that it may use.
-        processes: Processes that share it, behind ``torchrun``.
+        words: Words of the command.
+        log: File to which its output is appended.
+        threads: Maximum number of threads.
+        processes: Number of processes under ``torchrun``.
     """
 
     def __init__(self, words: Sequence[str], log: Path, threads: int, processes: int = 1) -> None:
@@ -65,29 +65,29 @@ class Job:
 
     @property
     def sentinel(self) -> int:
-        """What ``multiprocessing.connection.wait`` can wait for."""
+        """Handle for ``multiprocessing.connection.wait``."""
         return self._process.sentinel
 
     def code(self) -> int:
-        """Wait for its end; 0 if it has done what it was told."""
+        """Wait for the command to end and return its exit code."""
         self._process.join()
         return self._process.exitcode or 0
 
     def stop(self) -> None:
-        """Ask it to stop as Ctrl-C does: trainings write a checkpoint first."""
+        """Send SIGINT, as Ctrl-C does; trainings write a checkpoint first."""
         with contextlib.suppress(ProcessLookupError):
             if self._process.pid is not None and self._process.is_alive():
                 os.kill(self._process.pid, signal.SIGINT)
 
-    def last_words(self) -> str:
-        """The last line of its log."""
+    def last_log_line(self) -> str:
+        """Return the last line of its log that is not blank."""
         lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        return next((line for line in reversed(lines) if line.strip()), "it said nothing")
+        return next((line for line in reversed(lines) if line.strip()), "no output")
 
 
 def _run(words: list[str], log: Path, threads: int, processes: int) -> None:
     end_with_parent()
-    os.setpgid(0, 0)  # Ctrl-C reaches the parent alone, which asks its jobs to stop
+    os.setpgid(0, 0)  # Ctrl-C reaches only the parent, which stops its jobs
     signal.signal(signal.SIGINT, signal.default_int_handler)
     with log.open("ab") as file:
         for stream in (1, 2):

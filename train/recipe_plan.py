@@ -1,4 +1,4 @@
-"""The steps from nothing to all networks: what each makes, from what, by which command, in which time."""
+"""Plan of a recipe: the output, inputs, command and expected time of each step."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from train.schedule import OptimConfig
 
 __all__ = ["COMMANDS", "Recipe", "Step", "load_recipe"]
 
-# Tools of the steps; trainings are called by their network.
+# Commands of the tools; a training has the name of its network.
 COMMANDS = {
     "synth": ("bokehnet", "synth"),
     "prepare": ("python", "-m", "train.prepare"),
@@ -30,27 +30,28 @@ COMMANDS = {
     "card": ("python", "-m", "train.card"),
 }
 
-# Option that names what a tool writes.
-_TARGET = {"evaluate": "--json"}
+# Option that names a tool's output, where it is not --out.
+_OUTPUT_OPTION = {"evaluate": "--json"}
 
-# Tools that share their work among processes; the hours of the others are those of one core.
+# Tools that split their work among processes; the times of the others refer to one core.
 _SHARED = ("synth", "prepare")
 
-# What a configuration names that some step has to make.
-_MADE = re.compile(r"(?<![\w/.-])(data|runs)/.+")
+# Paths in a configuration that must be the output of some step.
+_OUTPUT_PATH = re.compile(r"(?<![\w/.-])(data|runs)/.+")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One command.
+    """One command of a recipe.
 
     Attributes:
-        makes: Folder or file that it writes, as configurations name it: ``data/planes``, ``runs/repair``.
-        by: The tool, one of ``COMMANDS``.
-        config: Its TOML file, for tools that have one.
-        settings: Values KEY=VALUE that replace some of it.
-        words: Further words of the command.
-        seconds: Time of one core for a unit of the work, measured: a scene, a step of training, all of it.
+        makes: Output folder or file, as configurations name it: ``data/planes``, ``runs/repair``.
+        by: Tool, one of ``COMMANDS``.
+        config: TOML file of the tool; empty for tools without one.
+        settings: Overrides KEY=VALUE of the configuration.
+        words: Further arguments of the command.
+        seconds: Measured time on one core per unit of work, seconds; the unit is a scene, a training step or
+            the whole command.
     """
 
     makes: str
@@ -62,22 +63,22 @@ class Step:
 
     @property
     def tool(self) -> tuple[str, ...]:
-        """Words that start its tool."""
+        """Words of the command that starts the tool."""
         return COMMANDS[self.by]
 
     @property
     def trains(self) -> bool:
-        """Whether it trains a network."""
+        """True if the step trains a network."""
         return self.by in ("repair", "error", "arnet", "iunet")
 
     @property
     def shared(self) -> bool:
-        """Whether its tool shares the work among processes, as many as it is told."""
+        """True if the tool splits its work among a given number of processes."""
         return self.by in _SHARED
 
     @property
     def overwrites(self) -> bool:
-        """Whether its tool writes all anew, and does not go on with what is there."""
+        """True if the tool overwrites its output and does not resume."""
         return self.by in ("export", "evaluate", "card")
 
 
@@ -86,9 +87,9 @@ class Recipe:
     """All steps, in order.
 
     Attributes:
-        workers: Steps that run side by side, and processes that make data; two cores are the reference.
-        threads: Threads of a step that is not shared among processes; 0 takes its part of all cores.
-        steps: What is done.
+        workers: Number of steps in parallel, and of processes that make data; the reference has two cores.
+        threads: Threads of a step without own processes; 0 divides all cores equally.
+        steps: Steps of the recipe.
     """
 
     workers: int = 2
@@ -96,7 +97,7 @@ class Recipe:
     steps: tuple[Step, ...]
 
     def with_seed(self, seed: int) -> "Recipe":
-        """The same with another seed of all trainings; the data stay as they are."""
+        """Return the recipe with another seed for all trainings; the data stay the same."""
         steps = [
             replace(step, settings=(*step.settings, f"optim.seed={seed}")) if step.trains else step
             for step in self.steps
@@ -104,31 +105,31 @@ class Recipe:
         return replace(self, steps=tuple(steps))
 
     def with_share(self, share: float) -> "Recipe":
-        """The same with that share of the scenes and of the steps of training, at least one of each.
+        """Return the recipe with a fraction of the scenes and training steps, at least one of each.
 
         Raises:
             ParameterError: The share is not within (0, 1].
         """
         if not 0 < share <= 1:
             raise ParameterError("--share", "above 0 and at most 1", share)
-        return replace(self, steps=tuple(self._lessened(step, share) for step in self.steps))
+        return replace(self, steps=tuple(self._reduced(step, share) for step in self.steps))
 
-    def _lessened(self, step: Step, share: float) -> Step:
-        table, asked = self.table(step), {}
+    def _reduced(self, step: Step, share: float) -> Step:
+        table, counts = self.table(step), {}
         if step.by == "synth":
-            asked = {"scenes": table["scenes"]}
+            counts = {"scenes": table["scenes"]}
         elif step.trains:
             optim = table["optim"]
-            asked = {"optim.steps": optim["steps"], "optim.warmup": optim.get("warmup", OptimConfig.warmup)}
-        less = [f"{key}={max(1, math.ceil(share * count))}" for key, count in asked.items()]
-        return replace(step, settings=(*step.settings, *less))
+            counts = {"optim.steps": optim["steps"], "optim.warmup": optim.get("warmup", OptimConfig.warmup)}
+        overrides = [f"{key}={max(1, math.ceil(share * count))}" for key, count in counts.items()]
+        return replace(step, settings=(*step.settings, *overrides))
 
     def table(self, step: Step) -> dict[str, Any]:
-        """Plain values of a step's configuration, its settings included; empty if it has none."""
+        """Return a step's configuration with its overrides as plain values; empty without one."""
         return _table(step.config, step.settings) if step.config else {}
 
     def units(self, step: Step) -> int:
-        """Scenes or steps of training that a step goes through; 1 for what has neither."""
+        """Return the number of scenes or training steps of a step; 1 for other steps."""
         table = self.table(step)
         if step.by == "synth":
             return int(table["scenes"])
@@ -137,36 +138,36 @@ class Recipe:
         return int(table["optim"]["steps"]) if step.trains else 1
 
     def work(self, step: Step) -> float:
-        """Expected time of a step on one core."""
+        """Return the expected time of a step on one core, seconds."""
         return self.units(step) * step.seconds
 
     def seconds(self, step: Step) -> float:
-        """Expected time of a step."""
+        """Return the expected time of a step, seconds."""
         return self.work(step) / (self.workers if step.shared else 1)
 
     def needs(self, step: Step) -> list[Step]:
-        """The steps whose results a step reads."""
+        """Return the steps whose outputs a step reads."""
         texts = [text for _, text in self._texts(step)]
         return [other for other in self.steps if any(_pattern(other.makes).search(text) for text in texts)]
 
     def _texts(self, step: Step) -> list[tuple[str, str]]:
-        """All texts of a step that may name what others make, with their keys."""
+        """Return the texts of a step that can name outputs of other steps, with their keys."""
         return [*_texts(self.table(step)), *(("words", word) for word in step.words)]
 
     def command(
         self, step: Step, root: Path | None = None, ray: str | None = None, workers: int | None = None
     ) -> list[str]:
-        """Words of a step's command.
+        """Return the words of a step's command.
 
         Args:
-            step: Which.
-            root: Folder in which everything is made; as the configurations name it without one.
+            step: Step of this recipe.
+            root: Folder of all outputs; ``None`` keeps the paths of the configurations.
             ray: Address of a Ray cluster that renders the scenes.
-            workers: Processes that make data, other than the recipe's.
+            workers: Number of processes that make data; default: that of the recipe.
         """
         words = [*step.tool, *(["--config", step.config] if step.config else [])]
         words += [self._rooted(word, root) for word in step.words]
-        words += [_TARGET.get(step.by, "--out"), self._rooted(step.makes, root)]
+        words += [_OUTPUT_OPTION.get(step.by, "--out"), self._rooted(step.makes, root)]
         if step.shared:
             words += ["--workers", str(workers or self.workers)]
         if step.by == "synth" and ray is not None:
@@ -176,41 +177,45 @@ class Recipe:
         return words
 
     def fingerprint(self, step: Step, with_needs: bool = True) -> str:
-        """Text that changes when something else is asked for than before, by a step or by those it needs."""
-        asked = [step.by, step.makes, step.words, self.table(step)]
+        """Return a hash of the definition of a step and, optionally, of the steps whose outputs it reads."""
+        definition = [step.by, step.makes, step.words, self.table(step)]
         needs = [self.fingerprint(need) for need in self.needs(step)] if with_needs else []
-        return hashlib.sha256(json.dumps([*asked, needs], sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps([*definition, needs], sort_keys=True).encode()).hexdigest()
 
     def check(self) -> None:
-        """Raise ``ConfigError`` unless every step finds what it reads among the steps before it."""
-        made: list[str] = []
+        """Raise ``ConfigError`` unless earlier steps make all inputs of every step."""
+        outputs: list[str] = []
         for number, step in enumerate(self.steps):
             later = [other.makes for other in self.steps[number:]]
-            if step.makes in made:
-                raise ConfigError(f"steps: two of them make {step.makes}; give one another name")
+            if step.makes in outputs:
+                raise ConfigError(
+                    f"steps: expected different outputs, found two steps that make {step.makes}; rename one"
+                )
             for key, text in self._texts(step):
-                found, too_early = (any(_pattern(path).search(text) for path in x) for x in (made, later))
-                if too_early or (_MADE.search(text) and not found):
+                available, too_early = (
+                    any(_pattern(path).search(text) for path in x) for x in (outputs, later)
+                )
+                if too_early or (_OUTPUT_PATH.search(text) and not available):
                     raise ConfigError(
-                        f"{step.config or step.makes}: {key} asks for {text}, which no step before "
+                        f"{step.config or step.makes}: {key} names {text}, which no step before "
                         f"{step.makes} makes; add one or correct the path"
                     )
-            made.append(step.makes)
+            outputs.append(step.makes)
 
     def _settings(self, step: Step, root: Path | None) -> Iterable[str]:
-        """What replaces values of a step's configuration, with paths below ``root``."""
-        given = {setting.partition("=")[0]: setting for setting in step.settings}
+        """Return the overrides of a step's configuration, with paths below ``root``."""
+        overrides = {setting.partition("=")[0]: setting for setting in step.settings}
         for key, value in _leaves(self.table(step)):
             if isinstance(value, list):
-                moved: Any = [self._rooted(x, root) if isinstance(x, str) else x for x in value]
+                rooted: Any = [self._rooted(x, root) if isinstance(x, str) else x for x in value]
             else:
-                moved = self._rooted(value, root) if isinstance(value, str) else value
-            if moved != value:
-                given[key] = f"{key}={json.dumps(moved)}"  # JSON's texts and lists are TOML's, too
-        return given.values()
+                rooted = self._rooted(value, root) if isinstance(value, str) else value
+            if rooted != value:
+                overrides[key] = f"{key}={json.dumps(rooted)}"  # JSON strings and lists are valid TOML
+        return overrides.values()
 
     def _rooted(self, text: str, root: Path | None) -> str:
-        """``text`` with every path that a step makes moved below ``root``."""
+        """Return ``text`` with the output paths of all steps moved below ``root``."""
         if root is None:
             return text
         for step in self.steps:
@@ -225,20 +230,20 @@ def _table(config: str, settings: tuple[str, ...]) -> dict[str, Any]:
     for setting in settings:
         keys, _, text = setting.partition("=")
         *path, last = keys.split(".")
-        place = table
+        table_at_path = table
         for key in path:
-            place = place.setdefault(key, {})
-        place[last] = tomllib.loads(f"value = {text}")["value"]
+            table_at_path = table_at_path.setdefault(key, {})
+        table_at_path[last] = tomllib.loads(f"value = {text}")["value"]
     return table
 
 
 def _pattern(path: str) -> re.Pattern[str]:
-    """``path`` as a whole, with or without something below it, and not as a part of a longer one."""
+    """Return a pattern of ``path`` or a path below it, but not inside a longer name."""
     return re.compile(rf"(?<![\w/.-]){re.escape(path)}(?![\w.-])")
 
 
 def _leaves(table: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values of a table."""
+    """Iterate over the dotted keys and values of a table."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{key}.")
@@ -247,7 +252,7 @@ def _leaves(table: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def _texts(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Dotted keys and texts of a table, those in lists too."""
+    """Iterate over the dotted keys and strings of a table, including strings in lists."""
     for key, value in _leaves(table):
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, str):
@@ -258,7 +263,7 @@ def load_recipe(path: Path) -> Recipe:
     """Read and check a recipe.
 
     Raises:
-        ConfigError: A file is missing or wrong, or a step reads what none before it makes.
+        ConfigError: A file is missing or invalid, or no earlier step makes an input of a step.
     """
     recipe = load_config(path, Recipe)
     try:
@@ -268,7 +273,7 @@ def load_recipe(path: Path) -> Recipe:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read {error.filename}: {error.strerror}") from error
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: a configuration that it names is no TOML: {error}") from error
+        raise ConfigError(f"{path}: a configuration that it names is not valid TOML: {error}") from error
     except (KeyError, ValueError) as error:
         if isinstance(error, ConfigError):
             raise

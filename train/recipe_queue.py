@@ -1,4 +1,4 @@
-"""Which steps of a recipe run side by side, and how long all of them take that way."""
+"""Queue of recipe steps that run in parallel, and the expected total time."""
 
 from collections.abc import Sequence
 
@@ -8,15 +8,15 @@ __all__ = ["Queue", "expected_seconds"]
 
 
 class Queue:
-    """Steps that wait for a free core and for what they need, in the order of the recipe.
+    """Queue of the steps that wait for a free core and for their inputs, in the order of the recipe.
 
-    A tool that shares its work among processes takes all cores that are free when it starts, every other one
-    core.
+    A tool that splits its work among processes takes all cores that are free when it starts; every other tool
+    takes one core.
 
     Args:
         recipe: All steps.
-        left: Those that are to be done, in its order.
-        cores: How many there are.
+        left: Steps still to do, in the same order.
+        cores: Number of cores.
     """
 
     def __init__(self, recipe: Recipe, left: Sequence[Step], cores: int) -> None:
@@ -25,7 +25,7 @@ class Queue:
         self._missing = {step.makes for step in left}
 
     def take(self) -> tuple[Step, int] | None:
-        """The next step that can start now, with its number of cores; none if all have to wait."""
+        """Return the next step that can start and its number of cores, or ``None`` if all must wait."""
         for step in self._left if self.free else ():
             if not self._needs[step.makes] & self._missing:
                 self._left.remove(step)
@@ -35,18 +35,18 @@ class Queue:
         return None
 
     def give_back(self, step: Step, cores: int) -> None:
-        """A step is done; its cores are free again."""
+        """Mark a step as done and free its cores."""
         self._missing.discard(step.makes)
         self.free += cores
 
 
 def expected_seconds(recipe: Recipe, left: Sequence[Step]) -> float:
-    """Expected time until all of these steps are done, side by side on the recipe's cores."""
+    """Return the expected time in seconds for these steps in parallel on the recipe's cores."""
     queue, now = Queue(recipe, left, recipe.workers), 0.0
     running: list[tuple[float, Step, int]] = []
     while True:
-        while (taken := queue.take()) is not None:
-            step, cores = taken
+        while (started := queue.take()) is not None:
+            step, cores = started
             running.append((now + recipe.work(step) / cores, step, cores))
         if not running:
             return now

@@ -1,4 +1,4 @@
-"""Examples for the disparity repair: a picture, its true disparity, and what was made of it."""
+"""Examples for the disparity repair: a picture, its true disparity and a degraded one."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,28 +12,28 @@ from train.scene_pairs import HeldOut, ScenePairs
 __all__ = ["RepairDataConfig", "busy_window", "held_out_repairs", "repair_pair", "repair_source"]
 
 
-# Crops to choose from; where there is no step there is nothing to learn.
-TRIES = 3
+# Number of candidate crops; a crop without a depth edge teaches nothing.
+CANDIDATE_CROPS = 3
 
-# A difference of neighbours that makes a step, as a share of the map's span.
-_STEP = 0.03
+# Minimum difference of neighbours at a depth edge, as a fraction of the map's range.
+_MIN_STEP = 0.03
 
 
 @dataclass(frozen=True, kw_only=True)
 class RepairDataConfig:
-    """Where the pictures come from and what is done to them.
+    """Sources of the pictures and their augmentation.
 
     Attributes:
         folder: Shards for training.
-        also: Further sets of them; every set is as likely as the others.
+        also: Further folders; all sets are equally likely.
         validation: Shards for validation, of another seed.
-        batch_size: Examples a step.
+        batch_size: Examples per step.
         workers: Loader processes; 0 loads in the training process.
-        clean: Share of examples whose disparity stays as it is.
-        bent: Share whose disparity, true and augmented alike, goes through a power first, as relative
-            disparity of unknown scale does.
+        clean: Fraction of examples with unchanged disparity.
+        bent: Fraction of examples whose true and augmented disparity are both raised to a random power, as in
+            relative disparity of unknown scale.
         crop: Side of the crops, pixels.
-        part: Largest side of what counts as a picture: of larger ones a random piece of that size does.
+        part: Maximum side of a picture, pixels; a larger one is cropped to a random piece of this size.
     """
 
     folder: str
@@ -76,20 +76,20 @@ def repair_pair(
 
 
 def _random_piece(side: int, length: int, rng: np.random.Generator) -> slice:
-    """A piece of at most ``length`` of that many pixels."""
+    """Return a random slice of at most ``length`` of ``side`` pixels."""
     first = int(rng.integers(max(1, side - length + 1)))
     return slice(first, first + length)
 
 
 def busy_window(true: np.ndarray, crop: int, rng: np.random.Generator) -> tuple[slice, slice]:
-    """Of a few random windows, the one with the most steps."""
+    """Return the window with the most depth edges of a few random ones."""
     height, width = true.shape
-    least = _STEP * float(np.ptp(true))
+    threshold = _MIN_STEP * float(np.ptp(true))
     steps = np.zeros(true.shape, bool)
-    steps[1:] |= np.abs(np.diff(true, axis=0)) > least
-    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > least
-    tops = rng.integers(max(1, height - crop + 1), size=TRIES)
-    lefts = rng.integers(max(1, width - crop + 1), size=TRIES)
+    steps[1:] |= np.abs(np.diff(true, axis=0)) > threshold
+    steps[:, 1:] |= np.abs(np.diff(true, axis=1)) > threshold
+    tops = rng.integers(max(1, height - crop + 1), size=CANDIDATE_CROPS)
+    lefts = rng.integers(max(1, width - crop + 1), size=CANDIDATE_CROPS)
     windows = [np.s_[top : top + crop, left : left + crop] for top, left in zip(tops, lefts, strict=True)]
     return max(windows, key=lambda window: int(steps[window].sum()))
 
@@ -99,13 +99,13 @@ def _picture_and_map(sample: TrainingSample) -> tuple[np.ndarray, ...]:
 
 
 def repair_source(config: RepairDataConfig) -> ScenePairs:
-    """Examples for training."""
+    """Return the source of training examples."""
     folders = (config.folder, *config.also)
     return ScenePairs(folders, _picture_and_map, partial(repair_pair, config=config))
 
 
 def held_out_repairs(config: RepairDataConfig, count: int) -> HeldOut:
-    """So many whole examples of the scenes for validation."""
+    """Return ``count`` whole held-out examples of the validation scenes."""
 
     def source_of(clean: float, crop: int) -> ScenePairs:
         return repair_source(replace(config, folder=config.validation, also=(), clean=clean, crop=crop))

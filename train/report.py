@@ -1,4 +1,4 @@
-"""Scores of many renders as tables."""
+"""Tables of the scores of many renders."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ __all__ = ["TABLES", "Row", "as_json", "differences", "excess", "format_table", 
 
 _LABELS = [band_label(band) for band in BANDS]
 
-# Title -> columns; those that no row has are left out.
+# Title -> columns; columns that no row has are omitted.
 TABLES = {
     "all pixels": ("psnr", "ssim", "ms_ssim", "flip", "log_psnr", "excess_psnr"),
     "edge pixels": ("edge_psnr", "edge_ssim", "edge_flip", "excess_edge_psnr", "step_psnr"),
@@ -26,7 +26,7 @@ TABLES = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Row:
-    """Scores of one method with one kind of disparity: of one render, or means."""
+    """Scores of one method with one kind of disparity, of one render or their means."""
 
     method: str
     disparity: str
@@ -34,13 +34,13 @@ class Row:
 
 
 def _mean(scores: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Mean of each score over those that have it, NaN where none has."""
+    """Return the mean of each score without NaN, or NaN if no row has it."""
     columns = {key: [row[key] for row in scores if not math.isnan(row[key])] for key in scores[0]}
     return {key: float(np.mean(values)) if values else math.nan for key, values in columns.items()}
 
 
 def mean_rows(rows: Sequence[Row]) -> list[Row]:
-    """Means over all renders of each method and disparity, and ``degraded``: over three ways to be wrong."""
+    """Return the means over all renders per method and disparity, plus ``degraded``, over three of them."""
     groups: dict[tuple[str, str], list[dict[str, float]]] = {}
     for row in rows:
         groups.setdefault((row.method, row.disparity), []).append(row.scores)
@@ -57,25 +57,26 @@ def mean_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def excess(rows: Sequence[Row], floor: dict[str, float]) -> list[Row]:
-    """Add ``excess_X``: score X after the noise of the truth is taken off the mean error, dB.
+    """Add ``excess_X``: score X after subtraction of the truth's noise from the mean squared error, dB.
 
     Args:
-        rows: Means.
-        floor: PSNR of the noise alone for each score X, dB; NaN comes out where the error is not above it.
+        rows: Mean scores.
+        floor: PSNR of the noise alone for each score X, dB; the result is NaN where the error is not above
+            it.
     """
 
     def add(scores: dict[str, float]) -> dict[str, float]:
-        more = {}
+        excesses = {}
         for key, noise in floor.items():
-            left = 10 ** (-scores[key] / 10) - 10 ** (-noise / 10)
-            more[f"excess_{key}"] = -10 * math.log10(left) if left > 0 else math.nan
-        return scores | more
+            error = 10 ** (-scores[key] / 10) - 10 ** (-noise / 10)
+            excesses[f"excess_{key}"] = -10 * math.log10(error) if error > 0 else math.nan
+        return scores | excesses
 
     return [Row(method=row.method, disparity=row.disparity, scores=add(row.scores)) for row in rows]
 
 
 def differences(rows: Sequence[Row], baseline: str) -> list[Row]:
-    """What each method has more than ``baseline`` on the same disparity."""
+    """Return the differences of each method to ``baseline`` on the same disparity."""
     base = {row.disparity: row.scores for row in rows if row.method == baseline}
     return [
         Row(
@@ -98,18 +99,18 @@ def _cell(column: str, value: float, signed: bool) -> str:
 def format_table(
     title: str, columns: Sequence[str], rows: Sequence[Row], *, markdown: bool, signed: bool = False
 ) -> str:
-    """One table; empty text where no row has any of ``columns``."""
+    """Return one table, or an empty string if no row has any of ``columns``."""
     empty = dict.fromkeys(columns, math.nan)
-    some = [c for c in columns if any(not math.isnan((empty | row.scores)[c]) for row in rows)]
-    if not some:
+    present = [c for c in columns if any(not math.isnan((empty | row.scores)[c]) for row in rows)]
+    if not present:
         return ""
-    names = [column.removeprefix("edge_psnr_").removeprefix("psnr_") for column in some]
+    names = [column.removeprefix("edge_psnr_").removeprefix("psnr_") for column in present]
     cells = [["method", "disparity", *names]]
     for row in rows:
-        values = [_cell(column, row.scores[column], signed) for column in some]
+        values = [_cell(column, row.scores[column], signed) for column in present]
         cells.append([row.method, row.disparity, *values])
     if markdown:
-        cells.insert(1, ["---"] * 2 + ["---:"] * len(some))
+        cells.insert(1, ["---"] * 2 + ["---:"] * len(present))
         lines = [f"**{title}**", ""] + [f"| {' | '.join(line)} |" for line in cells]
     else:
         widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
@@ -122,7 +123,7 @@ def format_table(
 
 
 def as_json(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Rows for a JSON file, which has no NaN."""
+    """Return the rows for a JSON file, with ``None`` in place of NaN."""
     return [
         {
             "method": row.method,

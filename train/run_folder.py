@@ -1,4 +1,4 @@
-"""What a run keeps on disk, so that it can go on after a kill at any step."""
+"""Files of a run on disk, so that it can resume after a kill at any step."""
 
 import time
 from pathlib import Path
@@ -16,14 +16,14 @@ from train.schedule import OptimConfig
 __all__ = ["RunFolder"]
 
 
-# What a checkpoint needs to be gone on with, beside weights.
-_PARTS = {"run", "raw", "optimizer", "step"}
+# Keys, besides the weights, that a checkpoint needs to resume a run.
+_RESUME_KEYS = {"run", "raw", "optimizer", "step"}
 
 
 class RunFolder:
-    """The folder of a run: ``config.json`` and the checkpoint ``last.pt``, saved every few steps or minutes.
+    """Folder of a run: ``config.json`` and the checkpoint ``last.pt``, saved every few steps or minutes.
 
-    A batch without a finite gradient is kept there as well, as ``bad_batch-0.pt``.
+    Also holds a batch whose gradient was not finite, as ``bad_batch-0.pt``.
 
     Attributes:
         checkpoint: Path of the checkpoint.
@@ -35,23 +35,23 @@ class RunFolder:
         self._saved_at = time.monotonic()
 
     def prepare(self) -> None:
-        """Make it and tidy up; nobody else may write there now."""
+        """Create the folder and remove leftovers; no other process may write there now."""
         self.path.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.path)
 
     def load(self) -> dict[str, Any] | None:
-        """Return the checkpoint of an older start of this run, if there was one.
+        """Return the checkpoint of an earlier start of this run, or ``None`` without one.
 
         Raises:
-            DataFileError: What is there cannot be gone on with.
-            ConfigError: It has another configuration; keys that it does not know yet count as defaults.
+            DataFileError: The checkpoint cannot be resumed.
+            ConfigError: It has another configuration; keys that it lacks count as defaults.
         """
         if not self.checkpoint.exists():
             return None
         state = load_checkpoint(self.checkpoint)
-        if state["name"] != self.name or _PARTS - state.keys():
+        if state["name"] != self.name or _RESUME_KEYS - state.keys():
             raise DataFileError(
-                f"{self.checkpoint}: expected a run of {self.name} to go on with, found weights of "
+                f"{self.checkpoint}: expected a run of {self.name} to resume, found weights of "
                 f"{state['name']}; choose another --out"
             )
         old = build_config(state["run"], type(self.config), str(self.checkpoint))
@@ -63,10 +63,10 @@ class RunFolder:
         write_text(self.path / "config.json", dump_json(self.config), error=DataFileError)
 
     def save_bad_batch(self, step: int, rank: int, batch: dict[str, Tensor], weights: dict[str, Any]) -> str:
-        """Write what gave no finite gradient: a batch, or the share of process ``rank``, and the weights.
+        """Write the weights and the batch, or process ``rank``'s share, whose gradient was not finite.
 
         Returns:
-            Name of the file, which replaces that of an earlier step.
+            Name of the file, which replaces one of an earlier step.
         """
         path = self.path / f"bad_batch-{rank}.pt"
         content = {"step": step, "batch": batch, "raw": weights}
@@ -74,10 +74,10 @@ class RunFolder:
         return path.name
 
     def due(self, step: int) -> bool:
-        """Return whether it is time for a checkpoint after ``step`` steps."""
+        """Return whether a checkpoint is due after ``step`` steps."""
         optim: OptimConfig = self.config.optim
-        old = time.monotonic() - self._saved_at > 60 * optim.checkpoint_minutes
-        return old or step % optim.checkpoint_every == 0 or step == optim.steps
+        expired = time.monotonic() - self._saved_at > 60 * optim.checkpoint_minutes
+        return expired or step % optim.checkpoint_every == 0 or step == optim.steps
 
     def save(self, state: dict[str, Any]) -> None:
         """Write the checkpoint."""

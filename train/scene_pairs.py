@@ -1,4 +1,4 @@
-"""Examples drawn from whole scenes: for networks that repair maps, and need no picture with bokeh."""
+"""Examples drawn from whole scenes, for networks that repair maps and need no picture with bokeh."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -14,22 +14,22 @@ from train.examples import Examples, Skips
 
 __all__ = ["HeldOut", "ScenePairs"]
 
-# Seed of held-out examples, and the side of their crops: whole pictures, or nearly so.
-_SEED, HELD_OUT_CROP = 5, 256
+# Seed of held-out examples, and the side of their crops in pixels: nearly whole pictures.
+_HELD_OUT_SEED, HELD_OUT_CROP = 5, 256
 
 
 class ScenePairs:
-    """Draws a scene of one of several sets, each as likely as the others, and an example of it.
+    """Source that draws a scene from one of several equally likely sets, and an example of it.
 
-    Scenes are kept in memory once they are read. Damaged ones are named, counted and left out.
+    Caches scenes in memory. Reports, counts and skips damaged ones.
 
     Args:
         folders: Shards of ``bokehnet synth``.
-        take: What an example needs of a scene.
-        make: Makes an example of that, as arrays by name; takes also ``rng``.
+        take: Function that returns the arrays of a scene that an example needs.
+        make: Function that makes an example, arrays by name, from those arrays and ``rng``.
 
     Raises:
-        DataFileError: No shards are there, or nothing of them can be read.
+        DataFileError: A folder holds no shards, or no scene is readable.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class ScenePairs:
         self._take, self._make = take, make
         self._skips = Skips()
         self.sets = [ShardSet(Path(folder), on_damage=self._skips) for folder in folders]
-        self._seen: dict[tuple[int, int], tuple[np.ndarray, ...] | None] = {}
+        self._cache: dict[tuple[int, int], tuple[np.ndarray, ...] | None] = {}
 
     def draw(self, rng: np.random.Generator) -> dict[str, Tensor]:
         """Draw one example."""
@@ -51,28 +51,29 @@ class ScenePairs:
         return {name: torch.from_numpy(x) for name, x in self._make(*arrays, rng=rng).items()}
 
     def _scene(self, rng: np.random.Generator) -> tuple[np.ndarray, ...] | None:
-        """Arrays of a scene, or ``None`` if it is damaged."""
-        chosen = int(rng.integers(len(self.sets)))
-        number = chosen, int(rng.integers(len(self.sets[chosen])))
-        if number not in self._seen:
+        """Return the arrays of a random scene, or ``None`` if it is damaged."""
+        set_index = int(rng.integers(len(self.sets)))
+        key = set_index, int(rng.integers(len(self.sets[set_index])))
+        if key not in self._cache:
             try:
-                sample = self.sets[chosen][number[1]]
+                sample = self.sets[set_index][key[1]]
             except DataFileError as error:
-                self._seen[number] = None
+                self._cache[key] = None
                 self._skips(error)
-                if len(self._seen) == sum(map(len, self.sets)) and not any(self._seen.values()):
+                if len(self._cache) == sum(map(len, self.sets)) and not any(self._cache.values()):
                     raise
                 return None
-            self._seen[number] = self._take(sample)
-        return self._seen[number]
+            self._cache[key] = self._take(sample)
+        return self._cache[key]
 
 
 class HeldOut:
-    """Held-out examples, once augmented and once clean; drawn when they are first needed.
+    """Held-out examples, augmented and clean, drawn on first use.
 
     Args:
-        source_of: Makes the source of a share of clean examples, and a side of the crops in pixels.
-        count: Examples of each kind.
+        source_of: Function of the fraction of clean examples and the side of the crops in pixels; returns a
+            source.
+        count: Number of examples of each kind.
     """
 
     def __init__(self, source_of: Callable[[float, int], ScenePairs], count: int) -> None:
@@ -83,9 +84,9 @@ class HeldOut:
 
     @cached_property
     def examples(self) -> dict[str, list[dict[str, Tensor]]]:
-        """Examples by kind."""
-        found = {}
+        """Lists of examples by kind, ``augmented`` and ``clean``."""
+        examples = {}
         for kind, source in self._sources.items():
-            sequence = Examples(source, seed=_SEED, length=self._count)
-            found[kind] = [sequence[i] for i in range(self._count)]
-        return found
+            sequence = Examples(source, seed=_HELD_OUT_SEED, length=self._count)
+            examples[kind] = [sequence[i] for i in range(self._count)]
+        return examples

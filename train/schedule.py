@@ -1,4 +1,4 @@
-"""How long and how fast a run trains: its settings, the learning rate of each step, the averaged weights."""
+"""Schedule of a run: its settings, the learning rate of each step, and averaged weights."""
 
 import copy
 import math
@@ -11,23 +11,24 @@ from bokehnet.errors import ConfigError
 
 __all__ = ["AveragedWeights", "OptimConfig", "averaging_decay", "learning_rate"]
 
-# The learning rate at the end of the run, as a part of the peak.
+# Learning rate at the end of the run, as a fraction of the peak.
 FLOOR = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class OptimConfig:
-    """How long and how fast.
+    """Settings of the optimizer and its schedule.
 
     Attributes:
-        steps: Steps of the whole run; the learning rate falls along a cosine to a hundredth.
-        learning_rate: Peak, for AdamW.
+        steps: Steps of the whole run; the learning rate decays along a cosine to a hundredth.
+        learning_rate: Peak learning rate of AdamW.
         warmup: Steps of linear rise to the peak.
-        average: Decay of the exponential average of the weights; the average is what is used.
-        clip: Largest norm of the gradient.
+        average: Decay of the exponential moving average of the weights, which validation and export use.
+        clip: Maximum norm of the gradient.
         seed: Seed of weights and data.
-        checkpoint_every, validate_every, log_every: Steps.
-        checkpoint_minutes: Longest time between two checkpoints; a step or a validation is never cut short.
+        checkpoint_every, validate_every, log_every: Intervals in steps.
+        checkpoint_minutes: Maximum time between checkpoints, minutes; never interrupts a step or a
+            validation.
         bfloat16: Run convolutions in bfloat16 where the processor has instructions for it.
     """
 
@@ -44,19 +45,19 @@ class OptimConfig:
     bfloat16: bool = True
 
     def __post_init__(self) -> None:
-        least = {"steps": 1, "warmup": 0, "checkpoint_every": 1, "validate_every": 1, "log_every": 1}
-        for key, lowest in least.items():
-            if (found := getattr(self, key)) < lowest:
-                raise ConfigError(f"optim.{key}: expected {lowest} or more steps, found {found}")
+        minima = {"steps": 1, "warmup": 0, "checkpoint_every": 1, "validate_every": 1, "log_every": 1}
+        for key, minimum in minima.items():
+            if (value := getattr(self, key)) < minimum:
+                raise ConfigError(f"optim.{key}: expected {minimum} or more steps, found {value}")
         for key in ("learning_rate", "clip"):
-            if not (found := getattr(self, key)) > 0:
-                raise ConfigError(f"optim.{key}: expected above 0, found {found}")
+            if not (value := getattr(self, key)) > 0:
+                raise ConfigError(f"optim.{key}: expected above 0, found {value}")
         if not 0 <= self.average < 1:
             raise ConfigError(f"optim.average: expected 0 to below 1, found {self.average}")
 
 
 def learning_rate(optim: OptimConfig, step: int) -> float:
-    """Return the rate of step number ``step``, counted from 0: a linear rise times a falling half cosine.
+    """Return the learning rate of ``step``, counted from 0: linear warm-up times a decaying half cosine.
 
     Source:
         Loshchilov and Hutter, "SGDR: Stochastic gradient descent with warm restarts", ICLR 2017, without
@@ -68,19 +69,19 @@ def learning_rate(optim: OptimConfig, step: int) -> float:
 
 
 def averaging_decay(decay: float, step: int) -> float:
-    """Return the share of the average that stays after ``step`` steps: small at first, at last ``decay``.
+    """Return the decay of the average after ``step`` steps: small at first, ``decay`` in the limit.
 
-    A young average would otherwise remember the random weights of the start for 1 / (1 - decay) steps.
+    With a constant decay the average would retain the random initial weights for 1 / (1 - decay) steps.
     """
     return min(decay, step / (step + 10))
 
 
 class AveragedWeights:
-    """An exponential average of a network's weights, in a network of its own that is never trained.
+    """Exponential moving average of a network's weights, in a copy that is never trained.
 
     Source:
-        Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", SIAM Journal on
-        Control and Optimization 1992; with exponential weights, as is usual today.
+        Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", SIAM Journal on Control
+        and Optimization 1992; here with exponential weights.
     """
 
     def __init__(self, network: nn.Module, decay: float) -> None:
@@ -89,9 +90,9 @@ class AveragedWeights:
 
     @torch.no_grad()
     def follow(self, network: nn.Module, step: int) -> None:
-        """Move towards ``network`` as it is after ``step`` steps; buffers are copied."""
-        keep = averaging_decay(self.decay, step)
-        for slow, fast in zip(self.network.parameters(), network.parameters(), strict=True):
-            slow.lerp_(fast, 1 - keep)
-        for slow, fast in zip(self.network.buffers(), network.buffers(), strict=True):
-            slow.copy_(fast)
+        """Update the average with ``network`` after ``step`` steps; buffers are copied."""
+        decay = averaging_decay(self.decay, step)
+        for averaged, current in zip(self.network.parameters(), network.parameters(), strict=True):
+            averaged.lerp_(current, 1 - decay)
+        for averaged, current in zip(self.network.buffers(), network.buffers(), strict=True):
+            averaged.copy_(current)

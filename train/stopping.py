@@ -1,4 +1,4 @@
-"""Ending a run before its end: Ctrl-C, a polite kill, or its time is up."""
+"""Early stop of a run: Ctrl-C, SIGTERM or a time limit."""
 
 import math
 import signal
@@ -11,55 +11,55 @@ __all__ = ["StopRequest", "Stopped", "leave_signals_to_the_parent", "stop_reques
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Stopped(Exception):  # noqa: N818 - it ends a run, it is no error
-    """The run stopped before its end, with a checkpoint.
+class Stopped(Exception):  # noqa: N818 - it ends a run and is not an error
+    """Raised when a run stops early, after it has written a checkpoint.
 
     Attributes:
-        asked: Stopped by Ctrl-C or a kill, not by its time limit.
+        interrupted: True if Ctrl-C or SIGTERM stopped the run, false if the time limit did.
     """
 
-    def __init__(self, message: str, asked: bool) -> None:
+    def __init__(self, message: str, interrupted: bool) -> None:
         super().__init__(message)
-        self.asked = asked
+        self.interrupted = interrupted
 
 
 class StopRequest:
-    """Whether this process was asked to stop, and whether its time is up.
+    """Pending request to stop: a signal or an expired time limit.
 
     Attributes:
-        asked: A signal has come.
+        interrupted: True if a signal has arrived.
     """
 
     def __init__(self, max_minutes: float) -> None:
-        self.asked = False
+        self.interrupted = False
         self._deadline = time.monotonic() + 60 * max_minutes
 
     @property
-    def late(self) -> bool:
-        """Whether the time is up."""
+    def expired(self) -> bool:
+        """True if the time limit has passed."""
         return time.monotonic() > self._deadline
 
 
 @contextmanager
 def stop_requests(max_minutes: float = math.inf) -> Iterator[StopRequest]:
-    """Turn Ctrl-C and a polite kill into a question that the loop asks between two steps."""
+    """Convert Ctrl-C and SIGTERM into a flag that the training loop polls between steps."""
     request = StopRequest(max_minutes)
 
-    def note(*_: object) -> None:
-        request.asked = True
+    def set_flag(*_: object) -> None:
+        request.interrupted = True
 
-    older = {kind: signal.signal(kind, note) for kind in SIGNALS}
+    previous = {kind: signal.signal(kind, set_flag) for kind in SIGNALS}
     try:
         yield request
     finally:
-        for kind, handler in older.items():
+        for kind, handler in previous.items():
             signal.signal(kind, handler)
 
 
 def leave_signals_to_the_parent(prepare: Callable[[int], None] | None, worker: int) -> None:
-    """Prepare a loader process that outlives signals to its whole group: the training process ends it.
+    """Prepare a loader process that ignores signals to its process group; the training process ends it.
 
-    Else the last step before the checkpoint could wait for a batch that never comes.
+    Otherwise the last step before the checkpoint could wait for a batch that never arrives.
     """
     for kind in SIGNALS:
         signal.signal(kind, signal.SIG_IGN)

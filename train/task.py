@@ -1,4 +1,4 @@
-"""What the trainings of all networks have in common, from a configuration to the checkpoint."""
+"""Common part of the trainings of all networks: from a configuration to the checkpoint."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ __all__ = ["Task", "run_task"]
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What is particular to the training of one network.
+    """Definition of the training of one network.
 
     Attributes:
-        network: Its name in checkpoints.
-        source: Opens where its examples come from.
-        loss_of: Loss and its parts for one batch or share.
-        validate: Scores and pictures (3, H, W) in [0, 1] of the averaged network.
+        network: Name of the network in checkpoints.
+        source: Function that opens the source of its examples.
+        loss_of: Function that returns the loss and its terms for one batch or one process's share of it.
+        validate: Function that returns scores and pictures (3, H, W) in [0, 1] of the averaged network.
     """
 
     network: str
@@ -33,21 +33,21 @@ class Task:
 
 
 def run_task(task: Task, config: Any, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training.
+    """Train a network, or resume its training.
 
     Args:
-        task: What to train.
-        config: The run's configuration, with ``model``, ``data`` and ``optim``. Its ``start``, where it
-            has one, is empty, or a checkpoint or folder of exported networks that a new run starts from.
+        task: Training to run.
+        config: Configuration of the run, with ``model``, ``data`` and ``optim``. An optional ``start`` names
+            a checkpoint or a folder of exported networks with the initial weights of a new run.
         out: Folder of the run.
-        device: Where to compute.
-        max_minutes: Stop with a checkpoint after this time; run again to go on.
+        device: Device that trains.
+        max_minutes: Time limit, minutes; the run then writes a checkpoint and stops. Run again to resume.
 
     Returns:
         Path of the final checkpoint.
 
     Raises:
-        Stopped: Interrupted or out of time; the checkpoint is written.
+        Stopped: The run was interrupted or reached its time limit; the checkpoint is written.
     """
     torch.manual_seed(config.optim.seed)
     network = build_network(task.network, config.model)

@@ -24,10 +24,10 @@ class ARNetRun:
     """A training run of ARNet.
 
     Attributes:
-        data, optim, model, loss: See there.
-        held_out: Held-out pictures scored at each validation.
-        error_target: What the error map is to learn, one of ``ERROR_TARGETS``.
-        start: Checkpoint or export of an ARNet of the same shape that a new run starts from; empty for none.
+        data, optim, model, loss: Configurations of these parts.
+        held_out: Number of held-out pictures scored at each validation.
+        error_target: Training target of the error map, one of ``ERROR_TARGETS``.
+        start: Checkpoint or export with initial weights of an ARNet of the same shape; empty for random ones.
     """
 
     data: DataConfig
@@ -43,7 +43,7 @@ class ARNetRun:
 
 
 def task(config: ARNetRun, device: torch.device) -> Task:
-    """What is particular to this training."""
+    """Return the definition of this training."""
     held_out = held_out_examples(config.data.validation, config.held_out)
     radius = config.model.network_max_radius
 
@@ -63,7 +63,7 @@ def task(config: ARNetRun, device: torch.device) -> Task:
 
 
 def run(config: ARNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
+    """Train, or resume training; return the path of the checkpoint."""
     return run_task(task(config, device), config, out, device, max_minutes)
 
 

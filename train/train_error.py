@@ -19,17 +19,17 @@ from train.task import Task, run_task
 
 __all__ = ["ErrorRun", "error_loss", "main", "reliability", "true_error"]
 
-# 8-bit levels of the range from black to white.
+# Range from black to white, 8-bit levels.
 _LEVELS = 255.0
 
-# How much a pixel counts outside the reach of depth discontinuities.
-_OUTSIDE = 0.1
+# Weight of a pixel out of reach of depth discontinuities.
+_WEIGHT_OUTSIDE = 0.1
 
-# Groups of pixels, by what is expected of them, in which expected and true errors are compared.
+# Number of groups of pixels, by expected error, in which expected and true errors are compared.
 _BINS = 10
 
-# Errors of which nobody sees anything, 8-bit levels.
-_SLIGHT = 0.5
+# Invisible error, 8-bit levels.
+_INVISIBLE_ERROR = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +37,10 @@ class ErrorRun:
     """A training run of ErrorNet.
 
     Attributes:
-        data, optim, model: See there.
-        held_out: Held-out pictures scored at each validation.
-        start: Checkpoint or export of an ErrorNet of the same shape that a new run starts from; empty for
-            none.
+        data, optim, model: Configurations of these parts.
+        held_out: Number of held-out pictures scored at each validation.
+        start: Checkpoint or export with initial weights of an ErrorNet of the same shape; empty for random
+            ones.
     """
 
     data: ErrorDataConfig
@@ -51,57 +51,57 @@ class ErrorRun:
 
 
 def true_error(batch: dict[str, Tensor]) -> Tensor:
-    """Mean over colours of |sRGB value of the rays - truth|, 8-bit levels, (B, 1, H, W)."""
-    found, wanted = (linear_to_srgb(batch[name].clamp(0, 1)) for name in ("rays", "truth"))
-    return _LEVELS * (found - wanted).abs().mean(1, keepdim=True)
+    """Return the mean over colours of |rays - truth|, sRGB-encoded, 8-bit levels, (B, 1, H, W)."""
+    rays, truth = (linear_to_srgb(batch[name].clamp(0, 1)) for name in ("rays", "truth"))
+    return _LEVELS * (rays - truth).abs().mean(1, keepdim=True)
 
 
 def error_loss(expected: Tensor, error: Tensor, error_map: Tensor) -> Tensor:
-    """Minus the log-likelihood of the error where it is distributed exponentially with mean ``expected``.
+    """Return the negative log-likelihood of errors with an exponential distribution of mean ``expected``.
 
-    It is least, for every pixel, where what is expected is the mean of the errors that look alike: a strictly
-    proper score of the mean, so that the network is calibrated if it fits.
+    The loss is minimal where the expected error is the mean error of pixels with the same input: a strictly
+    proper score of the mean, so that a network that fits is calibrated.
 
     Args:
-        expected: 8-bit levels, above 0, (B, 1, H, W).
-        error: The true one, the same.
-        error_map: In [0, 1]; pixels outside of it count less, (B, 1, H, W).
+        expected: Expected error, 8-bit levels, above 0, (B, 1, H, W).
+        error: True error, 8-bit levels, (B, 1, H, W).
+        error_map: Error map in [0, 1], (B, 1, H, W); pixels with 0 have a lower weight.
 
     Source:
-        Gneiting, "Making and evaluating point forecasts", JASA 2011, for scores that ask for a mean.
+        Gneiting, "Making and evaluating point forecasts", JASA 2011, for proper scores of a mean.
     """
-    weight = _OUTSIDE + (1 - _OUTSIDE) * (error_map > 0)
+    weight = _WEIGHT_OUTSIDE + (1 - _WEIGHT_OUTSIDE) * (error_map > 0)
     return (weight * (expected.log() + error / expected)).mean()
 
 
 def reliability(expected: np.ndarray, error: np.ndarray) -> list[tuple[float, float]]:
-    """Mean expected and mean true error of equally many pixels each, from the least to the most expected.
+    """Return mean expected and mean true error of equally large groups of pixels, by rising expectation.
 
     Args:
-        expected: 8-bit levels, (n,).
-        error: The true one, the same.
+        expected: Expected errors, 8-bit levels, (n,).
+        error: True errors, 8-bit levels, (n,).
     """
     order = np.argsort(expected, kind="stable")
     parts = [part for part in np.array_split(order, _BINS) if len(part)]
     return [(float(expected[part].mean()), float(error[part].mean())) for part in parts]
 
 
-def _ask(network: nn.Module, batch: dict[str, Tensor]) -> Tensor:
+def _expected_error(network: nn.Module, batch: dict[str, Tensor]) -> Tensor:
     expected: Tensor = network(batch["image"], batch["rays"], batch["scatter"], batch["features"])
     return expected
 
 
 def _error_map(batch: dict[str, Tensor]) -> Tensor:
-    place = FEATURES.index("error_map")
-    return batch["features"][:, place : place + 1]
+    index = FEATURES.index("error_map")
+    return batch["features"][:, index : index + 1]
 
 
 @torch.no_grad()
 def score(network: nn.Module, held_out: list[dict[str, Tensor]], device: torch.device) -> dict[str, float]:
-    """Within reach of edges: rank correlation with the true error, and how far the reliability is off.
+    """Return the rank correlation with the true error and the calibration error, near depth edges.
 
-    ``calibration`` is the largest ratio, either way, of mean true to mean expected error over bins of pixels,
-    half a level added to both; ``spearman`` the mean of the correlations of each picture.
+    ``calibration`` is the largest ratio, above 1, between mean true and mean expected error over bins of
+    pixels, after adding half a level to both; ``spearman`` is the mean over pictures of their correlations.
     """
     correlations, pairs = [], []
     for example in over_held_out(held_out):
@@ -109,29 +109,31 @@ def score(network: nn.Module, held_out: list[dict[str, Tensor]], device: torch.d
         near_edges = (_error_map(batch) > 0)[0, 0]
         if int(near_edges.sum()) < _BINS:
             continue
-        told, true = (x[0, 0][near_edges].cpu().numpy() for x in (_ask(network, batch), true_error(batch)))
-        pairs.append(np.stack([told, true]))
-        if np.ptp(told) > 0 and np.ptp(true) > 0:
-            correlations.append(float(spearmanr(told, true).statistic))
+        expected, true = (
+            x[0, 0][near_edges].cpu().numpy() for x in (_expected_error(network, batch), true_error(batch))
+        )
+        pairs.append(np.stack([expected, true]))
+        if np.ptp(expected) > 0 and np.ptp(true) > 0:
+            correlations.append(float(spearmanr(expected, true).statistic))
     if not pairs:
         return {}
-    told, true = np.concatenate(pairs, axis=1)
-    ratios = [(b + _SLIGHT) / (a + _SLIGHT) for a, b in reliability(told, true)]
+    expected, true = np.concatenate(pairs, axis=1)
+    ratios = [(b + _INVISIBLE_ERROR) / (a + _INVISIBLE_ERROR) for a, b in reliability(expected, true)]
     return {
         "spearman": float(np.mean(correlations)) if correlations else 0.0,
         "calibration": max(max(x, 1 / x) for x in ratios),
-        "expected": float(told.mean()),
+        "expected": float(expected.mean()),
         "error": float(true.mean()),
     }
 
 
 def _held_out(config: ErrorRun) -> list[dict[str, Tensor]]:
-    """Whole examples, spread over the set for validation; (1, C, H, W) each."""
+    """Return whole examples, evenly spaced in the validation set, (1, C, H, W) each."""
     (prepared,) = ErrorCrops(ErrorDataConfig(folder=config.data.validation, validation="")).sets
     count = min(config.held_out, len(prepared))
-    chosen = np.unique(np.linspace(0, len(prepared) - 1, count).astype(int))
+    numbers = np.unique(np.linspace(0, len(prepared) - 1, count).astype(int))
     examples = []
-    for number in chosen:
+    for number in numbers:
         planes = prepared[int(number)]
         parts = error_parts(planes, *(slice(0, side) for side in planes.shape[1:]))
         examples.append({key: x[None] for key, x in as_tensors(parts).items()})
@@ -139,11 +141,11 @@ def _held_out(config: ErrorRun) -> list[dict[str, Tensor]]:
 
 
 def task(config: ErrorRun, device: torch.device) -> Task:
-    """What is particular to this training."""
+    """Return the definition of this training."""
     held_out = _held_out(config)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-        loss = error_loss(_ask(network, batch), true_error(batch), _error_map(batch))
+        loss = error_loss(_expected_error(network, batch), true_error(batch), _error_map(batch))
         return loss, {"likelihood": loss}
 
     return Task(
@@ -155,7 +157,7 @@ def task(config: ErrorRun, device: torch.device) -> Task:
 
 
 def run(config: ErrorRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
+    """Train, or resume training; return the path of the checkpoint."""
     return run_task(task(config, device), config, out, device, max_minutes)
 
 

@@ -29,9 +29,9 @@ class IUNetRun:
     """A training run of IUNet.
 
     Attributes:
-        arnet: Checkpoint or export of the trained ARNet, which stays as it is.
-        data, optim, model: See there.
-        held_out: Held-out pictures scored at each validation.
+        arnet: Checkpoint or export of the trained ARNet, which stays fixed.
+        data, optim, model: Configurations of these parts.
+        held_out: Number of held-out pictures scored at each validation.
     """
 
     arnet: str
@@ -42,13 +42,13 @@ class IUNetRun:
 
 
 def task(config: IUNetRun, device: torch.device) -> Task:
-    """What is particular to this training."""
+    """Return the definition of this training."""
     arnet = load_network(Path(config.arnet), "arnet").requires_grad_(False).to(device)
     held_out = held_out_examples(config.data.validation, config.held_out)
     radius = config.model.network_max_radius
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
-        # At least one step up; starting a size lower than needed, half of the time, teaches two in a row.
+        # At least one upsampling step; half of the examples start one size lower and train two.
         small = float(batch["defocus"].abs().max()) <= radius
         result = render_neural(
             batch["image"],
@@ -78,7 +78,7 @@ def task(config: IUNetRun, device: torch.device) -> Task:
 
 
 def run(config: IUNetRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
+    """Train, or resume training; return the path of the checkpoint."""
     return run_task(task(config, device), config, out, device, max_minutes)
 
 

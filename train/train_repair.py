@@ -18,11 +18,11 @@ from train.task import Task, run_task
 __all__ = ["RepairRun", "main", "repair_loss"]
 
 
-# Share of the map's span at which a difference of depth counts half.
-STEP = 0.05
+# Disparity difference with weight one half, as a fraction of the map's range.
+HALF_WEIGHT_STEP = 0.05
 
-# Half widths of the windows that tell how large the step near a pixel is.
-_WINDOW = (3, 6, 9)
+# Half widths of the windows that measure the depth step near a pixel, pixels.
+_WINDOW_RADII = (3, 6, 9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,10 +30,10 @@ class RepairRun:
     """A training run of RepairNet.
 
     Attributes:
-        data, optim, model: See there.
-        held_out: Held-out examples scored at each validation.
-        start: Checkpoint or export of a RepairNet of the same shape that a new run starts
-            from; empty for none.
+        data, optim, model: Configurations of these parts.
+        held_out: Number of held-out examples scored at each validation.
+        start: Checkpoint or export with initial weights of a RepairNet of the same shape; empty for random
+            ones.
     """
 
     data: RepairDataConfig
@@ -44,30 +44,30 @@ class RepairRun:
 
 
 def step_sizes(truth: Tensor) -> Tensor:
-    """Span of the true disparity in the window around each pixel, (B, 1, H, W), at least ``FLAT``."""
-    low, high = extremes(truth, _WINDOW)[-1]
+    """Return the range of true disparity around each pixel, at least ``FLAT``, (B, 1, H, W)."""
+    low, high = extremes(truth, _WINDOW_RADII)[-1]
     return (high - low).clamp(min=FLAT)
 
 
 def repair_loss(network: RepairNet, batch: dict[str, Tensor]) -> Tensor:
-    """Cross entropy of the place between the extremes around a pixel, weighted by how far apart they are.
+    """Return the cross entropy of a pixel's position between the local extremes, weighted by their distance.
 
-    Squared or absolute errors of the disparity taught a fresh network next to nothing: most pixels are
-    right, and the others are an arbitrary way off.
+    Squared or absolute errors of the disparity hardly trained a fresh network: most pixels are right, and the
+    errors of the others vary arbitrarily.
     """
     span = batch["span"]
-    _, after, low, high = network.place(batch["image"], batch["disparity"], span)
+    _, after, low, high = network.position_logits(batch["image"], batch["disparity"], span)
     width = high - low
-    wanted = ((batch["truth"] - low) / width.clamp(min=1e-6)).clamp(0, 1)
-    weight = width / (width + STEP * span)
-    return (weight * F.binary_cross_entropy_with_logits(after, wanted, reduction="none")).mean()
+    target = ((batch["truth"] - low) / width.clamp(min=1e-6)).clamp(0, 1)
+    weight = width / (width + HALF_WEIGHT_STEP * span)
+    return (weight * F.binary_cross_entropy_with_logits(after, target, reduction="none")).mean()
 
 
 @torch.no_grad()
 def _score(
     network: nn.Module, batches: dict[str, list[dict[str, Tensor]]], device: torch.device
 ) -> dict[str, float]:
-    """Share of pixels near true steps that stand more than a quarter of the step off, percent."""
+    """Return the percentage of pixels near true depth edges whose error exceeds a quarter of the step."""
     scores = {}
     for kind, examples in batches.items():
         wrong = {"before": 0.0, "after": 0.0}
@@ -86,7 +86,7 @@ def _score(
 
 
 def task(config: RepairRun, device: torch.device) -> Task:
-    """What is particular to this training."""
+    """Return the definition of this training."""
     held_out = held_out_repairs(config.data, config.held_out)
 
     def loss_of(network: nn.Module, batch: dict[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
@@ -103,7 +103,7 @@ def task(config: RepairRun, device: torch.device) -> Task:
 
 
 def run(config: RepairRun, out: Path, device: torch.device, max_minutes: float) -> Path:
-    """Train, or go on training; returns the checkpoint."""
+    """Train, or resume training; return the path of the checkpoint."""
     return run_task(task(config, device), config, out, device, max_minutes)
 
 

@@ -1,4 +1,4 @@
-"""What a network is worth on held-out, ray-traced scenes, while it trains."""
+"""Scores of a network on held-out, ray-traced scenes during training."""
 
 from dataclasses import dataclass
 
@@ -18,18 +18,18 @@ __all__ = ["HeldOut", "held_out_examples", "score_coarse_to_fine"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
-    """Whole examples, planes (1, C, H, W) by name, and the renderer that made their classical half."""
+    """Whole examples, planes (1, C, H, W) by name, and the name of their classical renderer."""
 
     examples: list[dict[str, Tensor]]
     classical: str
 
 
 def held_out_examples(folder: str, limit: int) -> HeldOut:
-    """At most ``limit`` examples of a prepared set, spread over it."""
+    """Return at most ``limit`` examples, evenly spaced in a prepared set."""
     prepared = PreparedSet(folder)
-    chosen = np.unique(np.linspace(0, len(prepared) - 1, min(limit, len(prepared))).astype(int))
+    indices = np.unique(np.linspace(0, len(prepared) - 1, min(limit, len(prepared))).astype(int))
     examples = []
-    for index in chosen:
+    for index in indices:
         planes = torch.from_numpy(prepared[int(index)].astype(np.float32))[None]
         example = {name: planes[:, place] for name, place in PLANES.items()}
         example["features"] = torch.cat(
@@ -52,7 +52,7 @@ def score_coarse_to_fine(
     held_out: HeldOut,
     device: torch.device,
 ) -> tuple[dict[str, float], dict[str, Tensor]]:
-    """Render all examples with the hybrid; mean scores beside the classical ones, and pictures of a few."""
+    """Render all examples with the hybrid; return mean hybrid and classical scores, and a few pictures."""
     rows, pictures = [], {}
     for number, example in enumerate(over_held_out(held_out.examples)):
         keys = ("image", "defocus", "classical", "classical_error_map", "features")

@@ -1,4 +1,4 @@
-"""A public benchmark of synthetic bokeh that needs no download; see ``README.md`` beside this file."""
+"""Public benchmark of synthetic bokeh without downloads; see ``README.md`` in this folder."""
 
-# Changes whenever a scene, a truth or a score does: results of different numbers cannot be compared.
+# Version of scenes, truths and scores: results of different versions are not comparable.
 VERSION = 1

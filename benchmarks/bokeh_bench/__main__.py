@@ -1,6 +1,6 @@
-"""Any method on the benchmark's scenes: ``python -m benchmarks.bokeh_bench --method 'command {image} ...'``.
+"""Score a method on the benchmark's scenes: ``python -m benchmarks.bokeh_bench --method 'command {image}'``.
 
-``README.md`` beside this file is for authors of methods. The first run traces the scenes into --folder.
+``README.md`` in this folder is for authors of methods. The first run traces the scenes into --folder.
 """
 
 import argparse
@@ -101,15 +101,24 @@ def _run(arguments: argparse.Namespace) -> None:
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bokeh_bench", description=__doc__)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--method", metavar="COMMAND", help="a shell command with {image}, {depth} ... {out}")
-    what.add_argument("--engine", action="append", choices=METHODS, help="ours, in this process")
-    what.add_argument("--table", nargs="+", type=Path, metavar="JSON", help="results to lay side by side")
-    what.add_argument("--pin", action="store_true", help="trace anew, and pin what comes out")
-    parser.add_argument("--name", default="command", help="with --method: what the table calls it")
-    parser.add_argument("--folder", type=Path, default=Path("bokeh_bench"), help="where the scenes are kept")
+    actions = parser.add_mutually_exclusive_group()
+    actions.add_argument("--method", metavar="COMMAND", help="shell command with {image}, {depth} ... {out}")
+    actions.add_argument(
+        "--engine",
+        action="append",
+        choices=METHODS,
+        help="engine or baseline of this package, in this process",
+    )
+    actions.add_argument(
+        "--table", nargs="+", type=Path, metavar="JSON", help="results to print as one table"
+    )
+    actions.add_argument("--pin", action="store_true", help="trace the scenes again and pin the result")
+    parser.add_argument("--name", default="command", help="with --method: name in the table")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("bokeh_bench"), help="folder of the scenes; default %(default)s"
+    )
     parser.add_argument("--scene", action="append", choices=SCENES, help="default: all")
-    parser.add_argument("--json", type=Path, help="where the result goes")
+    parser.add_argument("--json", type=Path, help="write the result to this file")
     try:
         _run(parser.parse_args())
     except BokehnetError as error:

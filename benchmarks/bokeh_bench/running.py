@@ -1,4 +1,4 @@
-"""Methods of the benchmark: a command of anyone's, or an engine of this package; and their scores."""
+"""Methods of the benchmark, external commands or engines of this package, and their scores."""
 
 import re
 import shlex
@@ -23,7 +23,7 @@ __all__ = ["SCORES", "Render", "by_command", "by_engine", "score_scene"]
 
 SCORES = ("edge_psnr", "psnr", "ssim", "flip")
 
-# Scene, its folder, shot and its description; gives the picture, scene-linear (H, W, 3).
+# Function of scene, its folder, shot and its description; returns the scene-linear picture (H, W, 3).
 Render = Callable[[dict[str, Any], Path, Shot, dict[str, Any]], np.ndarray]
 
 _NAMES = (
@@ -45,10 +45,10 @@ _NAMES = (
 
 
 def placeholders(scene: dict[str, Any], folder: Path, shot: dict[str, Any], out: Path) -> dict[str, str]:
-    """What stands for each name in a command.
+    """Return the value of each placeholder of a command.
 
-    ``blur`` and ``focus`` are those of the radius ``blur * (d - focus)`` in pixels, where d is the disparity
-    of ``disparity.png`` from 0 to 1.
+    ``blur`` and ``focus`` define the radius ``blur * (d - focus)`` in pixels, with d the disparity of
+    ``disparity.png`` from 0 to 1.
     """
     low, high = scene["disparity"]["min"], scene["disparity"]["max"]  # 1/m
     focal, distance = scene["focal_length_mm"], 1000 * shot["focus_distance_m"]
@@ -74,28 +74,28 @@ def placeholders(scene: dict[str, Any], folder: Path, shot: dict[str, Any], out:
 
 
 def by_command(command: str) -> Render:
-    """A shell command that reads files and writes ``{out}`` or ``{out_png}``.
+    """Return the renderer of a shell command that reads files and writes ``{out}`` or ``{out_png}``.
 
     Raises:
-        ParameterError: It has a placeholder that is not known, or none of those it must have.
+        ParameterError: The command has an unknown placeholder, or no output placeholder.
     """
-    named = set(re.findall(r"\{(\w*)\}", command))
-    if unknown := named - set(_NAMES):
+    placeholders_used = set(re.findall(r"\{(\w*)\}", command))
+    if unknown := placeholders_used - set(_NAMES):
         raise ParameterError(
             "--method", f"placeholders {', '.join(_NAMES)}", shown=", ".join(sorted(unknown))
         )
-    if not named & {"out", "out_png"}:
+    if not placeholders_used & {"out", "out_png"}:
         raise ParameterError("--method", "{out} or {out_png}, where the picture goes", shown="neither")
 
-    def render(scene: dict[str, Any], folder: Path, shot: Shot, told: dict[str, Any]) -> np.ndarray:
+    def render(scene: dict[str, Any], folder: Path, shot: Shot, description: dict[str, Any]) -> np.ndarray:
         with TemporaryDirectory() as out:
             filled = command
-            for name, value in placeholders(scene, folder, told, Path(out)).items():
+            for name, value in placeholders(scene, folder, description, Path(out)).items():
                 filled = filled.replace(f"{{{name}}}", value)
             done = subprocess.run(filled, shell=True, capture_output=True, text=True, check=False)
             if done.returncode:
-                said = (done.stderr or done.stdout).strip().splitlines() or ["nothing said"]
-                raise DataFileError(f"{filled}: exit status {done.returncode}: {said[-1]}")
+                messages = (done.stderr or done.stdout).strip().splitlines() or ["no output"]
+                raise DataFileError(f"{filled}: exit status {done.returncode}: {messages[-1]}")
             written = [path for path in (Path(out) / "out.exr", Path(out) / "out.png") if path.exists()]
             if not written:
                 raise DataFileError(f"{filled}: expected a picture at {{out}} or {{out_png}}, found none")
@@ -105,41 +105,41 @@ def by_command(command: str) -> Render:
 
 
 def by_engine(name: str) -> Render:
-    """An engine of this package, or a method of the literature, by its name."""
+    """Return the renderer of an engine or a baseline of this package."""
     method = render_with(name)
 
-    def render(scene: dict[str, Any], folder: Path, shot: Shot, told: dict[str, Any]) -> np.ndarray:
+    def render(scene: dict[str, Any], folder: Path, shot: Shot, description: dict[str, Any]) -> np.ndarray:
         return method(shot.image, shot.defocus, shot.aperture)
 
     return render
 
 
 def score_scene(folder: Path, render: Render) -> Iterator[dict[str, Any]]:
-    """Scores of every shot of a scene.
+    """Yield the scores of every shot of a scene.
 
     Raises:
-        DataFileError: The picture is of another size, or holds NaN or infinity.
+        DataFileError: The picture has another size, or holds NaN or infinity.
     """
     scene = loads((folder / "scene.json").read_text(encoding="utf-8"))
-    for shot, told in zip(path_traced_shots(folder), scene["shots"], strict=True):
+    for shot, description in zip(path_traced_shots(folder), scene["shots"], strict=True):
         assert shot.disparity is not None
         start = time.perf_counter()
-        picture = render(scene, folder, shot, told)
+        picture = render(scene, folder, shot, description)
         seconds = time.perf_counter() - start
         if picture.shape != shot.truth.shape or not np.isfinite(picture).all():
-            found = "NaN or infinity" if picture.shape == shot.truth.shape else f"{picture.shape}"
+            problem = "NaN or infinity" if picture.shape == shot.truth.shape else f"{picture.shape}"
             raise DataFileError(
-                f"{folder.name}/{told['file']}: expected finite {shot.truth.shape}, got {found}"
+                f"{folder.name}/{description['file']}: expected finite {shot.truth.shape}, got {problem}"
             )
-        wanted, got = encode(shot.truth), encode(picture)
-        squared = (got - wanted) ** 2
+        truth, encoded = encode(shot.truth), encode(picture)
+        squared = (encoded - truth) ** 2
         yield {
             "scene": scene["scene"],
-            "shot": told["file"],
+            "shot": description["file"],
             "edge_psnr": psnr(squared[depth_step_pixels(shot.disparity, shot.defocus)]),
             "psnr": psnr(squared),
-            "ssim": similarity(wanted, got)[0],
-            "flip": float(flip_map(wanted, got).mean()),
+            "ssim": similarity(truth, encoded)[0],
+            "flip": float(flip_map(truth, encoded).mean()),
             "seconds": seconds,
-            "truth_noise": told["truth_noise"],
+            "truth_noise": description["truth_noise"],
         }

@@ -1,8 +1,8 @@
-"""The scenes of the benchmark: drawn from seeds, traced through a thin lens, checked against what is pinned.
+"""Scenes of the benchmark: drawn from seeds, traced through a thin lens, checked against pinned values.
 
-A scene is traced by a camera whose sensor stands ``_SENSOR_DISTANCE`` behind the lens whatever it focuses on,
-so that focusing does not zoom. What is told of it is scaled by one factor, depth and pupil alike, so that the
-first shot's f-number gives the blur that is wanted; blur radii do not change by that.
+The sensor of the camera is ``_SENSOR_DISTANCE`` behind the lens for any focus, so that focusing does not
+zoom. The description scales depth and pupil by one factor, so that the first shot's f-number gives the
+intended blur; blur radii do not depend on the factor.
 """
 
 import json
@@ -34,29 +34,29 @@ __all__ = ["SCENES", "make_scene", "prepare", "summary"]
 _WIDTH, _HEIGHT = 320, 240
 _SENSOR_WIDTH, _SENSOR_DISTANCE, _FOCAL_LENGTH = 36.0, 50.0, 50.0
 
-# Rays of a pixel: of each of the two halves of a truth, and of the picture.
-_HALF, _IMAGE = 256, 256
+# Rays per pixel of each of the two halves of a truth, and of the picture.
+_HALF_SAMPLES, _IMAGE_SAMPLES = 256, 256
 
 # Depth of the sky, m.
-_SKY = 1e10
+_SKY_DEPTH_M = 1e10
 
-# How far a pinned mean may lie off, as a share of the picture's.
+# Maximum deviation from a pinned mean, as a fraction of the picture's mean.
 _TOLERANCE = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """How a scene is drawn.
+    """Recipe of a scene.
 
     Attributes:
-        seed: Of everything in it.
+        seed: Seed of the scene.
         places: See ``ClutterConfig``.
-        blur: Largest radius of the first shot, pixels.
-        thin: Share of thin objects.
-        lamps: Whether there are small lamps.
-        focus: Quantile of the pixels' inverse depth that each shot focuses on.
-        f_numbers: Of each shot.
-        blades: Of each shot; 0 is a disc.
+        blur: Maximum blur radius of the first shot, pixels.
+        thin: Fraction of thin objects.
+        lamps: True if there are small lamps.
+        focus: Quantile of the pixels' inverse depth in focus, for each shot.
+        f_numbers: F-number of each shot.
+        blades: Number of blades of each shot; 0 is a disc.
     """
 
     seed: int
@@ -81,7 +81,7 @@ SCENES = {
 
 @dataclass(frozen=True)
 class _BladedLens:
-    """A thin lens with a stop of straight blades; see :class:`bokehnet.lenses.base.LensModel`."""
+    """Thin lens with a stop of straight blades; see :class:`bokehnet.lenses.base.LensModel`."""
 
     lens: ThinLens
     aperture: Aperture
@@ -112,15 +112,15 @@ def _config(recipe: Recipe) -> SynthConfig:
 def _render(
     clutter: Clutter, config: SynthConfig, lens: ThinLens, aperture: Aperture, view: View, pupil: bool
 ) -> np.ndarray:
-    through = _BladedLens(lens, aperture) if aperture.blades else lens
-    picture = clutter.scene.render(through, view, pupil)  # type: ignore[arg-type]
+    bladed_lens = _BladedLens(lens, aperture) if aperture.blades else lens
+    picture = clutter.scene.render(bladed_lens, view, pupil)  # type: ignore[arg-type]
     if clutter.lamps:
         add_lamps(picture, clutter.scene, clutter.lamps, lens, view, pupil)
     return picture
 
 
 def make_scene(name: str, folder: Path) -> dict[str, Any]:
-    """Write a scene into ``folder``, and return what ``scene.json`` tells of it."""
+    """Write a scene into ``folder``, and return the content of ``scene.json``."""
     recipe = SCENES[name]
     config = _config(recipe)
     clutter = random_clutter(np.random.default_rng(recipe.seed), config)
@@ -131,24 +131,24 @@ def make_scene(name: str, folder: Path) -> dict[str, Any]:
     pinhole, disc = ThinLens(focal_length=_SENSOR_DISTANCE, f_number=1.0), Aperture()
     inverse = clutter.scene.disparity(pinhole, view(1, 0)).astype(np.float64)  # 1/mm
     in_focus = [float(np.quantile(inverse[inverse > 0], quantile)) for quantile in recipe.focus]
-    image = _render(clutter, config, pinhole, disc, view(_IMAGE, 0), False)
+    image = _render(clutter, config, pinhole, disc, view(_IMAGE_SAMPLES, 0), False)
     gain = np.float32(0.2 / np.median(image))
     scale = _scale(recipe, in_focus[0], float(np.abs(inverse - in_focus[0]).max()), config.pixel_pitch)
     shots: list[dict[str, Any]] = []
     pictures = {}
     for number, focus in enumerate(in_focus):
-        told = ThinLens(
+        described_lens = ThinLens(
             focal_length=_FOCAL_LENGTH, f_number=recipe.f_numbers[number], focus_distance=scale / focus
         )
         # R s |1/z - 1/z_f| is the same for both lenses.
-        pupil = told.pupil_radius * told.sensor_distance / (scale * _SENSOR_DISTANCE)
+        pupil = described_lens.pupil_radius * described_lens.sensor_distance / (scale * _SENSOR_DISTANCE)
         focal_length = 1 / (1 / _SENSOR_DISTANCE + focus)
         lens = ThinLens(
             focal_length=focal_length, f_number=focal_length / (2 * pupil), focus_distance=1 / focus
         )
         aperture = Aperture(blades=recipe.blades[number])
         halves = [
-            gain * _render(clutter, config, lens, aperture, view(_HALF, 100 * number + half), True)
+            gain * _render(clutter, config, lens, aperture, view(_HALF_SAMPLES, 100 * number + half), True)
             for half in (1, 2)
         ]
         truth = (halves[0] + halves[1]) / 2
@@ -158,8 +158,8 @@ def make_scene(name: str, folder: Path) -> dict[str, Any]:
         shots.append(
             {
                 "file": file,
-                "f_number": told.f_number,
-                "focus_distance_m": told.focus_distance / 1000,
+                "f_number": described_lens.f_number,
+                "focus_distance_m": described_lens.focus_distance / 1000,
                 "blades": aperture.blades,
                 "blade_rotation_deg": 0.0,
                 "largest_radius_px": float(np.abs(defocus).max()),
@@ -167,7 +167,7 @@ def make_scene(name: str, folder: Path) -> dict[str, Any]:
             }
         )
     near, far = float(inverse.max() / scale * 1000), float(inverse.min() / scale * 1000)
-    depth = np.where(inverse > 0, scale / 1000 / np.maximum(inverse, 1e-12), _SKY)
+    depth = np.where(inverse > 0, scale / 1000 / np.maximum(inverse, 1e-12), _SKY_DEPTH_M)
     folder.mkdir(parents=True, exist_ok=True)
     write_image(folder / "image.exr", gain * image, bits="float")
     write_image(folder / "image.png", gain * image, dither=False)
@@ -193,26 +193,26 @@ def make_scene(name: str, folder: Path) -> dict[str, Any]:
 
 
 def _scale(recipe: Recipe, focus: float, farthest: float, pitch: float) -> float:
-    """How many times larger the scene is told to be than it was traced.
+    """Return the scale of the described scene relative to the traced one.
 
-    With focal length f, f-number N and focus at ``scale / focus`` the radius, in pixels, of what lies
-    ``farthest`` off in inverse depth is ``f^2 / (2 N) farthest / (scale - f focus) / pitch``.
+    With focal length f, f-number N and focus at ``scale / focus``, the radius in pixels at a distance of
+    ``farthest`` in inverse depth is ``f^2 / (2 N) farthest / (scale - f focus) / pitch``.
     """
-    wanted = recipe.blur * pitch
-    return _FOCAL_LENGTH**2 / (2 * recipe.f_numbers[0]) * farthest / wanted + _FOCAL_LENGTH * focus
+    blur_mm = recipe.blur * pitch
+    return _FOCAL_LENGTH**2 / (2 * recipe.f_numbers[0]) * farthest / blur_mm + _FOCAL_LENGTH * focus
 
 
 def _noise(halves: list[np.ndarray], edges: np.ndarray) -> dict[str, float]:
-    """PSNR that the truth itself would reach, were its own noise its only error, dB.
+    """Return the PSNR of the noise of the truth, dB.
 
-    Both halves have independent noise of variance 2 v where their mean has v: their difference has 4 v.
+    The halves have independent noise of variance 2 v and their mean has v: their difference has 4 v.
     """
     squared = (encode(halves[0]) - encode(halves[1])) ** 2 / 4
     return {"psnr": psnr(squared), "edge_psnr": psnr(squared[edges])}
 
 
 def summary(image: np.ndarray, disparity: np.ndarray, truths: list[np.ndarray]) -> list[list[float]]:
-    """Means of 4x4 blocks of every picture as it is shown, by which scenes are told apart."""
+    """Return the means of 4x4 blocks of every encoded picture, which identify the scene."""
 
     def blocks(values: np.ndarray) -> list[float]:
         rows, columns = values.shape[0] // 4, values.shape[1] // 4
@@ -225,10 +225,10 @@ def summary(image: np.ndarray, disparity: np.ndarray, truths: list[np.ndarray]) 
 def prepare(
     folder: Path, names: list[str], pinned: dict[str, Any], report: Callable[[str], None] = print
 ) -> None:
-    """Make the scenes that ``folder`` lacks, and check all of them.
+    """Make the scenes that are missing in ``folder``, and check all of them.
 
     Raises:
-        DataFileError: A scene is not the one that is pinned.
+        DataFileError: A scene differs from the pinned one.
     """
     for name in names:
         file = folder / name / "scene.json"
@@ -240,14 +240,14 @@ def prepare(
         _check(folder / name, scene, pinned.get(name))
 
 
-def _check(folder: Path, scene: dict[str, Any], wanted: list[list[float]] | None) -> None:
-    found = scene.get("summary")
-    if scene.get("benchmark") != VERSION or wanted is None or np.shape(found) != np.shape(wanted):
+def _check(folder: Path, scene: dict[str, Any], pinned: list[list[float]] | None) -> None:
+    actual = scene.get("summary")
+    if scene.get("benchmark") != VERSION or pinned is None or np.shape(actual) != np.shape(pinned):
         raise DataFileError(f"{folder}: expected a scene of benchmark {VERSION}; remove the folder")
-    for one, other in zip(np.asarray(found), np.asarray(wanted), strict=True):
-        off = float(np.abs(one - other).max() / max(float(np.mean(other)), 1e-6))
-        if off > _TOLERANCE:
+    for one, other in zip(np.asarray(actual), np.asarray(pinned), strict=True):
+        deviation = float(np.abs(one - other).max() / max(float(np.mean(other)), 1e-6))
+        if deviation > _TOLERANCE:
             raise DataFileError(
                 f"{folder}: expected the pinned scene of benchmark {VERSION}, found one whose blocks are off"
-                f" by {off:.1%}; install the versions of constraints.txt and remove the folder"
+                f" by {deviation:.1%}; install the versions of constraints.txt and remove the folder"
             )

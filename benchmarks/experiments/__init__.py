@@ -1,1 +1,1 @@
-"""Finished experiments whose figures the method pages quote; runnable, not developed further."""
+"""Finished experiments whose figures the method pages quote; runnable but frozen."""

@@ -1,12 +1,11 @@
-"""Colour fringes: pictures, cost, noise, and glass beside them.
+"""Colour fringes: pictures, cost, noise, and comparison with traced glass.
 
 Run ``python -m benchmarks.experiments.dispersion``.
 
-Renders three pictures through the rays: a chart, black and white, that leans from in front of focus on the
-left to behind it on the right, a night with lamps, and the scene of ``bokehnet demo``. Prints what fringes
-cost beside a lens without any, in turns, and how far two seeds differ; the lateral colour of the
-catalog's lenses, traced through their glass, beside what the two sliders can say of it; and the noise of
-draws of light.
+Renders three pictures with the rays: a tilted black and white chart from in front of focus on the left to
+    behind focus on the right, a night scene with lamps, and the scene of ``bokehnet demo``. Prints the cost
+    of fringes relative to a lens without, in alternation, and the difference of two seeds; the ray-traced
+    lateral colour of the catalog lenses compared with the two sliders; and the noise of wavelength sampling.
 """
 
 import argparse
@@ -26,7 +25,7 @@ from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.field_maps import make_field_map
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.sampling import disc_from_square, halton
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.demo import ASSETS, BLUR, FOCUS
@@ -63,7 +62,7 @@ Scene = tuple[np.ndarray, np.ndarray]
 
 
 def chart(width: int, height: int) -> Scene:
-    """Bars and a star, black and white, on a plane that leans from front (left) to back (right)."""
+    """Return black and white bars and a star on a plane tilted from front (left) to back (right)."""
     y, x = np.mgrid[:height, :width].astype(np.float32)
     across, down = (x + 0.5) / width - 0.5, (y + 0.5 - height / 2) / width
     angle = np.arctan2(down, across)
@@ -75,7 +74,7 @@ def chart(width: int, height: int) -> Scene:
 
 
 def night(width: int, height: int) -> Scene:
-    """Lamps far behind a railing in focus, and twigs before it."""
+    """Return lamps far behind a railing in focus, with twigs in front."""
     rng = np.random.default_rng(7)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     image = 0.004 + 0.012 * (y / height)[..., None] * np.array([0.6, 0.7, 1.0], np.float32)
@@ -96,13 +95,13 @@ def night(width: int, height: int) -> Scene:
 
 
 def demo() -> Scene:
-    """The scene of ``bokehnet demo``, focused in the middle."""
+    """Return the scene of ``bokehnet demo`` with middle focus."""
     disparity = read_disparity(ASSETS / "demo_disparity.png")
     return bokehnet.read_image(ASSETS / "demo.png"), BLUR * (disparity - np.float32(FOCUS["middle"]))
 
 
 def noise(scene: Scene, lens_response: LensResponse | None) -> float:
-    """Standard deviation between pictures of two seeds, of displayed values in 255ths."""
+    """Return the standard deviation of displayed values between two seeds, 1/255."""
     shown = [
         255 * np.clip(rays(*scene, lens_response=lens_response, seed=seed), 0, 1) ** (1 / 2.2)
         for seed in (0, 1)
@@ -111,16 +110,16 @@ def noise(scene: Scene, lens_response: LensResponse | None) -> float:
 
 
 def lateral_color(name: str, wavelengths: np.ndarray, fields: np.ndarray) -> np.ndarray:
-    """How far the chief rays of a catalog lens miss those of the design wavelength, (wavelengths, fields).
+    """Return the lateral offset of the chief rays to the design wavelength, (wavelengths, fields).
 
-    Thousandths of the half-diagonal: pixels of a picture of 1600 x 1200. Positive is outwards.
+    The unit is a thousandth of the half-diagonal, a pixel of a picture of 1600 x 1200. Positive is outwards.
     """
     prescription = find_prescription(name)
     lens = PrescriptionLens(prescription=prescription, pupil_sampling="exit")
 
-    def slope(place: np.ndarray, wavelength: float) -> np.ndarray:
-        sensor = np.stack([-prescription.image_radius * place, 0 * place], -1)
-        ray = lens.sample_rays(sensor, np.zeros_like(sensor), np.full(place.shape, wavelength))
+    def slope(position: np.ndarray, wavelength: float) -> np.ndarray:
+        sensor = np.stack([-prescription.image_radius * position, 0 * position], -1)
+        ray = lens.sample_rays(sensor, np.zeros_like(sensor), np.full(position.shape, wavelength))
         return ray.slope[..., 0]
 
     design = prescription.design_wavelength
@@ -129,8 +128,8 @@ def lateral_color(name: str, wavelengths: np.ndarray, fields: np.ndarray) -> np.
 
 
 def show_glass() -> None:
-    """Print what each form leaves of the traced lateral colour."""
-    wavelengths, fields = np.linspace(SHORTEST, LONGEST, 31), np.linspace(0.05, 1, 20)
+    """Print the residual of the traced lateral colour for each model."""
+    wavelengths, fields = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 31), np.linspace(0.05, 1, 20)
     along = glass_curve("N-BK7")(wavelengths)
     print("\nlateral colour in thousandths of the half-diagonal, focused at infinity:")
     print(f"{'lens':<15} 400-700 nm, corner   rms   left by: polynomial   slider and map   slider")
@@ -141,19 +140,24 @@ def show_glass() -> None:
         mapped = np.outer(along, along @ traced / (along @ along))
         slider = np.outer(along, fields)
         slider *= (slider * traced).sum() / (slider**2).sum()
-        size, *left = (
+        size, *residuals = (
             np.sqrt(np.mean(x**2)) for x in (traced, *(traced - y for y in (polynomial, mapped, slider)))
         )
         corner = traced[0, -1] - traced[-1, -1]
-        print(f"{name:<15} {corner:18.3f} {size:5.3f} {left[0]:20.5f} {left[1]:16.3f} {left[2]:8.3f}")
+        print(
+            f"{name:<15} {corner:18.3f} {size:5.3f} "
+            f"{residuals[0]:20.5f} {residuals[1]:16.3f} {residuals[2]:8.3f}"
+        )
 
 
 def show_draws() -> None:
-    """Print the noise of half-covered discs, 64 rays each, where nothing disperses: only light is drawn."""
+    """Print the noise of half-covered discs, 64 rays each, without dispersion: wavelengths only."""
     points = disc_from_square(np.stack([halton(9216, 2), halton(9216, 3)], -1)).reshape(144, 64, 2)
     angles = np.arange(24) * np.pi / 12
     covered = points @ np.stack([np.cos(angles), np.sin(angles)]) < 0
-    evenly = WavelengthSampling().response(SHORTEST + (LONGEST - SHORTEST) * halton(9216, 5))
+    evenly = WavelengthSampling().response(
+        MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * halton(9216, 5)
+    )
     draws = {
         "all white": np.ones((9216, 3)),
         "by importance": WavelengthSampling().sample(9216)[1],
@@ -163,8 +167,8 @@ def show_draws() -> None:
     print("\nnoise of half-covered discs:   red   green    blue")
     for name, weights in draws.items():
         runs = weights.reshape(144, 64, 3)
-        share = np.einsum("prc,pra->pac", runs, covered) / runs.sum(1)[:, None]
-        print(f"{name:<25}", *(f"{value:7.4f}" for value in np.sqrt(np.mean((share - 0.5) ** 2, (0, 1)))))
+        fraction = np.einsum("prc,pra->pac", runs, covered) / runs.sum(1)[:, None]
+        print(f"{name:<25}", *(f"{value:7.4f}" for value in np.sqrt(np.mean((fraction - 0.5) ** 2, (0, 1)))))
     wavelengths = np.unique(WavelengthSampling(dispersion="rgb").sample(64)[0])
     print("wavelengths of rgb:", ", ".join(f"{value:.1f} nm" for value in wavelengths))
 
@@ -188,7 +192,7 @@ def show_cost(scenes: dict[str, Scene], rounds: int) -> None:
 
 
 def show_pictures(scenes: dict[str, Scene], folder: Path) -> None:
-    """Write a sheet of each scene."""
+    """Write a contact sheet of each scene."""
     folder.mkdir(parents=True, exist_ok=True)
     for title, scene in scenes.items():
         shown = [

@@ -1,10 +1,11 @@
-"""What the unmixing of edge pixels costs and gains.
+"""Cost and gain of the unmixing of edge pixels.
 
 Run ``python -m benchmarks.experiments.edges [--large] [--scenes 1]``.
 
-Rays with and without it in turns: seconds and processor seconds of photograph 21 and of a path-traced scene,
-with ``--large`` of 24 megapixels. Then, for each path-traced scene, edge PSNR and SSIM with each pixel
-filter and with the estimated one. Pictures are those of ``../shared``; what is not there is left out.
+Alternates rays with and without unmixing: wall-clock and processor seconds of photograph 21 and of a
+    path-traced scene, with ``--large`` also of 24 megapixels. Then prints, for each path-traced scene, edge
+    PSNR and SSIM with each pixel filter and with the estimated one. Pictures are those of ``../shared``;
+    missing ones are skipped.
 """
 
 import argparse
@@ -34,36 +35,36 @@ FILTERS = ("blackman-harris", "box", "gaussian", "mitchell")
 PAIRS = 5
 
 
-def _part_nothing(*_: object) -> MixedPixels:
+def _no_unmixing(*_: object) -> MixedPixels:
     none, colors = np.empty(0, np.float32), np.empty((0, 3), np.float32)
-    places = np.empty(0, np.int64)
-    return MixedPixels(places, places, colors, colors, none, none, none, np.empty(0, bool))
+    indices = np.empty(0, np.int64)
+    return MixedPixels(indices, indices, colors, colors, none, none, none, np.empty(0, bool))
 
 
 @contextmanager
 def without_unmixing() -> Iterator[None]:
-    """Rays take every pixel for one surface."""
-    kept = mixed_pixels.unmix, mixed_pixels.part_lights
-    mixed_pixels.unmix = mixed_pixels.part_lights = _part_nothing
+    """Treat every pixel as one surface inside this context."""
+    originals = mixed_pixels.unmix, mixed_pixels.split_lights
+    mixed_pixels.unmix = mixed_pixels.split_lights = _no_unmixing
     try:
         yield
     finally:
-        mixed_pixels.unmix, mixed_pixels.part_lights = kept
+        mixed_pixels.unmix, mixed_pixels.split_lights = originals
 
 
 def pictures(large: bool) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Pictures and defocus to be timed, by name."""
-    found = {}
+    """Return pictures and defocus for the timing, by name."""
+    inputs = {}
     photograph, scenes = SHARED / "real" / "21.jpg", SHARED / "cycles"
     if photograph.exists():
         disparity = read_disparity(photograph.with_suffix(".png"))
-        found["photograph 21"] = read_image(photograph), defocus_from_disparity(disparity, 60, 0.35)
+        inputs["photograph 21"] = read_image(photograph), defocus_from_disparity(disparity, 60, 0.35)
     if (scenes / "s2_thin_fence").exists():
         shot = next(iter(path_traced_shots(scenes / "s2_thin_fence")))
-        found["s2"] = shot.image, shot.defocus
+        inputs["s2"] = shot.image, shot.defocus
     if large:
-        found["24 megapixels"] = scene(6000, 4000, 40)
-    return found
+        inputs["24 megapixels"] = scene(6000, 4000, 40)
+    return inputs
 
 
 def _timed(run: Callable[[], object]) -> tuple[float, float]:
@@ -73,17 +74,17 @@ def _timed(run: Callable[[], object]) -> tuple[float, float]:
 
 
 def print_times(large: bool) -> None:
-    """One line a picture: medians of seconds, and of the ratios of pairs."""
+    """Print one line per picture: medians of seconds, and of the ratios of pairs."""
     print(f"{'picture':16s}{'without':>18s}{'with':>18s}{'ratio of pairs':>18s}   seconds, processor seconds")
     for name, (image, defocus) in pictures(large).items():
         rows = []
         for number in range(PAIRS + 1):
             with without_unmixing():
                 plain = _timed(lambda image=image, defocus=defocus: rays(image, defocus))
-            parted = _timed(lambda image=image, defocus=defocus: rays(image, defocus))
+            unmixed = _timed(lambda image=image, defocus=defocus: rays(image, defocus))
             if number:  # the first pair loads the kernels
-                rows.append((plain, parted))
-        told = [
+                rows.append((plain, unmixed))
+        medians = [
             statistics.median(value)
             for value in (
                 *([row[side][unit] for row in rows] for side in range(2) for unit in range(2)),
@@ -91,17 +92,18 @@ def print_times(large: bool) -> None:
             )
         ]
         print(
-            f"{name:16s}" + "".join(f"{a:10.2f}{b:8.2f}" for a, b in zip(told[::2], told[1::2], strict=True))
+            f"{name:16s}"
+            + "".join(f"{a:10.2f}{b:8.2f}" for a, b in zip(medians[::2], medians[1::2], strict=True))
         )
 
 
 def engines() -> dict[str, Engine]:
-    """Rays with every filter, with the estimated one, and without unmixing."""
+    """Return rays with every filter, with the estimated one, and without unmixing."""
 
     def with_filter(name: str) -> Engine:
         def render(image: np.ndarray, defocus: np.ndarray, *, aperture: Aperture) -> np.ndarray:
-            chosen = estimate_filter(image).pixel_filter if name == "auto" else parse_pixel_filter(name)
-            return rays(image, defocus, aperture=aperture, pixel_filter=chosen)
+            pixel_filter = estimate_filter(image).pixel_filter if name == "auto" else parse_pixel_filter(name)
+            return rays(image, defocus, aperture=aperture, pixel_filter=pixel_filter)
 
         return render
 
@@ -113,15 +115,15 @@ def engines() -> dict[str, Engine]:
 
 
 def print_quality(limit: int | None) -> None:
-    """A table for each path-traced scene."""
+    """Print a table for each path-traced scene."""
     if not (SHARED / "cycles").exists():
         return
     print_header("scene")
     rows = []
     for folder in scene_folders(SHARED / "cycles")[:limit]:
-        found = score(path_traced_shots(folder), engines())
-        rows += found
-        print_scores(folder.name, found)
+        scores = score(path_traced_shots(folder), engines())
+        rows += scores
+        print_scores(folder.name, scores)
     print_scores("all", rows)
 
 
@@ -129,7 +131,7 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--large", action="store_true", help="also 24 megapixels")
-    parser.add_argument("--scenes", type=int, help="so many of the path-traced scenes; default: all")
+    parser.add_argument("--scenes", type=int, help="maximum number of path-traced scenes; default: all")
     arguments = parser.parse_args()
     print_times(arguments.large)
     if arguments.scenes != 0:

@@ -1,11 +1,10 @@
-"""Cost and looks of the camera's effects.
+"""Cost and appearance of the camera effects.
 
 Run ``python -m benchmarks.experiments.effects [--sheet docs/images/effects.jpg]``.
 
-Each effect by itself on picture 21 (1080x1350), beside a plain render of it with its own map, in turns on
-two cores at most; then what is left after a distortion and back. With ``--sheet`` instead a sheet of
-the picture through each of them, stronger than a lens. SHARED holds ``real/21.jpg`` with its disparity
-``21.png``.
+Times each effect on picture 21 (1080x1350), relative to a plain render with its own map, in alternation on at
+most two cores; then prints the error of a distortion and its inverse. ``--sheet`` instead writes a sheet of
+the picture with each effect, exaggerated. SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
 """
 
 import argparse
@@ -68,12 +67,12 @@ SHOWN = {
 }
 
 
-SMALLER = 3
-PART = (520, 400)  # left, top: the face
+REDUCTION = 3
+CROP = (520, 400)  # left, top: the face
 
 
 def measure(shared: Path, engine: str, threads: int, rounds: int) -> list[str]:
-    """Lines of the table."""
+    """Return the lines of the table."""
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     renderer = BokehRenderer(engine)
@@ -92,7 +91,7 @@ def measure(shared: Path, engine: str, threads: int, rounds: int) -> list[str]:
 
 
 def round_trip(shared: Path) -> list[str]:
-    """Lines: PSNR of the middle half after a distortion and back, linear light, white 1."""
+    """Return lines with the PSNR of the middle half after a distortion and its inverse, linear light."""
     image, defocus = photograph(shared)
     bokeh = BokehRenderer("rays").render(image, defocus).bokeh
     height, width = bokeh.shape[:2]
@@ -106,18 +105,18 @@ def round_trip(shared: Path) -> list[str]:
 
 
 def write_sheet(shared: Path, path: Path) -> None:
-    """The blurred picture through each effect, smaller by a factor, or a part of it pixel by pixel."""
+    """Write the blurred picture with each effect, reduced by a factor or as a crop at full resolution."""
     image, defocus = photograph(shared)
     bokeh = BokehRenderer("rays").render(image, defocus).bokeh
     pictures = [(name, effects.apply(bokeh)) for name, effects in SHOWN.items()]
-    height, width = (size // SMALLER for size in bokeh.shape[:2])
+    height, width = (size // REDUCTION for size in bokeh.shape[:2])
     small = []
     for name, picture in pictures:
         if name.endswith("a part"):
-            shown = picture[PART[1] :, PART[0] :][:height, :width]
+            shown = picture[CROP[1] :, CROP[0] :][:height, :width]
         else:
-            cut = picture[: SMALLER * height, : SMALLER * width]
-            shown = cut.reshape(height, SMALLER, width, SMALLER, 3).mean((1, 3))
+            cut = picture[: REDUCTION * height, : REDUCTION * width]
+            shown = cut.reshape(height, REDUCTION, width, REDUCTION, 3).mean((1, 3))
         small.append((name, shown))
     rows = [small[start : start + 4] for start in range(0, len(small), 4)]
     write_image(path, np.clip(contact_sheet(rows), 0, 1), quality=85)
@@ -127,12 +126,12 @@ def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shared", type=Path, default=Path("../shared"), help="folder with real/21.jpg")
-    parser.add_argument("--engine", default="rays", help="of the plain render")
+    parser.add_argument("--engine", default="rays", help="engine of the plain render")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--sheet", type=Path, help="write the pictures here, and measure nothing")
+    parser.add_argument("--sheet", type=Path, help="write the pictures to this file instead of timing")
     arguments = parser.parse_args()
     if not (arguments.shared / "real/21.png").exists():
-        print(f"left out: there is no real/21.png in {arguments.shared}")
+        print(f"skipped: found no real/21.png in {arguments.shared}")
     elif arguments.sheet is not None:
         write_sheet(arguments.shared, arguments.sheet)
     else:

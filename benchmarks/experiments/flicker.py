@@ -1,12 +1,12 @@
-"""What flickers in a shot whose maps are noisy: ``python -m benchmarks.experiments.flicker``.
+"""Flicker of a shot with noisy maps: ``python -m benchmarks.experiments.flicker``.
 
-A part of the demonstration's picture stands still, or is panned over by three pixels a frame. Its map carries
-another draw in each frame: noise of 1 % of the range, and edges that stand up to one pixel aside, by blocks
-of 8x8 pixels. Frames in the middle of the shot are rendered: from the maps as they are, each for itself;
-repaired, each for itself; and from the steady maps of the shot. Printed are, in 1/255 of encoded light, the
-rms over time of each pixel about its mean, the pan laid over itself by its known motion; the rms from frame
-to frame; and the rms away from the pictures of the true maps. Last a focus pull through the true map: its
-largest change from frame to frame over its median one.
+Uses a static crop of the demo picture, or a pan by three pixels per frame. Its map has independent errors in
+each frame: noise of 1 % of the range, and edges displaced by up to one pixel in blocks of 8x8 pixels. Renders
+frames in the middle of the shot from the unprocessed maps; from maps repaired frame by frame; and from the
+temporally filtered maps of the shot. Prints, in 1/255 of encoded light, the rms over time of each pixel about
+its mean, with the pan aligned by its known motion; the rms from frame to frame; and the rms difference to the
+pictures of the true maps. Finally prints, for a focus pull with the true map, the largest change from frame
+to frame over the median change.
 """
 
 import argparse
@@ -21,7 +21,7 @@ import bokehnet
 from bokehnet import BokehRenderer, RelativeDisparity, RenderSettings, make_scene, read_image
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
 from bokehnet.io.color.srgb import linear_to_srgb
-from bokehnet.sequence.filtered_shot import SteadyShot
+from bokehnet.sequence.filtered_shot import FilteredShot
 
 Array = npt.NDArray[np.float32]
 
@@ -31,28 +31,30 @@ _BLUR, _FOCUS, _BLOCK, _BORDER = 40.0, 0.35, 8, 24
 
 
 def noisy(disparity: Array, rng: np.random.Generator) -> Array:
-    """A map with noise, and edges up to one pixel aside."""
+    """Return a map with noise and edges displaced by up to one pixel."""
     height, width = disparity.shape
-    aside = rng.integers(-1, 2, (2, -(-height // _BLOCK), -(-width // _BLOCK)))
-    down, right = np.kron(aside, np.ones((1, _BLOCK, _BLOCK), int))[:, :height, :width]
+    displacement = rng.integers(-1, 2, (2, -(-height // _BLOCK), -(-width // _BLOCK)))
+    down, reference = np.kron(displacement, np.ones((1, _BLOCK, _BLOCK), int))[:, :height, :width]
     rows, columns = np.mgrid[:height, :width]
-    moved = disparity[np.clip(rows + down, 0, height - 1), np.clip(columns + right, 0, width - 1)]
-    return np.clip(moved + 0.01 * np.ptp(disparity) * rng.standard_normal(disparity.shape), 0, 1).astype("f4")
+    displaced = disparity[np.clip(rows + down, 0, height - 1), np.clip(columns + reference, 0, width - 1)]
+    return np.clip(displaced + 0.01 * np.ptp(disparity) * rng.standard_normal(disparity.shape), 0, 1).astype(
+        "f4"
+    )
 
 
 def encoded(image: Array) -> Array:
-    """In 1/255 of encoded light."""
+    """Return encoded light in 1/255."""
     return 255 * linear_to_srgb(np.clip(image, 0, 1))
 
 
 def flicker(frames: list[Array]) -> tuple[float, float]:
-    """Rms about the mean over time, and from frame to frame."""
+    """Return the rms about the mean over time, and from frame to frame."""
     shot = np.stack(frames)
     return float(np.sqrt(shot.var(0).mean())), float(np.sqrt(np.square(np.diff(shot, axis=0)).mean()))
 
 
 class Shot:
-    """Frames of a camera that stands still or pans, with their true and noisy maps."""
+    """Frames of a static or panning camera, with their true and noisy maps."""
 
     def __init__(self, frames: int, step: int) -> None:
         picture = read_image(_ASSETS / "demo.png")
@@ -64,9 +66,11 @@ class Shot:
         self.maps = [noisy(values, rng) for values in self.truth]
 
     def aligned(self, frames: dict[int, Array]) -> list[Array]:
-        """What all of these frames show, at the same place in each, without the border."""
-        left, right = max(self.lefts[t] for t in frames), min(self.lefts[t] for t in frames) + _WIDTH
-        columns = {t: slice(left - self.lefts[t] + _BORDER, right - self.lefts[t] - _BORDER) for t in frames}
+        """Return the common region of the frames, aligned, without the border."""
+        left, reference = max(self.lefts[t] for t in frames), min(self.lefts[t] for t in frames) + _WIDTH
+        columns = {
+            t: slice(left - self.lefts[t] + _BORDER, reference - self.lefts[t] - _BORDER) for t in frames
+        }
         return [frame[_BORDER:-_BORDER, columns[t]] for t, frame in frames.items()]
 
 
@@ -74,14 +78,14 @@ def render(
     renderer: BokehRenderer,
     shot: Shot,
     maps: list[Array],
-    wanted: list[int],
+    frame_numbers: list[int],
     repair: str,
     plan: RepairPlan | None = None,
 ) -> tuple[dict[int, Array], list[RepairPlan]]:
-    """Pictures by frame, and what the repair decided."""
-    told = {"camera": {"blur": _BLUR}, "focus": {"value": _FOCUS}, "depth": {"repair": repair}}
-    settings, pictures, plans = RenderSettings().updated(told), {}, []
-    for t in wanted:
+    """Return pictures by frame, and the repair plans."""
+    overrides = {"camera": {"blur": _BLUR}, "focus": {"value": _FOCUS}, "depth": {"repair": repair}}
+    settings, pictures, plans = RenderSettings().updated(overrides), {}, []
+    for t in frame_numbers:
         scene = make_scene(shot.images[t], RelativeDisparity(map=maps[t], as_stored=True))
         focused = renderer.prepare(scene, settings, plan=plan)
         if focused.repair_plan is not None:
@@ -91,10 +95,10 @@ def render(
 
 
 def pull_evenness(renderer: BokehRenderer, frames: int) -> float:
-    """Largest over median change from frame to frame of a focus pull from far to near."""
+    """Return the largest over the median change from frame to frame of a focus pull from far to near."""
     shot, changes, before = Shot(1, 0), [], None
-    told = {"camera": {"blur": _BLUR}, "focus": {"value": 0}, "depth": {"repair": "off"}}
-    settings = RenderSettings().updated(told)
+    overrides = {"camera": {"blur": _BLUR}, "focus": {"value": 0}, "depth": {"repair": "off"}}
+    settings = RenderSettings().updated(overrides)
     scene = make_scene(shot.images[0], RelativeDisparity(map=shot.truth[0], as_stored=True))
     for focus in np.linspace(0.2, 0.6, frames):
         focused = replace(settings, focus=replace(settings.focus, value=float(focus)))
@@ -105,42 +109,44 @@ def pull_evenness(renderer: BokehRenderer, frames: int) -> float:
     return max(changes) / float(np.median(changes))
 
 
-def told(name: str, label: str, shot: Shot, pictures: dict[int, Array], right: dict[int, Array]) -> None:
+def print_row(
+    name: str, label: str, shot: Shot, pictures: dict[int, Array], reference: dict[int, Array]
+) -> None:
     """Print a row."""
     std, change = flicker(shot.aligned(pictures))
-    away = np.sqrt(np.mean([np.square(pictures[t] - right[t]).mean() for t in pictures]))
-    print(f"{name:16} {label:16} {std:6.2f} {change:6.2f} {away:6.2f}", flush=True)
+    difference = np.sqrt(np.mean([np.square(pictures[t] - reference[t]).mean() for t in pictures]))
+    print(f"{name:16} {label:16} {std:6.2f} {change:6.2f} {difference:6.2f}", flush=True)
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="What flickers in a shot whose maps are noisy.")
-    parser.add_argument("--frames", type=int, default=48, help="of the shot; default 48")
-    parser.add_argument("--rendered", type=int, default=6, help="in its middle; default 6")
+    parser = argparse.ArgumentParser(description="Flicker of a shot with noisy maps.")
+    parser.add_argument("--frames", type=int, default=48, help="frames of the shot; default 48")
+    parser.add_argument("--rendered", type=int, default=6, help="rendered frames in its middle; default 6")
     parser.add_argument("--engine", default="rays")
-    parser.add_argument("--step", type=int, help="pixels a frame, alone; default 0, then 3")
-    asked = parser.parse_args()
-    renderer, first = BokehRenderer(asked.engine), (asked.frames - asked.rendered) // 2
-    wanted = list(range(first, first + asked.rendered))
-    for step in (0, 3) if asked.step is None else (asked.step,):
+    parser.add_argument("--step", type=int, help="pan in pixels per frame; default: both 0 and 3")
+    arguments = parser.parse_args()
+    renderer, first = BokehRenderer(arguments.engine), (arguments.frames - arguments.rendered) // 2
+    frame_numbers = list(range(first, first + arguments.rendered))
+    for step in (0, 3) if arguments.step is None else (arguments.step,):
         name = f"pan of {step} pixels" if step else "static"
-        shot = Shot(asked.frames, step)
+        shot = Shot(arguments.frames, step)
         with tempfile.TemporaryDirectory() as folder:
-            steady = SteadyShot(Path(folder))
-            steady.make(zip(shot.images, shot.maps, strict=True), asked.frames)
-            maps = [np.clip(steady.read(t), 0, 1) for t in range(asked.frames)]
+            steady = FilteredShot(Path(folder))
+            steady.filter(zip(shot.images, shot.maps, strict=True), arguments.frames)
+            maps = [np.clip(steady.read(t), 0, 1) for t in range(arguments.frames)]
         rows = [
             ("each for itself", shot.maps, "off"),
             ("each repaired", shot.maps, "on"),
             ("steady", maps, "off"),
         ]
-        right, _ = render(renderer, shot, shot.truth, wanted, "off")
-        told(name, "true maps", shot, right, right)
+        reference, _ = render(renderer, shot, shot.truth, frame_numbers, "off")
+        print_row(name, "true maps", shot, reference, reference)
         for label, values, repair in rows:
-            told(name, label, shot, render(renderer, shot, values, wanted, repair)[0], right)
-        plan = common_plan(render(renderer, shot, maps, wanted[:3], "auto")[1])
-        pictures, _ = render(renderer, shot, maps, wanted, "auto", plan)
-        told(name, "steady, planned", shot, pictures, right)
+            print_row(name, label, shot, render(renderer, shot, values, frame_numbers, repair)[0], reference)
+        plan = common_plan(render(renderer, shot, maps, frame_numbers[:3], "auto")[1])
+        pictures, _ = render(renderer, shot, maps, frame_numbers, "auto", plan)
+        print_row(name, "steady, planned", shot, pictures, reference)
     print(f"focus pull: largest change {pull_evenness(renderer, 9):.2f} times the median one")
 
 

@@ -1,8 +1,9 @@
 """Noise and cost of the rays on photograph 21: ``python -m benchmarks.experiments.grain [SECTION...]``.
 
-seeds: how two seeds agree after tone mapping, at two blurs, beside as many rays for each pixel, and the ratio
-of processor times, in turns. radii: processor seconds by the largest radius, on the photograph enlarged.
-pan: the window of a crop moves by whole pixels from frame to frame; how much of the noise stays in place.
+seeds: agreement of two seeds after tone mapping, at two blurs, compared with a fixed number of rays per
+    pixel, and the ratio of processor times, in alternation. radii: processor seconds by maximum radius, on
+    the enlarged photograph. pan: the window of a crop moves by whole pixels per frame; prints the part of the
+    noise that stays in place.
 SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
 """
 
@@ -29,43 +30,43 @@ from bokehnet.io.maps import read_disparity
 from bokehnet.optics.coc import defocus_from_disparity
 
 FOCUS = 0.35
-FRAMES, STEP = 8, 3  # of the pan; pixels from frame to frame
+FRAMES, STEP = 8, 3  # of the pan; pixels per frame
 
 
 def photograph(shared: Path, blur: float) -> tuple[np.ndarray, np.ndarray]:
-    """Picture 21, (H, W, 3), and its defocus in pixels, (H, W)."""
+    """Return picture 21, (H, W, 3), and its defocus in pixels, (H, W)."""
     disparity = read_disparity(shared / "real/21.png")
     return read_image(shared / "real/21.jpg"), defocus_from_disparity(disparity, blur, FOCUS)
 
 
-def seen(image: np.ndarray) -> np.ndarray:
-    """As a screen shows it, 0 to 1."""
+def displayed(image: np.ndarray) -> np.ndarray:
+    """Return the displayed picture, 0 to 1."""
     return np.asarray(linear_to_srgb(np.clip(image, 0, 1)), np.float64)
 
 
 def decibel(first: np.ndarray, second: np.ndarray) -> float:
-    """Peak signal to noise ratio of pictures from 0 to 1."""
+    """Return the peak signal-to-noise ratio of pictures from 0 to 1, dB."""
     return -10 * math.log10(np.mean((first - second) ** 2))
 
 
 @contextmanager
-def as_many_for_each() -> Iterator[None]:
-    """Every pixel sends the usual number of rays inside this block."""
+def fixed_ray_counts() -> Iterator[None]:
+    """Send the nominal number of rays from every pixel inside this context."""
 
-    def usual(known: FirstPass) -> np.ndarray:
-        rows, columns = (-(-n // TILE) for n in known.rays_mask.shape)
-        return np.full((rows, columns), known.usual)
+    def nominal(first_pass: FirstPass) -> np.ndarray:
+        rows, columns = (-(-n // TILE) for n in first_pass.rays_mask.shape)
+        return np.full((rows, columns), first_pass.nominal_rays)
 
-    vary = rays_renderer.march
-    rays_renderer.march = functools.partial(march, sample_counts=usual)  # type: ignore[assignment]
+    original = rays_renderer.march
+    rays_renderer.march = functools.partial(march, sample_counts=nominal)  # type: ignore[assignment]
     try:
         yield
     finally:
-        rays_renderer.march = vary
+        rays_renderer.march = original
 
 
 def processor_seconds(image: np.ndarray, defocus: np.ndarray) -> float:
-    """Of all threads together, for one picture."""
+    """Return the processor seconds of all threads for one picture."""
     before = os.times()
     rays(image, defocus)
     after = os.times()
@@ -73,17 +74,17 @@ def processor_seconds(image: np.ndarray, defocus: np.ndarray) -> float:
 
 
 def print_seeds(shared: Path, rounds: int) -> None:
-    """Agreement and times at blurs 60 and 90."""
+    """Print agreement and times at blurs 60 and 90."""
     print("== seeds: two seeds of photograph 21; processor seconds, medians")
     for blur in (60, 90):
         image, defocus = photograph(shared, blur)
-        pair = [seen(rays(image, defocus, seed=seed)) for seed in (0, 1)]
-        with as_many_for_each():
-            plain = [seen(rays(image, defocus, seed=seed)) for seed in (0, 1)]
+        pair = [displayed(rays(image, defocus, seed=seed)) for seed in (0, 1)]
+        with fixed_ray_counts():
+            plain = [displayed(rays(image, defocus, seed=seed)) for seed in (0, 1)]
         rows = []
         for _ in range(rounds):
             varied = processor_seconds(image, defocus)
-            with as_many_for_each():
+            with fixed_ray_counts():
                 rows.append((varied, processor_seconds(image, defocus)))
         ratio = statistics.median(varied / fixed for varied, fixed in rows)
         print(
@@ -94,7 +95,7 @@ def print_seeds(shared: Path, rounds: int) -> None:
 
 
 def print_radii(shared: Path, megapixels: float, radii: list[float]) -> None:
-    """Times by the largest radius."""
+    """Print times by maximum radius."""
     image, defocus = photograph(shared, 1.0)
     scale = math.sqrt(megapixels * 1e6 / defocus.size)
     height, width = (round(scale * side) for side in defocus.shape)
@@ -108,28 +109,28 @@ def print_radii(shared: Path, megapixels: float, radii: list[float]) -> None:
 
 
 def print_pan(shared: Path, blur: float, sheet: Path | None) -> None:
-    """How much of the noise stays where it is on the screen while the picture moves.
+    """Print the part of the noise that stays at its screen position while the picture moves.
 
-    The truth is the mean of many seeds. What stays is the mean of the noise over the frames, less what
-    noise that is new in each frame would leave.
+    The truth is the mean of many seeds. The static part is the mean of the noise over the frames, minus the
+    expected mean of independent noise.
     """
     image, defocus = photograph(shared, blur)
     rows = slice(500, 900)
     columns = [slice(200 + STEP * frame, 680 + STEP * frame) for frame in range(FRAMES)]
-    truth = np.mean([seen(rays(image, defocus, seed=seed)) for seed in range(100, 116)], axis=0)
-    inner = np.s_[100:-100, 100:-100]  # where the crop's own border has no part
-    noise, shown = [], []
+    truth = np.mean([displayed(rays(image, defocus, seed=seed)) for seed in range(100, 116)], axis=0)
+    inner = np.s_[100:-100, 100:-100]  # excludes the influence of the crop's border
+    noise, crops = [], []
     for window in columns:
-        frame = seen(rays(image[rows, window].copy(), defocus[rows, window].copy()))
+        frame = displayed(rays(image[rows, window].copy(), defocus[rows, window].copy()))
         noise.append((frame - truth[rows, window])[inner])
-        shown.append(frame[inner])
+        crops.append(frame[inner])
     stack = 255 * np.array(noise)
-    whole = math.sqrt(np.mean(stack**2))
-    stays = math.sqrt(max(np.mean(stack.mean(0) ** 2) - np.mean(stack.var(0, ddof=1)) / FRAMES, 0.0))
+    total = math.sqrt(np.mean(stack**2))
+    static = math.sqrt(max(np.mean(stack.mean(0) ** 2) - np.mean(stack.var(0, ddof=1)) / FRAMES, 0.0))
     print(f"== pan: {FRAMES} frames, {STEP} px each, blur {blur:g}")
-    print(f"noise {whole:.2f}/255 rms, of which {stays:.2f}/255 stays on the screen")
+    print(f"noise {total:.2f}/255 rms, of which {static:.2f}/255 stays on the screen")
     if sheet is not None:
-        halves = shown[: FRAMES // 2], shown[FRAMES // 2 :]
+        halves = crops[: FRAMES // 2], crops[FRAMES // 2 :]
         light = srgb_to_linear(np.concatenate([np.concatenate(half, axis=1) for half in halves]).clip(0, 1))
         write_image(sheet, np.asarray(light, np.float32))
 
@@ -141,10 +142,10 @@ def main() -> None:
     parser.add_argument("sections", nargs="*", metavar="SECTION", default=sections, help=", ".join(sections))
     parser.add_argument("--shared", type=Path, default=Path("../shared"))
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--megapixels", type=float, default=6, help="of the section radii")
+    parser.add_argument("--megapixels", type=float, default=6, help="size for the section radii")
     parser.add_argument("--radii", type=float, nargs="*", default=[60, 120, 240], help="pixels")
-    parser.add_argument("--blur", type=float, default=60, help="of the section pan")
-    parser.add_argument("--sheet", type=Path, help="the frames of the pan in two rows")
+    parser.add_argument("--blur", type=float, default=60, help="blur for the section pan")
+    parser.add_argument("--sheet", type=Path, help="write the frames of the pan in two rows to this file")
     arguments = parser.parse_args()
     for section in arguments.sections:
         if section == "seeds":

@@ -1,11 +1,10 @@
-"""Rays through layers, both walks timed, and what lies in the umbra.
+"""Rays through layers: time of both walks, and effect of umbra culling.
 
 Run ``python -m benchmarks.experiments.image_rays``.
 
-The scenes are those of :mod:`benchmarks.experiments.true_layers`. Times are seconds of the processor at 64
-rays a pixel; ``lost`` is the share of rays that met nothing; edge PSNR is that of :mod:`train.metrics`. Umbra
-culling tells what share of the surfaces behind the first it takes away, and how many layers the pixels need
-then.
+The scenes are those of :mod:`benchmarks.experiments.true_layers`. Times are processor seconds at 64 rays per
+pixel; ``lost`` is the fraction of rays without a hit; edge PSNR is that of :mod:`train.metrics`. For umbra
+culling, prints the fraction of removed surfaces behind the first, and the remaining number of layers.
 """
 
 import argparse
@@ -25,32 +24,35 @@ _SAMPLES = 64
 
 
 def _layers(scene: Scene) -> tuple[Layers, Layers]:
-    """Surfaces along the rays through pixels' centres; and the first alone."""
+    """Return the surfaces along the rays through the pixel centres, and the first surface only."""
     colors, values, coverage = scene.layers["cut hard"]
     radii = np.minimum.accumulate(BLUR * (values - scene.focus), 2)
     whole = Layers(colors=colors, defocus=radii, coverage=(coverage >= 0.5).astype(np.float32))
-    seen = whole.coverage.argmax(2)[..., None]  # the first that is there
+    first_index = whole.coverage.argmax(2)[..., None]  # the first opaque one
     first = Layers(
-        colors=np.take_along_axis(colors, seen[..., None], 2),
-        defocus=np.take_along_axis(radii, seen, 2),
-        coverage=np.take_along_axis(whole.coverage, seen, 2),
+        colors=np.take_along_axis(colors, first_index[..., None], 2),
+        defocus=np.take_along_axis(radii, first_index, 2),
+        coverage=np.take_along_axis(whole.coverage, first_index, 2),
     )
     return whole, first
 
 
 def print_scene(name: str, scene: Scene) -> None:
-    """Rows of one scene."""
+    """Print the rows of one scene."""
     defocus = defocus_from_disparity(scene.disparity, BLUR, scene.focus).astype(np.float32)
     whole, first = _layers(scene)
-    culled = {label: cull_umbra(whole, extended=way) for label, way in (("umbra", False), ("extended", True))}
+    culled = {
+        label: cull_umbra(whole, extended=extended)
+        for label, extended in (("umbra", False), ("extended", True))
+    }
     behind = whole.coverage[:, :, 1:].sum()
     for label, layers in (("none", whole), *culled.items()):
-        gone = 1 - layers.coverage[:, :, 1:].sum() / behind
+        removed = 1 - layers.coverage[:, :, 1:].sum() / behind
         needed = np.quantile(layers.coverage.sum(2), 0.999)
         mean = layers.coverage.sum(2).mean()
         layered = f"{mean:5.2f} layers a pixel, {needed:.0f} for 99.9 %"
-        print(f"{name:10s} culled by {label:9s} {gone:7.1%} gone, {layered}")
-    ways = [
+        print(f"{name:10s} culled by {label:9s} {removed:7.1%} gone, {layered}")
+    variants = [
         ("one layer, edges", first, {}),
         ("edges", whole, {}),
         ("corners", whole, {"walk": "corners"}),
@@ -61,14 +63,16 @@ def print_scene(name: str, scene: Scene) -> None:
     ]
     small = Layers(**{key: getattr(whole, key)[:16, :16] for key in ("colors", "defocus", "coverage")})
     trace_height_fields(small, samples=4)
-    for label, layers, options in ways:
-        taken = []
+    for label, layers, options in variants:
+        seconds = []
         for _ in range(3):
-            begun = process_time()
+            start = process_time()
             bokeh, lost = trace_height_fields(layers, samples=_SAMPLES, **options)
-            taken.append(process_time() - begun)
+            seconds.append(process_time() - start)
         score = compare(bokeh, scene.truth, defocus)["edge_psnr"]
-        print(f"{name:10s} {label:20s}{min(taken):7.2f} s{score:8.2f} dB{lost.mean():8.2%} lost", flush=True)
+        print(
+            f"{name:10s} {label:20s}{min(seconds):7.2f} s{score:8.2f} dB{lost.mean():8.2%} lost", flush=True
+        )
     ours = compare(rays(scene.image.astype(np.float32), defocus, layers=whole), scene.truth, defocus)
     print(f"{name:10s} {'our rays':29s}{ours['edge_psnr']:8.2f} dB", flush=True)
 
@@ -78,7 +82,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--scenes", type=int, default=1, help="of each kind")
+    parser.add_argument("--scenes", type=int, default=1, help="number of scenes of each kind")
     count = parser.parse_args().scenes
     for make in (clutter, planes):
         for seed in range(1, count + 1):

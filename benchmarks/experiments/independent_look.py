@@ -1,12 +1,13 @@
-"""A look fitted from a picture of an independent renderer, through glass.
+"""Fit of a look to a picture of an independent renderer with a glass lens.
 
-Run it as ``python -m benchmarks.experiments.independent_look``.
+Run ``python -m benchmarks.experiments.independent_look``.
 
-Mitsuba 3 sends particles from lamps through a hood, an iris with straight blades and a biconvex lens of
-N-BK7, all of them meshes, onto a white screen that it looks at: refraction, rims and colours are its own. The
-picture gets noise and JPEG, and what ``bokehnet lens fit`` calls fits it. Truth is by formula: the blades are
-drawn, the cat's-eye is the shift of the hood against the iris in the corner, both colours are those of rays
-near the axis, and there is no dark core. Needs Mitsuba (``pip install mitsuba``).
+Mitsuba 3 traces particles from lamps through a hood, an iris with straight blades and a biconvex lens of
+N-BK7, all as meshes, onto a white screen in view of its camera: refraction, rims and colours are those of
+Mitsuba. The picture gets noise and JPEG compression, and the function behind ``bokehnet lens fit`` fits it.
+The truth follows from formulas: the blades are known, the cat's-eye is the shift of the hood relative to the
+iris in the corner, both colour errors are paraxial, and there is no dark core. Needs Mitsuba (``pip install
+mitsuba``).
 """
 
 import argparse
@@ -29,22 +30,22 @@ from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 WIDTH, HEIGHT, PITCH = 480, 320, 0.04  # pixels, mm
 HALF = 0.5 * math.hypot(WIDTH, HEIGHT)
 GREY = np.array([0.2126, 0.7152, 0.0722])
-# Of the lens, mm: radius of both sides, thickness, half its width; place and radius of the iris before it.
+# Lens, mm: radius of both sides, thickness, half width; distance and radius of the iris in front.
 CURVE, THICK, WIDE, IRIS, OPENING = 103.0, 4.0, 14.0, 6.0, 6.0
 HOOD, FOCUS, LAMPS = 35.0, 500.0, 3000.0  # mm in front of the iris
-# Parameters and the ranges that errors are shares of, as benchmarks.experiments.look_fit has them.
+# Parameters and the ranges to which errors refer, as in benchmarks.experiments.look_fit.
 RANGES = {"curvature": 1.0, "obstruction": 0.95, "cats_eye": 1.5, "axial": 2.0, "lateral": 2.0}
 
 
 def image_distance(index: float, depth: float) -> float:
-    """From the back of the lens to the image of a point, mm in front of the iris, by Gaussian optics."""
+    """Return the paraxial distance from the lens back to the image of a point, mm; depth from the iris."""
     before = 1 / CURVE * (index - 1) - 1 / (depth + IRIS)  # n over the distance behind the first side
     inside = index / before - THICK
     return 1 / (index / inside + (index - 1) / CURVE)
 
 
 def on_screen(index: float, screen: float, height: float, angle: float) -> float:
-    """Where a ray near the axis meets the screen, mm, from its height and slope at the iris."""
+    """Return the position of a paraxial ray on the screen, mm, from its height and slope at the iris."""
     height += angle * IRIS
     angle -= height * (index - 1) / CURVE  # n times the slope
     height += angle / index * THICK
@@ -54,10 +55,10 @@ def on_screen(index: float, screen: float, height: float, angle: float) -> float
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--particles", type=int, default=150_000, help="of each lamp and colour")
+    parser.add_argument("--particles", type=int, default=150_000, help="particles of each lamp and colour")
     parser.add_argument("--blades", type=int, default=6)
     parser.add_argument("--rotation", type=float, default=14.0, help="degrees")
-    parser.add_argument("--picture", type=Path, help="also write the photograph here")
+    parser.add_argument("--picture", type=Path, help="also write the photograph to this file")
     options = parser.parse_args()
     if importlib.util.find_spec("mitsuba") is None:
         print("skipped: mitsuba is not installed (pip install mitsuba)")
@@ -78,11 +79,11 @@ def main() -> None:
         image = read_image(path)
     discs = find_discs(image @ GREY)
     fit = fit_look(image, discs)
-    # Radii of the colours are linear in the glass's curve, r = r0 - axial / 100 * curve * half-diagonal, and
-    # so are sizes of their pictures.
+    # Radii of the colours are linear in the glass curve, r = r0 - axial / 100 * curve * half-diagonal, and so
+    # are their image sizes.
     curve = glass_curve("N-BK7")(sampled)
     slope, wider = (np.polyfit(curve, values, 1)[0] for values in (radii, middles / middles[1]))
-    corner = HALF * PITCH / middles[1]  # slope of the ray through the middle of the iris
+    corner = HALF * PITCH / middles[1]  # slope of the ray through the centre of the iris
     truth = {
         "curvature": 0.0,
         "obstruction": 0.0,
@@ -94,28 +95,29 @@ def main() -> None:
     print("parameter | truth | found | deviation | error, % of range\n---|---|---|---|---")
     print(f"blades | {options.blades} | {fit.look.blades} | |")
     period = 360 / options.blades
-    apart = (fit.look.rotation - options.rotation + period / 2) % period - period / 2
+    difference = (fit.look.rotation - options.rotation + period / 2) % period - period / 2
     row = f"{options.rotation % period:.2f} | {fit.look.rotation % period:.2f}"
     print(
-        f"rotation | {row} | {fit.deviation.get('rotation', math.nan):.2g} | {100 * abs(apart) / period:.2f}"
+        f"rotation | {row} | {fit.deviation.get('rotation', math.nan):.2g} | "
+        f"{100 * abs(difference) / period:.2f}"
     )
     for name, value in truth.items():
-        found, doubt = getattr(fit.look, name), fit.deviation.get(name, math.nan)
-        error = 100 * abs(found - value) / RANGES[name]
-        print(f"{name} | {value:.4f} | {found:.4f} | {doubt:.2g} | {error:.2f}")
-    found_radius = float(np.median([abs(disc.radius) for disc in fit.discs]))
-    print(f"radius, pixels | {abs(radii[1]):.2f} | {found_radius:.2f} | |")
+        fitted, deviation = getattr(fit.look, name), fit.deviation.get(name, math.nan)
+        error = 100 * abs(fitted - value) / RANGES[name]
+        print(f"{name} | {value:.4f} | {fitted:.4f} | {deviation:.2g} | {error:.2f}")
+    fitted_radius = float(np.median([abs(disc.radius) for disc in fit.discs]))
+    print(f"radius, pixels | {abs(radii[1]):.2f} | {fitted_radius:.2f} | |")
     print(f"rim, of the lens's spherical aberration: {fit.look.spherical_profile:.3f}")
 
 
 def photograph(indices: list[float], screen: float, options: argparse.Namespace) -> np.ndarray:
-    """Lamps on a 3 by 3 grid, (HEIGHT, WIDTH, 3), the brightest part of their discs at 0.7."""
+    """Return lamps on a 3 by 3 grid, (HEIGHT, WIDTH, 3), with the brightest part of their discs at 0.7."""
     import mitsuba as mi  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
     mi.set_variant("scalar_rgb")
     mi.set_log_level(mi.LogLevel.Warn)
     end = IRIS + THICK + screen
-    shares = np.stack(np.meshgrid([-0.8, 0.0, 0.78], [-0.76, 0.02, 0.74]), -1).reshape(-1, 2)
+    lamp_positions = np.stack(np.meshgrid([-0.8, 0.0, 0.78], [-0.76, 0.02, 0.74]), -1).reshape(-1, 2)
     black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     layers = []
     for number, index in enumerate(indices):
@@ -145,7 +147,7 @@ def photograph(indices: list[float], screen: float, options: argparse.Namespace)
                 },
                 "sampler": {
                     "type": "independent",
-                    "sample_count": math.ceil(options.particles * len(shares) / (WIDTH * HEIGHT)),
+                    "sample_count": math.ceil(options.particles * len(lamp_positions) / (WIDTH * HEIGHT)),
                     "seed": number,
                 },
             },
@@ -153,10 +155,12 @@ def photograph(indices: list[float], screen: float, options: argparse.Namespace)
             "hood": _plate(mi, _circle(OPENING * (LAMPS - HOOD) / LAMPS), -HOOD, black),
             "glass": _glass(mi, index),
         }
-        for i, (right, down) in enumerate(shares):
-            # Straight lines through the iris: where it is seen is told by the screen's distance.
-            place = np.array([right * WIDTH / 2, down * HEIGHT / 2]) * PITCH / (screen + THICK + IRIS) * LAMPS
-            lamp = [float(place[0]), float(-place[1]), -LAMPS]
+        for i, (right, down) in enumerate(lamp_positions):
+            # Straight lines through the centre of the iris.
+            position = (
+                np.array([right * WIDTH / 2, down * HEIGHT / 2]) * PITCH / (screen + THICK + IRIS) * LAMPS
+            )
+            lamp = [float(position[0]), float(-position[1]), -LAMPS]
             reach = math.degrees(math.atan(1.15 * OPENING / LAMPS))
             scene[f"lamp{i}"] = {
                 "type": "spot",
@@ -165,15 +169,16 @@ def photograph(indices: list[float], screen: float, options: argparse.Namespace)
                 "intensity": {"type": "rgb", "value": 1e6 * (1 - 0.05 * i)},
                 "to_world": mi.ScalarTransform4f().look_at(origin=lamp, target=[0, 0, 0], up=[0, 1, 0]),
             }
-        # As the camera would show it: the picture on a screen is turned by half a turn, and seen from behind.
-        seen = np.array(mi.render(mi.load_dict(scene)))[..., 0]
-        layers.append(seen[:, ::-1])
-    found = np.stack(layers, -1).astype(float)
-    return 0.02 + found * (0.7 / np.quantile(found[found > 0.2 * found.max()], 0.5))
+        # Orientation of a camera picture: the image on a screen is rotated by 180 degrees and viewed from
+        # behind.
+        rendered = np.array(mi.render(mi.load_dict(scene)))[..., 0]
+        layers.append(rendered[:, ::-1])
+    stacked = np.stack(layers, -1).astype(float)
+    return 0.02 + stacked * (0.7 / np.quantile(stacked[stacked > 0.2 * stacked.max()], 0.5))
 
 
 def _blades(count: int, rotation: float) -> np.ndarray:
-    """Corners of straight blades inside the circle, (count, 2); turned so that 0 has a side on the left."""
+    """Return the corners of straight blades in the circle, (count, 2); rotation 0 has a side on the left."""
     angle = math.pi + math.pi / count + math.radians(rotation) + 2 * math.pi * np.arange(count) / count
     return OPENING * np.stack([np.cos(angle), np.sin(angle)], -1)
 
@@ -184,7 +189,7 @@ def _circle(radius: float, count: int = 720) -> np.ndarray:
 
 
 def _plate(mi: Any, hole: np.ndarray, z: float, bsdf: dict[str, Any]) -> Any:
-    """A large plate with a star-shaped hole, corners (N, 2)."""
+    """Return a large plate with a star-shaped hole, corners (N, 2)."""
     inner = np.concatenate([hole, np.full((len(hole), 1), z)], -1)
     outer = np.concatenate([hole / np.linalg.norm(hole, axis=-1, keepdims=True) * 400, inner[:, 2:]], -1)
     count = len(hole)
@@ -197,7 +202,7 @@ def _plate(mi: Any, hole: np.ndarray, z: float, bsdf: dict[str, Any]) -> Any:
 
 
 def _glass(mi: Any, index: float, rings: int = 160, around: int = 240) -> Any:
-    """Both sides of the lens and its edge, with the normals of the spheres."""
+    """Return both sides of the lens and its edge, with the normals of the spheres."""
     height = WIDE * np.arange(1, rings + 1) / rings
     angle = 2 * math.pi * np.arange(around) / around
     points, normals, faces = [], [], []
@@ -212,28 +217,28 @@ def _glass(mi: Any, index: float, rings: int = 160, around: int = 240) -> Any:
             ],
             -1,
         )
-        own = np.concatenate([[[0.0, 0.0, vertex]], ring.reshape(-1, 3)])
+        vertices = np.concatenate([[[0.0, 0.0, vertex]], ring.reshape(-1, 3)])
         centre = np.array([0.0, 0.0, vertex + side * CURVE])
-        points.append(own)
-        normals.append((own - centre) / CURVE)
-        at = np.arange(around)
-        after = (at + 1) % around
-        own_faces = [np.stack([0 * at, 1 + after, 1 + at], -1)]
+        points.append(vertices)
+        normals.append((vertices - centre) / CURVE)
+        index_around = np.arange(around)
+        after = (index_around + 1) % around
+        face_blocks = [np.stack([0 * index_around, 1 + after, 1 + index_around], -1)]
         for k in range(rings - 1):
             low, high = 1 + k * around, 1 + (k + 1) * around
-            own_faces += [
-                np.stack([low + at, low + after, high + after], -1),
-                np.stack([low + at, high + after, high + at], -1),
+            face_blocks += [
+                np.stack([low + index_around, low + after, high + after], -1),
+                np.stack([low + index_around, high + after, high + index_around], -1),
             ]
-        found = np.concatenate(own_faces)
-        faces.append(first + (found if side > 0 else found[:, ::-1]))
-        first += len(own)
+        side_faces = np.concatenate(face_blocks)
+        faces.append(first + (side_faces if side > 0 else side_faces[:, ::-1]))
+        first += len(vertices)
     bsdf = {"type": "dielectric", "int_ior": index, "ext_ior": 1.0}
     return _mesh(mi, np.concatenate(points), np.concatenate(faces), np.concatenate(normals), bsdf)
 
 
 def _mesh(mi: Any, points: np.ndarray, faces: np.ndarray, normals: np.ndarray | None, bsdf: Any) -> Any:
-    """A mesh of Mitsuba, by way of a PLY file."""
+    """Return a Mitsuba mesh, created through a PLY file."""
     columns = points if normals is None else np.concatenate([points, normals], -1)
     names = ["x", "y", "z"] + ([] if normals is None else ["nx", "ny", "nz"])
     head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]

@@ -1,10 +1,10 @@
-"""Ways to make a kernel of the scatter: ``python -m benchmarks.experiments.kernel_ways [--megapixels 1]``.
+"""Toolchains for a scatter kernel: ``python -m benchmarks.experiments.kernel_ways [--megapixels 1]``.
 
-The same kernel by each: every pixel writes the ends of its disc's rows, for a radius of 9 pixels some 28 of
-them, as differences, four channels at once, in one thread. A way whose tools are not installed is left out,
-with the reason. Printed are seconds until it can run, what is made, what the packages weigh that it takes at
-run time and that making it takes, its time beside the first's, the largest difference to its result, and
-lines of the kernel's text.
+All toolchains build the same kernel: every pixel writes the ends of its disc's rows, about 28 for a radius of
+    9 pixels, as differences, four channels at a time, in one thread. Toolchains that are not installed are
+    skipped with the reason. Prints the build seconds, the size of the result, the size of the packages for
+    running and for building, the time relative to the first toolchain, the maximum difference to its result,
+    and the lines of the kernel.
 """
 
 import argparse
@@ -81,8 +81,8 @@ extern "C" void spread(const float *values, const int32_t *start, const int32_t 
 """
 
 
-class Missing(Exception):  # noqa: N818  # no error: the way is left out
-    """Tools of a way are not installed."""
+class Missing(Exception):  # noqa: N818  # not an error: the toolchain is skipped
+    """Raised if a toolchain is not installed."""
 
 
 Spread = Callable[..., None]
@@ -90,14 +90,14 @@ Spread = Callable[..., None]
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """One way to make the kernel.
+    """Toolchain for the kernel.
 
     Attributes:
-        build: Makes it in a folder; returns it and the files that a wheel would hold.
-        run: Packages that it takes at run time, beside NumPy.
-        make: Packages that making it takes beside them.
-        lines: Of the kernel's text.
-        bare: What a machine without a compiler gets.
+        build: Function that builds the kernel in a folder; returns it and the files for a wheel.
+        run: Packages needed at run time, besides NumPy.
+        make: Additional packages needed for building.
+        lines: Lines of the kernel source.
+        bare: What is available on a machine without a compiler.
     """
 
     build: Callable[[Path], tuple[Spread, list[Path]]]
@@ -108,7 +108,7 @@ class Way:
 
 
 def picture(width: int, height: int) -> tuple[np.ndarray, ...]:
-    """What the kernel takes, but the sums: random values, radii from 4 to 14 pixels, the table of discs."""
+    """Return the kernel inputs without the sums: random values, radii of 4 to 14 pixels, disc table."""
     rng = np.random.default_rng(0)
     table = disc_table()
     values = rng.random((height, width, 4), dtype=np.float32)
@@ -123,11 +123,11 @@ def picture(width: int, height: int) -> tuple[np.ndarray, ...]:
 
 
 def spread() -> Spread:
-    """The kernel in Python."""
+    """Return the kernel in Python."""
     names: dict[str, Any] = {}
     exec(SOURCE, names)
-    made: Spread = names["spread"]
-    return made
+    function: Spread = names["spread"]
+    return function
 
 
 def _four_wide(values, start, end, along, places, weights, sums):  # type: ignore[no-untyped-def]
@@ -156,17 +156,17 @@ def _numba(folder: Path) -> tuple[Spread, list[Path]]:
 def _compiled(function: Spread, folder: Path) -> tuple[Spread, list[Path]]:
     kernel = numba.njit(function)
     kernel.compile(f"void({TYPES.replace(':]', '::1]')})")
-    made = folder / "kernel.o"
+    object_file = folder / "kernel.o"
     library = kernel.overloads[kernel.signatures[0]].library
-    made.write_bytes(library._get_compiled_object())
-    return kernel, [made]
+    object_file.write_bytes(library._get_compiled_object())
+    return kernel, [object_file]
 
 
 def _cpp(folder: Path) -> tuple[Spread, list[Path]]:
-    source, made = folder / "kernel.cpp", folder / "kernel.so"
+    source, library = folder / "kernel.cpp", folder / "kernel.so"
     source.write_text(CPP, "utf-8")
-    _call("g++", "-O3", "-march=native", "-shared", "-fPIC", "-s", str(source), "-o", str(made))
-    function = ctypes.CDLL(str(made)).spread
+    _call("g++", "-O3", "-march=native", "-shared", "-fPIC", "-s", str(source), "-o", str(library))
+    function = ctypes.CDLL(str(library)).spread
     function.restype = None
 
     def run(*arrays: np.ndarray) -> None:
@@ -174,21 +174,21 @@ def _cpp(folder: Path) -> tuple[Spread, list[Path]]:
         pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
         function(*pointers, ctypes.c_int64(height), ctypes.c_int64(width))
 
-    return run, [made]
+    return run, [library]
 
 
 def _pythran(folder: Path) -> tuple[Spread, list[Path]]:
     _need("pythran")
     source = folder / "pythran_kernel.py"
     source.write_text(f"#pythran export spread({TYPES})\n{SOURCE}", "utf-8")
-    made = folder / f"pythran_kernel{sysconfig.get_config_var('EXT_SUFFIX')}"
-    _call(sys.executable, "-m", "pythran.run", "-O3", "-march=native", str(source), "-o", str(made))
-    spec = importlib.util.spec_from_file_location("pythran_kernel", made)
+    library = folder / f"pythran_kernel{sysconfig.get_config_var('EXT_SUFFIX')}"
+    _call(sys.executable, "-m", "pythran.run", "-O3", "-march=native", str(source), "-o", str(library))
+    spec = importlib.util.spec_from_file_location("pythran_kernel", library)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.spread, [made]
+    return module.spread, [library]
 
 
 def _halide(folder: Path) -> tuple[Spread, list[Path]]:
@@ -222,21 +222,23 @@ def _halide(folder: Path) -> tuple[Spread, list[Path]]:
     inputs = [values, start, end, along, places, weights, most]
     sums.compile_to_static_library(str(folder / "halide_kernel"), inputs, "spread", target)
     sums.compile_jit(target)
-    made = folder / "halide_kernel.so"
+    library = folder / "halide_kernel.so"
     archive = str(folder / "halide_kernel.a")
-    _call("gcc", "-shared", "-s", "-Wl,--whole-archive", archive, "-Wl,--no-whole-archive", "-o", str(made))
+    _call(
+        "gcc", "-shared", "-s", "-Wl,--whole-archive", archive, "-Wl,--no-whole-archive", "-o", str(library)
+    )
 
     def run(*arrays: np.ndarray) -> None:
-        given = [hl.Buffer(array) for array in arrays]
-        for parameter, buffer in zip(inputs, given[:-1], strict=False):
+        buffers = [hl.Buffer(array) for array in arrays]
+        for parameter, buffer in zip(inputs, buffers[:-1], strict=False):
             parameter.set(buffer)
         most.set(int((arrays[2] - arrays[1]).max()))
-        sums.realize(given[-1])
+        sums.realize(buffers[-1])
 
-    return run, [made]
+    return run, [library]
 
 
-# By name; the first is what the others are compared with.
+# Toolchains by name; the others are compared with the first.
 WAYS = {
     "numba with vectors, as the package": Way(
         build=_vectors,
@@ -298,41 +300,42 @@ def main() -> None:
     arguments = parser.parse_args()
     side = round((1e6 * arguments.megapixels) ** 0.5)
     inputs = picture(side, side)
-    made: dict[str, tuple[Spread, float, int]] = {}
+    built: dict[str, tuple[Spread, float, int]] = {}
     results: dict[str, np.ndarray] = {}
     with tempfile.TemporaryDirectory() as name:
-        for number, (way, how) in enumerate(WAYS.items()):
+        for number, (way, toolchain) in enumerate(WAYS.items()):
             folder = Path(name, str(number))
             folder.mkdir()
-            begun = time.perf_counter()
+            start = time.perf_counter()
             try:
-                kernel, files = how.build(folder)
+                kernel, files = toolchain.build(folder)
             except Missing as reason:
-                print(f"{way}: left out, {reason}")
+                print(f"{way}: skipped, {reason}")
                 continue
-            made[way] = kernel, time.perf_counter() - begun, sum(file.stat().st_size for file in files)
+            built[way] = kernel, time.perf_counter() - start, sum(file.stat().st_size for file in files)
             results[way] = np.zeros((side + 2 * MARGIN, side + 2 * MARGIN + 1, 4))
             kernel(*inputs, results[way])
-        seconds: dict[str, list[float]] = {way: [] for way in made}
+        seconds: dict[str, list[float]] = {way: [] for way in built}
         for _ in range(arguments.rounds):
-            for way, (kernel, _, _) in made.items():
+            for way, (kernel, _, _) in built.items():
                 sums = np.zeros_like(results[way])
-                begun = time.process_time()
+                start = time.process_time()
                 kernel(*inputs, sums)
-                seconds[way].append(time.process_time() - begun)
+                seconds[way].append(time.process_time() - start)
     print(
         "| way | build, s | made, KB | run takes, MB | build takes, MB "
         "| time | difference | lines | bare machine |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
-    first = next(iter(made))
-    for way, (_, build, size) in made.items():
-        how = WAYS[way]
+    first = next(iter(built))
+    for way, (_, build, size) in built.items():
+        toolchain = WAYS[way]
         ratio = statistics.median(a / b for a, b in zip(seconds[way], seconds[first], strict=True))
-        away = float(np.abs(results[way] - results[first]).max())
+        difference = float(np.abs(results[way] - results[first]).max())
         cells = (
-            f"{build:.1f}", f"{size / 1e3:.0f}", f"{_megabytes(how.run):.0f}", f"{_megabytes(how.make):.0f}",
-            f"{ratio:.2f}", f"{away:.0e}", f"{how.lines}", how.bare,
+            f"{build:.1f}", f"{size / 1e3:.0f}",
+            f"{_megabytes(toolchain.run):.0f}", f"{_megabytes(toolchain.make):.0f}",
+            f"{ratio:.2f}", f"{difference:.0e}", f"{toolchain.lines}", toolchain.bare,
         )  # fmt: skip
         print(f"| {way} | {' | '.join(cells)} |", flush=True)
 

@@ -1,7 +1,7 @@
-"""What light does to lamps: rings, stars, ghosts and glare, timed, with the light that they keep.
+"""Time and light conservation of lamp effects: diffraction rings and stars, ghosts and glare.
 
-Before that, how much of its light a blurred lamp beside an edge keeps: lamps of one pixel on a near surface,
-0 to 13 pixels from its edge, before a wall that is as dark.
+First prints the light conservation of blurred lamps near an edge: lamps of one pixel on a near surface, 0 to
+13 pixels from its edge, in front of an equally dark wall.
 
 python -m benchmarks.experiments.lamps [--sheet docs/images/light.jpg]
 """
@@ -30,44 +30,44 @@ HEIGHT, WIDTH = 1080, 1920
 PITCH = 36000 / WIDTH  # micrometres
 
 
-def kept_beside_an_edge(near: float, far: float, times: float) -> np.ndarray:
-    """Light that rays leave of each lamp, over its own.
+def light_kept_near_edge(near: float, far: float, times: float) -> np.ndarray:
+    """Return the rendered light of each lamp relative to its own light.
 
     Args:
         near: Defocus of the surface with the lamps, pixels.
-        far: Of the wall.
-        times: Lamps over what is around.
+        far: Defocus of the wall, pixels.
+        times: Brightness of the lamps relative to the background.
     """
-    size, apart = (600, 200), 29
+    size, spacing = (600, 200), 29
     defocus = np.where(np.arange(size[1]) < 100, near, far) * np.ones((size[0], 1))
     dark = np.full((*size, 3), 0.02, np.float32)
-    rows = np.arange(20, size[0] - 20, apart)
+    rows = np.arange(20, size[0] - 20, spacing)
     lit, columns = dark.copy(), 99 - (np.arange(len(rows)) * 5 + np.arange(len(rows)) // 3) % 14
     lit[rows, columns] *= times
-    found = []
+    ratios = []
     for seed in range(4):
-        added = rays(lit, defocus, seed=seed).astype(np.float64) - rays(dark, defocus, seed=seed)
-        around = [added[row - apart // 2 : row + apart // 2 + 1].sum() for row in rows]
-        found.append(np.array(around) / (3 * 0.02 * (times - 1)))
-    return np.concatenate(found)
+        lamp_light = rays(lit, defocus, seed=seed).astype(np.float64) - rays(dark, defocus, seed=seed)
+        light_per_lamp = [lamp_light[row - spacing // 2 : row + spacing // 2 + 1].sum() for row in rows]
+        ratios.append(np.array(light_per_lamp) / (3 * 0.02 * (times - 1)))
+    return np.concatenate(ratios)
 
 
 def print_kept() -> None:
-    """One line for each kind of lamp."""
+    """Print one line for each kind of lamp."""
     print("lamps beside an edge                  | light kept, mean | each, root mean square")
     print("---|---|---")
     for near, far, times in ((12, 0, 50), (12, 0, 1000), (6, -8, 150), (3.4, -3, 500)):
-        kept = kept_beside_an_edge(near, far, times)
-        error = np.sqrt(np.mean((kept - 1) ** 2))
-        told = f"radius {near}, wall {far}, {times} times as bright"
-        print(f"{told:37s} | {kept.mean():.4f} | {error:.4f}", flush=True)
+        kept_fraction = light_kept_near_edge(near, far, times)
+        error = np.sqrt(np.mean((kept_fraction - 1) ** 2))
+        description = f"radius {near}, wall {far}, {times} times as bright"
+        print(f"{description:37s} | {kept_fraction.mean():.4f} | {error:.4f}", flush=True)
     print()
 
 
 def main() -> None:
-    """Print the tables, and draw the sheet."""
+    """Print the tables, and write the sheet."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sheet", type=Path, help="draw what each effect does here")
+    parser.add_argument("--sheet", type=Path, help="write a picture of each effect to this file")
     sheet = parser.parse_args().sheet
     print_kept()
     rng = np.random.default_rng(0)
@@ -92,21 +92,21 @@ def main() -> None:
     print(f"{WIDTH} x {HEIGHT}           | first, CPU s | again, CPU s | light kept")
     print("---|---|---|---")
     for name, effect in effects.items():
-        taken = []
+        seconds = []
         for _ in range(3):
-            begin = time.process_time()
-            found = effect()
-            taken.append(time.process_time() - begin)
-        kept = found.sum(dtype=np.float64) / bokeh.sum(dtype=np.float64)
-        print(f"{name} | {taken[0]:.2f} | {min(taken[1:]):.2f} | {kept:.4f}")
+            start = time.process_time()
+            result = effect()
+            seconds.append(time.process_time() - start)
+        kept_fraction = result.sum(dtype=np.float64) / bokeh.sum(dtype=np.float64)
+        print(f"{name} | {seconds[0]:.2f} | {min(seconds[1:]):.2f} | {kept_fraction:.4f}")
     for kernel in (disc_kernel, ring_kernel, star_kernel):
         kernel.cache_clear()
     if sheet is not None:
-        write_image(sheet, drawn())
+        write_image(sheet, draw_sheet())
 
 
-def drawn() -> np.ndarray:
-    """Lamps at night through each effect, beside each other."""
+def draw_sheet() -> np.ndarray:
+    """Return a picture of lamps at night with each effect, side by side."""
     size, tiles = 420, []
     image = np.full((size, size, 3), 0.003, np.float32)
     rng = np.random.default_rng(3)

@@ -1,13 +1,14 @@
-"""Pictures through real glass: ``rays`` with an aberration map against the ray tracer through the glass.
+"""Pictures through real lenses: ``rays`` with an aberration map compared with ray tracing through the glass.
 
-The scene is of textured planes that lean, at several depths. What ``rays`` is given is what the lens stopped
-far down shows, and the depth there. What is traced is divided by the picture of a white scene, because
-renderers do not darken corners. Run it as ``python -m benchmarks.experiments.lens_pictures``.
+The scene has tilted textured planes at several depths. The input of ``rays`` is the picture and depth of the
+strongly stopped-down lens. The traced picture is divided by that of a white scene, because renderers do not
+darken corners. Run ``python -m benchmarks.experiments.lens_pictures``.
 """
 
 import argparse
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,14 +32,14 @@ __all__ = ["main"]
 
 _LENSES = ("double_gauss", "petzval", "retrofocus")
 _FOCUS = 30.0  # focal lengths
-# Largest blur radius in half-diagonals, near and far.
+# Maximum blur radius in half-diagonals, near and far.
 _BLUR = 0.04
 _WAVELENGTHS = 24
 
 
 @dataclass(frozen=True, kw_only=True)
 class _OneColor:
-    """A lens for light of one wavelength, nm."""
+    """Lens for light of one wavelength, nm."""
 
     lens: PrescriptionLens
     wavelength: float | None
@@ -56,18 +57,18 @@ class _OneColor:
         return self.lens.sample_rays(sensor_xy, pupil_uv, self.wavelength, sensor_offset)
 
 
-class _Middle:
-    """A lens stopped far down: its rays through the middle of the stop, from a table over the radius."""
+class _StoppedDown:
+    """Stopped-down lens: rays through the centre of the stop, from a table over the radius."""
 
     def __init__(self, lens: PrescriptionLens) -> None:
         radius = np.linspace(0, 1.1 * lens.prescription.image_radius, 2000)
-        found = chief_rays(lens, np.stack([radius, 0 * radius], -1))
+        chief = chief_rays(lens, np.stack([radius, 0 * radius], -1))
         self._lens = lens
-        # Per unit of radius, as everything goes with the direction of the sensor point.
+        # Per unit of radius, as rays rotate with the direction of the sensor point.
         self._radius, self._origin, self._slope = (
             radius[1:],
-            found.origin[1:, 0] / radius[1:],
-            found.slope[1:, 0] / radius[1:],
+            chief.origin[1:, 0] / radius[1:],
+            chief.slope[1:, 0] / radius[1:],
         )
 
     def coc_radius(self, disparity: Array) -> Array:
@@ -89,26 +90,32 @@ class _Middle:
 
 
 def _make_scene(lens: PrescriptionLens, camera: Camera, rng: np.random.Generator) -> Scene:
-    """Five planes and a backdrop that fill the picture; texels are about two pixels wide."""
+    """Return five planes and a backdrop that fill the picture; texels are about two pixels wide."""
     half = np.array([camera.width, camera.height]) * camera.pixel_pitch / 2 / lens.sensor_distance
     diagonal = math.hypot(camera.width, camera.height) * camera.pixel_pitch / 2
     step = _BLUR * diagonal / (lens.thick.pupil_radius * lens.sensor_distance)
     focus = 1 / lens.focus_distance
     behind = min(step, 0.9 * focus)  # wide-angle lenses blur infinity by less
 
-    def plane(blur, place, size, lean, paint) -> Plane:  # type: ignore[no-untyped-def]
-        """``blur`` in steps; place and half size in half pictures; ``lean`` in depths per half plane."""
+    def plane(
+        blur: float,
+        position: tuple[float, float],
+        size: tuple[float, float],
+        tilt: tuple[float, float],
+        paint: Callable[[int, int, np.random.Generator], np.ndarray],
+    ) -> Plane:
+        """Return a plane; blur in steps, position and half size in half pictures, tilt in depths."""
         depth = 1 / (focus + blur * (step if blur > 0 else behind))
         texels = [
             max(8, int(length * extent / 2))
             for length, extent in zip(size, (camera.width, camera.height), strict=True)
         ]
-        x, y = np.array(place) * half * depth
+        x, y = np.array(position) * half * depth
         return Plane(
             texture=plane_texture(_stretch(paint(texels[1], texels[0], rng))),
             centre=(x, y, depth),
-            u_axis=(size[0] * half[0] * depth, 0.0, lean[0] * depth),
-            v_axis=(0.0, size[1] * half[1] * depth, lean[1] * depth),
+            u_axis=(size[0] * half[0] * depth, 0.0, tilt[0] * depth),
+            v_axis=(0.0, size[1] * half[1] * depth, tilt[1] * depth),
         )
 
     texture = _stretch(dead_leaves(camera.height, camera.width, rng, fractal_colours))
@@ -125,7 +132,7 @@ def _make_scene(lens: PrescriptionLens, camera: Camera, rng: np.random.Generator
 
 
 def _stretch(texture: np.ndarray) -> np.ndarray:
-    """Let each colour of a texture (H, W, 3) reach from nearly black to nearly white."""
+    """Return a texture (H, W, 3) with each colour stretched from nearly black to nearly white."""
     low, high = np.quantile(texture, [0.01, 0.99], axis=(0, 1))
     stretched: np.ndarray = np.clip((texture - low) / np.maximum(high - low, 1e-6), 0.02, 0.98)
     return stretched.astype(np.float32)
@@ -137,30 +144,30 @@ def _camera(lens: LensModel, width: int, height: int, half_diagonal: float) -> C
 
 
 def _trace(scene: Scene, lens: PrescriptionLens, camera: Camera, samples: int, seed: int) -> np.ndarray:
-    """What the lens shows of the scene, over what it shows of white; ``samples`` of each wavelength."""
+    """Return the traced picture relative to that of a white scene; ``samples`` of each wavelength."""
     white = Scene(background=background_from(np.ones((2, 2, 3), np.float32), (1.0, 1.0)))
     wavelengths, colors = WavelengthSampling().sample(_WAVELENGTHS)
     total = light = 0.0
     for number, (wavelength, color) in enumerate(zip(wavelengths, colors, strict=True)):
         one = dataclasses.replace(camera, lens=_OneColor(lens=lens, wavelength=float(wavelength)))
-        seen, even = (
+        picture, white_picture = (
             Tracer(world_from_scene(part), one, seed=seed + number).render(samples).bokeh.numpy()
             for part in (scene, white)
         )
-        total, light = total + color * seen, light + color * even
+        total, light = total + color * picture, light + color * white_picture
     return total / light
 
 
 def _score(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
-    """PSNR where ``mask`` is, and everywhere, dB."""
+    """Return the PSNR inside ``mask``, and of the whole picture, dB."""
     squared = (encode(picture) - encode(truth)) ** 2
     return psnr(squared[mask]), psnr(squared)
 
 
 def _inner(defocus: np.ndarray, reach: float) -> np.ndarray:
-    """Pixels that see neither an edge in depth nor what lies outside the picture, (H, W) bool.
+    """Return the mask of pixels out of reach of depth edges and of the border, (H, W) bool.
 
-    ``reach`` is how far light strays beyond the blur radius, pixels; a third of the radius is added.
+    ``reach`` is the spread of light beyond the blur radius, pixels; a third of the radius is added.
     """
     wider = 1.3 * defocus + np.copysign(reach, defocus)
     inner = ~edge_pixels(wider.astype(np.float32))
@@ -175,7 +182,7 @@ def main() -> None:
     parser.add_argument("--lenses", nargs="+", default=_LENSES)
     parser.add_argument("--size", type=int, nargs=2, default=(320, 240), metavar=("WIDTH", "HEIGHT"))
     parser.add_argument(
-        "--samples", type=int, default=3, help=f"of each of {_WAVELENGTHS} wavelengths, twice"
+        "--samples", type=int, default=3, help=f"samples of each of {_WAVELENGTHS} wavelengths, twice"
     )
     parser.add_argument("--sheets", type=Path, help="folder for the pictures of each lens")
     arguments = parser.parse_args()
@@ -187,7 +194,7 @@ def main() -> None:
         half_diagonal = lens.prescription.image_radius
         camera = _camera(lens, *arguments.size, half_diagonal)
         scene = _make_scene(lens, camera, np.random.default_rng(5))
-        sharp = Tracer(world_from_scene(scene), dataclasses.replace(camera, lens=_Middle(lens)))
+        sharp = Tracer(world_from_scene(scene), dataclasses.replace(camera, lens=_StoppedDown(lens)))
         image, disparity = sharp.render(64).bokeh.numpy(), sharp.maps().disparity.numpy()
         defocus = (lens.coc_radius(disparity) / camera.pixel_pitch).astype(np.float32)
         first, second = (_trace(scene, lens, camera, arguments.samples, seed) for seed in (0, 1000))
@@ -218,12 +225,12 @@ def main() -> None:
             arguments.sheets.mkdir(parents=True, exist_ok=True)
             error = np.abs(encode(pictures["rays, lens"]) - encode(truth)) * 8
             cells = [("stopped down", image), ("traced", truth), ("rays, lens", pictures["rays, lens"])]
-            others = [
+            more_cells = [
                 ("rays, perfect lens", pictures["rays, perfect lens"]),
                 ("8 x error", error),
                 ("8 x error, inner", error * inner[..., None]),
             ]
-            write_image(arguments.sheets / f"picture_{name}.png", contact_sheet([cells, others]))
+            write_image(arguments.sheets / f"picture_{name}.png", contact_sheet([cells, more_cells]))
 
 
 if __name__ == "__main__":

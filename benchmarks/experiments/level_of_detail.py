@@ -1,13 +1,14 @@
-"""Thesis 002's ways to save views of meshes: ``python -m benchmarks.experiments.level_of_detail``.
+"""Optimizations of mesh views after thesis 002: ``python -m benchmarks.experiments.level_of_detail``.
 
-Nine bumpy balls of 131 072 triangles each, from near to far behind focus, are drawn by
-:mod:`bokehnet.baselines.rays.mesh_views` in N views with S subsamples around each. Printed are processor
-seconds, triangles, PSNR and SSIM against 256 views of all triangles; last what Embree takes for the same rays
-on all triangles and on the fewest.
+Draws nine bumpy balls of 131 072 triangles each, from near to far behind focus, with
+:mod:`bokehnet.baselines.rays.mesh_views` in N views with S subsamples around each. Prints processor seconds,
+triangles, PSNR and SSIM against 256 views of all triangles; finally the time of Embree for the same number of
+rays on the finest and the coarsest level.
 """
 
 import argparse
 import math
+from collections.abc import Callable
 from pathlib import Path
 from time import process_time
 
@@ -26,7 +27,7 @@ _ROWS, _LEVELS, _TRUTH = 256, 11, 256
 
 
 def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshObject:
-    """A bumpy ball lit from above; each level has every other line of the last one's grid, smoothed."""
+    """Return a bumpy ball lit from above; each level has every other line of the previous grid, smoothed."""
     rng = np.random.default_rng(seed)
     down, around = np.linspace(0, math.pi, _ROWS + 1), np.linspace(0, 2 * math.pi, _ROWS + 1)
     theta, phi = np.meshgrid(down, around, indexing="ij")
@@ -62,15 +63,15 @@ def ball(centre: tuple[float, float, float], radius: float, seed: int) -> MeshOb
 
 
 def halved(values: np.ndarray, axis: int) -> np.ndarray:
-    """Every other line of a grid along an axis, each with a quarter of both that it loses; ends stay."""
+    """Return every other line of a grid along an axis, smoothed with its neighbours except at the ends."""
     lines = np.moveaxis(values, axis, 0)
-    kept = lines[::2].copy()
-    kept[1:-1] = 0.5 * lines[2:-1:2] + 0.25 * (lines[1:-2:2] + lines[3::2])
-    return np.moveaxis(kept, 0, axis)
+    reduced = lines[::2].copy()
+    reduced[1:-1] = 0.5 * lines[2:-1:2] + 0.25 * (lines[1:-2:2] + lines[3::2])
+    return np.moveaxis(reduced, 0, axis)
 
 
 def scene() -> list[MeshObject]:
-    """Balls on a diagonal from the near left to the far right."""
+    """Return balls on a diagonal from the near left to the far right."""
     depths = (500, 700, 900, 1200, 1500, 1900, 2500, 3500, 5000)
     return [
         ball((z * (-0.16 + 0.04 * k), z * 0.05 * (-1) ** k, float(z)), 0.055 * z, k)
@@ -79,14 +80,14 @@ def scene() -> list[MeshObject]:
 
 
 def around(views: int, count: int) -> np.ndarray:
-    """Points (count, 2) that fill a view's own share of the pupil, a disc of its area, in pupil radii."""
+    """Return points (count, 2) in a disc of the pupil area per view, in pupil radii."""
     k = np.arange(count) + 0.5
     radius, angle = np.sqrt(k / count / views), k * math.pi * (3 - math.sqrt(5))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
 
 
-def blurred(views: int, count: int):  # type: ignore[no-untyped-def]
-    """The blur between views; None without subsamples."""
+def blurred(views: int, count: int) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
+    """Return the blur between views, or None without subsamples."""
     if not count:
         return None
     points = around(views, count)
@@ -99,49 +100,51 @@ def blurred(views: int, count: int):  # type: ignore[no-untyped-def]
 
 
 def embree(objects: list[MeshObject], level: int, rays: int) -> float:
-    """Seconds for rays through the pupil, on objects of one level, once the tree stands."""
+    """Return the processor seconds of rays on objects of one level, without building the tree."""
     import torch
 
     from bokehnet.raytrace.geometry.meshes import Mesh
     from bokehnet.raytrace.geometry.space import SpaceRays
 
     parts, count = [], 0
-    corners = np.concatenate([thing.levels[level][0] for thing in objects])
-    for thing in objects:
-        parts.append(thing.levels[level][2] + count)
-        count += len(thing.levels[level][0])
+    corners = np.concatenate([mesh_object.levels[level][0] for mesh_object in objects])
+    for mesh_object in objects:
+        parts.append(mesh_object.levels[level][2] + count)
+        count += len(mesh_object.levels[level][0])
     mesh = Mesh(corners, np.concatenate(parts))
     rng = np.random.default_rng(0)
     origin = np.zeros((rays, 3), np.float32)
     origin[:, :2] = rng.normal(0, 15, (rays, 2))
     target = rng.uniform(-0.2, 0.2, (rays, 3)) * 1500
     target[:, 2] = 1500
-    way = ((target - origin) / 1500).astype(np.float32)
-    shot = SpaceRays(origin=torch.from_numpy(origin), direction=torch.from_numpy(way), time=torch.zeros(rays))
-    begun = process_time()
+    direction = ((target - origin) / 1500).astype(np.float32)
+    shot = SpaceRays(
+        origin=torch.from_numpy(origin), direction=torch.from_numpy(direction), time=torch.zeros(rays)
+    )
+    start = process_time()
     mesh.intersect(shot, torch.zeros(rays))
-    return process_time() - begun
+    return process_time() - start
 
 
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--truth", type=int, default=_TRUTH)
-    parser.add_argument("--sheet", type=Path, help="pictures side by side")
+    parser.add_argument("--sheet", type=Path, help="write the pictures side by side to this file")
     arguments = parser.parse_args()
     objects = scene()
-    whole = sum(len(thing.levels[0][2]) for thing in objects)
+    whole = sum(len(mesh_object.levels[0][2]) for mesh_object in objects)
     render_views(objects, _LENS, _PICTURE, 1, blur=blurred(1, 1))  # compiles
     truth = render_views(objects, _LENS, _PICTURE, arguments.truth).bokeh
     shown, pictures = encode(truth), [truth]
     print(f"{whole} triangles, {_PICTURE.width}x{_PICTURE.height} pixels")
     print(f"{'N':>4s}{'S':>3s}  {'saves by':22s}{'seconds':>9s}{'triangles':>11s}{'PSNR':>8s}{'SSIM':>8s}")
-    ways = [(count, 0, None, False) for count in (16, 32, 64, 128)]
-    ways += [(32, 0, 0, False), (32, 0, 2, False), (32, 0, 4, False), (32, 0, None, True)]
-    ways += [(32, 0, 2, True), (16, 8, 2, True), (32, 4, 2, True), (64, 0, 2, True), (32, 4, None, False)]
-    for views, subsamples, finer, reuse in ways:
-        begun = process_time()
-        found = render_views(
+    variants = [(count, 0, None, False) for count in (16, 32, 64, 128)]
+    variants += [(32, 0, 0, False), (32, 0, 2, False), (32, 0, 4, False), (32, 0, None, True)]
+    variants += [(32, 0, 2, True), (16, 8, 2, True), (32, 4, 2, True), (64, 0, 2, True), (32, 4, None, False)]
+    for views, subsamples, finer, reuse in variants:
+        start = process_time()
+        result = render_views(
             objects,
             _LENS,
             _PICTURE,
@@ -151,17 +154,17 @@ def main() -> None:
             reuse=reuse,
             blur=blurred(views, subsamples),
         )
-        seconds, got = process_time() - begun, encode(found.bokeh)
+        seconds, encoded = process_time() - start, encode(result.bokeh)
         words = [] if finer is None else [f"levels, {finer} finer" if finer else "levels"]
         label = ", ".join(words + ["reuse"] * reuse) or "nothing"
-        share = found.triangles / (views * whole)
-        quality = f"{psnr((got - shown) ** 2):8.2f}{similarity(shown, got)[0]:8.4f}"
-        print(f"{views:4d}{subsamples:3d}  {label:22s}{seconds:9.2f}{share:11.1%}{quality}", flush=True)
+        fraction = result.triangles / (views * whole)
+        quality = f"{psnr((encoded - shown) ** 2):8.2f}{similarity(shown, encoded)[0]:8.4f}"
+        print(f"{views:4d}{subsamples:3d}  {label:22s}{seconds:9.2f}{fraction:11.1%}{quality}", flush=True)
         if (views, subsamples) == (32, 4) and reuse:
-            pictures.append(found.bokeh)
+            pictures.append(result.bokeh)
     for level in (0, _LEVELS - 1):
-        count = sum(len(thing.levels[level][2]) for thing in objects)
-        print(f"Embree, {count} triangles: {embree(objects, level, 1_000_000):.2f} s a million rays")
+        count = sum(len(mesh_object.levels[level][2]) for mesh_object in objects)
+        print(f"Embree, {count} triangles: {embree(objects, level, 1_000_000):.2f} s per million rays")
     if arguments.sheet:
         write_image(arguments.sheet, np.concatenate(pictures, 1))
 

@@ -1,7 +1,7 @@
-"""What the response of a lens costs: ``python -m benchmarks.experiments.looks [SHARED]``.
+"""Cost of lens responses: ``python -m benchmarks.experiments.looks [SHARED]``.
 
-Each effect on picture 21 (1080x1350, largest radius 39 px) by the engine ``rays``, as a multiple of the plain
-disc in turns with it, on two cores at most; SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
+Times each effect on picture 21 (1080x1350, maximum radius 39 px) with the engine ``rays``, relative to the
+plain disc in alternation, on at most two cores; SHARED holds ``real/21.jpg`` with its disparity ``21.png``.
 """
 
 import argparse
@@ -25,21 +25,21 @@ from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 
 def effects() -> dict[str, tuple[Aperture, LensResponse]]:
-    """Openings and lens responses by name."""
+    """Return apertures and lens responses by name."""
     disc, plain = Aperture(), LensResponse()
     glass = {name: load_lens(name) for name in ("double_gauss", "petzval")}
 
     def sliders(**strengths: float) -> LensResponse:
         return LensResponse(aberration_map=AberrationSliders(**strengths).aberration_map())
 
-    nothing = AberrationMap.perfect()
-    leaning = AberrationMap(
-        wavelengths=nothing.wavelengths,
-        transverse_aberration=nothing.transverse_aberration,
-        pupil_aberration=nothing.pupil_aberration,
+    ideal = AberrationMap.perfect()
+    tilted = AberrationMap(
+        wavelengths=ideal.wavelengths,
+        transverse_aberration=ideal.transverse_aberration,
+        pupil_aberration=ideal.pupil_aberration,
         tilt=(0.0, 0.1),
     )
-    both = ChromaticAberration(axial=0.5, lateral=0.5)
+    fringes = ChromaticAberration(axial=0.5, lateral=0.5)
     return {
         "onion rings": (Aperture(onion=0.5), plain),
         "grain in discs": (Aperture(grain=0.3), plain),
@@ -47,11 +47,13 @@ def effects() -> dict[str, tuple[Aperture, LensResponse]]:
         "coma 1": (disc, sliders(coma=1.0)),
         "astigmatism 1.5": (disc, sliders(astigmatism=1.5)),
         "field curvature 1": (disc, sliders(field_curvature=1.0)),
-        "focus plane leans": (disc, LensResponse(aberration_map=leaning)),
-        "fringes, continuous": (disc, LensResponse(chromatic_aberration=both)),
+        "tilted focus plane": (disc, LensResponse(aberration_map=tilted)),
+        "fringes, continuous": (disc, LensResponse(chromatic_aberration=fringes)),
         "fringes, rgb": (
             disc,
-            LensResponse(chromatic_aberration=both, wavelength_sampling=WavelengthSampling(dispersion="rgb")),
+            LensResponse(
+                chromatic_aberration=fringes, wavelength_sampling=WavelengthSampling(dispersion="rgb")
+            ),
         ),
         "petzval, one colour": (
             disc,
@@ -70,7 +72,7 @@ def effects() -> dict[str, tuple[Aperture, LensResponse]]:
 
 
 def measure(shared: Path, threads: int, rounds: int) -> list[str]:
-    """Lines of the table."""
+    """Return the lines of the table."""
     numba.set_num_threads(threads)
     image, defocus = photograph(shared)
     lines = []
@@ -95,10 +97,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("shared", type=Path, nargs="?", default=Path("../shared"), metavar="SHARED")
     parser.add_argument("--rounds", type=int, default=3)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     threads = min(2, numba.config.NUMBA_NUM_THREADS)
-    print(f"picture 21, rays, {threads} threads, medians of {given.rounds} rounds; beside the plain disc")
-    print("\n".join(in_own_process(measure, given.shared, threads, given.rounds)))
+    print(
+        f"picture 21, rays, {threads} threads, medians of {arguments.rounds} rounds; "
+        "relative to the plain disc"
+    )
+    print("\n".join(in_own_process(measure, arguments.shared, threads, arguments.rounds)))
 
 
 if __name__ == "__main__":

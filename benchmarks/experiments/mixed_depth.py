@@ -1,9 +1,9 @@
-"""What mixed pixels of filtered depth cost, and what repair gives back.
+"""Loss from mixed pixels in filtered depth, and gain of their repair.
 
 Run ``python -m benchmarks.experiments.mixed_depth``.
 
-A scene with sky, a ground plane, discs and thin poles is drawn at four times the resolution; its rendering
-there, shrunk, is the truth. PSNR is that of the clipped sRGB picture.
+Draws a scene with sky, a ground plane, discs and thin poles at four times the resolution; its downsampled
+rendering is the truth. PSNR is that of the clipped sRGB picture.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from bokehnet.render.renderer import BokehRenderer
 HEIGHT, WIDTH, FINE = 180, 240, 4
 BLUR = 14.0
 FOCUS = (0.0, 0.5, 1.0)
-FARTHEST = 1e4  # distance of the sky, where the nearest disc is at about 1
+SKY_DISTANCE = 1e4  # the nearest disc is at about 1
 
 
 def draw(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
@@ -42,12 +42,12 @@ def draw(seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
 
 
 def shrink(values: np.ndarray) -> np.ndarray:
-    """Average over each pixel."""
+    """Return the average over each pixel."""
     return values.reshape(HEIGHT, FINE, WIDTH, FINE, *values.shape[2:]).mean((1, 3))
 
 
 def widen(values: np.ndarray) -> np.ndarray:
-    """Average over three pixels across, as wide filters do."""
+    """Return the average over three pixels, as wide filters do."""
     for axis in (0, 1):
         padded = np.pad(values, [(int(a == axis), int(a == axis)) for a in (0, 1)], "edge")
         windows = np.lib.stride_tricks.sliding_window_view(padded, 3, axis)
@@ -56,8 +56,8 @@ def widen(values: np.ndarray) -> np.ndarray:
 
 
 def maps(disparity: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
-    """Return the maps by what they are, and which quantity was filtered."""
-    depth = 1 / np.maximum(disparity, 1 / FARTHEST)
+    """Return the maps by description, and the filtered quantity of each."""
+    depth = 1 / np.maximum(disparity, 1 / SKY_DISTANCE)
     centre = FINE // 2
     return {
         "at pixel centres": (disparity[centre::FINE, centre::FINE], "disparity"),
@@ -69,7 +69,7 @@ def maps(disparity: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
 
 
 def psnr(picture: np.ndarray, truth: np.ndarray) -> float:
-    """PSNR of the clipped sRGB pictures, dB."""
+    """Return the PSNR of the clipped sRGB pictures, dB."""
     shown = [linear_to_srgb(np.clip(values, 0, 1)) for values in (picture, truth)]
     return float(-10 * np.log10(np.mean((shown[0] - shown[1]) ** 2)))
 
@@ -92,8 +92,11 @@ def main() -> None:
         stored = values.astype(np.float32)
         repaired = repair_mixed(stored, filtered=filtered)
         scores = [
-            [psnr(render(image, given, focus), truth) for focus, truth in zip(FOCUS, truths, strict=True)]
-            for given in (stored, repaired)
+            [
+                psnr(render(image, map_values, focus), truth)
+                for focus, truth in zip(FOCUS, truths, strict=True)
+            ]
+            for map_values in (stored, repaired)
         ]
         cells = [" / ".join(f"{score:.2f}" for score in row) for row in scores]
         print(f"| {name} | {share_of_mixed(stored, filtered=filtered):.3f} | {cells[0]} | {cells[1]} |")

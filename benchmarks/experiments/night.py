@@ -1,12 +1,11 @@
-"""Night scenes of small bright lamps, by rays with and without unmixing.
+"""Night scenes with small bright lamps, by rays with and without unmixing.
 
 Run ``python -m benchmarks.experiments.night``.
 
-Scenes are drawn from seeds: objects on the ground, dark, with small lamps among them. The truth is traced
-through the lens, lamps by rays that are sent to them. Printed for three places of the focus: PSNR at edges
-(:mod:`train.metrics`) and PSNR of log(1 + light) everywhere. What light of single lamps is kept is told by
-:mod:`benchmarks.experiments.lamps`.
-``--save FOLDER`` keeps what is rendered, for other renderers.
+Draws scenes from seeds: dark objects on the ground with small lamps. The truth is traced through the lens,
+    with rays aimed at the lamps. Prints, for three focus positions, PSNR at edges (:mod:`train.metrics`) and
+    PSNR of log(1 + light) over all pixels. :mod:`benchmarks.experiments.lamps` measures the light
+    conservation of single lamps. ``--save FOLDER`` saves the inputs and truths for other renderers.
 """
 
 import argparse
@@ -28,11 +27,11 @@ from bokehnet.synth.clutter.scenes import Clutter, random_clutter
 from bokehnet.synth.pairs import lens_for_view
 from train.metrics import compare, psnr
 
-_BLUR, _NEAREST = 24.0, 0.85
+_BLUR, _MAX_DISPARITY = 24.0, 0.85
 _FOCI = {"near": 0.8, "middle": 0.45, "far": 0.1}
-# Light of everything but the lamps, mean.
-_DARK = 0.02
-_IMAGE, _TRUTH = 64, 1024
+# Mean light without the lamps.
+_MEAN_LIGHT = 0.02
+_IMAGE_SAMPLES, _TRUTH_SAMPLES = 64, 1024
 _BOX = PixelFilter("box", 1)
 
 _CONFIG = SynthConfig(
@@ -47,7 +46,7 @@ _CONFIG = SynthConfig(
 
 
 def traced(clutter: Clutter, lens: ThinLens, samples: int, gain: float, pupil: bool) -> np.ndarray:
-    """The scene dimmed to ``gain``, and its lamps as they are, (H, W, 3)."""
+    """Return the scene scaled by ``gain`` with unscaled lamps, (H, W, 3)."""
     view = View(
         width=_CONFIG.width, height=_CONFIG.height, pixel_pitch=_CONFIG.pixel_pitch, samples=samples, seed=1
     )
@@ -57,20 +56,20 @@ def traced(clutter: Clutter, lens: ThinLens, samples: int, gain: float, pupil: b
 
 
 def nights(seed: int) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Place of the focus, picture, defocus and truth of a scene."""
+    """Yield name of the focus, picture, defocus and truth of a scene."""
     clutter = random_clutter(np.random.default_rng(seed), _CONFIG)
     pinhole = ThinLens(focal_length=_CONFIG.sensor_distance, f_number=1.0)
     view = View(
         width=_CONFIG.width, height=_CONFIG.height, pixel_pitch=_CONFIG.pixel_pitch, samples=1, seed=0
     )
-    gain = _DARK / float(clutter.scene.render(pinhole, view, False).mean())
+    gain = _MEAN_LIGHT / float(clutter.scene.render(pinhole, view, False).mean())
     inverse = clutter.scene.disparity(pinhole, view)
-    nearest = _NEAREST / float(inverse.max())
-    image = traced(clutter, pinhole, _IMAGE, gain, False).astype(np.float32)
-    for place, focus in _FOCI.items():
+    nearest = _MAX_DISPARITY / float(inverse.max())
+    image = traced(clutter, pinhole, _IMAGE_SAMPLES, gain, False).astype(np.float32)
+    for focus_name, focus in _FOCI.items():
         lens = lens_for_view(_BLUR, focus, replace(_CONFIG, nearest_distance=nearest))
         defocus = defocus_from_disparity(nearest * inverse, _BLUR, focus).astype(np.float32)
-        yield place, image, defocus, traced(clutter, lens, _TRUTH, gain, True)
+        yield focus_name, image, defocus, traced(clutter, lens, _TRUTH_SAMPLES, gain, True)
 
 
 def main() -> None:
@@ -81,22 +80,27 @@ def main() -> None:
     arguments = parser.parse_args()
     print("scene | focus | rays | edge PSNR | PSNR of log")
     print("---|---|---|---|---")
-    found: dict[str, list[tuple[float, ...]]] = {}
+    scores: dict[str, list[tuple[float, ...]]] = {}
     for seed in range(1, arguments.scenes + 1):
-        for place, image, defocus, truth in nights(seed):
+        for focus_name, image, defocus, truth in nights(seed):
             if arguments.save:
                 arguments.save.mkdir(parents=True, exist_ok=True)
-                np.savez(arguments.save / f"{seed}_{place}.npz", image=image, defocus=defocus, truth=truth)
+                np.savez(
+                    arguments.save / f"{seed}_{focus_name}.npz", image=image, defocus=defocus, truth=truth
+                )
             with without_unmixing():
                 whole = rays(image, defocus)
-            for label, picture in {"whole": whole, "parted": rays(image, defocus, pixel_filter=_BOX)}.items():
+            for label, picture in {
+                "whole": whole,
+                "unmixed": rays(image, defocus, pixel_filter=_BOX),
+            }.items():
                 squared = (np.log1p(np.maximum(picture, 0)) - np.log1p(truth)) ** 2
                 row = compare(picture, truth, defocus)["edge_psnr"], psnr(squared)
-                found.setdefault(label, []).append(row)
-                print(f"{seed} | {place} | {label} | {row[0]:.2f} | {row[1]:.2f}", flush=True)
-    for label, rows in found.items():
-        edge, everywhere = np.mean(rows, 0)
-        print(f"mean | | {label} | {edge:.2f} | {everywhere:.2f}")
+                scores.setdefault(label, []).append(row)
+                print(f"{seed} | {focus_name} | {label} | {row[0]:.2f} | {row[1]:.2f}", flush=True)
+    for label, rows in scores.items():
+        edge, log_psnr = np.mean(rows, 0)
+        print(f"mean | | {label} | {edge:.2f} | {log_psnr:.2f}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""Equations for Seidel's bokeh as printed and as they must be.
+"""Equations for Seidel bokeh as printed and as corrected.
 
 Run ``python -m benchmarks.experiments.printed_seidel``.
 
-They are those of Marsicano, "Rendering real time depth of field effects", 2023, 3.10, after Asberg 2020 and
+The equations are those of Marsicano, "Rendering real time depth of field effects", 2023, 3.10, after Asberg
+2020 and
 Born and Wolf, "Principles of optics", 1999, ch. 5: the system matrix (3.22 to 3.25), the unit of the
-aberration vector (3.34) and Seidel's sums (3.36 to 3.41). Lenses of the catalog are focused at 30 focal
-lengths; coefficients are in percent of the half-diagonal of the picture.
+aberration vector (3.34) and Seidel's sums (3.36 to 3.41). Catalog lenses are focused at 30 focal lengths;
+coefficients are in percent of the half-diagonal of the picture.
 """
 
 import dataclasses
@@ -25,22 +26,22 @@ FOCUS = 30.0
 
 
 def focal_length(surfaces: Sequence[Surface], transfer_sign: float = 1.0) -> float:
-    """Focal length by the system matrix of (n u, y); the printed transfer matrix has the sign -1."""
-    system, place, index = np.eye(2), surfaces[0].vertex, 1.0
+    """Return the focal length by the system matrix of (n u, y); the printed transfer has the sign -1."""
+    system, position, index = np.eye(2), surfaces[0].vertex, 1.0
     for surface in surfaces:
-        gap = transfer_sign * (surface.vertex - place) / index
+        gap = transfer_sign * (surface.vertex - position) / index
         power = (surface.behind - surface.before) * surface.curvature
         system = np.array([[1, -power], [0, 1]]) @ np.array([[1, 0], [gap, 1]]) @ system
-        place, index = surface.vertex, surface.behind
+        position, index = surface.vertex, surface.behind
     return -1 / float(system[0, 1])
 
 
 def born_and_wolf(lens: PrescriptionLens, *, braces: bool = True) -> dict[str, float]:
-    """Seidel's sums B to F by (3.36) to (3.41), mm.
+    """Return Seidel's sums B to F by (3.36) to (3.41), mm.
 
     Args:
-        lens: Spherical surfaces only.
-        braces: Whether the half belongs to both terms of D and E; as printed it stands before the first.
+        lens: Lens with spherical surfaces only.
+        braces: True if the factor 1/2 applies to both terms of D and E; as printed it applies to the first.
     """
     surfaces = [surface for surface in lens.surfaces if not surface.stop]
     pupil = lens.paraxial.entrance.position - surfaces[0].vertex
@@ -71,10 +72,10 @@ def born_and_wolf(lens: PrescriptionLens, *, braces: bool = True) -> dict[str, f
 
 
 def in_half_diagonals(lens: PrescriptionLens, sums: dict[str, float]) -> dict[str, float]:
-    """Bring sums to the unit circle of the pupil, the corner of the picture and its half-diagonal.
+    """Return sums scaled to the unit circle of the pupil, the corner of the picture and its half-diagonal.
 
-    Theirs are for places in the entrance pupil in mm and field angles seen from it; an aberration of 1 in
-    that angle is the magnification times the object distance on the sensor. Directions of the field are
+    The printed sums refer to positions in the entrance pupil in mm and field angles from it; an aberration of
+    1 in that angle is the magnification times the object distance on the sensor. The field directions are
     opposite.
     """
     corner, radius = lens.prescription.image_radius, abs(lens.paraxial.entrance.radius)
@@ -91,16 +92,19 @@ def main() -> None:
     for name in catalog_names(mirrors=False):
         lens = load_lens(name, focusing="paraxial")
         lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
-        right, printed = (
+        corrected, printed = (
             in_half_diagonals(lens, born_and_wolf(lens, braces=braces)) for braces in (True, False)
         )
         ours = reduce_lens(lens, wavelengths=[lens.prescription.design_wavelength]).image
-        assert math.isclose(right["D"], float(ours.field_curvature[0]), rel_tol=1e-9)
+        assert math.isclose(corrected["D"], float(ours.field_curvature[0]), rel_tol=1e-9)
         magnification = abs(lens.paraxial.exit.radius / lens.paraxial.entrance.radius)
         cells = [
             f"{focal_length(lens.surfaces):.2f}",
             f"{focal_length(lens.surfaces, -1.0):.2f}",
-            *(f"{100 * value:.3f} %" for value in (right["D"], printed["D"], right["E"], printed["E"])),
+            *(
+                f"{100 * value:.3f} %"
+                for value in (corrected["D"], printed["D"], corrected["E"], printed["E"])
+            ),
             f"{magnification:.3f}",
         ]
         print(f"| {name} | {' | '.join(cells)} |")

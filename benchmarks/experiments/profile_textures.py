@@ -1,10 +1,10 @@
-"""Profile textures beside aberration maps, bytes, time and error.
+"""Profile textures compared with aberration maps: bytes, time and error.
 
 Run ``python -m benchmarks.experiments.profile_textures``.
 
-Error is one less the correlation with the blur traced through the glass, in the mean over three depths, for
-points on the axis, half way to the corner and near it. Time is that of one blur of 64 x 64 cells in 24
-wavelengths, without what is made once for the lens, which stands beside it.
+The error is 1 minus the correlation with the blur traced through the glass, mean over three depths, for
+points on the axis, half way to the corner and near it. The time is that of one blur of 64 x 64 cells in 24
+wavelengths, without the preparation of the lens, which has its own column.
 """
 
 import argparse
@@ -20,7 +20,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--lenses", nargs="+", default=_LENSES)
     parser.add_argument(
-        "--rays", type=int, default=6000, help="of each wavelength, for traced blurs and maps"
+        "--rays", type=int, default=6000, help="rays of each wavelength, for traced blurs and maps"
     )
     options = parser.parse_args()
     print("| lens | kind | bytes | made in, s | a blur in, ms | error on the axis | at 0.5 | at 0.9 |")
@@ -28,9 +28,9 @@ def main() -> None:
     for name in options.lenses:
         lens = load_lens(name, focus_distance=30 * load_lens(name).focal_length)
         for kind in compare_profiles(lens, rays=options.rays)[1]:
-            told = " | ".join(f"{error:.4f}" for error in kind.errors)
+            errors = " | ".join(f"{error:.4f}" for error in kind.errors)
             row = f"{kind.name} | {kind.bytes} | {kind.made:.2f} | {1000 * kind.blur:.0f}"
-            print(f"| {name} | {row} | {told} |", flush=True)
+            print(f"| {name} | {row} | {errors} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Point-spread functions of catalog lenses: aberration maps against rays through the glass.
+"""Point spread functions of catalog lenses: aberration maps compared with rays through the glass.
 
-Run it as ``python -m benchmarks.experiments.psf``.
+Run ``python -m benchmarks.experiments.psf``.
 """
 
 import argparse
@@ -22,30 +22,30 @@ _FOCUS, _PIXELS = 30.0, 1000
 
 
 def _print_pair(name: str, pair: PsfPair) -> list[float]:
-    """One line; returns the correlations: all colours, and each."""
-    found = [pair.correlation]
-    found += [correlation(pair.traced[..., c], pair.reduced[..., c]) for c in range(3)]
-    columns = "".join(f"{value:8.4f}" for value in found)
+    """Print one line; return the correlations of all colours, and of each."""
+    correlations = [pair.correlation]
+    correlations += [correlation(pair.traced[..., c], pair.reduced[..., c]) for c in range(3)]
+    columns = "".join(f"{value:8.4f}" for value in correlations)
     print(
         f"{name:15s}{pair.depth / 1000:8.3g}{pair.field:7.1f}{_PIXELS * pair.blur_radius:9.1f}"
         f"{_PIXELS * pair.width:9.1f}{columns}",
         flush=True,
     )
-    return found
+    return correlations
 
 
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--lenses", nargs="+", default=_LENSES)
-    parser.add_argument("--sheets", type=Path, help="folder for a sheet of each lens")
+    parser.add_argument("--sheets", type=Path, help="folder for a contact sheet of each lens")
     arguments = parser.parse_args()
     print(
         f"pixels of a picture with a half diagonal of {_PIXELS}; wide open, focus at {_FOCUS:g} focal lengths"
     )
     header = "".join(f"{column:>8s}" for column in ("colours", "red", "green", "blue"))
     print(f"{'lens':15s}{'depth,m':>8s}{'field':>7s}{'radius':>9s}{'width':>9s}{header}")
-    everything: list[list[float]] = []
+    all_correlations: list[list[float]] = []
     for name in arguments.lenses:
         lens = load_lens(name, focus_distance=_FOCUS * load_lens(name).focal_length)
         aberration_map = fit_aberration_map(lens)
@@ -54,14 +54,14 @@ def main() -> None:
         else:
             arguments.sheets.mkdir(parents=True, exist_ok=True)
             pairs = write_psf_sheet(lens, arguments.sheets / f"psf_{name}.png")
-        everything += [_print_pair(name, pair) for pair in pairs]
+        all_correlations += [_print_pair(name, pair) for pair in pairs]
         misfits = [aberration_misfit(lens, aberration_map, wavelength=nm)[0] for nm in (450.0, 546.07, 650.0)]
         worst = _PIXELS * max(misfits)
         print(
             f"{name:15s}rms error of the fit, 450 to 650 nm: {worst:.3f} pixels; "
             f"{len(aberration_map.vignetting_apertures)} rims"
         )
-    scores = np.array(everything)
+    scores = np.array(all_correlations)
     means, worst_ones = ("".join(f"{v:8.4f}" for v in row) for row in (scores.mean(0), scores.min(0)))
     print(f"{'mean':48s}{means}\n{'worst':48s}{worst_ones}")
 

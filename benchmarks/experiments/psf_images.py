@@ -1,8 +1,8 @@
-"""How exact the discs of lights are, and what one costs: ``python -m benchmarks.experiments.psf_images``.
+"""Accuracy and cost of the discs of lights: ``python -m benchmarks.experiments.psf_images``.
 
-Lights stand before a black wall. Truth is, for single lights, the transmission added up at many places in
-each pixel; behind a lens, its rays sent one by one; for merged lights, their pixels drawn one by one; and for
-clipped discs, rays that stop at the screen. PSNR is of linear light, and its peak is the disc's level.
+Lights are in front of a black wall. The truth is, for single lights, the transmission summed over many points
+in each pixel; with a lens, individually traced rays; for merged lights, their pixels drawn individually; and
+for clipped discs, rays that end at the screen. PSNR is of linear light, with the level of the disc as peak.
 """
 
 import argparse
@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.measurement import median_seconds
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.layered.layers import Layers
-from bokehnet.classical.layered.march.defocus_bins import as_radii, occupied_bins
+from bokehnet.classical.layered.march.defocus_bins import occupied_bins, perfect_lens_reach
 from bokehnet.io.image import write_image
 from bokehnet.optics.aberrations.aberration_map import DESIGN_WAVELENGTH, AberrationMap, term
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
@@ -31,18 +31,18 @@ SHAPES = {
 
 
 def point(x: float, y: float, defocus: float) -> np.ndarray:
-    """One light of energy 1."""
+    """Return one light of energy 1."""
     return np.array([[x, y, defocus, 1.0, 1.0, 1.0, 1.0, 1.0]])
 
 
 def draw(
     lights: np.ndarray, side: int, aperture: Aperture, *, front: np.ndarray | None = None, **options: Any
 ) -> np.ndarray:
-    """Draw lights into a black square; ``front`` is the defocus (H, W) of what stands before them."""
+    """Draw lights into a black square; ``front`` is the defocus (H, W) of occluders in front."""
     depths = np.full((side, side), -5000, np.float32) if front is None else front.astype(np.float32)
     cells = np.stack([depths, np.ones_like(depths)], -1)[:, :, None]
     result = np.zeros((side, side, 3), np.float32)
-    slices = occupied_bins(cells, lambda defocus: 2 * as_radii(defocus) + 0.2 * side)
+    slices = occupied_bins(cells, lambda defocus: 2 * perfect_lens_reach(defocus) + 0.2 * side)
     add_lights(lights, cells, np.ones((side, side), bool), slices, aperture, result, **options)
     return result
 
@@ -50,7 +50,7 @@ def draw(
 def supersampled(
     x: float, y: float, defocus: float, side: int, aperture: Aperture, samples: int
 ) -> np.ndarray:
-    """Share of the light on each pixel, from samples^2 places in it."""
+    """Return the fraction of the light on each pixel, from samples^2 points per pixel."""
     inside = (np.arange(samples) + 0.5) / samples - 0.5
     total = np.zeros((side, side))
     u = (np.add.outer(np.arange(side), inside).ravel() - x) / defocus
@@ -64,31 +64,31 @@ def supersampled(
 def traced(
     x: float, y: float, defocus: float, side: int, lens_response: LensResponse, *, edge: float = 1e9
 ) -> np.ndarray:
-    """Picture of a light from 2000^2 jittered rays; those right of ``edge`` in the plane of focus stop."""
+    """Return the picture of a light from 2000^2 jittered rays, blocked right of ``edge`` in focus."""
     count = 2000
     rng = np.random.default_rng(0)
     grid = np.stack(np.meshgrid(np.arange(count), np.arange(count)), -1).reshape(-1, 2)
     pupil = (grid + rng.random(grid.shape)) * (2 / count) - 1
     pupil = pupil[(pupil**2).sum(1) <= 1]
     half_diagonal, light = side / 2**0.5, np.array([x, y])
-    place, transverse_aberration = light + defocus * pupil, np.zeros_like(pupil)
+    position, transverse_aberration = light + defocus * pupil, np.zeros_like(pupil)
     for _ in range(6):
         transverse_aberration, run, _ = lens_response.aberration_map(
-            pupil, (place - (side - 1) / 2) / half_diagonal, DESIGN_WAVELENGTH
+            pupil, (position - (side - 1) / 2) / half_diagonal, DESIGN_WAVELENGTH
         )
-        place = light + defocus * run + half_diagonal * transverse_aberration
-    pixel = np.floor(place + 0.5).astype(int)
-    kept = (
+        position = light + defocus * run + half_diagonal * transverse_aberration
+    pixel = np.floor(position + 0.5).astype(int)
+    visible = (
         (pixel >= 0).all(1)
         & (pixel < side).all(1)
-        & ((place - half_diagonal * transverse_aberration)[:, 0] < edge)
+        & ((position - half_diagonal * transverse_aberration)[:, 0] < edge)
     )
-    counts = np.bincount(pixel[kept, 1] * side + pixel[kept, 0], minlength=side * side)
+    counts = np.bincount(pixel[visible, 1] * side + pixel[visible, 0], minlength=side * side)
     return counts.reshape(side, side) / len(pupil)
 
 
 def lens(side: int, **transverse_aberrations: float) -> LensResponse:
-    """Spherical aberration and coma in pixels at the pupil's rim and the picture's corner."""
+    """Return a lens with spherical aberration and coma in pixels at the pupil rim and the picture corner."""
     transverse_aberration = np.zeros((1, 2, 20))
     for name, row in (("spherical", 0), ("coma", 1)):
         transverse_aberration[:, row, term(1, 0, 0)] = transverse_aberrations.get(name, 0.0) / (side / 2**0.5)
@@ -100,17 +100,17 @@ def lens(side: int, **transverse_aberrations: float) -> LensResponse:
     return LensResponse(aberration_map=aberration_map)
 
 
-def compare(name: str, got: np.ndarray, truth: np.ndarray, level: float) -> None:
-    """Print a row: PSNR, largest error of a pixel, and error of the energy."""
-    error = got - truth
+def compare(name: str, rendered: np.ndarray, truth: np.ndarray, level: float) -> None:
+    """Print a row: PSNR, maximum error of a pixel, error of the energy, and correlation."""
+    error = rendered - truth
     decibels = -20 * np.log10(max(np.sqrt((error**2).mean()) / level, 1e-12))
-    largest, energy = abs(error).max() / level, got.sum() / truth.sum() - 1
-    correlation = np.corrcoef(got.ravel(), truth.ravel())[0, 1]
+    largest, energy = abs(error).max() / level, rendered.sum() / truth.sum() - 1
+    correlation = np.corrcoef(rendered.ravel(), truth.ravel())[0, 1]
     print(f"| {name} | {decibels:.1f} dB | {largest:.3f} | {energy:+.1e} | {correlation:.5f} |", flush=True)
 
 
 def lamps(kind: str, side: int) -> np.ndarray:
-    """A bright line that leans, a window with a cross, or sparks, on black."""
+    """Return a tilted bright line, a window with a cross, or sparks, on black."""
     image = np.zeros((side, side, 3), np.float32)
     half = 0.04 if kind == "window" else 0.15
     low, high = int((0.5 - half) * side), int((0.5 + half) * side)
@@ -130,19 +130,19 @@ def lamps(kind: str, side: int) -> np.ndarray:
 
 
 def merged(kind: str, radius: float, side: int) -> None:
-    """Print how merged lights, with and without their widths, differ from single ones."""
-    image, one = lamps(kind, side), np.ones((side, side, 1), np.float32)
-    layers = Layers(colors=image[:, :, None], defocus=np.float32(radius) * one, coverage=one)
+    """Print the differences of merged lights, with and without their widths, from single ones."""
+    image, ones = lamps(kind, side), np.ones((side, side, 1), np.float32)
+    layers = Layers(colors=image[:, :, None], defocus=np.float32(radius) * ones, coverage=ones)
     rest, lights = separate_lights(layers)
     y, x = np.nonzero(image.max(-1) > rest.colors[:, :, 0].max(-1))
-    taken = (image - rest.colors[:, :, 0])[y, x]
-    single = np.column_stack([x, y, np.full(len(x), radius), taken, np.ones((len(x), 2))])
+    light = (image - rest.colors[:, :, 0])[y, x]
+    single = np.column_stack([x, y, np.full(len(x), radius), light, np.ones((len(x), 2))])
     truth = draw(single, side, Aperture())[..., 0]
     points = lights.copy()
     points[:, 6:] = 1
-    for what, found in (("rectangles", lights), ("points", points)):
-        name = f"{kind}, radius {radius:g}, {len(single)} pixels in {len(found)} {what}"
-        compare(name, draw(found, side, Aperture())[..., 0], truth, truth.max())
+    for kind_of_lights, merged_lights in (("rectangles", lights), ("points", points)):
+        name = f"{kind}, radius {radius:g}, {len(single)} pixels in {len(merged_lights)} {kind_of_lights}"
+        compare(name, draw(merged_lights, side, Aperture())[..., 0], truth, truth.max())
 
 
 def figures() -> None:
@@ -151,10 +151,10 @@ def figures() -> None:
     for name, aperture in SHAPES.items():
         for radius in RADII:
             side = 2 * radius + 7
-            place = side / 2 + 0.3, side / 2 - 0.2, -float(radius)
-            truth = supersampled(*place, side, aperture, min(64, max(8, 3200 // radius)))
-            got = draw(point(*place), side, aperture)[..., 0]
-            compare(f"{name}, radius {radius}", got, truth, float(truth.max()))
+            position = side / 2 + 0.3, side / 2 - 0.2, -float(radius)
+            truth = supersampled(*position, side, aperture, min(64, max(8, 3200 // radius)))
+            rendered = draw(point(*position), side, aperture)[..., 0]
+            compare(f"{name}, radius {radius}", rendered, truth, float(truth.max()))
     for radius in (10, 30, 100):
         side = 5 * radius
         for name, transverse_aberrations in {
@@ -162,25 +162,27 @@ def figures() -> None:
             "creamy": {"spherical": -0.5 * radius},
             "coma": {"coma": 0.7 * radius},
         }.items():
-            lens_response, place = (
+            lens_response, position = (
                 lens(side, **transverse_aberrations),
                 (0.6 * side, 0.62 * side, -float(radius)),
             )
             level = 1 / (np.pi * radius**2)
-            got = draw(point(*place), side, Aperture(), lens_response=lens_response)[..., 0]
-            compare(f"{name}, radius {radius}", got, traced(*place, side, lens_response), level)
+            rendered = draw(point(*position), side, Aperture(), lens_response=lens_response)[..., 0]
+            compare(f"{name}, radius {radius}", rendered, traced(*position, side, lens_response), level)
             front = np.full((side, side), -5000.0)
             front[:, int(0.63 * side) :] = 0.0
-            got = draw(point(*place), side, Aperture(), front=front, lens_response=lens_response)[..., 0]
-            truth = traced(*place, side, lens_response, edge=int(0.63 * side) - 0.5)
-            compare(f"{name}, radius {radius}, clipped", got, truth, level)
+            rendered = draw(point(*position), side, Aperture(), front=front, lens_response=lens_response)[
+                ..., 0
+            ]
+            truth = traced(*position, side, lens_response, edge=int(0.63 * side) - 0.5)
+            compare(f"{name}, radius {radius}, clipped", rendered, truth, level)
     for kind in ("line", "window", "sparks"):
         for radius in (20.0, 60.0, 120.0):
             merged(kind, radius, 200)
 
 
 def times() -> None:
-    """Print milliseconds per light, of 40 lights in 800 x 800 pixels that nothing hides."""
+    """Print milliseconds per light, for 40 unoccluded lights in 800 x 800 pixels."""
     side, rng = 800, np.random.default_rng(0)
     lenses = {
         "perfect": None,
@@ -205,7 +207,7 @@ def times() -> None:
 
 
 def sheet(path: str) -> None:
-    """Write a picture of discs: openings above, lenses below, all but the last column past a screen."""
+    """Write a picture of discs: apertures above, lenses below, clipped by a screen."""
     side, rows = 260, []
     looks: list[list[tuple[Aperture, LensResponse | None]]] = [
         [
@@ -243,8 +245,8 @@ def sheet(path: str) -> None:
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--time", action="store_true", help="Times instead of errors.")
-    parser.add_argument("--sheet", help="Write a picture of discs there instead.")
+    parser.add_argument("--time", action="store_true", help="print times instead of errors")
+    parser.add_argument("--sheet", help="write a picture of discs to this file instead")
     arguments = parser.parse_args()
     if arguments.sheet:
         sheet(arguments.sheet)

@@ -1,10 +1,10 @@
-"""Where third-order theory stops being true: ``python -m benchmarks.experiments.seidel``.
+"""Limits of third-order theory: ``python -m benchmarks.experiments.seidel``.
 
-For every lens of the catalog, at several f-numbers and field positions: the size of a spot in the plane of
-focus by third-order theory over that of the spot traced through the prescription. Size is the rms distance
-from the centroid, at the design wavelength. Spots of which rims other than the stop cut a part are marked,
-because theory knows the stop alone. ``--sheet FILE`` draws lights through the sliders in its place, and
-``--lamps FILE`` renders those of ``bokehnet demo`` through some.
+Prints for every catalog lens, at several f-numbers and field positions, the size of a spot in the plane of
+focus by third-order theory relative to the spot traced through the prescription. Size is the rms distance
+from the centroid, at the design wavelength. Spots that rims other than the stop clip are marked, because the
+theory includes only the stop. ``--sheet FILE`` instead draws lights with the sliders, and ``--lamps FILE``
+renders the lamps of ``bokehnet demo`` with some of them.
 """
 
 import argparse
@@ -28,14 +28,14 @@ from bokehnet.render.renderer import BokehRenderer
 from bokehnet.tools.demo import ASSETS, BLUR
 from bokehnet.tools.demo import FOCUS as DEMO_FOCUS
 
-# Times the f-number of the open lens, and shares of the way to the corner.
+# Multiples of the f-number of the open lens, and field positions relative to the corner.
 STOPS = (1, 1.4, 2, 2.8, 4, 8)
 FIELDS = (0, 0.1, 0.25, 0.5, 0.75, 1)
 COUNT = 40000
-# Focus, in focal lengths.
+# Focus distance in focal lengths.
 FOCUS = 30.0
-# Rays are aimed at more than the pupil, because its image wanders and grows off the axis.
-WIDER = 1.5
+# Factor on the pupil radius for aiming rays, because the pupil moves and grows off the axis.
+AIM_FACTOR = 1.5
 
 # Sliders of the sheet with their strength in percent; its defocus in half-diagonals; the size of its cells.
 SHOWN = {"spherical": 3, "coma": 8, "astigmatism": 4, "field_curvature": 4}
@@ -47,13 +47,13 @@ LAMPS = ({}, {"spherical": 1.5}, {"spherical": -2}, {"astigmatism": 3}, {"coma":
 
 
 def pupil_points() -> np.ndarray:
-    """Points evenly spread over the unit disc, (COUNT, 2)."""
+    """Return points evenly distributed over the unit disc, (COUNT, 2)."""
     points: np.ndarray = disc_from_square(np.stack([halton(COUNT, 2), halton(COUNT, 3)], -1))
     return points
 
 
 def open_rims(lens: PrescriptionLens) -> PrescriptionLens:
-    """Return the lens with glass as wide as rays can meet it; the stop alone cuts."""
+    """Return the lens with unlimited glass diameters; only the stop clips."""
     surfaces = tuple(
         row if row.stop else dataclasses.replace(row, semi_diameter=np.inf)
         for row in lens.prescription.surfaces
@@ -66,42 +66,42 @@ def traced_spot(lens: PrescriptionLens, field: float, defocus: float = 0.0) -> n
     """Trace the light of a point to the sensor.
 
     Args:
-        lens: The lens.
-        field: Where the point is, share of the way to the corner, to the right.
-        defocus: Its signed blur radius by Gaussian optics, half-diagonals.
+        lens: Lens to trace.
+        field: Field position of the point relative to the corner, to the right.
+        defocus: Its paraxial signed blur radius, half-diagonals.
 
     Returns:
-        Where rays arrive, half-diagonals, (N, 2), right and down.
+        Positions of the rays on the sensor, half-diagonals, (N, 2), right and down.
     """
     corner, picture = lens.prescription.image_radius, lens.sensor_distance
     radius = abs(lens.paraxial.entrance.radius)
     nearness = 1 / lens.focus_distance + defocus * corner / (radius * picture)
-    origin = WIDER * radius * pupil_points()
+    origin = AIM_FACTOR * radius * pupil_points()
     slope = np.array([field * corner / picture, 0.0]) - nearness * origin
-    arrives, passes = lens.trace_to_sensor(Rays(origin=origin, slope=slope))
-    spot: np.ndarray = -arrives[passes] / corner
+    arrival, passes = lens.trace_to_sensor(Rays(origin=origin, slope=slope))
+    spot: np.ndarray = -arrival[passes] / corner
     return spot
 
 
 def arrive(
-    aberration_map: AberrationMap, pupil: np.ndarray, place: np.ndarray, defocus: float = 0.0
+    aberration_map: AberrationMap, pupil: np.ndarray, position: np.ndarray, defocus: float = 0.0
 ) -> np.ndarray:
-    """The same by an aberration map, for aperture coordinates (N, 2) and the place (2,)."""
-    arrives = np.broadcast_to(place, pupil.shape)
+    """Return the positions by an aberration map, for pupil coordinates (N, 2) and the field position (2,)."""
+    arrival = np.broadcast_to(position, pupil.shape)
     for _ in range(3):
-        transverse_aberration, run, _ = aberration_map(pupil, arrives)
-        arrives = place + defocus * run + transverse_aberration
-    return arrives
+        transverse_aberration, run, _ = aberration_map(pupil, arrival)
+        arrival = position + defocus * run + transverse_aberration
+    return arrival
 
 
 def size(points: np.ndarray) -> float:
-    """Rms distance from the centroid."""
+    """Return the rms distance from the centroid."""
     return float(((points - points.mean(0)) ** 2).sum(-1).mean() ** 0.5)
 
 
 def compare(name: str, stop: float, field: float) -> tuple[float, float]:
-    """Ratio of sizes, theory over traced, and the share of light that rims other than the stop cut."""
-    fastest = load_lens(name).fastest
+    """Return the ratio of sizes, theory over traced, and the fraction of light that other rims clip."""
+    fastest = load_lens(name).min_f_number
     lens = load_lens(name, f_number=None if stop == 1 else stop * fastest, focusing="paraxial")
     lens = dataclasses.replace(lens, focus_distance=FOCUS * lens.focal_length)
     aberration_map = seidel_aberration_map(
@@ -124,25 +124,25 @@ def print_table() -> None:
             for field in FIELDS:
                 ratio, cut = compare(name, stop, field)
                 cells.append(f"{ratio:.2f}{'*' if cut > 0.01 else ''}")
-            print(f"| {name} | f/{stop * load_lens(name).fastest:.1f} | {' | '.join(cells)} |")
+            print(f"| {name} | f/{stop * load_lens(name).min_f_number:.1f} | {' | '.join(cells)} |")
 
 
 def lights(aberration_map: AberrationMap, defocus: float) -> np.ndarray:
-    """Draw a grid of lights that all have one defocus, (HEIGHT, WIDTH); a plain disc of the sheet is grey."""
+    """Draw a grid of lights of one defocus, (HEIGHT, WIDTH); a plain disc of the sheet is grey."""
     half_diagonal = 0.5 * np.hypot(WIDTH, HEIGHT)
     pupil, picture = pupil_points(), np.zeros((HEIGHT, WIDTH))
     for y in (-0.75, 0.0, 0.75):
         for x in (-0.8, -0.4, 0.0, 0.4, 0.8):
-            place = np.array([x * WIDTH, y * HEIGHT]) / (2 * half_diagonal)
-            arrives = arrive(aberration_map, pupil, place, defocus)
-            column, row = (arrives * half_diagonal + (WIDTH / 2, HEIGHT / 2)).T
+            position = np.array([x * WIDTH, y * HEIGHT]) / (2 * half_diagonal)
+            arrival = arrive(aberration_map, pupil, position, defocus)
+            column, row = (arrival * half_diagonal + (WIDTH / 2, HEIGHT / 2)).T
             picture += np.histogram2d(row, column, (HEIGHT, WIDTH), ((0, HEIGHT), (0, WIDTH)))[0]
     full = COUNT / (np.pi * (half_diagonal * max(DEFOCUS)) ** 2)
     return 0.2 * picture / full
 
 
 def sheet() -> np.ndarray:
-    """A row for each slider, first above 0, then below: behind focus, in focus, in front of focus."""
+    """Return a sheet with two rows per slider, positive and negative: behind, in, in front of focus."""
     rows = []
     for name, strength in SHOWN.items():
         cells = [
@@ -159,7 +159,7 @@ def sheet() -> np.ndarray:
 
 
 def lamps() -> np.ndarray:
-    """Render the lamps of the demo, focused on the leaves, a picture for each of ``LAMPS``, two abreast."""
+    """Render the lamps of the demo, focused on the leaves, a picture per entry of ``LAMPS``."""
     image = read_image(ASSETS / "demo.png")
     disparity = read_disparity(ASSETS / "demo_disparity.png")
     cells = []
@@ -167,22 +167,26 @@ def lamps() -> np.ndarray:
         renderer = BokehRenderer(
             "rays", lens_response=LensResponse(aberration_map=AberrationSliders(**sliders).aberration_map())
         )
-        found = renderer.render(
+        result = renderer.render(
             image,
             disparity=disparity,
             blur=BLUR,
             focus=DEMO_FOCUS["near"],
             highlights=Highlights(threshold=0.5),
         )
-        cells.append(found.bokeh[:250, :480])
+        cells.append(result.bokeh[:250, :480])
     return np.vstack([np.hstack(cells[i : i + 2]) for i in range(0, len(cells), 2)])
 
 
 def main() -> None:
     """Entry of the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--sheet", type=Path, help="picture to draw in place of the table")
-    parser.add_argument("--lamps", type=Path, help="likewise")
+    parser.add_argument(
+        "--sheet", type=Path, help="write a picture of lights to this file instead of the table"
+    )
+    parser.add_argument(
+        "--lamps", type=Path, help="write the lamps of the demo to this file instead of the table"
+    )
     arguments = parser.parse_args()
     if arguments.sheet is not None:
         write_image(arguments.sheet, sheet())

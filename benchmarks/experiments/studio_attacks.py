@@ -1,9 +1,9 @@
-"""Attacks on a running studio, and what comes back: ``python -m benchmarks.experiments.studio_attacks``.
+"""Attacks on a running studio: ``python -m benchmarks.experiments.studio_attacks``.
 
-A studio opens the demonstration's picture. Through plain sockets, whose requests no client tidies up, it is
-asked for what it must not tell, by names, origins, paths and files that it must not take. Printed for each is
-the answer's status and its first line. A secret file lies where the paths lead; at the end the studio must
-still show its picture as it was, and no answer may have held the secret or the token. Needs the extra studio.
+A studio opens the demo picture. Plain sockets, without normalization by a client, send requests for data that
+it must not disclose, with host names, origins, paths and files that it must not accept. Prints the status and
+the longest line of each answer. The paths lead to a secret file; at the end the studio must still show the
+same picture, and no answer may contain the secret or the token. Needs the extra studio.
 """
 
 import contextlib
@@ -29,15 +29,15 @@ _SECRET = "the secret of this machine"
 
 @dataclass(frozen=True, kw_only=True)
 class Attack:
-    """One request.
+    """Malicious request.
 
     Attributes:
-        what: For people.
-        path: After the token; with the token itself where it begins with ``/``.
-        method: Of HTTP.
-        headers: In place of those of the studio's own page; "" leaves one out.
-        body: Bytes of the request.
-        allowed: Statuses by which it is refused.
+        what: Description.
+        path: Path after the token; a path that begins with ``/`` replaces the token.
+        method: HTTP method.
+        headers: Headers that override those of the studio's page; "" omits one.
+        body: Body of the request.
+        allowed: Status codes of a refusal.
     """
 
     what: str
@@ -49,7 +49,7 @@ class Attack:
 
 
 def bomb(side: int) -> bytes:
-    """A PNG file of some kilobytes that says it has side x side pixels."""
+    """Return a PNG file of some kilobytes that declares side x side pixels."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -60,16 +60,16 @@ def bomb(side: int) -> bytes:
 
 
 def packed(names: dict[str, bytes], *, compressed: bool = False) -> bytes:
-    """A session's file that holds these."""
-    held = io.BytesIO()
-    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED) as archive:
+    """Return a session file with these members."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED) as archive:
         for name, content in names.items():
             archive.writestr(name, content)
-    return held.getvalue()
+    return buffer.getvalue()
 
 
 def attacks(secret: Path, port: int) -> Iterator[Attack]:
-    """All that is tried."""
+    """Yield all attacks."""
     yield Attack(what="no token", path="/")
     yield Attack(what="another token", path=f"/{'A' * 32}/api/state")
     yield Attack(what="rebinding: Host of evil.example", path="", headers={"Host": f"evil.example:{port}"})
@@ -83,17 +83,17 @@ def attacks(secret: Path, port: int) -> Iterator[Attack]:
     yield Attack(what="a form without Origin", path="api/change", headers={"Origin": ""}, **change)
     site = {"Sec-Fetch-Site": "cross-site", "Origin": ""}
     yield Attack(what="an image tag of another site", path="api/state", headers=site)
-    asked = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
-    yield Attack(what="a preflight of another origin", path="api/change", method="OPTIONS", headers=asked)
+    preflight = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
+    yield Attack(what="a preflight of another origin", path="api/change", method="OPTIONS", headers=preflight)
     upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
     upgrade |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": "http://evil.example"}
     yield Attack(what="a WebSocket of another origin", path="api/state", headers=upgrade)
     up = "../" * 12 + str(secret).lstrip("/")
     for path in (up, up.replace("..", "%2e%2e"), up.replace("/", "%2f"), "/" + str(secret), "../app.py"):
-        told = path.replace(str(secret).lstrip("/"), "SECRET").replace(
+        label = path.replace(str(secret).lstrip("/"), "SECRET").replace(
             str(secret).lstrip("/").replace("/", "%2f"), "SECRET"
         )
-        yield Attack(what=f"path {told[:24]}", path=path, allowed=(403, 404))
+        yield Attack(what=f"path {label[:24]}", path=path, allowed=(403, 404))
     for group, setting in (
         ("input", "disparity"),
         ("engine", "weights"),
@@ -158,8 +158,8 @@ def attacks(secret: Path, port: int) -> Iterator[Attack]:
     yield Attack(what="TRACE", path="api/state", method="TRACE", allowed=(403, 405))
 
 
-def asked(port: int, token: str, attack: Attack) -> bytes:
-    """All that comes back on a socket."""
+def send(port: int, token: str, attack: Attack) -> bytes:
+    """Return the complete response of a socket."""
     headers = {"Host": f"127.0.0.1:{port}", "Origin": f"http://127.0.0.1:{port}", "Connection": "close"}
     headers |= {"Content-Length": str(len(attack.body))} | attack.headers
     path = attack.path if attack.path.startswith("/") else f"/{token}/{attack.path}"
@@ -167,24 +167,24 @@ def asked(port: int, token: str, attack: Attack) -> bytes:
         f"{attack.method} {path} HTTP/1.1",
         *(f"{name}: {value}" for name, value in headers.items() if value),
     ]
-    found = b""
+    response = b""
     with (
-        socket.create_connection(("127.0.0.1", port), timeout=60) as talk,
+        socket.create_connection(("127.0.0.1", port), timeout=60) as connection,
         contextlib.suppress(ConnectionError),
     ):
         with contextlib.suppress(ConnectionError):  # it may refuse before all is sent
-            talk.sendall("\r\n".join([*lines, "", ""]).encode() + attack.body)
-        while part := talk.recv(65536):
-            found += part
-    return found
+            connection.sendall("\r\n".join([*lines, "", ""]).encode() + attack.body)
+        while part := connection.recv(65536):
+            response += part
+    return response
 
 
 def main() -> None:
-    """Print a line for each."""
+    """Print a line for each attack."""
     words = [sys.executable, "-m", "bokehnet", "studio", "--no-browser", str(_ASSETS / "demo.png")]
     words += ["--disparity", str(_ASSETS / "demo_disparity.png"), "--blur", "38", "--repair-disparity", "off"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    wrong, tried = [], 0
+    failures, tried = [], 0
     with tempfile.TemporaryDirectory() as folder:
         secret = Path(folder) / "secret.txt"
         secret.write_text(_SECRET)
@@ -195,30 +195,32 @@ def main() -> None:
             port, token = int(address[1]), address[2]
             state = Attack(what="", path="api/state")
             print("| attack | status | answer |\n|---|---|---|")
-            before = asked(port, token, state).partition(b"\r\n\r\n")[2]
+            before = send(port, token, state).partition(b"\r\n\r\n")[2]
             for attack in attacks(secret, port):
                 tried += 1
-                answer = asked(port, token, attack)
-                head, _, body = answer.partition(b"\r\n\r\n")
+                response = send(port, token, attack)
+                head, _, body = response.partition(b"\r\n\r\n")
                 status = int(head.split()[1]) if head else 0
                 leaked = (
-                    _SECRET.encode() in answer
-                    or token.encode() in answer
+                    _SECRET.encode() in response
+                    or token.encode() in response
                     or b"access-control" in head.lower()
                 )
-                right = status in attack.allowed and not leaked
-                wrong += [] if right else [attack.what]
-                told = max(body.decode("utf-8", "replace").splitlines() or [""], key=len)
-                told = json.loads(told).get("error", told) if told.startswith("{") else told
-                told = told.replace(folder, "").replace("|", " ").strip()
-                print(f"| {attack.what} | {'' if right else 'WRONG '}{status} | {told[:110]} |")
-            after = asked(port, token, state).partition(b"\r\n\r\n")[2]
+                refused = status in attack.allowed and not leaked
+                failures += [] if refused else [attack.what]
+                message = max(body.decode("utf-8", "replace").splitlines() or [""], key=len)
+                message = json.loads(message).get("error", message) if message.startswith("{") else message
+                message = message.replace(folder, "").replace("|", " ").strip()
+                print(f"| {attack.what} | {'' if refused else 'WRONG '}{status} | {message[:110]} |")
+            after = send(port, token, state).partition(b"\r\n\r\n")[2]
         finally:
             process.terminate()
             process.wait(20)
     same = bool(before) and before == after
-    print(f"{tried} tried, {len(wrong)} not refused; the studio shows the same picture and settings: {same}")
-    if wrong or not same:
+    print(
+        f"{tried} tried, {len(failures)} not refused; the studio shows the same picture and settings: {same}"
+    )
+    if failures or not same:
         raise SystemExit(1)
 
 

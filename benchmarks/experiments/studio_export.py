@@ -1,8 +1,8 @@
-"""Whether the page exports what its command makes: ``python -m benchmarks.experiments.studio_export``.
+"""Equality of exports and commands of the studio: ``python -m benchmarks.experiments.studio_export``.
 
-A studio opens the demonstration's picture; in Chromium each of six settings is asked for, the export is
-clicked and saved, and the command that the page shows, and the Python that it copies, are run as they are.
-Printed is whether all three files are equal, byte for byte. Needs the extra studio, playwright and Chromium.
+A studio opens the demo picture; in Chromium, for each of six settings, the export is clicked and saved, and
+the displayed command and the copied Python code are run unchanged. Prints whether all three files are equal
+byte for byte. Needs the extra studio, playwright and Chromium.
 """
 
 import os
@@ -40,7 +40,7 @@ SIX: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
             "focus": {"value": 0.2},
         },
     ),
-    "leaning plane, scatter, 16 bits": (
+    "tilted plane, scatter, 16 bits": (
         "tilt.png",
         {
             "focus": {"value": 0.4, "tilt_x": -20.0},
@@ -48,12 +48,12 @@ SIX: dict[str, tuple[str, dict[str, dict[str, Any]]]] = {
             "output": {"bits": "16"},
         },
     ),
-    "JPEG of quality 90, parted colours": (
+    "JPEG of quality 90, unmixed colours": (
         "colour.jpg",
         {"color": {"axial": 2.0}, "output": {"quality": 90}, "focus": {"value": 0.46}},
     ),
 }
-"""Name of the file, and what is changed, of each."""
+"""File name and settings of each export."""
 
 _CHANGE = """
     ([blank, changes]) => fetch("api/state").then((answer) => answer.json()).then(async ({ settings }) => {
@@ -67,8 +67,8 @@ _CHANGE = """
 """
 
 
-def nothing() -> dict[str, dict[str, None]]:
-    """Changes that bring the defaults back of all that the six settings touch."""
+def default_changes() -> dict[str, dict[str, None]]:
+    """Return changes that restore the defaults of all fields of the six settings."""
     blank: dict[str, dict[str, None]] = {}
     for _, changes in SIX.values():
         for group, fields in changes.items():
@@ -77,8 +77,8 @@ def nothing() -> dict[str, dict[str, None]]:
 
 
 def exported(page: Page, name: str, changes: dict[str, dict[str, Any]]) -> tuple[bytes, str, str]:
-    """Bytes that the page saves under a name, the command that it shows, and the Python that it copies."""
-    page.evaluate(_CHANGE, [nothing(), changes])
+    """Return the bytes that the page exports, the command it shows and the Python code it copies."""
+    page.evaluate(_CHANGE, [default_changes(), changes])
     page.reload()
     page.wait_for_selector("body[data-settled]", timeout=240_000)
     page.fill("#out-name", name)
@@ -93,15 +93,15 @@ def exported(page: Page, name: str, changes: dict[str, dict[str, Any]]) -> tuple
     return saved, command, page.inner_text("#command")
 
 
-def made_by(words: list[str], folder: Path, name: str) -> bytes:
-    """Bytes that a command makes in an empty folder."""
+def output_of(words: list[str], folder: Path, name: str) -> bytes:
+    """Return the bytes of the file that a command writes."""
     (folder / name).unlink(missing_ok=True)
     subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)
     return (folder / name).read_bytes()
 
 
 def main() -> None:
-    """Print a line for each of the six."""
+    """Print a line for each of the six exports."""
     words = [sys.executable, "-m", "bokehnet", "studio", "--no-browser", str(_ASSETS / "demo.png")]
     words += ["--disparity", str(_ASSETS / "demo_disparity.png"), "--blur", "38"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
@@ -117,13 +117,16 @@ def main() -> None:
             page.goto(address[0])
             for what, (output, changes) in SIX.items():
                 saved, command, python = exported(page, output, changes)
-                told = [sys.executable, "-m", *shlex.split(command), "-q"]
-                same = (
-                    saved == made_by(told, Path(name), output),
-                    saved == made_by([sys.executable, "-c", python], Path(name), output),
+                command_words = [sys.executable, "-m", *shlex.split(command), "-q"]
+                matches = (
+                    saved == output_of(command_words, Path(name), output),
+                    saved == output_of([sys.executable, "-c", python], Path(name), output),
                 )
-                equal += all(same)
-                print(f"{what}: {len(saved)} bytes; equal to the command's: {same[0]}, Python's: {same[1]}")
+                equal += all(matches)
+                print(
+                    f"{what}: {len(saved)} bytes; equal to the command's: {matches[0]}, "
+                    f"Python's: {matches[1]}"
+                )
                 print(f"    {re.sub(re.escape(str(_ASSETS)) + '/', '', command)}", flush=True)
             browser.close()
     finally:

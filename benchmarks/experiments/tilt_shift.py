@@ -1,8 +1,9 @@
-"""Leaning planes of focus against the ray tracer's tilted sensor.
+"""Tilted planes of focus compared with the ray tracer's tilted sensor.
 
-``python -m benchmarks.experiments.tilt_shift`` traces walls of noise with a tilted sensor, finds the line of
-best focus from how sharp the traced pictures are, and says how far it is from where the defocus map of
-``bokehnet render`` is 0. Beside it: PSNR of rendered pictures against the traced ones, away from the border.
+``python -m benchmarks.experiments.tilt_shift`` traces walls of noise with a tilted sensor, locates the line
+of best focus by the sharpness of the traced pictures, and prints its distance from the zero line of the
+defocus map of ``bokehnet render``, and the PSNR of rendered pictures against the traced ones, away from the
+border.
 """
 
 import argparse
@@ -35,29 +36,29 @@ TILTS = ((10.0, 0.0), (-10.0, 0.0), (0.0, 10.0), (0.0, -10.0), (6.0, -8.0), (-12
 
 _FOCAL_LENGTH, _SENSOR_WIDTH = 50.0, 36.0
 _SENSOR_DISTANCE = 56.0  # mm, along the normal of the sensor
-_LEAN = 0.1  # pixels of defocus by which the wall leans per pixel
-_OFFSET = 5.0  # pixels of defocus of the wall in the middle
+_TILT_GRADIENT = 0.1  # of the wall, pixels of defocus per pixel
+_OFFSET = 5.0  # defocus of the wall in the picture centre, pixels
 
 
 def tilted_camera(tilt: tuple[float, float], width: int, height: int, f_number: float = 1.0) -> Camera:
-    """A thin lens in front of the middle of a tilted sensor, as far from it as ``_SENSOR_DISTANCE``."""
+    """Return a camera with a thin lens at ``_SENSOR_DISTANCE`` in front of the centre of a tilted sensor."""
     lens = ThinLens(focal_length=_FOCAL_LENGTH, f_number=f_number)
     normal = sensor_axes(TiltShift(lens=lens, tilt=tilt))[2]
     x, y, z = -_SENSOR_DISTANCE * normal
-    moved = TiltShift(lens=lens, tilt=tilt, shift=(x, y), offset=-z - lens.sensor_distance)
-    return Camera(lens=moved, width=width, height=height, pixel_pitch=_SENSOR_WIDTH / width)
+    tilted_lens = TiltShift(lens=lens, tilt=tilt, shift=(x, y), offset=-z - lens.sensor_distance)
+    return Camera(lens=tilted_lens, width=width, height=height, pixel_pitch=_SENSOR_WIDTH / width)
 
 
 def sensor_axes(lens: TiltShift) -> np.ndarray:
-    """Rows: the directions right, down and along its normal of a sensor, in the axes of its lens."""
-    place, behind = lens.place(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
-    corners = np.column_stack([place, -behind])
+    """Return as rows the directions right, down and normal of a sensor, in the axes of its lens."""
+    position, offset = lens.place(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    corners = np.column_stack([position, -offset])
     right, down = corners[1:] - corners[0]
     return np.stack([right, down, np.cross(right, down)])
 
 
 def focus_of(camera: Camera) -> float:
-    """Depth along the normal of the sensor where the rays of the middle of the picture meet, mm."""
+    """Return the depth along the sensor normal at which the rays of the picture centre meet, mm."""
     assert isinstance(camera.lens, TiltShift)
     bundle = camera.lens.sample_rays(np.zeros((2, 2)), np.array([[-0.5, 0.3], [0.5, -0.3]]))
     across = np.diff(bundle.origin, axis=0)[0], np.diff(bundle.slope, axis=0)[0]
@@ -66,7 +67,7 @@ def focus_of(camera: Camera) -> float:
 
 
 def trace_wall(camera: Camera, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A wall of noise that leans against the plane of focus, traced with the random rays of ``seed``.
+    """Trace a wall of noise that is tilted relative to the plane of focus, with the random rays of ``seed``.
 
     Returns:
         Bokeh and all-in-focus picture, (H, W, 3), and depth along the normal of the sensor, mm, (H, W).
@@ -76,12 +77,14 @@ def trace_wall(camera: Camera, samples: int, seed: int = 0) -> tuple[np.ndarray,
     assert isinstance(lens.lens, ThinLens)
     axes = sensor_axes(lens)
     per_slope = lens.lens.pupil_radius * _SENSOR_DISTANCE / camera.pixel_pitch  # pixels per 1/mm
-    # The lens's axis in the sensor's axes is its third column: the focus gets nearer where it points to.
-    towards = axes[:2, 2] / np.linalg.norm(axes[:2, 2])
+    # The third column is the lens axis in sensor axes: the focus is nearer in its direction.
+    azimuth = axes[:2, 2] / np.linalg.norm(axes[:2, 2])
     middle = 1 / focus_of(camera) + _OFFSET / per_slope
-    leaning = -_LEAN * towards * _SENSOR_DISTANCE / camera.pixel_pitch / per_slope  # per unit of x / z
-    # The points with (leaning, middle) . X = 1 in the sensor's axes; its middle is on the normal.
-    directions = np.array([[1.0, 0.0, -leaning[0] / middle], [0.0, 1.0, -leaning[1] / middle]])
+    gradient = (
+        -_TILT_GRADIENT * azimuth * _SENSOR_DISTANCE / camera.pixel_pitch / per_slope
+    )  # per unit of x / z
+    # The points with (gradient, middle) . X = 1 in sensor axes; the centre is on the normal.
+    directions = np.array([[1.0, 0.0, -gradient[0] / middle], [0.0, 1.0, -gradient[1] / middle]])
     half = 2.5 * _SENSOR_WIDTH / (middle * _SENSOR_DISTANCE)
     texel = camera.pixel_pitch / (middle * _SENSOR_DISTANCE)
     rng = np.random.default_rng(0)
@@ -101,10 +104,10 @@ def trace_wall(camera: Camera, samples: int, seed: int = 0) -> tuple[np.ndarray,
 
 
 def best_focus(bokeh: np.ndarray, sharp: np.ndarray, strips: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where a picture is sharpest in each of ``strips`` vertical strips: columns, and rows.
+    """Return columns and rows of the sharpest points in each of ``strips`` vertical strips.
 
-    Sharpness is the energy of the differences between neighbours over that of the all-in-focus picture. As it
-    falls evenly to both sides, the middle of the upper half of its peak is the best focus.
+    Sharpness is the energy of neighbour differences relative to the all-in-focus picture. It decreases
+    symmetrically, so the best focus is the centroid of the upper half of its peak.
     """
     energies = []
     for picture in (bokeh, sharp):
@@ -112,17 +115,17 @@ def best_focus(bokeh: np.ndarray, sharp: np.ndarray, strips: int) -> tuple[np.nd
         energies.append((along**2 + across**2).sum(-1))
     edges = np.linspace(0, energies[0].shape[1], strips + 1).astype(int)
     rows = np.arange(len(energies[0])) + 0.5  # differences lie between two rows
-    found = []
+    focus_rows = []
     for left, right in pairwise(edges):
         profiles = [np.convolve(energy[:, left:right].sum(1), np.ones(7), "same") for energy in energies]
         sharpness = profiles[0] / profiles[1]
         upper = np.maximum(sharpness / sharpness.max() - 0.5, 0)
-        found.append((upper * rows).sum() / upper.sum())
-    return (edges[1:] + edges[:-1]) / 2 - 0.5, np.array(found)
+        focus_rows.append((upper * rows).sum() / upper.sum())
+    return (edges[1:] + edges[:-1]) / 2 - 0.5, np.array(focus_rows)
 
 
 def zero_line(defocus: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Rows where a defocus map, that rises or falls down the picture, is 0, between its columns too."""
+    """Return the rows of zero defocus, for a map monotonic along columns, also at fractional columns."""
     rows = []
     for column in columns:
         left = int(column)
@@ -135,16 +138,16 @@ def zero_line(defocus: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def focused_lens(
     camera: Camera, tilt: tuple[float, float], depth: np.ndarray
 ) -> tuple[FocusedLens, np.ndarray]:
-    """What ``bokehnet render`` makes of this camera and a depth map, mm; and the disparity, 1/mm."""
+    """Return the focused lens of ``bokehnet render`` for this camera, mm, and the disparity, 1/mm."""
     assert isinstance(camera.lens, TiltShift)
     assert isinstance(camera.lens.lens, ThinLens)
     source = MetricDepth(map=depth.astype(np.float32), unit="mm")
     scene = make_scene(np.zeros((*depth.shape, 3), np.float32), source)
     focus = FocusSettings(distance=focus_of(camera) / 1000, tilt_x=tilt[0], tilt_y=tilt[1])
-    numbers = CameraSettings(
+    camera_settings = CameraSettings(
         focal_length=_FOCAL_LENGTH, f_number=camera.lens.lens.f_number, sensor_width=_SENSOR_WIDTH
     )
-    return focus_lens(scene.depth, scene.window, focus, numbers), scene.depth.values
+    return focus_lens(scene.depth, scene.window, focus, camera_settings), scene.depth.values
 
 
 def _psnr(picture: np.ndarray, truth: np.ndarray, border: int) -> float:
@@ -159,10 +162,10 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
     lens, disparity = focused_lens(camera, tilt, depth)
     defocus, aberration_map = lens.defocus(disparity), lens.aberration_map()
     assert aberration_map is not None
-    turned = abs(tilt[1]) > abs(tilt[0])
-    bokeh, image, blur = (np.swapaxes(x, 0, 1) if turned else x for x in (truth, sharp, defocus))
+    transposed = abs(tilt[1]) > abs(tilt[0])
+    bokeh, image, blur = (np.swapaxes(x, 0, 1) if transposed else x for x in (truth, sharp, defocus))
     columns, rows = best_focus(bokeh, image, 6)
-    apart = np.abs(rows - zero_line(blur, columns))
+    distance = np.abs(rows - zero_line(blur, columns))
     border = math.ceil(1.5 * np.abs(defocus).max())
     pictures = {
         "conic": rays(sharp, defocus, lens_response=LensResponse(aberration_map=aberration_map)),
@@ -172,12 +175,14 @@ def _compare(tilt: tuple[float, float], width: int, height: int, samples: int) -
         "noise": again,
     }
     figures = "  ".join(f"{_psnr(picture, truth, border):7.2f}" for picture in pictures.values())
-    lean = math.hypot(*aberration_map.tilt)
-    print(f"{tilt[0]:6g} {tilt[1]:6g}  {apart.mean():6.2f} {apart.max():6.2f}  {lean:5.3f}  {figures}")
+    gradient = math.hypot(*aberration_map.tilt)
+    print(
+        f"{tilt[0]:6g} {tilt[1]:6g}  {distance.mean():6.2f} {distance.max():6.2f}  {gradient:5.3f}  {figures}"
+    )
 
 
 def _from_slices(sharp: np.ndarray, disparity: np.ndarray, lens: FocusedLens) -> np.ndarray:
-    """The same by slices of the space behind the lens, a pixel of blur apart."""
+    """Return the picture by slices of the image space, one pixel of blur apart."""
     assert lens.plane is not None
     plane, blur = lens.plane(lens.near)
     height, width = disparity.shape
@@ -187,16 +192,17 @@ def _from_slices(sharp: np.ndarray, disparity: np.ndarray, lens: FocusedLens) ->
 
 
 def draw_sheet(path: Path) -> None:
-    """Write the demo's scene with an upright plane of focus, with its table in focus, and as a miniature."""
+    """Write the demo scene with an untilted plane of focus, with its table in focus, and as a miniature."""
     scene, blur = demo_scene(), CameraSettings(blur=26)
-    ways = (
+    focus_settings = (
         FocusSettings(at=(300, 300)),
         FocusSettings(plane=((80, 440), (660, 440), (360, 350))),
         FocusSettings(at=(300, 300), tilt_x=60.0),
     )
     renderer, exact = bokehnet.BokehRenderer(), DepthSettings(repair="off")
     pictures = [
-        renderer.render(scene, RenderSettings(camera=blur, focus=way, depth=exact)).bokeh for way in ways
+        renderer.render(scene, RenderSettings(camera=blur, focus=focus, depth=exact)).bokeh
+        for focus in focus_settings
     ]
     sheet = np.concatenate(pictures, axis=1)
     height, width, _ = sheet.shape
@@ -204,22 +210,22 @@ def draw_sheet(path: Path) -> None:
 
 
 def main() -> None:
-    """Print the table, or draw the sheet."""
+    """Print the table, or write the sheet."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--width", type=int, default=240)
     parser.add_argument("--height", type=int, default=180)
     parser.add_argument("--samples", type=int, default=128)
-    parser.add_argument("--sheet", type=Path, help="draw this picture of the demo's scene instead")
-    given = parser.parse_args()
-    if given.sheet is not None:
-        draw_sheet(given.sheet)
+    parser.add_argument("--sheet", type=Path, help="write a picture of the demo scene to this file instead")
+    arguments = parser.parse_args()
+    if arguments.sheet is not None:
+        draw_sheet(arguments.sheet)
         return
-    print("tilt x, y      line of best focus, px   lean   PSNR against the traced picture, dB")
+    print("tilt x, y      line of best focus, px   tilt   PSNR against the traced picture, dB")
     print(
         "               mean    max             px/px  rays conic, rays round, scatter, slices, traced again"
     )
     for tilt in TILTS:
-        _compare(tilt, given.width, given.height, given.samples)
+        _compare(tilt, arguments.width, arguments.height, arguments.samples)
 
 
 if __name__ == "__main__":

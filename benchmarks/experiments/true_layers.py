@@ -1,7 +1,7 @@
-"""What true layers are worth beside guessed ones: ``python -m benchmarks.experiments.true_layers``.
+"""Gain from true layers over inpainted ones: ``python -m benchmarks.experiments.true_layers``.
 
-Scenes are drawn from seeds: cards that only shine, peeled by :func:`bokehnet.raytrace.peeling.peel`, and
-objects on the ground, whose triangles Embree meets one after the other. The truth is traced through the lens;
+Draws scenes from seeds: emissive cards, peeled by :func:`bokehnet.raytrace.peeling.peel`, and objects on the
+    ground, whose triangles Embree intersects one after the other. The truth is traced through the lens;
 edge PSNR is that of :mod:`train.metrics`.
 """
 
@@ -45,7 +45,7 @@ _CONFIG = SynthConfig(
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A picture, its truth and its layers; disparities are relative, focus is one of them."""
+    """Picture, its truth and its layers; disparity and focus are relative."""
 
     image: np.ndarray
     truth: np.ndarray
@@ -55,7 +55,7 @@ class Scene:
 
 
 def planes(seed: int) -> Scene:
-    """Cards of any outline and tilt."""
+    """Return a scene of cards of random outline and tilt."""
     scene, focus = random_scene(np.random.default_rng(seed), _CONFIG), (0.25, 0.6, 0.9)[seed % 3]
     lens = lens_for_view(BLUR, focus, _CONFIG)
     camera = Camera(lens=lens, width=_WIDTH, height=_HEIGHT, pixel_pitch=_CONFIG.pixel_pitch)
@@ -74,7 +74,7 @@ def planes(seed: int) -> Scene:
 
 
 def clutter(seed: int) -> Scene:
-    """Objects on the ground."""
+    """Return a scene of objects on the ground."""
     scene, focus = random_clutter(np.random.default_rng(seed), _CONFIG).scene, (0.2, 0.45, 0.7)[seed % 3]
 
     def view(samples: int) -> View:
@@ -105,48 +105,50 @@ def clutter(seed: int) -> Scene:
 
 
 def _peeled(scene: BakedScene, lens: ThinLens, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Colours, inverse depth and coverage (P, S, K) along the pixels' rays, the first through the centre.
+    """Return colours, inverse depth and coverage (P, S, K) along pixel rays, the first through the centre.
 
-    A body's own rear side does not count.
+    The rear side of the same body is ignored.
     """
-    places = np.stack([halton_points(_SAMPLES, base) for base in (2, 3)], -1)[None]
-    moved = (places + np.random.default_rng(0).random((_WIDTH * _HEIGHT, 1, 2))) % 1 - 0.5
-    moved[:, 0] = 0
-    sensor = (sensor_xy(view)[:, None] + view.pixel_pitch * moved).reshape(-1, 2).astype(np.float32)
+    offsets = np.stack([halton_points(_SAMPLES, base) for base in (2, 3)], -1)[None]
+    jitter = (offsets + np.random.default_rng(0).random((_WIDTH * _HEIGHT, 1, 2))) % 1 - 0.5
+    jitter[:, 0] = 0
+    sensor = (sensor_xy(view)[:, None] + view.pixel_pitch * jitter).reshape(-1, 2).astype(np.float32)
     rays = lens.sample_rays(sensor, np.zeros_like(sensor))
-    way = np.ascontiguousarray(np.column_stack([rays.slope, np.ones(len(sensor))]), np.float32)
+    direction = np.ascontiguousarray(np.column_stack([rays.slope, np.ones(len(sensor))]), np.float32)
     depth, body = np.zeros(len(sensor), np.float32), np.full(len(sensor), -1)
     ended = np.zeros(len(sensor), bool)
-    found = []
+    surfaces = []
     for _ in range(_LAYERS):
-        met = np.full(len(sensor), -1, np.int32)
-        at = np.zeros((2, len(sensor)), np.float32)
-        rest = np.flatnonzero(~ended)
-        while len(rest):
-            start = way[rest] * depth[rest, None]
-            start[:, :2] += np.broadcast_to(rays.origin, (len(sensor), 2))[rest]
-            hit = scene.soup.tree.run(start, way[rest], output=True)
+        hit_triangle = np.full(len(sensor), -1, np.int32)
+        barycentric = np.zeros((2, len(sensor)), np.float32)
+        active = np.flatnonzero(~ended)
+        while len(active):
+            start = direction[active] * depth[active, None]
+            start[:, :2] += np.broadcast_to(rays.origin, (len(sensor), 2))[active]
+            hit = scene.soup.tree.run(start, direction[active], output=True)
             triangle = hit["primID"].astype(np.int32)
-            there = triangle >= 0
-            depth[rest] += np.where(there, hit["tfar"] + 1e-4 * (depth[rest] + hit["tfar"]), 0)
-            owner = np.where(there, scene.soup.mesh[np.maximum(triangle, 0)], -1)
-            again = there & (owner == body[rest])
-            kept = rest[~again]
-            met[kept], body[kept] = triangle[~again], owner[~again]
-            at[:, kept] = hit["u"][~again], hit["v"][~again]
-            rest = rest[again]
-        color = scene.colours({"primID": met, "u": at[0], "v": at[1]}, way[:, None, :2].copy())
+            is_hit = triangle >= 0
+            depth[active] += np.where(is_hit, hit["tfar"] + 1e-4 * (depth[active] + hit["tfar"]), 0)
+            owner = np.where(is_hit, scene.soup.mesh[np.maximum(triangle, 0)], -1)
+            again = is_hit & (owner == body[active])
+            finished = active[~again]
+            hit_triangle[finished], body[finished] = triangle[~again], owner[~again]
+            barycentric[:, finished] = hit["u"][~again], hit["v"][~again]
+            active = active[again]
+        color = scene.colours(
+            {"primID": hit_triangle, "u": barycentric[0], "v": barycentric[1]}, direction[:, None, :2].copy()
+        )
         alpha = np.where(ended, 0, 1).astype(np.float32)
-        inverse = np.where(met >= 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
-        found.append((color * alpha[:, None], inverse * alpha, alpha))
-        ended |= met < 0
-    colors, values, coverage = (np.stack(column, 1) for column in zip(*found, strict=True))
+        inverse = np.where(hit_triangle >= 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
+        surfaces.append((color * alpha[:, None], inverse * alpha, alpha))
+        ended |= hit_triangle < 0
+    colors, values, coverage = (np.stack(column, 1) for column in zip(*surfaces, strict=True))
     shape = (-1, _SAMPLES, _LAYERS)
     return colors.reshape(*shape, 3), values.reshape(shape), coverage.reshape(shape)
 
 
 def scores(scene: Scene) -> dict[str, float]:
-    """Edge PSNR of the rays with guessed layers and with each kind of true ones, dB."""
+    """Return the edge PSNR of the rays with inpainted layers and with each kind of true layers, dB."""
     image = scene.image.astype(np.float32)
     defocus = defocus_from_disparity(scene.disparity, BLUR, scene.focus).astype(np.float32)
     pictures = {"guessed": rays(image, defocus, pixel_filter=_BOX)}
@@ -162,16 +164,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--scenes", type=int, default=3, help="of each kind")
+    parser.add_argument("--scenes", type=int, default=3, help="number of scenes of each kind")
     count = parser.parse_args().scenes
     for make in (clutter, planes):
         rows = []
         for seed in range(1, count + 1):
             rows.append(scores(make(seed)))
-            told = "  ".join(f"{label} {value:.2f}" for label, value in rows[-1].items())
-            print(f"{make.__name__} {seed}: {told}", flush=True)
-        told = "  ".join(f"{label} {np.mean([row[label] for row in rows]):.2f}" for label in rows[0])
-        print(f"{make.__name__}, mean: {told}", flush=True)
+            values = "  ".join(f"{label} {value:.2f}" for label, value in rows[-1].items())
+            print(f"{make.__name__} {seed}: {values}", flush=True)
+        values = "  ".join(f"{label} {np.mean([row[label] for row in rows]):.2f}" for label in rows[0])
+        print(f"{make.__name__}, mean: {values}", flush=True)
 
 
 if __name__ == "__main__":

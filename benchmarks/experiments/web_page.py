@@ -1,11 +1,11 @@
-"""How long the page without a server takes in a browser, and the longest task that keeps it from answering.
+"""Time and longest blocking task of the page without a server in a browser.
 
     python -m benchmarks.experiments.web_page FOLDER [--photo 21.jpg] [--disparity 21.png] [--K 54] [--focus
     0.4]
 
 ``FOLDER`` is made by ``python -m tools.release --web --out FOLDER`` (see web/README.md) and holds the
-photograph and its disparity. Needs playwright and Chromium. WebAssembly
-alone, as where there is no graphics card.
+photograph and its disparity. Needs playwright and Chromium. Uses only WebAssembly, as without a graphics
+card.
 """
 
 import argparse
@@ -43,8 +43,8 @@ _DRAG = """
 """
 
 
-def served(folder: Path) -> http.server.ThreadingHTTPServer:
-    """The folder behind its own server."""
+def serve(folder: Path) -> http.server.ThreadingHTTPServer:
+    """Serve the folder with its own server."""
     handler = runpy.run_path(str(folder / "serve.py"))["Handler"]
     handler.log_message = lambda *_: None
     server = http.server.ThreadingHTTPServer(("localhost", 0), functools.partial(handler, directory=folder))
@@ -53,34 +53,35 @@ def served(folder: Path) -> http.server.ThreadingHTTPServer:
 
 
 def status(page: Page) -> str:
-    """What the page tells."""
+    """Return the status line of the page."""
     return page.inner_text("#status")
 
 
 def wait(page: Page, limit: float) -> float:
-    """Wait for the picture; the seconds that this took."""
-    begun = told = time.monotonic()
+    """Wait for the picture; return the seconds."""
+    start = reported = time.monotonic()
     while not (" in " in status(page) or "Failed" in status(page)):
-        if time.monotonic() > begun + limit:
-            share = page.evaluate("document.querySelector('progress').value")
-            raise SystemExit(f"not within {limit:g} s; {share:.0%} was done")
-        if time.monotonic() > told + 20:
-            told = time.monotonic()
+        if time.monotonic() > start + limit:
+            fraction = page.evaluate("document.querySelector('progress').value")
+            raise SystemExit(f"timeout after {limit:g} s; {fraction:.0%} done")
+        if time.monotonic() > reported + 20:
+            reported = time.monotonic()
             print(
-                f"    {told - begun:4.0f} s: {page.evaluate('document.querySelector(`progress`).value'):.0%}"
+                f"    {reported - start:4.0f} s: "
+                f"{page.evaluate('document.querySelector(`progress`).value'):.0%}"
             )
         page.wait_for_timeout(200)
-    return time.monotonic() - begun
+    return time.monotonic() - start
 
 
 def longest(page: Page) -> str:
-    """The longest tasks of the page so far."""
+    """Return number and maximum duration of the long tasks of the page."""
     tasks = sorted(page.evaluate("tasks"), reverse=True)
     return f"{len(tasks)} tasks above 50 ms" + (f", the longest {tasks[0]:.0f} ms" if tasks else "")
 
 
 def measure(browser: Any, address: str, query: str, seconds: float, drag: float) -> None:
-    """Open the page, wait, drag, and print."""
+    """Open the page, wait, drag the focus, and print the times."""
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     page.add_init_script(_WATCH)
     page.goto(f"{address}/?{query}")
@@ -104,17 +105,19 @@ def main() -> None:
     parser.add_argument("--disparity", default="21.png")
     parser.add_argument("--K", type=float, default=54.0)
     parser.add_argument("--focus", type=float, default=0.4)
-    parser.add_argument("--limit", type=float, default=900.0, help="seconds to wait")
-    parser.add_argument("--drag", type=float, default=5.0, help="seconds")
-    given = parser.parse_args()
-    server = served(given.folder)
+    parser.add_argument("--limit", type=float, default=900.0, help="maximum seconds to wait")
+    parser.add_argument("--drag", type=float, default=5.0, help="seconds of dragging")
+    arguments = parser.parse_args()
+    server = serve(arguments.folder)
     sandbox = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
-    query = f"photo={given.photo}&disparity={given.disparity}&K={given.K:g}&focus={given.focus:g}"
-    print(f"{given.photo}, K {given.K:g}")
+    query = (
+        f"photo={arguments.photo}&disparity={arguments.disparity}&K={arguments.K:g}&focus={arguments.focus:g}"
+    )
+    print(f"{arguments.photo}, K {arguments.K:g}")
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=sandbox)
         address = f"http://localhost:{server.server_port}"
-        measure(browser, address, query, given.limit, given.drag)
+        measure(browser, address, query, arguments.limit, arguments.drag)
         browser.close()
     server.shutdown()
     print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")

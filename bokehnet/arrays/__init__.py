@@ -1,4 +1,4 @@
 """Large arrays: blocks of rows, pyramids, resampling to another size.
 
-In and out: NumPy arrays (H, W) or (H, W, C); ``pyramid.py`` takes tensors as well. No colour, no files.
+In and out: NumPy arrays (H, W) or (H, W, C); ``pyramid.py`` also accepts tensors. No color, no files.
 """

@@ -1,4 +1,4 @@
-"""Pictures, maps and masks at half their size, made without a larger copy."""
+"""Pictures, maps and masks at half their size, computed without a larger copy."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ __all__ = ["half_image", "half_map", "half_mask"]
 
 
 def half_map(disparity: np.ndarray) -> np.ndarray:
-    """Map (H, W) at half its size."""
+    """Return a map (H, W) at half its size."""
     height, width = (-(-side // 2) for side in disparity.shape)
 
     def make(rows: slice) -> np.ndarray:
@@ -19,12 +19,12 @@ def half_map(disparity: np.ndarray) -> np.ndarray:
 
 
 def half_mask(mask: np.ndarray) -> np.ndarray:
-    """Mask (H, W) at half its size: a pixel is in it if one of its four was."""
+    """Return a mask (H, W) at half its size: a pixel is set if one of its four is set."""
     return np.logical_or.reduce([pad_to_multiple(mask, 2)[y::2, x::2] for y in (0, 1) for x in (0, 1)])
 
 
 def half_image(image: np.ndarray) -> np.ndarray:
-    """Picture (3, H, W) at half its size, without a larger copy of it."""
+    """Return a picture (3, H, W) at half its size, without a larger copy of it."""
     height, width = (-(-side // 2) for side in image.shape[1:])
 
     def make(rows: slice) -> np.ndarray:

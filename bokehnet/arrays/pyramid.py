@@ -12,22 +12,22 @@ __all__ = ["count_halvings", "crop_to", "downsample2", "pad_to_multiple", "upsam
 
 
 def count_halvings(max_radius: float, network_max_radius: float) -> int:
-    """How often a picture must be halved until its largest blur is at most ``network_max_radius`` pixels.
+    """Return the number of halvings until the largest blur is at most ``network_max_radius`` pixels.
 
     Args:
         max_radius: Largest |defocus|, pixels.
-        network_max_radius: Largest radius that a network was trained for, pixels.
+        network_max_radius: Largest radius in the training of a network, pixels.
     """
     return max(0, math.ceil(math.log2(max(max_radius, 1e-9) / network_max_radius)))
 
 
 def downsample2(x: Array) -> Array:
-    """Mean of every 2x2 block, (..., H, W) to (..., H/2, W/2); both sides must be even."""
+    """Return the mean of every 2x2 block, (..., H, W) to (..., H/2, W/2); both sides must be even."""
     return 0.25 * (x[..., 0::2, 0::2] + x[..., 0::2, 1::2] + x[..., 1::2, 0::2] + x[..., 1::2, 1::2])
 
 
 def _double_columns(x: Array) -> Array:
-    """Linear interpolation along the last axis at a quarter before and after each pixel."""
+    """Interpolate linearly along the last axis at a quarter before and after each pixel."""
     xp = array_namespace(x)
     before = xp.concatenate([x[..., :1], x[..., :-1]], -1)
     after = xp.concatenate([x[..., 1:], x[..., -1:]], -1)
@@ -36,7 +36,7 @@ def _double_columns(x: Array) -> Array:
 
 
 def upsample2(x: Array) -> Array:
-    """Bilinear doubling, (..., H, W) to (..., 2H, 2W); the border is repeated."""
+    """Double by bilinear interpolation, (..., H, W) to (..., 2H, 2W); the border is repeated."""
     xp = array_namespace(x)
     tall = xp.swapaxes(_double_columns(xp.swapaxes(x, -1, -2)), -1, -2)
     return _double_columns(tall)

@@ -1,4 +1,4 @@
-"""Pictures and maps at another size."""
+"""Resampling of pictures and maps to another size."""
 
 from typing import Literal
 
@@ -18,18 +18,19 @@ _FILTERS = {"cubic": "catmull-rom", "linear": "triangle", "area": "box"}
 def resample(
     values: NDArray[np.float32], height: int, width: int, kernel: Kernel = "cubic"
 ) -> NDArray[np.float32]:
-    """Resample to another size; the kernel is as wide as a pixel of the smaller size, so nothing aliases.
+    """Resample to another size; the kernel is as wide as a pixel of the smaller size, which avoids aliasing.
 
-    Pixel centres are aligned. The result stays within the range of ``values``, where cubic would overshoot.
+    Pixel centres are aligned. The result is clipped to the range of ``values``, which the cubic kernel
+    exceeds.
 
     Args:
         values: (H, W) or (H, W, C), finite.
-        height: Of the result, pixels.
-        width: Of the result, pixels.
+        height: Height of the result, pixels.
+        width: Width of the result, pixels.
         kernel: Catmull-Rom cubic, linear or area.
 
     Returns:
-        Array of the new size, as many channels.
+        Array of the new size, with the same channels.
     """
     source = oiio.ImageBuf(np.ascontiguousarray(values.reshape(*values.shape[:2], -1)))
     result = oiio.ImageBufAlgo.resize(source, filtername=_FILTERS[kernel], roi=oiio.ROI(0, width, 0, height))

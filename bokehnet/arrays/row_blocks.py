@@ -1,4 +1,4 @@
-"""Formulas of single pixels applied a block of rows at a time, so that their working memory stays small."""
+"""Formulas of single pixels, applied to a block of rows at a time to bound the working memory."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 __all__ = ["cut_row_blocks", "in_row_blocks", "make_in_row_blocks"]
 
-# Values of a block: few enough to stay in the cache, enough to be worth a call.
-_VALUES = 2**18
+# Values per block: they fit the cache and outweigh the cost of a call.
+_BLOCK_VALUES = 2**18
 
-# Threads at most, and blocks from which on they are worth starting.
-_WORTH_THREADS = 4
+# Maximum number of threads, and minimum number of blocks for threads.
+_MAX_THREADS = 4
 
 
 def cut_row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Return the rows of an array (H, ...) in blocks of some hundred thousand values."""
-    rows = max(1, _VALUES * shape[0] // max(1, int(np.prod(shape))))
+    """Yield the rows of an array (H, ...) in blocks of some hundred thousand values."""
+    rows = max(1, _BLOCK_VALUES * shape[0] // max(1, int(np.prod(shape))))
     for top in range(0, shape[0], rows):
         yield slice(top, min(top + rows, shape[0]))
 
@@ -30,13 +30,13 @@ def make_in_row_blocks(
     dtype: Any,
     out: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
-    """Return an array that is made a block of rows at a time, by several threads.
+    """Return an array that is computed a block of rows at a time, by several threads.
 
     Args:
-        make: Gives some of the rows.
-        shape: Of the array, (H, ...).
-        dtype: Of the array.
-        out: The array, in place of a new one.
+        make: Function that returns some of the rows.
+        shape: Shape of the array, (H, ...).
+        dtype: Type of the array.
+        out: Output array; default: a new one.
     """
     result = np.empty(shape, dtype) if out is None else out
 
@@ -44,11 +44,11 @@ def make_in_row_blocks(
         result[rows] = make(rows)
 
     blocks = [*cut_row_blocks(shape)]
-    if len(blocks) < _WORTH_THREADS:
+    if len(blocks) < _MAX_THREADS:
         for rows in blocks:
             fill(rows)
     else:
-        with ThreadPoolExecutor(min(_WORTH_THREADS, os.cpu_count() or 1)) as pool:
+        with ThreadPoolExecutor(min(_MAX_THREADS, os.cpu_count() or 1)) as pool:
             for _ in pool.map(fill, blocks):
                 pass
     return result
@@ -61,12 +61,12 @@ def in_row_blocks(
     *,
     out: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
-    """Return ``formula(values)`` for a formula that treats every row alike and keeps the shape.
+    """Return ``formula(values)`` for a formula that treats all rows equally and keeps the shape.
 
     Args:
-        formula: Takes some rows and returns as many; called by several threads.
+        formula: Function of some rows that returns the same number of rows; called by several threads.
         values: (H, ...).
-        dtype: Of the result; by default that of ``values``.
-        out: Where the result goes, in place of a new array; it may be ``values``.
+        dtype: Type of the result; default: that of ``values``.
+        out: Output array, may be ``values``; default: a new one.
     """
     return make_in_row_blocks(lambda rows: formula(values[rows]), values.shape, dtype or values.dtype, out)

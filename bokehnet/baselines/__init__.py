@@ -1,10 +1,10 @@
-"""Methods of the literature, one a file, to hold ours against: none of them is meant to be used for pictures.
+"""Methods of the literature, one per file, for comparison only.
 
-In goes what every engine takes, a scene-linear picture (H, W, 3), the signed blur radius in pixels (H, W), +
-in front of focus, and an :class:`~bokehnet.optics.aperture.Aperture`; out comes the blurred picture. What a
-method can be told beside stands in its own signature. ``bokehnet.baselines.NAME`` is the function, ``--engine
-NAME`` the same for whole renderings. Each file tells paper, equation and known faults. Open first:
-:data:`BASELINES`.
+Inputs are those of every engine: a scene-linear picture (H, W, 3), the signed blur radius in pixels (H, W), +
+    in front of focus, and an :class:`~bokehnet.optics.aperture.Aperture`. The output is the blurred picture.
+    A method's own parameters are in its signature. ``bokehnet.baselines.NAME`` is the function, ``--engine
+    NAME`` uses it in whole renderings. Each file states paper, equation and known faults. Open first:
+    :data:`BASELINES`.
 """
 
 from importlib import import_module

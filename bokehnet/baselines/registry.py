@@ -1,4 +1,4 @@
-"""The methods by name, and each of them as an engine calls it."""
+"""Registry of the baselines, and their interface for engines."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,12 @@ from typing import Any, Unpack
 import numpy as np
 
 from bokehnet.checks import check_choice
-from bokehnet.classical.base import ClassicalOptions, ClassicalRenderer, ClassicalResult, check_focuses_alone
+from bokehnet.classical.base import (
+    ClassicalOptions,
+    ClassicalRenderer,
+    ClassicalResult,
+    check_ideal_except_tilt,
+)
 from bokehnet.classical.error_map import geometric_error_map
 from bokehnet.optics.aperture import Aperture
 
@@ -17,26 +22,26 @@ __all__ = ["BASELINES", "Baseline", "baseline_renderer"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Baseline:
-    """A method of the literature.
+    """Method of the literature.
 
     Attributes:
-        module: Where the function of its name stands.
+        module: Module of the function of the same name.
         paper: Authors and year.
-        openings: Which apertures it knows: ``disc``, ``outline`` (any without a hole, evenly lit), ``any``;
-            and ``cats-eye``, outlines that the lens barrel clips.
-        faults: What is known to be wrong with it, in a line.
+        apertures: Supported apertures: ``disc``, ``outline`` (uniform, without a hole), ``any``; and
+            ``cats-eye``, outlines that the lens barrel clips.
+        faults: Known faults in one line.
     """
 
     module: str
     paper: str
-    openings: str
+    apertures: str
     faults: str
 
 
-_LEAK = "sharp outlines of blurred foregrounds"
-_BLIND = "foreground and background mix without order"
+_LEAK_FAULT = "sharp outlines of blurred foregrounds"
+_ORDER_FAULT = "foreground and background mix without order"
 
-# Name, file in this folder, openings and paper of each.
+# Name, file in this folder, apertures and paper of each.
 _METHODS = """
 gather_basic      gather.basic_gather           outline   thesis 004
 gather_spiral     gather.spiral_gather          outline   Gustafsson 2018
@@ -57,27 +62,27 @@ image_rays        rays.image_based_rays         any       Lee 2010
 bokehme_scatter   spread.bokehme                disc      Peng 2022
 """
 
-# Those that know what a lens does beyond focusing.
-_KNOW_LENSES = ("lens_spreading",)
+# Baselines that support lens aberrations.
+_WITH_LENS_RESPONSE = ("lens_spreading",)
 
 _FAULTS = {
-    "gather_basic": f"noise; sharp surroundings bleed into the blur; {_LEAK}",
+    "gather_basic": f"noise; sharp surroundings bleed into the blur; {_LEAK_FAULT}",
     "gather_spiral": "the running mean weighs rings unevenly; a foreground stays visible in its own blur",
     "gather_bokeh": "halos: a background is less blurred near a foreground; a pattern where samples are few",
     "gather_passes": "half resolution near focus; no order within the near and the far plane",
     "jimenez": "few taps: blotches and tiles; two layers a tile; bright lights lose energy",
     "tan": "its normalisation cancels the two layers: a scatter at 81 taps",
     "abadie": "half resolution; backgrounds filled in by mirrored taps; lights chosen by a threshold",
-    "diffusion": f"Gaussian blur, no discs; {_LEAK}",
-    "overlap": f"square blur; streaks, as rows and columns are filtered one after the other; {_BLIND}",
-    "low_rank": f"rings of cut ranks, light below 0 included; {_BLIND}",
-    "lommel": f"monochromatic rings; {_BLIND}",
-    "rectangle": f"square blur; {_BLIND}",
-    "perimeter": _BLIND,
-    "hybrid_spreading": f"square blur where contrast is low; {_BLIND}",
-    "lens_spreading": f"slow; {_BLIND}",
+    "diffusion": f"Gaussian blur, no discs; {_LEAK_FAULT}",
+    "overlap": f"square blur; streaks, as rows and columns are filtered one after the other; {_ORDER_FAULT}",
+    "low_rank": f"rings of cut ranks, light below 0 included; {_ORDER_FAULT}",
+    "lommel": f"monochromatic rings; {_ORDER_FAULT}",
+    "rectangle": f"square blur; {_ORDER_FAULT}",
+    "perimeter": _ORDER_FAULT,
+    "hybrid_spreading": f"square blur where contrast is low; {_ORDER_FAULT}",
+    "lens_spreading": f"slow; {_ORDER_FAULT}",
     "image_rays": "foregrounds keep their outline unless layers are given; edges in steps of pixels; noise",
-    "bokehme_scatter": _BLIND,
+    "bokehme_scatter": _ORDER_FAULT,
 }
 
 
@@ -85,9 +90,9 @@ def _table() -> dict[str, Baseline]:
     rows = (line.split(maxsplit=3) for line in _METHODS.strip().splitlines())
     return {
         name: Baseline(
-            module=f"bokehnet.baselines.{file}", paper=paper, openings=openings, faults=_FAULTS[name]
+            module=f"bokehnet.baselines.{file}", paper=paper, apertures=apertures, faults=_FAULTS[name]
         )
-        for name, file, openings, paper in rows
+        for name, file, apertures, paper in rows
     }
 
 
@@ -95,11 +100,11 @@ BASELINES = _table()
 
 
 def baseline_renderer(name: str) -> ClassicalRenderer:
-    """Return a baseline as engines call their classical half, with the geometric error map beside it.
+    """Return a baseline as a classical renderer of an engine, with the geometric error map.
 
     Raises:
-        ParameterError: Unknown name. The renderer raises it for lenses, strips and openings that the method
-            does not know.
+        ParameterError: Unknown name. The renderer raises it for lenses, strips and apertures that the method
+            does not support.
     """
     check_choice("engine", name, BASELINES)
     method: Callable[..., np.ndarray] = getattr(import_module(BASELINES[name].module), name)
@@ -110,15 +115,15 @@ def baseline_renderer(name: str) -> ClassicalRenderer:
         aperture: Aperture | None = None,
         **options: Unpack[ClassicalOptions],
     ) -> ClassicalResult:
-        where: dict[str, Any] = {}
-        if name in _KNOW_LENSES:
-            where["lens_response"] = options.get("lens_response")
+        extra: dict[str, Any] = {}
+        if name in _WITH_LENS_RESPONSE:
+            extra["lens_response"] = options.get("lens_response")
         else:
-            check_focuses_alone(options.get("lens_response"), name)
-        assert options.get("strip") is None  # the engine refuses to cut
-        if BASELINES[name].openings == "cats-eye":
-            where["place"] = options.get("place")
-        bokeh = method(image, defocus, aperture, **where)
+            check_ideal_except_tilt(options.get("lens_response"), name)
+        assert options.get("strip") is None  # the engine does not cut strips
+        if BASELINES[name].apertures == "cats-eye":
+            extra["place"] = options.get("place")
+        bokeh = method(image, defocus, aperture, **extra)
         progress = options.get("progress")
         if progress is not None:
             progress(0.9)

@@ -1,4 +1,4 @@
-"""What every classical renderer takes and gives, and the table of their names."""
+"""Interface of the classical renderers: inputs, options, result, and lookup by name."""
 
 import math
 from collections.abc import Callable
@@ -25,41 +25,41 @@ __all__ = [
     "Frame",
     "Place",
     "Strip",
-    "check_focuses_alone",
+    "check_ideal_except_tilt",
     "check_inputs",
     "make_classical",
 ]
 
-# Rows at which a picture may be cut into strips: renderers work in blocks of up to so many pixels.
+# Strips begin at multiples of this many rows of the picture, the largest block of any renderer in pixels.
 ALIGNED = 128
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Strip:
-    """Where arrays stand that are only some rows of a picture.
+    """Position of a strip of rows in its picture.
 
     Attributes:
         first: Row of the picture at which the arrays begin; a multiple of ``ALIGNED``.
-        last: Row at which they end.
-        height: Rows of the whole picture.
-        max_coc_radius: Its largest blur radius, rounded up to whole pixels.
-        wanted: Rows of the arrays whose result is asked for; the others are there to be looked at.
+        last: Row of the picture behind the last row of the arrays.
+        height: Height of the whole picture, pixels.
+        max_coc_radius: Largest blur radius of the whole picture, rounded up to whole pixels.
+        output_rows: Rows of the arrays whose result is valid; the others are the halo.
     """
 
     first: int
     last: int
     height: int
     max_coc_radius: int
-    wanted: slice
+    output_rows: slice
 
 
 class Frame(NamedTuple):
-    """Where rows and columns lie in the full-size picture.
+    """Centre and scale of the full-size picture, in array coordinates.
 
     Attributes:
-        column: Middle of the picture.
-        row: The same, down, counted from the first row that is there.
-        scale: One over the half-diagonal in pixels, so that corners are at field position 1.
+        column: Column of the centre of the picture.
+        row: Row of the centre, counted from the first row of the arrays.
+        scale: Reciprocal of the half-diagonal in pixels, so that corners are at field position 1.
     """
 
     column: float
@@ -68,18 +68,18 @@ class Frame(NamedTuple):
 
     @classmethod
     def of(cls, height: int, width: int, above: int = 0, left: int = 0) -> "Frame":
-        """Frame of a full-size picture of which ``above`` rows and ``left`` columns are not there."""
+        """Return the frame of a full-size picture without its first ``above`` rows and ``left`` columns."""
         return cls(0.5 * (width - 1) - left, 0.5 * (height - 1) - above, 2 / math.hypot(width, height))
 
 
 class Place(NamedTuple):
-    """Where the pixels of arrays lie in the shown picture, from whose middle field positions are measured.
+    """Position of arrays in the shown picture, from whose centre field positions are measured.
 
     Attributes:
-        left: Column of the shown picture at which the arrays begin; negative where they hold more.
-        top: Row, likewise.
-        width: Of the shown picture, pixels.
-        height: The same.
+        left: Column of the shown picture at which the arrays begin; negative if they extend beyond it.
+        top: Row of the shown picture at which the arrays begin; negative if they extend beyond it.
+        width: Width of the shown picture, pixels.
+        height: Height of the shown picture, pixels.
     """
 
     left: int
@@ -89,32 +89,32 @@ class Place(NamedTuple):
 
     @classmethod
     def whole(cls, height: int, width: int) -> "Place":
-        """All that is there is shown."""
+        """Return the position of arrays that are the whole shown picture."""
         return cls(0, 0, width, height)
 
     def below(self, rows: int) -> "Place":
-        """The place of the same arrays without so many rows."""
+        """Return the position of the same arrays without their first ``rows`` rows."""
         return self._replace(top=self.top + rows)
 
     @property
     def frame(self) -> Frame:
-        """Where rows and columns of the arrays lie in the shown picture."""
+        """Centre and scale of the shown picture, in array coordinates."""
         return Frame.of(self.height, self.width, self.top, self.left)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ClassicalResult:
-    """What a classical renderer gives.
+    """Result of a classical renderer.
 
     Attributes:
-        bokeh: The rendered picture, scene-linear, (H, W, 3).
-        error_map: Where it can be wrong, (H, W) in [0, 1]; 1 = trust a network.
-        occluded_background: Colours taken to stand behind each pixel, scene-linear, (H, W, 3); ``None`` if it
-            has none.
-        disocclusion_weight: Share of each pixel's light that comes from there or from beyond the border, (H,
-            W) in [0, 1]; ``None`` if it guesses nothing.
-        mixed_pixels: Pixels that were parted into two surfaces, with both; ``None`` if it parts none.
-        scatter: What the scatter makes of the picture, (H, W, 3); ``None`` if it was not made beside.
+        bokeh: Rendered picture, scene-linear, (H, W, 3).
+        error_map: Expected error of the rendered picture, (H, W) in [0, 1]; 1 = trust a network.
+        occluded_background: Estimated colors behind each pixel, scene-linear, (H, W, 3); ``None`` if the
+            renderer estimates none.
+        disocclusion_weight: Fraction of each pixel's light that comes from the occluded background or from
+            beyond the border, (H, W) in [0, 1]; ``None`` if the renderer estimates neither.
+        mixed_pixels: Pixels that were unmixed, with both surfaces; ``None`` if the renderer unmixes none.
+        scatter: Picture rendered by the scatter, (H, W, 3); ``None`` if it was not rendered in addition.
     """
 
     bokeh: np.ndarray
@@ -124,19 +124,19 @@ class ClassicalResult:
     mixed_pixels: KnownSurfaces | None = None
     scatter: np.ndarray | None = None
 
-    def rows(self, wanted: slice) -> "ClassicalResult":
-        """Some of the rows."""
+    def rows(self, selection: slice) -> "ClassicalResult":
+        """Return the result of some of the rows."""
 
-        def part(array: np.ndarray | None) -> np.ndarray | None:
-            return None if array is None else array[wanted]
+        def cropped(array: np.ndarray | None) -> np.ndarray | None:
+            return None if array is None else array[selection]
 
         return ClassicalResult(
-            bokeh=self.bokeh[wanted],
-            error_map=self.error_map[wanted],
-            occluded_background=part(self.occluded_background),
-            disocclusion_weight=part(self.disocclusion_weight),
-            mixed_pixels=self.mixed_pixels and self.mixed_pixels.in_rows(wanted.start, wanted.stop),
-            scatter=part(self.scatter),
+            bokeh=self.bokeh[selection],
+            error_map=self.error_map[selection],
+            occluded_background=cropped(self.occluded_background),
+            disocclusion_weight=cropped(self.disocclusion_weight),
+            mixed_pixels=self.mixed_pixels and self.mixed_pixels.in_rows(selection.start, selection.stop),
+            scatter=cropped(self.scatter),
         )
 
     @property
@@ -148,19 +148,19 @@ class ClassicalResult:
 
 
 class ClassicalOptions(TypedDict, total=False):
-    """What a classical renderer may be told besides picture, defocus and aperture.
+    """Options of a classical renderer, in addition to picture, defocus and aperture.
 
     Attributes:
-        strip: Which rows of a larger picture these are; by default a whole one. Only its wanted rows of the
-            result mean anything.
-        lens_response: What the lens does beyond focusing; default a perfect lens.
-        place: Where the whole picture, of which a strip may be a part, lies in the shown one; default: all of
-            it is shown.
-        progress: Called with the share of the work that is done, 0 to 1.
-        pixel_filter: Of the picture, by which its pixels at edges mix both sides.
-        known: Surfaces of pixels at edges that need not be estimated, for renderers that take layers.
-        rays_share: Share of the usual rays of a pixel, where several pixels will be reduced to one.
-        layers: True layers, for renderers that take layers.
+        strip: Position of these rows in a larger picture; default: the arrays are the whole picture. Only the
+            ``output_rows`` of the result are valid.
+        lens_response: Aberrations, vignetting and dispersion of the lens; default: a perfect lens.
+        place: Position in the shown picture of the whole picture, of which a strip may be a part; default:
+            all of it is shown.
+        progress: Callback that receives the completed fraction of the work, 0 to 1.
+        pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges.
+        known: Known surfaces of pixels at edges, for renderers that use layers; they are not estimated.
+        rays_factor: Factor on the number of rays per pixel, where several pixels are reduced to one.
+        layers: True layers, for renderers that use layers.
     """
 
     strip: Strip | None
@@ -169,12 +169,12 @@ class ClassicalOptions(TypedDict, total=False):
     progress: Callable[[float], None] | None
     pixel_filter: PixelFilter
     known: KnownSurfaces | None
-    rays_share: float
+    rays_factor: float
     layers: Layers | None
 
 
 class ClassicalRenderer(Protocol):
-    """A renderer without learned parts."""
+    """Renderer without learned components."""
 
     def __call__(
         self,
@@ -183,19 +183,19 @@ class ClassicalRenderer(Protocol):
         aperture: Aperture | None = None,
         **options: Unpack[ClassicalOptions],
     ) -> ClassicalResult:
-        """Render.
+        """Render bokeh.
 
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3), float32.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
-            aperture: Shape of the lens opening; default a plain disc.
-            options: What else there is to know.
+            aperture: Shape of the aperture; default: a disc.
+            options: See :class:`ClassicalOptions`.
         """
         ...
 
 
 def make_classical(classical: str) -> ClassicalRenderer:
-    """Return the classical renderer of that name; ``ParameterError`` names the choices."""
+    """Return the classical renderer of this name; an unknown name raises ``ParameterError``."""
     check_choice("classical", classical, CLASSICAL)
     module, function = CLASSICAL[classical].renderer.split(":")  # imported at the first use
     renderer: Callable = getattr(import_module(module), function)
@@ -203,11 +203,11 @@ def make_classical(classical: str) -> ClassicalRenderer:
 
 
 def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Check a picture and its defocus map at the public API; both come back contiguous.
+    """Check a picture and its defocus map, and return both as contiguous arrays.
 
     Raises:
-        ShapeError: Not (H, W, 3) and (H, W) of one size.
-        ParameterError: NaN or infinity in either, numbers that are no floats, or light beyond all measure.
+        ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
+        ParameterError: NaN or infinity in either, values that are not floats, or light beyond the limit.
     """
     check_light("image", image)
     check_map("defocus", defocus)
@@ -217,11 +217,11 @@ def check_inputs(image: np.ndarray, defocus: np.ndarray) -> tuple[np.ndarray, np
     return np.ascontiguousarray(image, dtype), np.ascontiguousarray(defocus, dtype)
 
 
-def check_focuses_alone(lens_response: LensResponse | None, engine: str) -> None:
-    """Raise ``ParameterError`` for a lens that does more than focus and tilt, all that ``engine`` knows."""
+def check_ideal_except_tilt(lens_response: LensResponse | None, engine: str) -> None:
+    """Raise ``ParameterError`` unless the lens only focuses and tilts; ``engine`` supports nothing else."""
     if lens_response is None:
         return
     upright = lens_response.aberration_map.without_tilt()
-    if not replace(lens_response, aberration_map=upright).is_plain:
-        expected = "one that knows aberrations, rims and fringes of a lens"
+    if not replace(lens_response, aberration_map=upright).is_ideal:
+        expected = "one that supports aberrations, vignetting and color fringes of a lens"
         raise ParameterError("engine", expected, engine, "use the engine `rays` or `hybrid`")

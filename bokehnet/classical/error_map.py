@@ -1,4 +1,4 @@
-"""Where a classical renderer can be wrong: within the blur's reach of a depth discontinuity."""
+"""Geometric error map: pixels within the blur's reach of a depth discontinuity."""
 
 import math
 
@@ -14,7 +14,7 @@ __all__ = ["boundary_threshold", "geometric_error_map"]
 
 @njit(cache=True, parallel=True)
 def _boundary_reach(nearest, farthest, radii, threshold, softness):  # type: ignore[no-untyped-def]
-    """Largest of ``radii`` around each boundary pixel and ``softness`` more, 0 elsewhere; 3x3 windows."""
+    """Return the largest of ``radii`` in the 3x3 window of boundary pixels plus ``softness``, 0 elsewhere."""
     height, width = nearest.shape
     reach = np.zeros((height, width), np.float32)
     for y in prange(height):
@@ -36,7 +36,7 @@ def _boundary_reach(nearest, farthest, radii, threshold, softness):  # type: ign
 
 @njit(cache=True)
 def _cover_discs(reach):  # type: ignore[no-untyped-def]
-    """How many more discs lie over each pixel than over the one to its left, (H, W + 1)."""
+    """Return the number of discs over each pixel minus those over the pixel to its left, (H, W + 1)."""
     height, width = reach.shape
     counts = np.zeros((height, width + 1), np.int32)
     for y in range(height):
@@ -54,7 +54,7 @@ def _cover_discs(reach):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _sum_rows(differences):  # type: ignore[no-untyped-def]
-    """Turn differences along the rows into values, in place."""
+    """Integrate differences along the rows, in place."""
     for y in prange(differences.shape[0]):
         for x in range(1, differences.shape[1]):
             differences[y, x] += differences[y, x - 1]
@@ -62,7 +62,7 @@ def _sum_rows(differences):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _soften(counts, reach):  # type: ignore[no-untyped-def]
-    """Share of the (2 reach + 1)^2 pixels around each that are counted, the border repeated."""
+    """Return the fraction of covered pixels in the (2 reach + 1)^2 window around each; borders repeat."""
     height, width = counts.shape
     result = np.empty((height, width), np.float32)
     for y in prange(height):
@@ -80,7 +80,7 @@ def _soften(counts, reach):  # type: ignore[no-untyped-def]
 
 
 def boundary_threshold(size: tuple[int, ...]) -> float:
-    """Span of the defocus, in pixels, above which a 3x3 window of a picture of this size is a boundary."""
+    """Return the defocus span in pixels above which a 3x3 window of a picture of this size is a boundary."""
     return max(0.5, min(size) / 1000)
 
 
@@ -93,17 +93,16 @@ def geometric_error_map(
 ) -> np.ndarray:
     """Return the map of pixels that a depth discontinuity can reach.
 
-    A pixel lies on a boundary when the defocus inside its 3x3 window spans more than ``threshold``; each
-    boundary pixel marks the disc of the larger radius found there; the mask's edge is softened.
+    A pixel is on a boundary if the defocus in its 3x3 window spans more than ``threshold``; each boundary
+    pixel marks a disc of the larger radius in its window; the edge of the mask is softened.
 
     Args:
-        defocus: Signed blur radius in pixels, (H, W).
+        defocus: Signed blur radius in pixels, (H, W); of the nearer surface where pixels show two.
         threshold: Span in pixels; default :func:`boundary_threshold`.
-        softness: Half the width in pixels of the soft edge, which lies outside the mask.
-        farthest: Where pixels show two surfaces, ``defocus`` is of the nearer one and this of the farther
-            one, (H, W); default: they show one.
-        radii: How far the light of each pixel goes, pixels, (H, W); default: the larger blur radius of its
-            surfaces.
+        softness: Half-width in pixels of the soft edge, which is outside the mask.
+        farthest: Defocus of the farther surface, (H, W); default: pixels show one surface.
+        radii: Distance in pixels that the light of each pixel reaches, (H, W); default: the larger blur
+            radius of its surfaces.
 
     Returns:
         Map (H, W) float32 in [0, 1]; 1 within reach of a boundary, 0 where the scatter is right.

@@ -1,7 +1,7 @@
-"""The scatter through a lens that does nothing but part colours: a few wavelengths, each with its own discs.
+"""Scatter through a lens with chromatic aberration only: a few wavelengths, each with discs of its own.
 
-Axial colour gives each wavelength another blur radius, lateral colour another size of its picture; discs
-stay discs. So a surface that nothing hides is a sum of scattered pictures, and needs no rays.
+Axial color gives each wavelength another blur radius, lateral color another image scale; discs stay discs.
+A surface that is not occluded is therefore a sum of scattered pictures and needs no rays.
 """
 
 import math
@@ -16,22 +16,23 @@ from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.lens_response import LensResponse
 
-__all__ = ["Fringes", "fringed_scatter", "fringes_alone"]
+__all__ = ["Fringes", "chromatic_fringes", "fringed_scatter"]
 
-# Wavelengths differ by so many pixels at most, and are so many at most; more are left to the rays.
-_STEP, _MOST = 1.5, 10
+# Upper bounds: difference between adjacent wavelengths in pixels, and number of wavelengths. Lenses that need
+# more wavelengths are left to the rays.
+_MAX_STEP_PX, _MAX_WAVELENGTHS = 1.5, 10
 
-# Wavelengths that stand for the spectrum when it is shared out.
-_SPECTRUM = 3000
+# Number of samples of the spectrum that are distributed to the wavelengths.
+_SPECTRUM_SAMPLES = 3000
 
 
 class Fringes(NamedTuple):
-    """What a lens does to colours, where it does nothing else.
+    """Chromatic aberration of a lens that has no other aberration.
 
     Attributes:
-        axial: Change of the blur radius of each wavelength, before its map, pixels, (K,).
-        lateral: Shift of each in the corner, before its map, pixels, (K,).
-        colors: What each gives of red, green and blue, (K, 3), of sum 1 each.
+        axial: Change of the blur radius per wavelength, before its map, pixels, (K,).
+        lateral: Shift per wavelength in the corner, before its map, pixels, (K,).
+        colors: Contribution of each wavelength to red, green and blue, (K, 3); each channel sums to 1.
     """
 
     axial: np.ndarray
@@ -39,20 +40,21 @@ class Fringes(NamedTuple):
     colors: np.ndarray
 
 
-def fringes_alone(lens_response: LensResponse, half_diagonal: float) -> Fringes | None:
-    """The wavelengths that stand for all, or ``None``: the lens does more than that, or they are too many.
+def chromatic_fringes(lens_response: LensResponse, half_diagonal: float) -> Fringes | None:
+    """Return the wavelengths that represent the spectrum, or ``None``.
 
-    Strengths of all wavelengths lie along one curve. Nodes are spread over it, and each wavelength is shared
-    between its two neighbours, so that the mean strength of each colour is right.
+    ``None`` means that the lens has other aberrations or needs too many wavelengths. The strengths of all
+    wavelengths are on one curve. Nodes are distributed over it, and each wavelength is divided between its
+    two neighbours, so that the mean strength of each color is exact.
 
     Args:
-        lens_response: Of the lens.
-        half_diagonal: Of the picture, pixels.
+        lens_response: Response of the lens.
+        half_diagonal: Half-diagonal of the picture, pixels.
     """
     aberration = lens_response.chromatic_aberration
     if aberration is None or aberration.is_none or not lens_response.aberration_map.is_perfect:
         return None
-    chances = (np.arange(_SPECTRUM) + 0.5) / _SPECTRUM
+    chances = (np.arange(_SPECTRUM_SAMPLES) + 0.5) / _SPECTRUM_SAMPLES
     wavelengths, weights = lens_response.wavelengths_at(chances)
     strengths = half_diagonal * aberration.strengths(wavelengths)
     if lens_response.wavelength_sampling.dispersion == "rgb":
@@ -60,27 +62,27 @@ def fringes_alone(lens_response: LensResponse, half_diagonal: float) -> Fringes 
         return Fringes(strengths[:, 0], strengths[:, 1], np.eye(3))
     curve = aberration.curve(wavelengths)
     low, high = float(curve.min()), float(curve.max())
-    steps = math.ceil(float(np.hypot(*np.ptp(strengths, axis=0))) / _STEP)
-    if steps >= _MOST:
+    steps = math.ceil(float(np.hypot(*np.ptp(strengths, axis=0))) / _MAX_STEP_PX)
+    if steps >= _MAX_WAVELENGTHS:
         return None
     nodes = max(steps, 2) + 1
-    place = (curve - low) / (high - low) * (nodes - 1)
-    shares = np.maximum(1.0 - np.abs(place[:, None] - np.arange(nodes)), 0.0)
-    colors = shares.T @ weights / weights.sum(0)
-    at = low + (high - low) * np.arange(nodes) / (nodes - 1)
+    position = (curve - low) / (high - low) * (nodes - 1)
+    node_weights = np.maximum(1.0 - np.abs(position[:, None] - np.arange(nodes)), 0.0)
+    colors = node_weights.T @ weights / weights.sum(0)
+    node_values = low + (high - low) * np.arange(nodes) / (nodes - 1)
     axial, lateral = half_diagonal / 100 * np.array([-aberration.axial, aberration.lateral])
-    return Fringes(axial * at, lateral * at, colors)
+    return Fringes(axial * node_values, lateral * node_values, colors)
 
 
 @njit(cache=True, parallel=True)
 def _add_shifted(picture, lateral, color, maps, frame, above, total):  # type: ignore[no-untyped-def]
-    """Add a picture of one wavelength, seen along its lateral shift, to ``total``, both (H, W, 3)."""
+    """Add the picture of one wavelength, displaced by its lateral color, to ``total``, both (H, W, 3)."""
     height, width = picture.shape[:2]
     column, row, scale = frame
     for y in prange(height):
         for x in range(width):
             far_x, far_y = (x - column) * scale, (y + above - row) * scale
-            # Overscan is seen as the corner is, up to which a lens is known.
+            # The lens data end at the corner: overscan beyond it repeats the corner's.
             away = lateral * maps[y, x, 1] / max(math.sqrt(far_x * far_x + far_y * far_y), 1.0)
             at_x = min(max(x - away * far_x, 0.0), width - 1.0)
             at_y = min(max(y - away * far_y, 0.0), height - 1.0)
@@ -105,11 +107,11 @@ def fringed_scatter(
     """Scatter wavelength by wavelength.
 
     Args:
-        scattered: Scatters the picture with a defocus, (H, W), pixels.
-        defocus: Of the design wavelength, (H, W).
-        fringes: From :func:`fringes_alone`.
-        maps: Factors of axial and lateral colour at each pixel, (H, W, 2).
-        frame: Where the middle of the picture lies, and one over its half-diagonal.
+        scattered: Function that scatters the picture with a defocus, (H, W), pixels.
+        defocus: Defocus of the design wavelength, (H, W).
+        fringes: Wavelengths, from :func:`chromatic_fringes`.
+        maps: Factors of axial and lateral color at each pixel, (H, W, 2).
+        frame: Centre of the picture, and reciprocal of its half-diagonal.
         above: Rows of the picture above these.
 
     Returns:

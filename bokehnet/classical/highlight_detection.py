@@ -1,4 +1,4 @@
-"""Which pixels stand far above their surroundings: lamps, sparkles, the sun."""
+"""Detection of highlights, pixels far brighter than their surroundings: lamps, sparkles, the sun."""
 
 import numpy as np
 from numba import prange
@@ -8,27 +8,27 @@ from bokehnet.kernels import njit
 
 __all__ = ["are_lights", "light_limit"]
 
-# A light is this many times as bright as its surroundings.
+# Brightness of a light over the mean of its surroundings.
 _CONTRAST = 4.0
 
-# Smallest half-width of the surroundings, pixels.
-_SMALLEST_REACH = 8
+# Minimum half-width of the surroundings, pixels.
+_MIN_REACH_PX = 8
 
 
 @njit(cache=True)
 def _brightness(image, y, x):  # type: ignore[no-untyped-def]
-    """Largest of the three channels."""
+    """Return the largest of the three channels."""
     return max(image[y, x, 0], image[y, x, 1], image[y, x, 2])
 
 
 @njit(cache=True, parallel=True)
-def _sum_cells(image, cell, most, sums):  # type: ignore[no-untyped-def]
-    """Sum the brightness of each cell, no pixel above what is ``most`` there."""
+def _sum_cells(image, cell, limits, sums):  # type: ignore[no-untyped-def]
+    """Sum the brightness of each cell, with every pixel clipped to the cell's ``limits``."""
     height, width, _ = image.shape
     for row in prange(sums.shape[0]):
         for y in range(row * cell, min(height, (row + 1) * cell)):
             for column in range(sums.shape[1]):
-                limit, total = most[row, column], 0.0
+                limit, total = limits[row, column], 0.0
                 for x in range(column * cell, min(width, (column + 1) * cell)):
                     total += min(limit, _brightness(image, y, x))
                 sums[row, column] += total
@@ -48,14 +48,14 @@ def _above(image, limit, result):  # type: ignore[no-untyped-def]
             result[y, x] = _brightness(image, y, x) > limit[y, x]
 
 
-def _means_around(image: np.ndarray, cell: int, most: np.ndarray) -> np.ndarray:
-    """Mean brightness over nine cells by nine around each; no pixel counts above its cell's ``most``."""
-    sums = np.zeros(most.shape)
+def _means_around(image: np.ndarray, cell: int, limits: np.ndarray) -> np.ndarray:
+    """Return the mean brightness over 9x9 cells around each, with pixels clipped to their cell's limit."""
+    sums = np.zeros(limits.shape)
     with parallel_region:
-        _sum_cells(image, cell, most, sums)
+        _sum_cells(image, cell, limits, sums)
     sides = (
         np.minimum(np.arange(1, count + 1) * cell, size) - np.arange(count) * cell
-        for count, size in zip(most.shape, image.shape[:2], strict=True)
+        for count, size in zip(limits.shape, image.shape[:2], strict=True)
     )
     counts = np.outer(*sides)
     means: np.ndarray = _box_sum(_box_sum(sums, 4, 0), 4, 1) / _box_sum(_box_sum(counts, 4, 0), 4, 1)
@@ -63,7 +63,7 @@ def _means_around(image: np.ndarray, cell: int, most: np.ndarray) -> np.ndarray:
 
 
 def _box_sum(values: np.ndarray, reach: int, axis: int) -> np.ndarray:
-    """Sum over 2 reach + 1 neighbours along an axis, as far as there are any."""
+    """Sum over 2 reach + 1 neighbours along an axis, clipped at the border."""
     size = values.shape[axis]
     sums = np.insert(np.cumsum(values, axis=axis, dtype=np.float64), 0, 0.0, axis=axis)
     high, low = np.minimum(np.arange(size) + reach + 1, size), np.maximum(np.arange(size) - reach, 0)
@@ -71,17 +71,17 @@ def _box_sum(values: np.ndarray, reach: int, axis: int) -> np.ndarray:
 
 
 def light_limit(image: np.ndarray, reach: int) -> np.ndarray:
-    """Brightness above which a pixel is a light: four times its surroundings.
+    """Return the brightness above which a pixel is a light: four times that of its surroundings.
 
     Args:
-        image: Scene-linear, (H, W, 3), float32.
-        reach: Half-width in pixels of the surroundings, at least 8. Their mean is taken twice, the second
-            time with every pixel held at four times the first, so that lights hardly raise it.
+        image: Scene-linear picture, (H, W, 3), float32.
+        reach: Half-width in pixels of the surroundings, at least 8. Their mean is computed twice, the second
+            time with every pixel clipped to four times the first mean, so that lights hardly raise it.
 
     Returns:
         (H, W) float32, for :func:`are_lights`.
     """
-    cell = max(_SMALLEST_REACH, reach) // 4
+    cell = max(_MIN_REACH_PX, reach) // 4
     cells = tuple(-(-size // cell) for size in image.shape[:2])
     means = _means_around(image, cell, np.full(cells, np.inf))
     means = _means_around(image, cell, _CONTRAST * means)
@@ -92,8 +92,8 @@ def light_limit(image: np.ndarray, reach: int) -> np.ndarray:
 
 
 def are_lights(image: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """Which pixels of (H, W, 3) are brighter than ``limit``, (H, W); (H, W) bool."""
-    found = np.empty(limit.shape, np.bool_)
+    """Return the mask of pixels of (H, W, 3) that are brighter than ``limit``, (H, W); (H, W) bool."""
+    mask = np.empty(limit.shape, np.bool_)
     with parallel_region:
-        _above(image, limit, found)
-    return found
+        _above(image, limit, mask)
+    return mask

@@ -1,4 +1,4 @@
-"""Layers of a picture, front to back: what rays are marched through, guessed or known."""
+"""Layers of a picture, front to back, estimated or known, through which rays are marched."""
 
 import math
 from collections.abc import Callable
@@ -22,10 +22,10 @@ class Layers:
     """Surfaces along each pixel's pinhole ray, front to back.
 
     Attributes:
-        colors: Scene-linear, (H, W, L, 3), float32.
+        colors: Scene-linear colors, (H, W, L, 3), float32.
         defocus: Signed blur radius in pixels, + in front of focus, (H, W, L), float32; a layer is never
-            in front of the one before.
-        coverage: Share of the pixel that a layer covers, (H, W, L), float32 in [0, 1]. 0 where there is
+            in front of the previous one.
+        coverage: Fraction of the pixel that the layer covers, (H, W, L), float32 in [0, 1]. 0 where there is
             no surface.
 
     Raises:
@@ -38,29 +38,31 @@ class Layers:
     coverage: npt.NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        check_rank("layer colours", self.colors, 4, "(H, W, L, 3)")
+        check_rank("layer colors", self.colors, 4, "(H, W, L, 3)")
         for name, array in (("layer defocus", self.defocus), ("layer coverage", self.coverage)):
             check_rank(name, array, 3, "(H, W, L)")
             if array.shape != self.colors.shape[:3]:
                 raise ShapeError(
-                    f"{name}: expected {self.colors.shape[:3]} as the colours, got {array.shape}"
+                    f"{name}: expected {self.colors.shape[:3]} like the colors, got {array.shape}"
                 )
         if self.colors.shape[3] != 3:
-            raise ShapeError(f"layer colours: expected 3 channels, got {self.colors.shape[3]}")
+            raise ShapeError(f"layer colors: expected 3 channels, got {self.colors.shape[3]}")
         for name in ("colors", "defocus", "coverage"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
         with parallel_region:
-            sound = _are_sound(self.colors, self.defocus, self.coverage)
-        if not sound:
+            valid = _are_valid(self.colors, self.defocus, self.coverage)
+        if not valid:
             self._raise_fault()
 
     def in_rows(self, first: int, last: int) -> "Layers":
-        """Those in the rows from ``first`` up to ``last``."""
+        """Return the layers of the rows ``first`` to ``last``, exclusive."""
         rows = slice(first, last)
         return Layers(colors=self.colors[rows], defocus=self.defocus[rows], coverage=self.coverage[rows])
 
-    def in_light(self, formula: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]]) -> "Layers":
-        """The same with ``formula`` applied to the colours of each layer, (H, W, 3)."""
+    def with_mapped_colors(
+        self, formula: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]]
+    ) -> "Layers":
+        """Return the same layers with ``formula`` applied to the colors of each layer, (H, W, 3)."""
         colors = np.stack([formula(layer) for layer in np.moveaxis(self.colors, 2, 0)], 2)
         return Layers(colors=colors, defocus=self.defocus, coverage=self.coverage)
 
@@ -68,15 +70,15 @@ class Layers:
         for name in ("colors", "defocus", "coverage"):
             check_finite(name, getattr(self, name))
         if self.coverage.min() < 0 or self.coverage.max() > 1:
-            found = f"{self.coverage.min():g} to {self.coverage.max():g}"
-            raise ParameterError("coverage", "0 to 1", self.coverage, shown=found)
+            shown = f"{self.coverage.min():g} to {self.coverage.max():g}"
+            raise ParameterError("coverage", "0 to 1", self.coverage, shown=shown)
         expected = "layers from front to back"
-        raise ParameterError("defocus", expected, self.defocus, shown="one in front of the one before it")
+        raise ParameterError("defocus", expected, self.defocus, shown="a layer in front of the previous one")
 
 
 @njit(cache=True, parallel=True)
-def _are_sound(colors, defocus, coverage):  # type: ignore[no-untyped-def]
-    """Whether all is finite, coverage within 0 to 1 and no layer in front of the one before."""
+def _are_valid(colors, defocus, coverage):  # type: ignore[no-untyped-def]
+    """Return whether all values are finite, coverage is in [0, 1] and the layers are front to back."""
     height, width, layers = defocus.shape
     faults = 0
     for y in prange(height):

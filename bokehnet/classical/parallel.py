@@ -1,4 +1,4 @@
-"""The one lock around parallel kernels."""
+"""Lock around parallel kernels."""
 
 import sys
 
@@ -11,15 +11,15 @@ __all__ = ["parallel_region"]
 
 
 class _ParallelRegion(ForkSafeLock):
-    """Two threads inside one parallel region would abort the process on numba's workqueue layer."""
+    """Lock that keeps two threads out of numba's workqueue layer, which would abort the process."""
 
     _stranded = False
 
     def __enter__(self) -> None:
         if self._stranded:
             raise BokehnetError(
-                "this process was forked after numba had run on GNU OpenMP, whose threads are "
-                "not there any more; leave NUMBA_THREADING_LAYER alone, or start processes by spawn"
+                "this process was forked after numba ran on GNU OpenMP, whose threads do not "
+                "survive a fork; leave NUMBA_THREADING_LAYER unset, or start processes by spawn"
             )
         super().__enter__()
 
@@ -29,7 +29,7 @@ class _ParallelRegion(ForkSafeLock):
 
 
 def _layer() -> str:
-    """What runs numba's threads; empty before anything was parallel."""
+    """Return the name of numba's threading layer; an empty string before the first parallel kernel."""
     try:
         layer: str = numba.threading_layer()  # type: ignore[attr-defined]
     except ValueError:

@@ -1,4 +1,4 @@
-"""The rays renderer: scatter on single surfaces, pupil rays through layers near depth discontinuities."""
+"""Rays renderer: scatter on single surfaces, pupil rays through layers near depth discontinuities."""
 
 import math
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from numba import prange
 from bokehnet.checks import check_same_size
 from bokehnet.classical.base import ALIGNED, ClassicalOptions, ClassicalResult, Place, Strip, check_inputs
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
-from bokehnet.classical.fringed_scatter import fringed_scatter, fringes_alone
+from bokehnet.classical.fringed_scatter import chromatic_fringes, fringed_scatter
 from bokehnet.classical.highlights.lights import add_lights, separate_lights
 from bokehnet.classical.known_surfaces import KnownSurfaces
-from bokehnet.classical.layered.boundaries.mixed_pixels import told_of
+from bokehnet.classical.layered.boundaries.mixed_pixels import to_known_surfaces
 from bokehnet.classical.layered.layers import Layers, split_picture
 from bokehnet.classical.layered.march.aberrated_rays import lens_table
 from bokehnet.classical.layered.march.bundle_extents import bundle_extents, reach_by_rings, stray_map
@@ -37,13 +37,12 @@ __all__ = ["CPU", "Device", "rays", "render_rays", "scatter_beyond"]
 
 
 class Device(NamedTuple):
-    """What computes where.
+    """Functions that scatter and march on a device.
 
     Attributes:
-        scatter: As :func:`bokehnet.classical.scatter_renderer.scatter`.
-        march: Sends rays, see ``send`` of :func:`bokehnet.classical.layered.march.ray_marching.march`;
-            ``None`` for
-            the kernel on the CPU.
+        scatter: Same signature as :func:`bokehnet.classical.scatter_renderer.scatter`.
+        march: Kernel that sends rays, see ``send`` of
+            :func:`bokehnet.classical.layered.march.ray_marching.march`; ``None`` for the kernel on the CPU.
     """
 
     scatter: Callable[..., np.ndarray]
@@ -52,33 +51,33 @@ class Device(NamedTuple):
 
 CPU = Device(scatter, None)
 
-# Rays of a pixel where no window of pixels is averaged. Behind a lens that does more than focus each costs
-# more, and bundles without noise serve what is away from steps; where one parts colours a ray is three.
+# Rays per pixel where no window of pixels is averaged. Rays through an aberrated lens cost more, and
+# noise-free bundles serve the areas away from depth edges; with dispersion one ray counts as three.
 _RAYS, _LENS_RAYS, _COLORED_RAYS = 64, 48, 32
 
-# The most rays of a pixel, over those.
-_MOST = 2
+# Upper bound of the rays per pixel, as a factor on these numbers.
+_MAX_RAYS_FACTOR = 2
 
-# Behind an aberrated lens every light has a disc of its own to be computed; fainter ones are left to
-# the rays, whose noise they raise by 0.001 or less.
-_FAINTEST = 0.02
+# Behind an aberrated lens every light has a point spread function of its own, which must be computed; fainter
+# lights are left to the rays and raise their noise by 0.001 or less.
+_MIN_LIGHT_BRIGHTNESS = 0.02
 
-# Largest radius in units of the picture's longer side; beyond it every ray ends beyond the border.
-_LARGEST = 4.0
+# Largest blur radius in units of the picture's longer side; beyond it every ray ends outside the picture.
+_MAX_RADIUS_IN_SIDES = 4.0
 
-# Scramblings of the pattern; which one a pixel takes is drawn at random.
+# Number of scramblings of the sampling pattern; each pixel selects one at random.
 _VARIANTS = 8
 
 
 @lru_cache(maxsize=8)
 def _pattern(aperture: Aperture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the rays of a pixel are: points of one sequence, so that few of them are evenly spread already.
+    """Return the rays of a pixel as points of one low-discrepancy sequence, so that any prefix is even.
 
     Returns:
-        Pupil points (2, SETS * variants, rays), their weights in front of and behind focus, likewise, and
-        three chances more of each ray, (SETS * variants * rays, 3).
+        Pupil points (2, SETS * variants, rays); their weights in front of and behind focus, same shape; and
+        three more random numbers of each ray, (SETS * variants * rays, 3).
     """
-    rays_per_pixel = _MOST * _RAYS
+    rays_per_pixel = _MAX_RAYS_FACTOR * _RAYS
     count = SETS * rays_per_pixel
     cube = np.concatenate([sobol(count, np.random.default_rng(seed), 5) for seed in range(_VARIANTS)])
     sides = [pupil_points(aperture, cube[:, :2], side) for side in (1, -1)]
@@ -98,26 +97,26 @@ def rays(
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Render bokeh that knows occlusion: foregrounds are translucent, sharp subjects keep clean edges.
+    """Render bokeh with occlusion: foregrounds are translucent, sharp subjects keep clean edges.
 
-    Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) look through the
-    pupil along 8 to 128 rays each, more where they bring more noise; where surfaces are blurred, the rays of
-    neighbouring pixels are averaged. Bright lights are laid out whole. All other pixels are the scatter's,
-    and a soft mask joins the two. Beyond its border the picture is taken to go on as it ends. Not
-    differentiable; the scatter is.
+    Pixels within the blur's reach of a depth discontinuity (:func:`geometric_error_map`) send 8 to 128 rays
+    each through the pupil, more where the noise is higher; where surfaces are blurred, the rays of
+    neighbouring pixels are averaged. Bright lights are splatted whole. All other pixels come from the
+    scatter, and a soft mask joins the two. Beyond its border the picture continues with its border pixels.
+    Not differentiable; the scatter is.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Shape of the opening; default: a disc.
-        lens_response: Of the lens; default: a perfect one. Wherever its rays stray by half a pixel or more,
-            all is seen along them, away from depth discontinuities along those of a whole tile;
-            where they stray by less, they share the pixel with the scatter.
-        seed: Of the noise; two seeds differ by noise alone.
-        layers: True layers, from a renderer that can see behind things. Default: made from the picture
+        aperture: Shape of the aperture; default: a disc.
+        lens_response: Response of the lens; default: a perfect lens. Where its rays deviate by half a pixel
+            or more, every pixel is rendered by rays: away from depth discontinuities by those of a whole
+            tile. Where they deviate less, rays and scatter are blended.
+        seed: Seed of the noise; two seeds differ by noise only.
+        layers: True layers, from a renderer that sees occluded surfaces. Default: estimated from the picture
             (:func:`bokehnet.classical.layered.layers.split_layers`).
-        pixel_filter: Of the picture, by which its pixels at edges mix both sides.
-        known: Surfaces of pixels at edges that need not be estimated for them; without ``layers``.
+        pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges.
+        known: Known surfaces of pixels at edges, which are not estimated; only without ``layers``.
 
     Returns:
         Picture (H, W, 3) float32.
@@ -139,7 +138,7 @@ _fuse = njit()(fuse)
 
 @njit(cache=True, parallel=True)
 def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def]
-    """Let the rays in ``result`` fade into the scatter ``smooth`` where that weight does."""
+    """Blend the rays in ``result`` with the scatter ``smooth``, by the weight ``error_map``."""
     for y in prange(rays_mask.shape[0]):
         for x in range(rays_mask.shape[1]):
             if rays_mask[y, x]:
@@ -148,21 +147,21 @@ def _blend(smooth, error_map, rays_mask, result):  # type: ignore[no-untyped-def
 
 
 def _seconds(pixels: int, marched: int, radius: int) -> tuple[float, float, float, float]:
-    """What scatter, layers, rays and lights take, roughly and up to a factor: for a bar alone."""
+    """Return the approximate relative cost of scatter, layers, rays and lights, for a progress bar only."""
     lights = (0.1 + 0.002 * radius) * 1e-6 * pixels
     return 0.25e-6 * pixels, 0.35e-6 * pixels, (0.2 + 0.006 * radius) * 1e-6 * marched, lights
 
 
-def _told(
+def _stage_progress(
     progress: Callable[[float], None] | None, seconds: tuple[float, ...]
 ) -> Callable[[int, float], None]:
-    """A callback that takes the stage and the share of it that is done."""
+    """Return a callback that receives the stage and its completed fraction."""
 
-    def tell(stage: int, share: float) -> None:
+    def report(stage: int, fraction: float) -> None:
         if progress is not None:
-            progress((sum(seconds[:stage]) + share * seconds[stage]) / sum(seconds))
+            progress((sum(seconds[:stage]) + fraction * seconds[stage]) / sum(seconds))
 
-    return tell
+    return report
 
 
 def scatter_beyond(
@@ -174,19 +173,20 @@ def scatter_beyond(
     place: Place,
     scattered: Callable[..., np.ndarray] = scatter,
 ) -> np.ndarray:
-    """Scatter with the border's pixels repeated outwards, as the rays see them.
+    """Scatter a picture whose border pixels are repeated outwards, as the rays see it.
 
-    A cat's-eye is measured from the picture's own corners, so such pictures keep their size. Where a strip
-    ends inside the picture nothing is repeated, but rows are left out until blocks lie as in the whole.
+    A cat's-eye is measured from the corners of the picture itself, so such pictures keep their size. Where a
+    strip ends inside the picture nothing is repeated, but rows are omitted so that blocks align with those of
+    the whole picture.
 
     Args:
-        image: Scene-linear, (H, W, 3) float32.
+        image: Scene-linear picture, (H, W, 3) float32.
         defocus: Signed blur radius, (H, W) pixels.
-        aperture: Shape of the opening.
-        reach: So many pixels are repeated.
-        strip: Which rows of a picture these are; ``None`` for all.
-        place: Where they lie in the shown picture.
-        scattered: Scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
+        aperture: Shape of the aperture.
+        reach: Number of repeated pixels.
+        strip: Position of these rows in their picture; ``None`` for all rows.
+        place: Position of the arrays in the shown picture.
+        scattered: Function that scatters, as :func:`bokehnet.classical.scatter_renderer.scatter`.
     """
     if reach == 0 or aperture.cats_eye > 0:
         return scattered(image, defocus, aperture, place)
@@ -196,10 +196,10 @@ def scatter_beyond(
         above, skipped = 0, -(reach + strip.first) % ALIGNED
     if strip is not None and strip.last < strip.height:
         below = 0
-    around = ((above, below), (reach, reach))
+    padding = ((above, below), (reach, reach))
     larger = scattered(
-        np.pad(image[skipped:], (*around, (0, 0)), "edge"),
-        np.pad(defocus[skipped:], around, "edge"),
+        np.pad(image[skipped:], (*padding, (0, 0)), "edge"),
+        np.pad(defocus[skipped:], padding, "edge"),
         aperture,
     )
     inside = larger[above : len(larger) - below, reach:-reach]
@@ -218,39 +218,39 @@ def _render(
     progress: Callable[[float], None] | None = None,
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
-    rays_share: float = 1.0,
+    rays_factor: float = 1.0,
     device: Device = CPU,
 ) -> ClassicalResult:
     image, defocus = (np.asarray(array, np.float32) for array in check_inputs(image, defocus))
     if layers is not None:
         check_same_size("image", image, "layers", layers.defocus)
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
-    largest = _LARGEST * max(size)
+    largest = _MAX_RADIUS_IN_SIDES * max(size)
     defocus = np.clip(defocus, -largest, largest)
     nearest, farthest = defocus, defocus
     if known is not None:
         known.check_within(*defocus.shape)
-        known = known.at_most(largest)
-        nearest, farthest = known.laid_over(defocus)
+        known = known.with_radius_limit(largest)
+        nearest, farthest = known.near_and_far_maps(defocus)
     radius = strip.max_coc_radius if strip is not None else _largest_radius(nearest, farthest)
     above = 0 if strip is None else strip.first
     place = place or Place.whole(*size)
     error_map = rays_weight = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest)
     colored = lens_response is not None and lens_response.is_dispersive
     points, weights, chances = _pattern(aperture)
-    lens, ray_reach, fringes, usual = None, radius, None, _RAYS
+    lens, ray_reach, fringes, nominal_rays = None, radius, None, _RAYS
     near = error_map
-    if lens_response is not None and not lens_response.is_plain:
+    if lens_response is not None and not lens_response.is_ideal:
         lens = lens_table(lens_response, place, chances, above=above, shape=defocus.shape)
-        usual = _COLORED_RAYS if colored else _LENS_RAYS
+        nominal_rays = _COLORED_RAYS if colored else _LENS_RAYS
         ray_reach = lens.reach(radius)
         extents = bundle_extents(points, lens)
         strays = stray_map(nearest, farthest, lens, extents, above)
         near = geometric_error_map(nearest, boundary_threshold(size), farthest=farthest, radii=strays)
-        fringes = fringes_alone(lens_response, 1 / lens.scale)
+        fringes = chromatic_fringes(lens_response, 1 / lens.scale)
         rays_weight = near
         if fringes is None:
-            rays_weight = np.maximum(error_map, lens.strayed_at(defocus.shape, radius, above))
+            rays_weight = np.maximum(error_map, lens.visible_deviation(defocus.shape, radius, above))
         del strays
     del nearest, farthest
     reach = min(ray_reach if fringes is not None else radius, max(size))
@@ -264,11 +264,13 @@ def _render(
         smooth = fringed_scatter(scattered, defocus, fringes, lens.maps, place.frame, above)
     rays_mask = rays_weight > 0
     seconds = _seconds(defocus.size, int(np.count_nonzero(rays_mask)), radius)
-    tell = _told(progress, seconds)
-    tell(0, 1)
-    if strip is not None:  # and those with whose rays those of large discs are averaged
+    report = _stage_progress(progress, seconds)
+    report(0, 1)
+    if strip is not None:  # keep the halo over which the rays of large discs are averaged
         halo = -(-window_halo(ray_reach) // TILE) * TILE
-        rays_mask[: max(0, strip.wanted.start - halo)] = rays_mask[strip.wanted.stop + halo :] = False
+        rays_mask[: max(0, strip.output_rows.start - halo)] = rays_mask[strip.output_rows.stop + halo :] = (
+            False
+        )
     if not rays_mask.any():
         return ClassicalResult(
             bokeh=smooth,
@@ -277,15 +279,15 @@ def _render(
             disocclusion_weight=np.zeros_like(error_map),
             scatter=smooth,
         )
-    faintest = 0.0 if lens is None else _FAINTEST
+    faintest = 0.0 if lens is None else _MIN_LIGHT_BRIGHTNESS
     mixed = None
     if layers is None:
         stack, mixed = split_picture(
-            image, defocus, ray_reach, pixel_filter, known, lambda share: tell(1, share)
+            image, defocus, ray_reach, pixel_filter, known, lambda fraction: report(1, fraction)
         )
     else:
         stack = layers
-    tell(1, 1)
+    report(1, 1)
     rest, lights = separate_lights(stack, ray_reach, faintest, overwrite=layers is None)
     colors, cells = rest.colors, layer_cells(rest)
     del stack, rest
@@ -326,8 +328,8 @@ def _render(
         above=above,
         place=place,
         radius=ray_reach,
-        usual=round(rays_share * usual),
-        progress=lambda share: tell(2, share),
+        nominal_rays=round(rays_factor * nominal_rays),
+        progress=lambda fraction: report(2, fraction),
         send=device.march,
     )
     if bundled is not None:
@@ -343,7 +345,7 @@ def _render(
         result,
         lens_response=lens_response,
         place=place.below(above),
-        progress=lambda share: tell(3, share),
+        progress=lambda fraction: report(3, fraction),
     )
     with parallel_region:
         _blend(smooth, rays_weight, rays_mask, result)
@@ -353,13 +355,13 @@ def _render(
         error_map=error_map,
         occluded_background=occluded_background,
         disocclusion_weight=disocclusion_weight,
-        mixed_pixels=None if mixed is None else told_of(mixed),
+        mixed_pixels=None if mixed is None else to_known_surfaces(mixed),
         scatter=smooth,
     )
 
 
 def _largest_radius(nearest: np.ndarray, farthest: np.ndarray) -> int:
-    """Largest blur radius, rounded up."""
+    """Return the largest blur radius in pixels, rounded up."""
     return math.ceil(max(float(nearest.max()), -float(farthest.min()), 0.0))
 
 
@@ -370,5 +372,5 @@ def render_rays(
     device: Device = CPU,
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
-    """Rays, with all that a result holds; arguments and errors of :func:`rays`."""
+    """Render with rays and return the complete result; arguments and errors as for :func:`rays`."""
     return _render(image, defocus, aperture or Aperture(), device=device, **options)

@@ -1,4 +1,4 @@
-"""The scatter renderer: every pixel spreads over the aperture's shape, the sums are normalised."""
+"""Scatter renderer: every pixel spreads over the shape of the aperture; the sums are normalised."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar, Unpack, cast
@@ -11,7 +11,7 @@ from bokehnet.classical.base import (
     ClassicalOptions,
     ClassicalResult,
     Place,
-    check_focuses_alone,
+    check_ideal_except_tilt,
     check_inputs,
 )
 from bokehnet.classical.error_map import boundary_threshold, geometric_error_map
@@ -40,7 +40,7 @@ def _add_weight(image, values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _normalise(sums, image, bokeh):  # type: ignore[no-untyped-def]
-    """Fill ``bokeh`` with colours over weight, or the picture where no light arrives (the hole of a ring)."""
+    """Fill ``bokeh`` with colors over weight, or with the picture where no light arrives (hole of a ring)."""
     height, width, _ = image.shape
     for y in prange(height):
         for x in range(width):
@@ -55,31 +55,33 @@ def scatter(
     aperture: Aperture | None = None,
     place: Place | None = None,
 ) -> Picture:
-    """Render bokeh by scattering, blind to occlusion.
+    """Render bokeh by scattering, without occlusion.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3), float32 or float64.
         defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
-        aperture: Shape of the lens opening; default a plain disc.
-        place: Where the pixels lie in the shown picture, for a cat's-eye; default: all of it is there.
+        aperture: Shape of the aperture; default: a disc.
+        place: Position of the pixels in the shown picture, for a cat's-eye; default: all of it is shown.
 
     Returns:
         Picture of the same shape and dtype. Pixels with |defocus| <= 0.5 that no neighbour reaches keep
         their value; picture borders are not darkened.
 
     Raises:
-        ShapeError: Not (H, W, 3) and (H, W) of one size.
+        ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
         ParameterError: NaN or infinity in either.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022, for the
-        normalised scatter; the discs are described in :mod:`bokehnet.classical.scatter.disc_scatter`, the
-        short cut for large ones in :mod:`bokehnet.classical.scatter.pyramid_levels`.
+        normalised scatter; :mod:`bokehnet.classical.scatter.disc_scatter` describes the discs, and
+        :mod:`bokehnet.classical.scatter.pyramid_levels` the approximation of large ones.
     """
     light, defocus = check_inputs(image, defocus)
     if max(defocus.max(), -defocus.min()) > LARGEST_RADIUS:
         defocus = np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS)
-    values = np.empty((*defocus.shape, 4), light.dtype)  # NumPy's large arrays lie in huge pages, numba's not
+    values = np.empty(
+        (*defocus.shape, 4), light.dtype
+    )  # NumPy allocates large arrays in huge pages, numba not
     with parallel_region:
         _add_weight(light, values)
     sums = pyramid_levels.scatter_forward(
@@ -99,18 +101,16 @@ def render_scatter(
     scattered: Callable[..., np.ndarray] | None = None,
     **options: Unpack[ClassicalOptions],
 ) -> ClassicalResult:
-    """Scatter, with the geometric error map beside it; arguments and errors of :func:`scatter`.
+    """Render with the scatter, and add the geometric error map; arguments and errors as for :func:`scatter`.
 
-    It parts no pixels, so that the pixel filter is of no use to it.
+    The scatter unmixes no pixels and ignores the pixel filter. Of the lens it supports only the tilt of the
+    focus plane, as far as the defocus contains it: discs stay round.
 
-    Of what a lens does beyond focusing it knows the tilt of the focus plane alone, and of that only what the
-    defocus says: its discs stay round.
-
-    A strip is rendered as any picture is: what counts of it is far enough from its ends. The threshold of
-    the error map is that of the whole picture. It takes pixels as they are, one surface each, whatever is
-    ``known``. ``scattered`` computes in place of :func:`scatter`, as on another device.
+    A strip is rendered like any picture: its valid rows are far enough from its ends. The threshold of the
+    error map is that of the whole picture. Every pixel counts as one surface; ``known`` is ignored.
+    ``scattered`` replaces :func:`scatter`, for example on another device.
     """
-    check_focuses_alone(options.get("lens_response"), "scatter")
+    check_ideal_except_tilt(options.get("lens_response"), "scatter")
     strip, place, progress = options.get("strip"), options.get("place"), options.get("progress")
     size = defocus.shape if strip is None else (strip.height, defocus.shape[1])
     place = (place or Place.whole(*size)).below(0 if strip is None else strip.first)

@@ -1,1 +1,1 @@
-"""The command line: one file per command, heavy imports inside the commands."""
+"""Command line: one file per command; heavy imports stay inside the commands."""

@@ -1,4 +1,4 @@
-"""The application around the commands, and the one handler that turns our errors into one line."""
+"""Command-line application, and the handler that prints bokehnet's errors as one line."""
 
 import atexit
 import os
@@ -23,21 +23,21 @@ from bokehnet.cli.commands.synth import synth
 from bokehnet.cli.commands.trace import trace
 from bokehnet.cli.commands.warm_up import warm_up
 from bokehnet.cli.lens.command import lens
-from bokehnet.cli.options import QuickGroup, SectionedCommand, told
+from bokehnet.cli.options import QuickGroup, SectionedCommand, message_of
 from bokehnet.cli.render.command import render
 from bokehnet.errors import BokehnetError
 from bokehnet.version import __version__
 
 __all__ = ["app", "main", "run"]
 
-_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+_INTERRUPTED = 130  # exit code 128 + SIGINT, as in shells
 
-# Base of the parser's complaints about flags and arguments; typer does not export it by a name of its own.
+# Base class of the parser's usage errors, which typer does not export.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 app = typer.Typer(
     name="bokehnet",
-    help="Hybrid classical and neural bokeh rendering from a picture and its depth.",
+    help="Render bokeh from a picture and its depth, with classical, neural and hybrid engines.",
     cls=QuickGroup,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
@@ -59,8 +59,8 @@ app.command()(trace)
 app.command()(warm_up)
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"bokehnet {__version__}")
         raise typer.Exit
 
@@ -81,16 +81,16 @@ def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code.
 
     Args:
-        arguments: the words after the program's name.
+        arguments: Words after the program's name.
 
     Returns:
-        0 when done, 1 after a mistake of the user's (told in one line on stderr), 130 after Ctrl-C.
-        Any other exception is a bug and passes through with its traceback.
+        0 on success, 1 on a user error (one line on stderr), 130 after Ctrl-C. Any other exception is a bug
+        and propagates with its traceback.
     """
     try:
         code = app(args=list(arguments), prog_name="bokehnet", standalone_mode=False)
     except BokehnetError as error:
-        return _fail(told(error))
+        return _fail(message_of(error))
     except _UsageError as error:
         return _fail(f"{error.format_message().rstrip('.')}; see bokehnet --help")  # type: ignore[attr-defined]
     except MemoryError as error:
@@ -104,24 +104,23 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Entry point of the ``bokehnet`` program."""
-    # Of NumPy: what overflows is told in words where it matters.
+    # NumPy's overflow warnings: checks raise errors where they matter.
     warnings.simplefilter("ignore", RuntimeWarning)
     _leave(run(sys.argv[1:]))
 
 
 def _leave(code: int) -> None:
-    """End the program, all that was asked for being done.
+    """Exit the process without Python's teardown, which takes 0.2 s once numba is loaded.
 
-    Python takes itself apart object by object, a fifth of a second once numba is loaded. The system takes all
-    back at once; what modules have asked to be done at the end is done before.
+    Exit handlers of modules run before. Other threads or a broken stdout need the regular exit.
     """
-    alone = all(thread.daemon or thread is threading.current_thread() for thread in threading.enumerate())
+    fast_exit = all(thread.daemon or thread is threading.current_thread() for thread in threading.enumerate())
     try:
         sys.stdout.flush()
         sys.stderr.flush()
-    except (OSError, ValueError, AttributeError):  # nobody listens: Python knows what to do then
-        alone = False
-    if alone:
+    except (OSError, ValueError, AttributeError):  # closed pipe: handled by the regular exit
+        fast_exit = False
+    if fast_exit:
         atexit._run_exitfuncs()
         os._exit(code)
     sys.exit(code)

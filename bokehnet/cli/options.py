@@ -1,7 +1,7 @@
-"""Options of a command, made from groups of settings: name, type, unit, range and help stand at the field.
+"""Options of a command, generated from groups of settings.
 
-The parser hands over words; what they mean is said by the fields alone, so that a preset, a settings file and
-the command line are read by the same rules, and told wrong in the same words.
+The command-line parser passes texts through; the fields parse and check them. Presets, settings files and
+the command line thus follow the same rules and raise the same errors.
 """
 
 import re
@@ -20,51 +20,54 @@ from bokehnet.settings.settings import RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import read_toml, settings_from_table
 
 __all__ = [
-    "Given",
+    "OptionValues",
     "QuickGroup",
     "SectionedCommand",
-    "in_options",
+    "message_of",
     "resolved_settings",
-    "told",
+    "with_option_names",
     "with_options",
 ]
 
-# What was given: by group and field.
-Given = dict[str, dict[str, Any]]
+# Values of the options on the command line, by group and field.
+OptionValues = dict[str, dict[str, Any]]
 
-# A name in back quotes in a message, such as `aperture.blades`.
+# Field name in back quotes in a message, such as `aperture.blades`.
 _QUOTED = re.compile(r"`([^`]+)`")
 
 
-class _AsItIs:
-    """Stands in for typer's converters, each of which needs pydantic: its import alone takes 0.1 s."""
+class _NoConversion:
+    """Replacement for typer's converters, which need pydantic: its import alone takes 0.1 s."""
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
         return value
 
 
-class _Words:
-    """Hands words over as they are. The attribute is typer's own; without it all works, but slower."""
+class _RawWords:
+    """Mixin that passes command-line words through as text.
+
+    The attribute is private to typer; without it everything works, but more slowly.
+    """
 
     def get_params(self, ctx: Any) -> Any:
         parameters = super().get_params(ctx)  # type: ignore[misc]
         for parameter in parameters:
-            parameter._runtime_param = _AsItIs()
+            parameter._runtime_param = _NoConversion()
         return parameters
 
 
-class QuickGroup(_Words, TyperGroup):
-    """The group of all commands."""
+class QuickGroup(_RawWords, TyperGroup):
+    """Group of all commands, without argument conversion."""
 
 
-class SectionedCommand(_Words, TyperCommand):
-    """A command whose help has a section for every group of options."""
+class SectionedCommand(_RawWords, TyperCommand):
+    """Command whose help has one section per group of options."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the sections in the order in which their options were made."""
+        """Write the sections in the order of definition."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
-            if record := parameter.get_help_record(ctx):  # None where it is hidden
+            if record := parameter.get_help_record(ctx):  # None if hidden
                 title = "Arguments" if parameter.param_type_name == "argument" else "General"
                 title = getattr(parameter, "rich_help_panel", None) or title
                 sections.setdefault(title, []).append(record)
@@ -74,9 +77,10 @@ class SectionedCommand(_Words, TyperCommand):
 
 
 def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a function all options of some groups of settings.
+    """Return a decorator that adds all options of some groups of settings to a command.
 
-    Its last parameter, ``given``, gets the values of those that were given; the others are its own arguments.
+    The command's last parameter, ``option_values``, receives the values that the user set; its other
+    parameters stay arguments of their own.
     """
     known = [item for group in groups for item in field_settings(group).values() if item.flag]
     titles = {group.GROUP: group.TITLE for group in groups}
@@ -85,11 +89,11 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
         *own, _ = signature(function).parameters.values()
 
         def run(**words: Any) -> None:
-            function(**{item.name: words[item.name] for item in own}, given=_read(known, words))
+            function(**{item.name: words[item.name] for item in own}, option_values=_read(known, words))
 
         parameters = [
             *(item.replace(kind=Parameter.KEYWORD_ONLY) for item in own),
-            *(made for item in known for made in _parameters(item, titles[item.group])),
+            *(option for item in known for option in _parameters(item, titles[item.group])),
         ]
         run.__name__, run.__doc__ = function.__name__, function.__doc__
         run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -99,28 +103,28 @@ def with_options(groups: Sequence[type[Group]]) -> Callable[[Callable[..., None]
     return decorate
 
 
-def resolved_settings(file: str | None, preset: str | None, given: Given) -> RenderSettings:
-    """Return what a settings file says, over it the preset, over that the options."""
+def resolved_settings(file: str | None, preset: str | None, option_values: OptionValues) -> RenderSettings:
+    """Return the settings of a file, overridden by a preset, overridden by options."""
     base = {} if file is None else settings_from_table(read_toml(file, "settings"), file)
     look = {} if preset is None else load_preset(preset).values
-    return RenderSettings().updated(merged(base, look, given))
+    return RenderSettings().updated(merged(base, look, option_values))
 
 
-def told(error: BokehnetError) -> str:
-    """Return the message of an error in the words of the command line: fields by their options."""
-    # Only by its path: a bare "image" or "defocus" is an array of a room below.
+def message_of(error: BokehnetError) -> str:
+    """Return the message of an error with option names in place of field names."""
+    # Only for full paths: a bare "image" or "defocus" is an array of a lower layer.
     if isinstance(error, ParameterError) and "." in error.parameter and error.parameter in _flags():
         error = error.renamed(_flags()[error.parameter])
-    return in_options(str(error))
+    return with_option_names(str(error))
 
 
-def in_options(text: str) -> str:
-    """Return a text with the options in place of the fields that stand in back quotes."""
+def with_option_names(text: str) -> str:
+    """Return a text with option names in place of field names in back quotes."""
     return _QUOTED.sub(lambda match: _flags().get(match[1], match[1]), text)
 
 
 def _flags() -> dict[str, str]:
-    """Option of each field, by its path, and by its name alone where no other has it."""
+    """Return the option of each field by path, and by bare name where that is unique."""
     known = [*all_settings().values(), *field_settings(SequenceSettings).values()]
     names = [item.name for item in known]
     by_name = {item.name: f"--{item.flag}" for item in known if item.flag and names.count(item.name) == 1}
@@ -128,25 +132,27 @@ def _flags() -> dict[str, str]:
 
 
 def _parameters(known: Setting, title: str) -> Iterator[Parameter]:
-    """The option of a field, and hidden ones for its earlier names and for the contrary of a truth value.
+    """Yield the option of a field, and hidden ones for earlier names and for ``--no-...`` of a boolean.
 
-    None is the default of all, which tells what was not given.
+    All have the default None, which marks options that the user did not set.
     """
-    truth = known.type is bool
-    kind: Any = bool if truth else str if known.parts == 1 else tuple.__class_getitem__((str,) * known.parts)
+    is_boolean = known.type is bool
+    kind: Any = (
+        bool if is_boolean else str if known.parts == 1 else tuple.__class_getitem__((str,) * known.parts)
+    )
     names = {
-        _word(known): [f"--{known.flag}"],
-        f"{_word(known)}__earlier": [f"--{flag}" for flag in known.aliases],
-        f"{_word(known)}__not": [f"--no-{known.flag}"] if truth else [],
+        _key(known): [f"--{known.flag}"],
+        f"{_key(known)}__earlier": [f"--{flag}" for flag in known.aliases],
+        f"{_key(known)}__not": [f"--no-{known.flag}"] if is_boolean else [],
     }
     for name, flags in names.items():
         if flags:
             option = typer.Option(
                 *flags,
                 help=known.help,
-                metavar=None if truth else _metavar(known),
+                metavar=None if is_boolean else _metavar(known),
                 rich_help_panel=title,
-                hidden=name != _word(known),
+                hidden=name != _key(known),
                 show_default=False,
                 autocompletion=_completion(known.choices),
             )
@@ -155,25 +161,25 @@ def _parameters(known: Setting, title: str) -> Iterator[Parameter]:
             )
 
 
-def _read(known: Sequence[Setting], words: dict[str, Any]) -> Given:
-    """Return the values of the fields that were given."""
-    found: Given = {}
+def _read(known: Sequence[Setting], words: dict[str, Any]) -> OptionValues:
+    """Return the values of the options that the user set."""
+    values: OptionValues = {}
     for item in known:
-        name = _word(item)
-        ways = {key: words.get(key) for key in (name, f"{name}__earlier", f"{name}__not")}
-        said = {key: word for key, word in ways.items() if word is not None}
-        if len(said) > 1:
+        name = _key(item)
+        variants = {key: words.get(key) for key in (name, f"{name}__earlier", f"{name}__not")}
+        present = {key: word for key, word in variants.items() if word is not None}
+        if len(present) > 1:
             raise ParameterError(f"--{item.flag}", expected="one of its two names", shown="both")
-        for key, word in said.items():
+        for key, word in present.items():
             try:
                 value = not key.endswith("__not") if isinstance(word, bool) else item.parsed(word)
             except ParameterError as error:
                 raise error.renamed(f"--{item.flag}") from error
-            found.setdefault(item.group, {})[item.name] = value
-    return found
+            values.setdefault(item.group, {})[item.name] = value
+    return values
 
 
-def _word(known: Setting) -> str:
+def _key(known: Setting) -> str:
     return f"{known.group}__{known.name}"
 
 

@@ -1,4 +1,4 @@
-"""What is shown while one waits: a bar for callbacks, and why nothing seems to happen at first."""
+"""Progress bars for callbacks, and the notice while kernels compile."""
 
 import sys
 import threading
@@ -10,23 +10,23 @@ from bokehnet.progress import Progress
 
 __all__ = ["compile_notice", "progress", "stages", "write_above"]
 
-_DELAY = 1.0  # s: what is done sooner needs no bar
+_DELAY = 1.0  # s before a bar appears
 _LOG_INTERVAL = 10.0  # s between lines when stderr is not a terminal
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}, {remaining} left{postfix}"
-_NOTICE = "bokehnet: compiling for this machine, once; it may take a minute"
+_NOTICE = "bokehnet: compiling kernels for this machine, once; this may take a minute"
 
 
 @contextmanager
 def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Iterator[Progress]:
-    """Show a bar on stderr while the block runs longer than a second, also before anything is done.
+    """Show a bar on stderr if the block runs longer than a second, even before the first report.
 
     Args:
-        label: what is being done, such as ``"rendering"``.
-        hidden: show none.
-        counted: show how many things are done; else the share.
+        label: Activity, such as ``"rendering"``.
+        hidden: True to show nothing.
+        counted: True to show counts, False to show a percentage.
 
     Yields:
-        A callback ``report(done, total)``; both count the same things, ``done`` from 0 to ``total``.
+        Callback ``report(done, total)``, with ``done`` from 0 to ``total``.
     """
     from tqdm import tqdm  # here, so that --help stays fast
 
@@ -49,7 +49,7 @@ def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Itera
         def tick() -> None:
             wait = _DELAY
             while not ended.wait(wait):
-                bar.delay = 0  # else its end takes it for one that was never shown
+                bar.delay = 0  # otherwise closing treats the bar as never shown
                 bar.refresh()
                 wait = max(1.0, interval)
 
@@ -65,7 +65,7 @@ def progress(label: str, *, hidden: bool = False, counted: bool = True) -> Itera
 
 
 def _add_to_bars(text: str) -> None:
-    """Let bars that are shown say more, from their next refreshing on."""
+    """Append a text to all visible bars, effective from their next refresh."""
     from tqdm import tqdm
 
     for bar in list(getattr(tqdm, "_instances", ())):
@@ -73,24 +73,24 @@ def _add_to_bars(text: str) -> None:
 
 
 def write_above(line: str) -> None:
-    """Write a line on stderr, above a bar that is shown."""
+    """Write a line to stderr, above any visible bar."""
     from tqdm import tqdm
 
     tqdm.write(line, file=sys.stderr)
-    for bar in list(getattr(tqdm, "_instances", ())):  # which are all shown from now on
+    for bar in list(getattr(tqdm, "_instances", ())):  # the write has made all bars visible
         bar.delay = 0
 
 
 @contextmanager
 def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Progress]]:
-    """Show a bar on stderr for each stage of the block that runs longer than a second.
+    """Show one bar on stderr for each stage of the block that runs longer than a second.
 
     Args:
-        hidden: Show none.
+        hidden: True to show nothing.
 
     Yields:
-        A callback that ends the bar before and begins that of a stage, such as ``"rendering"``; it gives a
-        callback ``report(done, total)`` as :func:`progress` does.
+        Callback that ends the previous bar and begins that of a stage, such as ``"rendering"``. It returns a
+        callback ``report(done, total)`` as in :func:`progress`.
     """
     with ExitStack() as shown:
 
@@ -103,9 +103,9 @@ def stages(*, hidden: bool = False) -> Iterator[Callable[[str], Progress]]:
 
 @contextmanager
 def compile_notice(*, hidden: bool = False) -> Iterator[None]:
-    """Say one line on stderr when a kernel is really compiled inside this block, not found in the cache.
+    """Print one line on stderr if the block compiles a kernel, i.e. does not find it in the cache.
 
-    A bar that is shown tells how many functions were compiled, as long as that goes on.
+    A visible bar shows the number of compiled functions meanwhile.
     """
     if hidden:
         yield
@@ -115,13 +115,13 @@ def compile_notice(*, hidden: bool = False) -> Iterator[None]:
     own = threading.get_ident()
 
     class Listener(event.Listener):  # type: ignore[misc]
-        told = begun = within = 0
+        notified = begun = within = 0
 
         def on_start(self, event: Any) -> None:
-            if threading.get_ident() != own:  # another thread only looks what there is
+            if threading.get_ident() != own:  # other threads only probe the cache
                 return
-            if not self.told:
-                self.told = 1
+            if not self.notified:
+                self.notified = 1
                 write_above(_NOTICE)
             self.begun, self.within = self.begun + 1, self.within + 1
             _add_to_bars(f"compiling, functions so far: {self.begun}")

@@ -43,7 +43,7 @@ from bokehnet.depth_repair.stages.edge_snapping import SoftMap
 from bokehnet.depth_repair.stages.overshoots import without_overshoots
 from bokehnet.depth_repair.stages.thin_structures import restore_lost_lines
 from bokehnet.depth_repair.stages.weighted_median import soft_steps
-from bokehnet.inference.process_memory import give_back, keeps_freed
+from bokehnet.inference.process_memory import keeps_freed_memory, release_freed_memory
 from bokehnet.inference.session import WEIGHTS, load_network
 from bokehnet.progress import Progress
 
@@ -377,11 +377,11 @@ class DisparityRepair:
 
     def _give_back(self) -> None:
         """Return the memory of the network's layers to the system, where the process does not keep it."""
-        if keeps_freed():
+        if keeps_freed_memory():
             return
         block = np.zeros((1, 3, BLOCK, BLOCK), np.float32)
         self._network(block, block[:, :1], np.ones((1, 1, 1, 1), np.float32), release=True)
-        give_back()
+        release_freed_memory()
 
     def _repair(
         self,

@@ -1,6 +1,6 @@
-"""What a camera does to a picture beyond blurring it: distortion, fringes, vignettes, grain.
+"""Effects of a camera on a picture other than blur: distortion, chromatic aberration, vignetting, grain.
 
-A room of its own because it works on whole pictures, of which :mod:`bokehnet.optics` has the formulas.
+A room of its own because it processes whole pictures; :mod:`bokehnet.optics` has the formulas.
 """
 
 from bokehnet.effects.camera import CameraEffects

@@ -1,4 +1,4 @@
-"""All effects of a camera together, in the order in which light meets them."""
+"""All effects of a camera, in the order of the light path."""
 
 from dataclasses import dataclass
 
@@ -20,36 +20,35 @@ from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.optics.aberrations.distortion import Distortion
 from bokehnet.optics.grain import Grain
 from bokehnet.optics.scalars import is_absent
-from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, table_factor, with_color
+from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, scale_saturation, table_factor
 
 __all__ = ["CameraEffects"]
 
-_ROWS = 256  # at a time
+_BLOCK_ROWS = 256  # rows per block
 
-# Share of the colour below which nothing gives it back.
-_LEAST_COLOR = 1e-3
+# Minimum fraction of the saturation that can be restored.
+_MIN_SATURATION = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraEffects:
-    """Distortion and fringes of the lens, then its vignettes, then the grain of the sensor; default nothing.
+    """Distortion and lateral color of the lens, its vignetting, the grain of the sensor; default none.
 
-    They belong behind the blur, on scene-linear light. Without effects a picture keeps every bit, and each
+    They follow the blur, on scene-linear light. Without effects a picture is unchanged bit for bit, and each
     effect is continuous in its strength.
 
     Attributes:
-        distortion: Model of where the lens sends light; None keeps straight lines straight.
-        lateral: How far apart red and blue are in the corner, half-diagonals, -0.1 to 0.1; above 0 blue lies
+        distortion: Distortion model of the lens; None keeps straight lines straight.
+        lateral: Distance of red and blue in the corner, half-diagonals, -0.1 to 0.1; above 0 blue is
             farther out. See :class:`Warp`.
         cos4: Angle between the axis and the picture's corner, degrees, 0 up to 80: darkening by the cos^4
             law.
         optical_vignetting: Shift of the barrel's rim in the corner, in radii of the pupil, 0 to 1.5, as
-            ``Aperture.cats_eye``: darkening by what it cuts off.
-        shading: Light that a lens leaves over that in the middle, at even steps from the middle of the
-            picture to its corner
-            (:func:`bokehnet.lenses.aberrations.relative_illumination.relative_illumination`), above 0; beyond
-            the corner it stays as it is there. Empty is 1 everywhere.
-        vignette: One of taste.
+            ``Aperture.cats_eye``: darkening by the clipped area.
+        shading: Transmitted light relative to the centre, at even steps from the centre of the picture to its
+            corner (:func:`bokehnet.lenses.aberrations.relative_illumination.relative_illumination`), above 0;
+            constant beyond the corner. Empty is 1 everywhere.
+        vignette: Artistic vignette.
         grain: Noise of the sensor.
 
     Numbers may be tensors without dimensions.
@@ -79,17 +78,17 @@ class CameraEffects:
         _ = self._warp
 
     def apply(self, image: Array, *, view: View | None = None, frame: int = 0) -> Array:
-        """Return the picture that the camera takes.
+        """Return the picture with all effects.
 
         Args:
             image: Scene-linear, (..., H, W, 3), array or tensor; or with premultiplied alpha, (..., H, W, 4),
                 which moves with green and is neither darkened nor grained. In torch differentiable.
-            view: Where its pixels lie in the shown picture, which effects are centred about; by default all
-                of it is shown.
-            frame: Number of the frame; each has a grain of its own.
+            view: Position of its pixels in the shown picture, about whose centre effects are centred;
+                default: all of it is shown.
+            frame: Index of the frame; each has its own grain.
 
         Returns:
-            The same shape. Grain can take light below 0; nothing is clipped.
+            Same shape. Grain can reduce light below 0; nothing is clipped.
 
         Raises:
             ShapeError: Not (..., H, W, 3) or (..., H, W, 4).
@@ -101,20 +100,20 @@ class CameraEffects:
             image = self._shade(image, view, undo=False)
         if self.grain is None:
             return image
-        return self._take(image, self.grain, view, frame)
+        return self._add_grain(image, self.grain, view, frame)
 
     def undo(self, image: Array, *, view: View | None = None) -> Array:
-        """Return the picture of which :meth:`apply` made ``image``: but for rounding, and for a resampling.
+        """Invert :meth:`apply`, except for rounding and for a resampling.
 
-        What a distortion has cropped is black. Arguments as those of :meth:`apply`.
+        Pixels cropped by a distortion are black. Arguments as those of :meth:`apply`.
 
         Raises:
-            ShapeError, ParameterError: As :meth:`apply`; or there is grain, which cannot be undone.
+            ShapeError, ParameterError: See :meth:`apply`; or there is grain, which cannot be undone.
         """
         if self.grain is not None:
             raise ParameterError(
                 "grain",
-                "None, as grain cannot be undone",
+                "None, because grain cannot be undone",
                 self.grain,
                 "leave it out, by dataclasses.replace(..., grain=None)",
             )
@@ -143,37 +142,39 @@ class CameraEffects:
             light = light / factor if undo else light * factor
             return xp.concatenate([self._color(light, field, view, undo), alpha], -1)
 
-        return in_row_blocks(shade, image, _ROWS)
+        return in_row_blocks(shade, image, _BLOCK_ROWS)
 
     def _color(self, light: Array, field: Array, view: View, undo: bool) -> Array:
-        """Take colour, or give it back; what is grey altogether stays grey."""
+        """Reduce the saturation, or restore it; fully grey pixels stay grey."""
         if self.vignette is None or is_absent(self.vignette.color_loss):
             return light
-        share = cast_like(self.vignette.color(field, view.aspect), light)
+        saturation = cast_like(self.vignette.color(field, view.aspect), light)
         if undo:
-            xp = array_namespace(share)
-            share = xp.where(share > _LEAST_COLOR, 1 / xp.clip(share, _LEAST_COLOR, 1), 0)
-        return with_color(light, share)
+            xp = array_namespace(saturation)
+            saturation = xp.where(
+                saturation > _MIN_SATURATION, 1 / xp.clip(saturation, _MIN_SATURATION, 1), 0
+            )
+        return scale_saturation(light, saturation)
 
-    def _take(self, image: Array, grain: Grain, view: View, frame: int) -> Array:
+    def _add_grain(self, image: Array, grain: Grain, view: View, frame: int) -> Array:
         """Add grain to light."""
 
-        def take(rows: slice) -> Array:
+        def add(rows: slice) -> Array:
             light, alpha = image[..., rows, :, :3], image[..., rows, :, 3:]
-            place = {"left": view.left, "top": view.top + rows.start, "frame": frame}
+            position = {"left": view.left, "top": view.top + rows.start, "frame": frame}
             if not alpha.shape[-1]:
-                return grain.add(light, **place)
-            return array_namespace(image).concatenate([grain.add(light, alpha, **place), alpha], -1)
+                return grain.add(light, **position)
+            return array_namespace(image).concatenate([grain.add(light, alpha, **position), alpha], -1)
 
-        return in_row_blocks(take, image, _ROWS)
+        return in_row_blocks(add, image, _BLOCK_ROWS)
 
     def _factor(self, field: Array, view: View) -> Array:
-        """The product of all that is there; each of them costs as much as a blur of a few pixels."""
+        """Return the product of all factors; each of them costs as much as a blur of a few pixels."""
         xp, factor = array_namespace(field), None
-        for amount, made in ((self.cos4, cos4_factor), (self.optical_vignetting, rim_factor)):
+        for amount, formula in ((self.cos4, cos4_factor), (self.optical_vignetting, rim_factor)):
             if not is_absent(amount):
-                found = made(field, amount)
-                factor = found if factor is None else factor * found
+                value = formula(field, amount)
+                factor = value if factor is None else factor * value
         if factor is None:
             factor = xp.ones_like(field[..., 0])
         if self.shading:
@@ -182,12 +183,12 @@ class CameraEffects:
 
 
 def _check(image: Array, view: View | None) -> View:
-    """Raise unless ``image`` is a picture; its view."""
+    """Raise unless ``image`` is a picture; return its view."""
     if image.ndim < 3 or image.shape[-1] not in (3, 4):
         raise ShapeError(f"image: expected shape (..., H, W, 3) or (..., H, W, 4), got {tuple(image.shape)}")
     check_rank("image", image.reshape(-1, *image.shape[-2:]), 3, "(..., H, W, C)")
-    whole = image.dtype.kind in "iub" if array_namespace(image) is np else not image.is_floating_point()
-    if whole:
+    is_integer = image.dtype.kind in "iub" if array_namespace(image) is np else not image.is_floating_point()
+    if is_integer:
         raise ParameterError("image", "scene-linear floats", image, shown=str(image.dtype))
     check_finite("image", image)
     return view or View.of(image)

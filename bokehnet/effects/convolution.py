@@ -5,8 +5,8 @@ import numpy as np
 __all__ = ["convolve"]
 
 
-def _smooth(size: int) -> int:
-    """The smallest number from ``size`` on without factors above 5, for which transforms are fast."""
+def _fast_size(size: int) -> int:
+    """Return the smallest number from ``size`` on without prime factors above 5, for fast transforms."""
     while True:
         rest = size
         for prime in (2, 3, 5):
@@ -18,16 +18,16 @@ def _smooth(size: int) -> int:
 
 
 def convolve(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
-    """Spread each pixel of (H, W, C) by a kernel (m, n, C) or (m, n), sides odd; what leaves is lost.
+    """Convolve (H, W, C) with a kernel (m, n, C) or (m, n), sides odd; light beyond the border is lost.
 
     Returns:
         (H, W, C), the precision of ``image``.
     """
     height, width, channels = image.shape
-    kernel = kernel[_reached(kernel.shape[0], height), _reached(kernel.shape[1], width)]
+    kernel = kernel[_effective_range(kernel.shape[0], height), _effective_range(kernel.shape[1], width)]
     above, left = (size // 2 for size in kernel.shape[:2])
-    # What goes round the end of so long a transform falls on rows and columns that are cut away.
-    size = _smooth(height + above), _smooth(width + left)
+    # The transform is so long that values wrap around only to rows and columns that are cropped.
+    size = _fast_size(height + above), _fast_size(width + left)
     planes = np.moveaxis(kernel.reshape(*kernel.shape[:2], -1), -1, 0)
     spectra = [np.fft.rfft2(plane, size) for plane in planes]
     result = np.empty_like(image)
@@ -39,7 +39,7 @@ def convolve(image: np.ndarray, kernel: np.ndarray) -> np.ndarray:
     return result
 
 
-def _reached(kernel: int, size: int) -> slice:
-    """The part of one side of a kernel that joins two pixels of a picture."""
+def _effective_range(kernel: int, size: int) -> slice:
+    """Return the part of one side of a kernel that connects two pixels of a picture."""
     beyond = max(0, kernel // 2 - (size - 1))
     return slice(beyond, kernel - beyond)

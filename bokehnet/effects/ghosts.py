@@ -1,4 +1,4 @@
-"""Ghosts of lamps drawn into a picture."""
+"""Ghosts of lamps, drawn into a picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,25 +13,25 @@ from bokehnet.optics.spectral.coating import Coating
 
 __all__ = ["Ghosts", "draw_ghost"]
 
-# Nanometres that stand for red, green and blue.
-_COLORS = (610.0, 550.0, 465.0)
+# Wavelengths of red, green and blue, nm.
+_WAVELENGTHS_NM = (610.0, 550.0, 465.0)
 # Rays along each side of the bundle, and points along each side of a cell between them.
-_SIDE, _POINTS = 32, 6
-# Lamps as near to each other as this share of the picture's half-diagonal are one; so many count, and those
-# that have this share of the brightest one's light.
-_APART, _MOST, _FAINTEST = 0.02, 8, 0.02
+_BUNDLE_SIDE, _CELL_POINTS = 32, 6
+# Distance within which lamps are merged, as a fraction of the picture's half-diagonal; maximum number of
+# lamps; minimum light relative to the brightest one.
+_MERGE_DISTANCE, _MAX_LAMPS, _MIN_LIGHT_RATIO = 0.02, 8, 0.02
 _LEVELS = 6
-_LOST = 1e5
+_VIGNETTED_FILL = 1e5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ghosts:
-    """The reflections of a lens at work.
+    """Reflections inside a lens.
 
     Attributes:
-        lens: The lens, as it is focused and stopped down.
-        half_diagonal: Of the picture, mm on the sensor.
-        coating: Of its surfaces.
+        lens: Lens at its focus and f-number.
+        half_diagonal: Half-diagonal of the picture, mm on the sensor.
+        coating: Coating of its surfaces.
     """
 
     lens: PrescriptionLens
@@ -39,7 +39,7 @@ class Ghosts:
     coating: Coating = "single"
 
     def light(self, lamps: Lamps, height: int, width: int) -> np.ndarray:
-        """Return the light of all ghosts, (height, width, 3), of lamps that are taken to be far away."""
+        """Return the light of all ghosts, (height, width, 3), of lamps that are assumed to be far away."""
         half_diagonal = 0.5 * float(np.hypot(height, width))
         scale = half_diagonal / self.half_diagonal  # pixels per mm
         middle = np.array([width - 1, height - 1]) / 2
@@ -47,11 +47,11 @@ class Ghosts:
             np.zeros((3, -(-height // 2**level), -(-width // 2**level)), np.float32)
             for level in range(_LEVELS)
         ]
-        for at, light in _sources(lamps, _APART * half_diagonal):
-            x, y = (at - middle) / scale
-            for channel, wavelength in enumerate(_COLORS):
+        for position, light in _sources(lamps, _MERGE_DISTANCE * half_diagonal):
+            x, y = (position - middle) / scale
+            for channel, wavelength in enumerate(_WAVELENGTHS_NM):
                 for ghost in trace_ghosts(
-                    self.lens, (x, y), wavelength=wavelength, coating=self.coating, side=_SIDE
+                    self.lens, (x, y), wavelength=wavelength, coating=self.coating, side=_BUNDLE_SIDE
                 ):
                     draw_ghost([plane[channel] for plane in levels], ghost, middle, scale, light[channel])
         drawn = levels[-1]
@@ -60,67 +60,69 @@ class Ghosts:
         return np.moveaxis(drawn, 0, -1)
 
 
-def _sources(lamps: Lamps, apart: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Places x, y and light of neighbouring lamps together, the brightest first."""
-    cell = np.stack([lamps.row // apart, lamps.column // apart], -1)
+def _sources(lamps: Lamps, distance: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return positions x, y and light of merged adjacent lamps, the brightest first."""
+    cell = np.stack([lamps.row // distance, lamps.column // distance], -1)
     _, group = np.unique(cell, axis=0, return_inverse=True)
     group = group.ravel()
     count = int(group.max(initial=-1)) + 1
     light = np.stack([np.bincount(group, lamps.light[:, c], count) for c in range(3)], -1)
     weight = lamps.light.sum(-1)
     total = np.bincount(group, weight, count)
-    place = (
-        np.stack([np.bincount(group, weight * at, count) for at in (lamps.column, lamps.row)], -1)
+    position = (
+        np.stack(
+            [np.bincount(group, weight * coordinate, count) for coordinate in (lamps.column, lamps.row)], -1
+        )
         / total[:, None]
     )
-    order = [i for i in np.argsort(-total)[:_MOST] if total[i] >= _FAINTEST * total.max()]
-    return [(place[i], light[i]) for i in order]
+    order = [i for i in np.argsort(-total)[:_MAX_LAMPS] if total[i] >= _MIN_LIGHT_RATIO * total.max()]
+    return [(position[i], light[i]) for i in order]
 
 
 def draw_ghost(
     levels: Sequence[np.ndarray], ghost: Ghost, middle: np.ndarray, scale: float, light: float
 ) -> None:
-    """Add a ghost to a picture in levels, each half as large as the one before: the finest without gaps.
+    """Add a ghost to a picture in levels of half the size each: to the finest one without gaps.
 
     Args:
         levels: Light per pixel of the finest level; written.
-        ghost: What is drawn.
-        middle: Of the picture, x and y in pixels of the finest level.
+        ghost: Ghost to draw.
+        middle: Centre of the picture, x and y in pixels of the finest level.
         scale: Pixels of the finest level per mm.
-        light: Of the lamp.
+        light: Light of the lamp.
     """
-    place = middle + ghost.place * scale
+    position = middle + ghost.place * scale
     corners = np.stack([ghost.fill[:-1, :-1], ghost.fill[:-1, 1:], ghost.fill[1:, :-1], ghost.fill[1:, 1:]])
-    cells = (corners.max(0) < _LOST) & (corners.min(0) <= 1)
+    cells = (corners.max(0) < _VIGNETTED_FILL) & (corners.min(0) <= 1)
     if not cells.any():
         return
-    share = (np.arange(_POINTS) + 0.5) / _POINTS
-    b, a = (part.ravel() for part in np.meshgrid(share, share))
+    fraction = (np.arange(_CELL_POINTS) + 0.5) / _CELL_POINTS
+    b, a = (part.ravel() for part in np.meshgrid(fraction, fraction))
     weights = np.stack([(1 - a) * (1 - b), (1 - a) * b, a * (1 - b), a * b])
 
-    def between(values: np.ndarray) -> np.ndarray:
-        """Values at the points of each cell, (cells, points^2, ...)."""
+    def interpolate(values: np.ndarray) -> np.ndarray:
+        """Return the values at the points of each cell, (cells, points^2, ...)."""
         four = (values[:-1, :-1], values[:-1, 1:], values[1:, :-1], values[1:, 1:])
         return np.einsum("kc...,kp->cp...", np.stack([one[cells] for one in four]), weights)
 
-    passes = between(ghost.fill) <= 1
+    passes = interpolate(ghost.fill) <= 1
     if not passes.any():
         return
-    points = between(place)
+    points = interpolate(position)
     step = np.hypot(*np.moveaxis(points[:, 1] - points[:, 0], -1, 0))
-    down = np.hypot(*np.moveaxis(points[:, _POINTS] - points[:, 0], -1, 0))
+    down = np.hypot(*np.moveaxis(points[:, _CELL_POINTS] - points[:, 0], -1, 0))
     widest = np.maximum(step, down)[passes.any(1)].max()
     level = int(np.clip(np.ceil(np.log2(max(widest, 1e-9))), 0, len(levels) - 1))
     plane, size = levels[level], 2.0**level
-    flux = between(ghost.flux)[passes] * (light / _POINTS**2 / size**2)
+    flux = interpolate(ghost.flux)[passes] * (light / _CELL_POINTS**2 / size**2)
     x, y = ((points[passes] + 0.5) / size - 0.5).T
     left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    near = (left >= -1) & (left < plane.shape[1]) & (top >= -1) & (top < plane.shape[0])
-    if not near.any():
+    inside_plane = (left >= -1) & (left < plane.shape[1]) & (top >= -1) & (top < plane.shape[0])
+    if not inside_plane.any():
         return
-    left, top, flux = left[near], top[near], flux[near]
-    x, y = x[near] - left, y[near] - top
-    # Drawn in a window around it, whose frame may lie beyond that of the picture.
+    left, top, flux = left[inside_plane], top[inside_plane], flux[inside_plane]
+    x, y = x[inside_plane] - left, y[inside_plane] - top
+    # The ghost is drawn in a window, which may exceed the picture.
     first = int(top.min()), int(left.min())
     shape = int(top.max()) - first[0] + 2, int(left.max()) - first[1] + 2
     index = (top - first[0]) * shape[1] + left - first[1]
@@ -133,8 +135,10 @@ def draw_ghost(
     ):
         drawn += np.bincount(index + step, flux * weight, drawn.size)
     inside = [
-        slice(max(0, -at), min(size, limit - at))
-        for at, size, limit in zip(first, shape, plane.shape, strict=True)
+        slice(max(0, -start), min(size, limit - start))
+        for start, size, limit in zip(first, shape, plane.shape, strict=True)
     ]
-    rows, columns = (slice(at + cut.start, at + cut.stop) for at, cut in zip(first, inside, strict=True))
+    rows, columns = (
+        slice(start + window.start, start + window.stop) for start, window in zip(first, inside, strict=True)
+    )
     plane[rows, columns] += drawn.reshape(shape)[inside[0], inside[1]]

@@ -1,4 +1,4 @@
-"""A veil over the picture: light that the lens scatters."""
+"""Veiling glare: light that the lens scatters."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,12 @@ __all__ = ["Glare"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Glare:
-    """Scattered light; the picture keeps the rest.
+    """Scattered light; the rest of the light is unchanged.
 
     Attributes:
-        share: Of all light, 0 to 0.5.
+        share: Fraction of all light, 0 to 0.5.
         core: Radius within which a lamp's veil is flat, percent of the half-diagonal, 0.01 to 20.
-        slope: Power by which it falls farther out, 1 to 4.
+        slope: Exponent of its falloff farther out, 1 to 4.
 
     Raises:
         ParameterError: A number is out of range.
@@ -33,11 +33,11 @@ class Glare:
             check_range(name, getattr(self, name), low, high)
 
     def apply(self, image: np.ndarray, half_diagonal: float) -> np.ndarray:
-        """Return the veiled picture; light that is scattered beyond its frame is lost.
+        """Return the picture with veiling glare; light that is scattered beyond the border is lost.
 
         Args:
-            image: Scene-linear, (H, W, 3).
-            half_diagonal: Of the shown picture, pixels.
+            image: Scene-linear picture, (H, W, 3).
+            half_diagonal: Half-diagonal of the shown picture, pixels.
         """
         veil = convolve(image, scatter_kernel(half_diagonal, self.core / 100, self.slope))
         return np.asarray((1 - self.share) * image + self.share * veil, image.dtype)

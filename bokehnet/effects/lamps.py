@@ -1,4 +1,4 @@
-"""Lamps of a picture: the pixels that diffraction and reflections are seen of."""
+"""Lamps of a picture: pixels bright enough for visible diffraction and reflections."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,8 @@ import numpy as np
 
 __all__ = ["Lamps", "find_lamps"]
 
-# Blur radii are rounded to this share of themselves, and to no less than so many pixels.
-_STEP, _FINEST = 0.02, 0.5
+# Relative step to which blur radii are rounded, and minimum step in pixels.
+_RELATIVE_STEP, _MIN_STEP_PX = 0.02, 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -15,9 +15,9 @@ class Lamps:
     """Pixels above a threshold.
 
     Attributes:
-        row: Of each, (N,).
-        column: The same.
-        light: Scene-linear, (N, 3).
+        row: Row of each, (N,).
+        column: Column of each, (N,).
+        light: Scene-linear color, (N, 3).
         defocus: Signed blur radius, pixels, (N,).
     """
 
@@ -30,7 +30,7 @@ class Lamps:
         return len(self.row)
 
     def reduced(self, factor: int) -> "Lamps":
-        """The same lamps in a picture that is smaller by a whole factor."""
+        """Return the same lamps in a picture that is smaller by an integer factor."""
         return Lamps(
             row=self.row // factor,
             column=self.column // factor,
@@ -38,37 +38,39 @@ class Lamps:
             defocus=self.defocus / factor,
         )
 
-    def by_blur(self) -> list[tuple[float, "Lamps"]]:
-        """Groups of lamps of nearly one blur radius, and that radius; 0 for those in focus."""
-        size = np.maximum(np.abs(self.defocus), _FINEST)
-        # Even steps below where a step of the share is as wide as the finest, even ratios above.
-        knee = _FINEST / _STEP
+    def grouped_by_blur(self) -> list[tuple[float, "Lamps"]]:
+        """Return groups of lamps with nearly the same blur radius, and that radius; 0 for lamps in focus."""
+        size = np.maximum(np.abs(self.defocus), _MIN_STEP_PX)
+        # Constant steps below the radius at which both steps are equal, constant ratios above.
+        knee = _MIN_STEP_PX / _RELATIVE_STEP
         code = np.where(
-            size < knee, size / _FINEST, knee / _FINEST + np.log(np.maximum(size / knee, 1)) / _STEP
+            size < knee,
+            size / _MIN_STEP_PX,
+            knee / _MIN_STEP_PX + np.log(np.maximum(size / knee, 1)) / _RELATIVE_STEP,
         )
         code = (np.sign(self.defocus) * np.round(code)).astype(int)
-        code[np.abs(self.defocus) < _FINEST] = 0
-        found = []
-        for one in np.unique(code):
-            chosen = code == one
+        code[np.abs(self.defocus) < _MIN_STEP_PX] = 0
+        groups = []
+        for group_code in np.unique(code):
+            members = code == group_code
             group = Lamps(
-                row=self.row[chosen],
-                column=self.column[chosen],
-                light=self.light[chosen],
-                defocus=self.defocus[chosen],
+                row=self.row[members],
+                column=self.column[members],
+                light=self.light[members],
+                defocus=self.defocus[members],
             )
-            found.append((float(group.defocus.mean()) if one else 0.0, group))
-        return found
+            groups.append((float(group.defocus.mean()) if group_code else 0.0, group))
+        return groups
 
     def drawn(self, top: int, left: int, height: int, width: int) -> np.ndarray:
-        """Their light in a cut of the picture, (height, width, 3), float64."""
+        """Return their light in a window of the picture, (height, width, 3), float64."""
         light = np.zeros((height, width, 3))
         np.add.at(light, (self.row - top, self.column - left), self.light)
         return light
 
 
 def find_lamps(image: np.ndarray, defocus: np.ndarray, threshold: float) -> Lamps:
-    """Find the pixels of (H, W, 3) whose brightest channel reaches ``threshold``."""
+    """Return the pixels of (H, W, 3) whose brightest channel reaches ``threshold``."""
     row, column = np.nonzero(image.max(-1) >= threshold)
     return Lamps(
         row=row,

@@ -1,4 +1,4 @@
-"""Formulas that need no more than some rows of their result at a time, so that working memory stays small."""
+"""Formulas that need only some rows of their result at a time, which bounds the working memory."""
 
 from collections.abc import Callable
 
@@ -10,13 +10,13 @@ __all__ = ["in_row_blocks"]
 
 
 def in_row_blocks(formula: Callable[[slice], Array], like: Array, rows: int) -> Array:
-    """Return the picture (..., H, W, C) that ``formula`` gives for its rows, a slice with both ends.
+    """Return the picture (..., H, W, C) that ``formula`` computes for its rows, a slice with both ends.
 
     Args:
-        formula: From rows of the result to those rows, (..., rows, W, C).
-        like: A picture of the same shape. Where it is a tensor, all rows are made at once: autograd keeps all
-            that they are made of anyway.
-        rows: How many at a time.
+        formula: Function of rows of the result that returns these rows, (..., rows, W, C).
+        like: Picture of the same shape. For a tensor, all rows are computed at once: autograd keeps all
+            intermediate values anyway.
+        rows: Rows per block.
     """
     height = like.shape[-3]
     if array_namespace(like) is not np:

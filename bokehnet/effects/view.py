@@ -1,4 +1,4 @@
-"""Where the pixels of an array lie in the picture that is shown."""
+"""Position of the pixels of an array in the shown picture."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ __all__ = ["View", "cast_like"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class View:
-    """The size of the shown picture, about whose middle effects are centred, and what an array holds of it.
+    """Size of the shown picture, about whose centre effects are centred, and position of an array in it.
 
     Attributes:
-        width: Columns of the shown picture.
-        height: Its rows.
+        width: Width of the shown picture, pixels.
+        height: Height of the shown picture, pixels.
         left: Column of the array's first pixel in it; below 0 with overscan.
         top: Row of the array's first pixel in it.
 
@@ -36,12 +36,12 @@ class View:
 
     @classmethod
     def of(cls, image: Array) -> "View":
-        """All of ``image`` (..., H, W, C) is shown."""
+        """Return the view in which all of ``image`` (..., H, W, C) is shown."""
         return cls(width=image.shape[-2], height=image.shape[-3])
 
     @property
     def half_diagonal(self) -> float:
-        """Pixels from the middle to the corner."""
+        """Distance from the centre to the corner, pixels."""
         return 0.5 * float(np.hypot(self.width, self.height))
 
     @property
@@ -50,12 +50,12 @@ class View:
         return self.width / self.height
 
     def field(self, rows: slice, columns: int, like: Array) -> Array:
-        """Field positions of pixels of the array, (rows, columns, 2), float64, in half-diagonals.
+        """Return the field positions of pixels of the array, (rows, columns, 2), float64, in half-diagonals.
 
         Args:
-            rows: Which rows of the array; from, to.
-            columns: How many, from its first.
-            like: An array or a tensor: the result is of its kind and on its device.
+            rows: Rows of the array, a slice with both ends.
+            columns: Number of columns, from its first.
+            like: An array or a tensor: the result has its kind and device.
         """
         x = (np.arange(columns) + self.left + 0.5 - 0.5 * self.width) / self.half_diagonal
         y = (np.arange(rows.start, rows.stop) + self.top + 0.5 - 0.5 * self.height) / self.half_diagonal
@@ -64,7 +64,7 @@ class View:
         return field if xp is np else like.new_tensor(field, dtype=xp.float64)
 
     def border(self, like: Array) -> Array:
-        """Field positions of the outermost shown pixels, (N, 2); ``like`` as for :meth:`field`."""
+        """Return the field positions of the outermost shown pixels, (N, 2); ``like`` as for :meth:`field`."""
         shown = View(width=self.width, height=self.height)
         rows = [shown.field(slice(y, y + 1), self.width, like)[0] for y in (0, self.height - 1)]
         column = shown.field(slice(0, self.height), 1, like)[:, 0]
@@ -72,13 +72,13 @@ class View:
         return array_namespace(like).concatenate([*rows, column, column * mirror])
 
     def places(self, field: Array) -> Array:
-        """Pixels of the array, x and y from the middle of its first one, for field positions (..., 2)."""
+        """Return pixels of the array, x and y from the centre of its first, for field positions (..., 2)."""
         x = field[..., 0] * self.half_diagonal + (0.5 * self.width - 0.5 - self.left)
         y = field[..., 1] * self.half_diagonal + (0.5 * self.height - 0.5 - self.top)
         return array_namespace(field).stack([x, y], -1)
 
-    def shows_all_of_display(self, height: int, width: int) -> bool:
-        """Whether an array of this size holds every shown pixel."""
+    def covers_display(self, height: int, width: int) -> bool:
+        """Return whether an array of this size contains every shown pixel."""
         across = self.left <= 0 and self.left + width >= self.width
         return across and self.top <= 0 and self.top + height >= self.height
 

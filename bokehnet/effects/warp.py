@@ -1,4 +1,4 @@
-"""Pictures drawn anew as a distorting lens shows them, with fringes, and without a black border."""
+"""Resampling of pictures by the distortion and lateral color of a lens, without a black border."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,24 +15,24 @@ from bokehnet.optics.scalars import is_absent, value_of
 
 __all__ = ["Warp"]
 
-_ROWS = 64  # at a time
+_BLOCK_ROWS = 64  # rows per block
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Warp:
-    """Distortion, then a magnification of red and blue about the middle; both in one resampling.
+    """Distortion, then a magnification of red and blue about the centre; both in one resampling.
 
-    The place d of the result shows the place ``scale * undistort(d / magnification)`` of the picture. The
-    scale is chosen so that every shown pixel finds light, and as much of the picture is used as can be:
-    1 without any effect, below 1 for a barrel, whose corners would else lie outside, so that the picture is
-    enlarged and cropped, blur and all, as if cut from a slightly larger sensor. Overscan beyond the shown
-    picture is used first.
+    The position d of the result shows the position ``scale * undistort(d / magnification)`` of the picture.
+    The scale is chosen so that every shown pixel is inside the picture, and as much of the picture as
+    possible is used: 1 without any effect, below 1 for barrel distortion, whose corners would otherwise be
+    outside, so that the picture is enlarged and cropped, including its blur, as if cut from a slightly larger
+    sensor. Overscan beyond the shown picture is used first.
 
     Attributes:
-        distortion: None keeps straight lines straight.
-        lateral: Blue is magnified by 1 + lateral / 2, red by 1 - lateral / 2: in the corner they are this
-            part of the half-diagonal apart, above 0 with blue farther out. -0.1 to 0.1. A float, or a tensor
-            without dimensions.
+        distortion: Distortion model; None keeps straight lines straight.
+        lateral: Blue is magnified by 1 + lateral / 2, red by 1 - lateral / 2: in the corner their distance is
+            this fraction of the half-diagonal, above 0 with blue farther out. -0.1 to 0.1. A float, or a
+            tensor without dimensions.
 
     Raises:
         ParameterError: ``lateral`` is out of range.
@@ -47,7 +47,7 @@ class Warp:
 
     @property
     def is_off(self) -> bool:
-        """Whether pictures stay as they are."""
+        """True if pictures stay unchanged."""
         return self.distortion is None and is_absent(self.lateral)
 
     def apply(self, image: Array, view: View | None = None) -> Array:
@@ -56,8 +56,8 @@ class Warp:
         Args:
             image: Scene-linear, (..., H, W, C), array or tensor (then differentiable, with respect to
                 coefficients that are tensors too). Channels are red, green, blue, then any that move with
-                green, such as alpha. What lies outside of it is black.
-            view: Where its pixels lie in the shown picture; by default all of it is shown.
+                green, such as alpha. Outside it is black.
+            view: Position of its pixels in the shown picture; default: all of it is shown.
 
         Raises:
             ParameterError: The distortion folds over within the picture.
@@ -65,51 +65,51 @@ class Warp:
         return self._draw(image, view or View.of(image), undo=False)
 
     def undo(self, image: Array, view: View | None = None) -> Array:
-        """Return the picture of which :meth:`apply` made ``image``; what was cropped is black.
+        """Invert :meth:`apply`; cropped pixels are black.
 
         Arguments and errors as those of :meth:`apply`.
         """
         return self._draw(image, view or View.of(image), undo=True)
 
     def check(self) -> None:
-        """Raise ``ParameterError`` unless pictures of all proportions can be drawn, before there is one."""
+        """Raise ``ParameterError`` unless the warp is valid for pictures of all proportions."""
         if self.distortion is not None:
             turn = np.linspace(0, 2 * np.pi, 360)
             self._check(1.0)
             self._undistort(np.stack([np.cos(turn), np.sin(turn)], -1))
 
     def scale(self, image: Array, view: View) -> Array:
-        """How far from the middle the picture is looked up, against where it is shown; see the class."""
+        """Return the scale of the lookup position relative to the shown position; see the class."""
         height, width = image.shape[-3:-1]
         shown = View(width=view.width, height=view.height)
         cover = self._cover(image, shown, shown.height, shown.width)
-        if not view.shows_all_of_display(height, width):
+        if not view.covers_display(height, width):
             return cover
         xp = array_namespace(cover)
         overscan = self._cover(image, view, height, width)
         return xp.minimum(overscan, xp.maximum(cover, 1 + 0 * cover))
 
     def _cover(self, like: Array, view: View, height: int, width: int) -> Array:
-        """The largest scale at which no shown pixel looks beyond an array of this size."""
+        """Return the largest scale at which no shown pixel reads beyond an array of this size."""
         xp, border = array_namespace(like), view.border(like)
-        first = view.places(np.zeros(2))  # from the middle of the array's first pixel to the axis
+        first = view.places(np.zeros(2))  # from the centre of the array's first pixel to the axis
         reach = np.stack([first, (width - 1, height - 1) - first]) / view.half_diagonal
-        found = None
+        smallest = None
         for magnification, _ in self._channels(3):
             d = border / magnification
             self._check(value_of((d * d).sum(-1).max()) ** 0.5)
             u = self._undistort(d)
             for axis in (0, 1):
-                for sign, room in ((-1, reach[0, axis]), (1, reach[1, axis])):
+                for sign, distance in ((-1, reach[0, axis]), (1, reach[1, axis])):
                     outwards = sign * u[:, axis] > 1e-9
                     if not bool(outwards.any()):
                         continue
-                    scale = (float(room) / (sign * u[:, axis])[outwards]).min()
-                    found = scale if found is None else xp.minimum(found, scale)
-        return np.float64(1.0) if found is None else found
+                    scale = (float(distance) / (sign * u[:, axis])[outwards]).min()
+                    smallest = scale if smallest is None else xp.minimum(smallest, scale)
+        return np.float64(1.0) if smallest is None else smallest
 
     def _check(self, radius: float) -> None:
-        """Raise unless places up to ``radius`` half-diagonals have one place of the picture each."""
+        """Raise unless positions up to ``radius`` half-diagonals have one position in the picture each."""
         if self.distortion is not None and not radius < self.distortion.reach:
             raise ParameterError(
                 "distortion",
@@ -120,7 +120,7 @@ class Warp:
             )
 
     def _channels(self, count: int) -> Iterator[tuple[Array, slice]]:
-        """Magnifications and the channels that have them."""
+        """Yield magnifications and their channels."""
         if is_absent(self.lateral):
             yield 1.0, slice(0, count)
             return
@@ -135,23 +135,23 @@ class Warp:
             return image
         height, width, channels = image.shape[-3:]
         xp, scale = array_namespace(image), self.scale(image, view)
-        planes = [(magnification, image[..., chosen]) for magnification, chosen in self._channels(channels)]
-        if xp is np:  # in rows of their own, once and not for each band
+        planes = [(magnification, image[..., channel]) for magnification, channel in self._channels(channels)]
+        if xp is np:  # contiguous planes, once and not for each block
             planes = [(magnification, np.ascontiguousarray(plane)) for magnification, plane in planes]
 
         def draw(rows: slice) -> Array:
-            field, drawn = view.field(rows, width, image), []
+            field, channel_images = view.field(rows, width, image), []
             for magnification, plane in planes:
-                places = view.places(self._source(field, magnification, scale, undo))
-                drawn.append(
-                    sample(plane, places) * cast_like(inside(places, height, width), image)[..., None]
+                positions = view.places(self._source(field, magnification, scale, undo))
+                channel_images.append(
+                    sample(plane, positions) * cast_like(inside(positions, height, width), image)[..., None]
                 )
-            return xp.concatenate(drawn, -1)
+            return xp.concatenate(channel_images, -1)
 
-        return in_row_blocks(draw, image, _ROWS)
+        return in_row_blocks(draw, image, _BLOCK_ROWS)
 
     def _source(self, field: Array, magnification: Array, scale: Array, undo: bool) -> Array:
-        """Where the light at ``field`` comes from."""
+        """Return the position from which the light at ``field`` comes."""
         if undo:
             u = field / scale
             d = u if self.distortion is None else self.distortion.distort(u)

@@ -1,4 +1,4 @@
-"""Where an engine computes: on the CPU, or on a CUDA device where there is one."""
+"""Device of an engine: the CPU, or a CUDA device."""
 
 from importlib import import_module
 
@@ -16,14 +16,14 @@ _PROVIDER = "CUDAExecutionProvider"
 
 
 def device_of(device: str, classical: str) -> str:
-    """Return ``cpu`` or ``cuda`` for what was asked for.
+    """Return ``cpu`` or ``cuda`` for the selected device.
 
     Args:
-        device: One of ``DEVICES``; ``auto`` is the CUDA device where it can be used, else the CPU.
-        classical: The classical renderer; methods of the literature compute on the CPU alone.
+        device: One of ``DEVICES``; ``auto`` is the CUDA device if it is usable, else the CPU.
+        classical: Name of the classical renderer; methods of the literature run on the CPU only.
 
     Raises:
-        ParameterError: ``cuda`` where there is no such device, or not for this renderer.
+        ParameterError: ``cuda`` without such a device, or not for this renderer.
         MissingExtraError: ``cuda`` without the packages that it needs.
 
     Examples:
@@ -35,15 +35,15 @@ def device_of(device: str, classical: str) -> str:
         return device
     reason: Exception | None = None
     if classical not in CLASSICAL:
-        reason = _refused(f"cpu for {classical}, which knows no other")
+        reason = _device_error(f"cpu for {classical}, which supports no other")
     else:
         try:
             require_extra("torch", "cuda")
-            why = import_module("bokehnet.classical.torch.device_scatter").why_no_cuda()
+            problem = import_module("bokehnet.classical.torch.device_scatter").why_no_cuda()
             if classical == "rays":
-                why = why or _why_no_rays()
-            if why:
-                reason = _refused(f"a CUDA device that can be used; found {why}")
+                problem = problem or _why_no_rays()
+            if problem:
+                reason = _device_error(f"a usable CUDA device; found {problem}")
         except MissingExtraError as error:
             reason = error
     if reason is None:
@@ -54,7 +54,7 @@ def device_of(device: str, classical: str) -> str:
 
 
 def _why_no_rays() -> str | None:
-    """Return why numba can use no CUDA device, a failed import of ``numba.cuda`` included."""
+    """Return the reason why numba can use no CUDA device, a failed import of ``numba.cuda`` included."""
     try:
         march = import_module("bokehnet.classical.cuda.march")
     except Exception as error:  # numba-cuda raises AttributeError beside a NumPy that it does not fit
@@ -63,12 +63,12 @@ def _why_no_rays() -> str | None:
     return reason
 
 
-def _refused(expected: str) -> ParameterError:
-    return ParameterError("engine.device", expected, "cuda", "use --device cpu, or auto, which does so")
+def _device_error(expected: str) -> ParameterError:
+    return ParameterError("engine.device", expected, "cuda", "use --device cpu, or auto, which selects it")
 
 
 def make_on(device: str, classical: str) -> ClassicalRenderer:
-    """Return a classical renderer that computes on ``cpu`` or ``cuda``."""
+    """Return a classical renderer that runs on ``cpu`` or ``cuda``."""
     if device == "cpu":
         return make_classical(classical)
     renderer: ClassicalRenderer = import_module("bokehnet.classical.cuda.renderers").make_on_cuda(classical)
@@ -76,7 +76,7 @@ def make_on(device: str, classical: str) -> ClassicalRenderer:
 
 
 def providers_on(device: str) -> tuple[str, ...]:
-    """Execution providers of networks there: CUDA's where ONNX Runtime has it, else the CPU's."""
+    """Return the execution providers of networks on a device: CUDA's if available, else the CPU's."""
     if device == "cuda" and _PROVIDER in load_onnxruntime().get_available_providers():
         return (_PROVIDER, *CPU)
     return CPU

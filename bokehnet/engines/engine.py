@@ -1,4 +1,4 @@
-"""The engines: picture and defocus in, bokeh out, without torch."""
+"""Engines: picture and defocus in, bokeh out, without torch."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,17 +19,17 @@ from bokehnet.classical.base import (
     check_inputs,
 )
 from bokehnet.classical.known_layers import Layers
-from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.engine_registry import ENGINES
 from bokehnet.engines.coarse_to_fine import (
     ARNET_BYTES,
-    LEAST_PIXELS,
-    MOST_PIXELS,
+    MAX_NETWORK_PIXELS,
+    MIN_NETWORK_PIXELS,
     CoarseInput,
     correct_level_by_level,
 )
 from bokehnet.engines.devices import device_of, make_on, providers_on
-from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expects_error
+from bokehnet.engines.expected_error import ERROR_BYTES, ErrorEstimate, check_expected_error
 from bokehnet.engines.strips import StripAccumulator, cut_strips, working_memory
 from bokehnet.errors import ParameterError
 from bokehnet.inference.session import WEIGHTS, load_networks
@@ -42,25 +42,25 @@ from bokehnet.progress import Progress, ignore_progress
 
 __all__ = ["Engine", "EngineResult", "ray_reach"]
 
-# Steps of progress in a strip, and in the network's work.
+# Progress steps per strip, and for the networks.
 _STEPS = 100
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EngineResult:
-    """A rendered picture and what it was made of; all scene-linear float32.
+    """Rendered picture and its components; all scene-linear float32.
 
     Attributes:
-        bokeh: The result, (H, W, 3).
-        classical: The classical half, (H, W, 3); ``None`` where a hybrid was rendered in strips.
-        neural: The neural half, (H, W, 3); ``None`` for a classical engine, and in strips.
-        error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
-            discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
+        bokeh: Result, (H, W, 3).
+        classical: Classical half, (H, W, 3); ``None`` if a hybrid was rendered in strips.
+        neural: Neural half, (H, W, 3); ``None`` for a classical engine, and in strips.
+        error_map: Weight of the neural half, (H, W) in [0, 1]: the learned map within the reach of a depth
+            discontinuity, 0 elsewhere; for a classical engine, its geometric error map.
         largest_blur: Largest blur radius, pixels.
-        mixed_pixels: Pixels that were rendered as two surfaces, with both; ``None`` for engines that part
+        mixed_pixels: Pixels that were rendered as two surfaces, with both; ``None`` for engines that unmix
             none.
-        expected_error: What is expected of the mean over colours of |sRGB value - truth|, 8-bit levels, (H,
-            W); ``None`` where it was not asked for.
+        expected_error: Expected mean over colors of |sRGB value - truth|, 8-bit levels, (H, W); ``None`` if
+            it was not requested.
     """
 
     bokeh: np.ndarray
@@ -73,83 +73,83 @@ class EngineResult:
 
 
 def _max_coc_radius(defocus: np.ndarray, known: KnownSurfaces | None = None) -> float:
-    """Largest blur radius, pixels."""
-    radius = max(0.0, float(defocus.max()), -float(defocus.min()))  # 0 before zeros that are negative
+    """Return the largest blur radius, pixels."""
+    radius = max(0.0, float(defocus.max()), -float(defocus.min()))  # 0 first, to avoid -0.0
     if known is None or not len(known.rows):
         return radius
     return max(radius, float(known.near.max()), -float(known.far.min()))
 
 
 def ray_reach(lens_response: LensResponse, place: Place, max_coc_radius: int) -> int:
-    """Pixels within which the rays of a pixel stay, at most.
+    """Return the maximum distance of a pixel's rays from it, pixels.
 
     Args:
-        lens_response: What the lens does beyond focusing.
-        place: Where the pixels lie in the shown picture.
+        lens_response: Response of the lens.
+        place: Position of the pixels in the shown picture.
         max_coc_radius: Largest blur radius, pixels.
     """
-    if lens_response.is_plain:
+    if lens_response.is_ideal:
         return max_coc_radius
     from bokehnet.classical.layered.march.aberrated_rays import lens_table
 
-    chances = (np.arange(8)[:, None] + np.full(3, 0.5)) / 8  # of what rays there are, the reach is the same
+    chances = (np.arange(8)[:, None] + np.full(3, 0.5)) / 8  # the reach does not depend on the rays
     return lens_table(lens_response, place, chances).reach(max_coc_radius)
 
 
 @dataclass(frozen=True, slots=True)
 class _Lens:
-    """What one picture was taken with and is rendered through, and what is known of its edges."""
+    """Lens and aperture of one render, with the known edges of the picture."""
 
     aperture: Aperture
     lens_response: LensResponse
     place: Place
     pixel_filter: PixelFilter
     known: KnownSurfaces | None = None
-    rays_share: float = 1.0
+    rays_factor: float = 1.0
     layers: Layers | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class _Gathered:
-    """What networks see of the whole picture, taken in while it is rendered."""
+class _NetworkInputs:
+    """Inputs of the networks, collected from the whole picture while it is rendered."""
 
     coarse: CoarseInput | None
     estimate: ErrorEstimate | None
 
     def add(self, first: int, image: np.ndarray, defocus: np.ndarray, classical: ClassicalResult) -> None:
-        """Take in rows, as both do."""
-        for seen in (self.coarse, self.estimate):
-            if seen is not None:
-                seen.add(first, image, defocus, classical)
+        """Add rows to both."""
+        for collector in (self.coarse, self.estimate):
+            if collector is not None:
+                collector.add(first, image, defocus, classical)
 
 
-def _most_pixels(memory: int | None, bytes_per_pixel: int) -> int:
-    """Pixels that a network may see at once."""
-    left = MOST_PIXELS if memory is None else memory // bytes_per_pixel
-    return max(LEAST_PIXELS, min(MOST_PIXELS, left))
+def _max_pixels(memory: int | None, bytes_per_pixel: int) -> int:
+    """Return the maximum number of pixels per network call."""
+    max_pixels = MAX_NETWORK_PIXELS if memory is None else memory // bytes_per_pixel
+    return max(MIN_NETWORK_PIXELS, min(MAX_NETWORK_PIXELS, max_pixels))
 
 
 class Engine:
-    """Renders on the CPU, or a CUDA device. One engine may be used by several threads at once.
+    """Renderer on the CPU, or a CUDA device. Several threads may use one engine at the same time.
 
     Args:
         name: One of ``ENGINES``, or of ``BASELINES``, methods of the literature.
-        weights: Folder with the networks and their manifest; the package's own by default.
-        threads: Threads inside a network; 0 takes all cores.
-        providers: Execution providers of ONNX Runtime, the preferred one first.
-        session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
-            left to it.
-        device: ``cpu``, ``cuda``, or ``auto``: that where it can be used. On a device the classical half runs
-            there, and networks do where ONNX Runtime has it; a lens that does more than focus is followed on
-            the CPU.
+        weights: Folder with the networks and their manifest; default: the package's own.
+        threads: Threads inside a network; 0 uses all cores.
+        providers: Execution providers of ONNX Runtime, in order of preference.
+        session_options: An ``onnxruntime.SessionOptions`` that replaces the default; ``threads`` is then
+            ignored.
+        device: ``cpu``, ``cuda``, or ``auto``: CUDA if it is usable. On a device the classical half runs
+            there, and so do the networks if ONNX Runtime supports it; with ``auto`` an aberrated lens is
+            rendered on the CPU.
 
     Attributes:
-        name: The same.
-        classical_name: The renderer without networks that it rests on.
+        name: See above.
+        classical_name: Name of its classical renderer.
         device: ``cpu`` or ``cuda``.
 
     Raises:
-        ParameterError: Unknown engine, or a provider that ONNX Runtime does not have here.
+        ParameterError: Unknown engine, or a provider that ONNX Runtime does not support here.
         ModelFileError: The engine needs networks, and they are missing or damaged.
     """
 
@@ -167,7 +167,7 @@ class Engine:
             check_choice("engine", name, ENGINES)
         self.name, self._threads = name, threads
         spec = ENGINES.get(name)
-        asked, self.device = device, device_of(device, spec.classical if spec else name)
+        requested_device, self.device = device, device_of(device, spec.classical if spec else name)
         if self.device != "cpu" and tuple(providers) == CPU:
             providers = providers_on(self.device)
         self._networks = (
@@ -180,7 +180,9 @@ class Engine:
         self.classical_name = self._networks.classical if self._networks else name
         baseline = name in BASELINES
         self._classical = baseline_renderer(name) if baseline else make_on(self.device, self.classical_name)
-        self._behind_glass = make_on("cpu", self.classical_name) if asked == "auto" and not baseline else None
+        self._lens_fallback = (
+            make_on("cpu", self.classical_name) if requested_device == "auto" and not baseline else None
+        )
 
     def render(
         self,
@@ -195,10 +197,10 @@ class Engine:
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
-        memory_taken: int = 0,
+        memory_in_use: int = 0,
         overwrite: bool = False,
         known: KnownSurfaces | None = None,
-        rays_share: float = 1.0,
+        rays_factor: float = 1.0,
         layers: Layers | None = None,
         expected_error: bool = False,
     ) -> EngineResult:
@@ -207,37 +209,38 @@ class Engine:
         Args:
             image: All-in-focus picture, scene-linear, (H, W, 3). Values below 0 count as 0.
             defocus: Signed blur radius in pixels, (H, W), positive in front of focus.
-            progress: Called with (steps done, steps in all); what it raises ends the rendering.
-            aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with
-                other shapes they correct what the classical half made of them.
-            lens_response: What the lens does beyond focusing; default a perfect lens.
-            place: Where the pixels lie in the shown picture, from whose middle the lens counts; default: they
-                are all of it.
-            pixel_filter: Of the picture, by which its pixels at edges mix both sides; default
-                Blackman-Harris of 1.5, as of Blender.
-            gamma: Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens. See
-                :func:`bokehnet.optics.tone.gamma_curve`.
-            highlights: How clipped lights get their brightness back before blurring. The result keeps
-                it, unclipped; :meth:`Highlights.compress` brings it back to the range of the photograph.
-            max_memory: Bytes that rendering may take beyond image, defocus and result. Pictures that need
-                more are rendered in strips; the result is the same but for rounding.
-            memory_taken: Bytes of ``max_memory`` that are not to be had any more.
-            overwrite: Whether the result may take the place of ``image`` and ``defocus``, which are of no
-                use afterwards; in strips this saves their memory. Both must be float32, C-contiguous and
-                writable, else they are left alone.
-            known: Surfaces of pixels at edges that need not be estimated; engines that take pixels as one
-                surface each do so still.
-            rays_share: Share of the usual rays of a pixel, above 0 to 1, where several pixels will be reduced
-                to one.
-            layers: True layers, for engines that march rays, in place of those that would be made of the
-                picture; the others take the picture as it is.
-            expected_error: Whether to tell how far off the rays may be. With a hybrid it is theirs, too.
+            progress: Callback that receives (completed steps, total steps); an exception in it ends the
+                render.
+            aperture: Shape of the aperture; default: a disc. The networks were trained on discs; with
+                other shapes they correct the classical half.
+            lens_response: Response of the lens; default: a perfect lens.
+            place: Position of the pixels in the shown picture, whose centre is the optical axis; default:
+                they are all of it.
+            pixel_filter: Pixel filter of the picture, which mixes both surfaces at edges; default:
+                Blackman-Harris of width 1.5, as in Blender.
+            gamma: Weight of bright pixels where light mixes, 0.2 to 5; 1 is a real lens, above 1 emphasises
+                them. See :func:`bokehnet.optics.tone.gamma_curve`.
+            highlights: Restores the brightness of clipped lights before blurring. The result keeps
+                it, unclipped; :meth:`Highlights.compress` restores the range of the photograph.
+            max_memory: Maximum memory beyond image, defocus and result, bytes. Pictures that need
+                more are rendered in strips; the result is the same except for rounding.
+            memory_in_use: Part of ``max_memory`` that is already in use, bytes.
+            overwrite: True if the result may replace ``image`` and ``defocus``, which are invalid afterwards;
+                in strips this saves their memory. Both must be float32, C-contiguous and
+                writable, otherwise they stay unchanged.
+            known: Known surfaces of pixels at edges, which are not estimated; engines with one surface per
+                pixel ignore them.
+            rays_factor: Factor on the number of rays per pixel, above 0 to 1, where several pixels are
+                reduced to one.
+            layers: True layers, for engines that march rays, which replace those estimated from the
+                picture; other engines ignore them.
+            expected_error: True to estimate the error of the rays. With a hybrid it is that of its rays, too.
 
         Raises:
-            ShapeError: Not (H, W, 3) and (H, W) of one size.
+            ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
             ParameterError: NaN or infinity in defocus or image; known pixels outside; gamma out of range, or
                 not 1 with a hybrid; ``max_memory`` too small, or with networks that cannot work in strips;
-                ``expected_error`` without rays, or behind a lens that does more than focus.
+                ``expected_error`` without rays, or behind an aberrated lens.
             ModelFileError: ``expected_error`` needs a network that is missing or damaged.
         """
         check_kind("aperture", aperture, Aperture, optional=True)
@@ -249,25 +252,25 @@ class Engine:
         place = place or Place.whole(*defocus.shape)
         if known is not None:
             known.check_within(*defocus.shape)
-            known = known.in_light(lambda light: np.maximum(light, 0))
+            known = known.with_mapped_colors(lambda light: np.maximum(light, 0))
         if layers is not None:
             check_same_size("image", image, "layers", layers.defocus[..., 0])
-            layers = layers.in_light(lambda light: np.maximum(light, 0))
-        over = image if overwrite and image.flags.writeable else None
+            layers = layers.with_mapped_colors(lambda light: np.maximum(light, 0))
+        output = image if overwrite and image.flags.writeable else None
         if image.min() < 0:
-            image = np.maximum(image, 0, out=over)
+            image = np.maximum(image, 0, out=output)
         if self._networks is not None and gamma != 1:
             raise ParameterError(
                 "gamma",
-                f"1, all that the networks of {self.name} know",
+                f"1, as in the training of the networks of {self.name}",
                 gamma,
                 f"use the engine `{self.classical_name}`",
             )
         check_kind("highlights", highlights, Highlights, optional=True)
         if highlights is not None:
-            image = in_row_blocks(highlights.expand, image, out=over)
-            known = known and known.in_light(highlights.expand)
-            layers = layers and layers.in_light(highlights.expand)
+            image = in_row_blocks(highlights.expand, image, out=output)
+            known = known and known.with_mapped_colors(highlights.expand)
+            layers = layers and layers.with_mapped_colors(highlights.expand)
         curve = None if gamma == 1 else gamma_curve(image, gamma)
         if max_memory is not None:
             check_number("max_memory", max_memory)
@@ -277,67 +280,73 @@ class Engine:
             place=place,
             pixel_filter=pixel_filter or DEFAULT_FILTER,
             known=known,
-            rays_share=rays_share,
+            rays_factor=rays_factor,
             layers=layers,
         )
         if expected_error:
-            check_expects_error(self.classical_name, lens.lens_response, gamma, self.name)
+            check_expected_error(self.classical_name, lens.lens_response, gamma, self.name)
         if overwrite and defocus.flags.writeable and self._reads_defocus_again:
-            memory_taken += defocus.nbytes  # of the error map, which cannot take its place
-        strips = self._cut(defocus, lens, max_memory, memory_taken)
-        report, largest = (
-            progress or ignore_progress,
-            _max_coc_radius(defocus, known),
-        )  # before it may be written over
-        left = None if max_memory is None else max_memory - memory_taken
+            memory_in_use += defocus.nbytes  # the error map cannot replace it
+        strips = self._cut(defocus, lens, max_memory, memory_in_use)
+        report = progress or ignore_progress
+        largest = _max_coc_radius(defocus, known)  # before defocus is overwritten
+        available = None if max_memory is None else max_memory - memory_in_use
         (height, width), coarse, estimate = defocus.shape, None, None
         if self._networks is not None and self._networks.iunet is None:
-            most = _most_pixels(left, ARNET_BYTES)
-            coarse = CoarseInput(height, width, largest, self._networks.network_max_radius, most)
+            max_pixels = _max_pixels(available, ARNET_BYTES)
+            coarse = CoarseInput(height, width, largest, self._networks.network_max_radius, max_pixels)
         if expected_error:
-            most = _most_pixels(left, ERROR_BYTES)
-            estimate = ErrorEstimate(height, width, largest, most, self._threads)
-        gathered = _Gathered(coarse, estimate)
+            max_pixels = _max_pixels(available, ERROR_BYTES)
+            estimate = ErrorEstimate(height, width, largest, max_pixels, self._threads)
+        network_inputs = _NetworkInputs(coarse, estimate)
         if len(strips) > 1:
-            result = self._render_strips(image, defocus, lens, curve, strips, report, overwrite, gathered)
+            result = self._render_strips(
+                image, defocus, lens, curve, strips, report, overwrite, network_inputs
+            )
         else:
-            result = self._render_whole(image, defocus, lens, curve, report, gathered)
-        told = None if estimate is None else estimate.tell()
-        return replace(result, largest_blur=largest, expected_error=told)
+            result = self._render_whole(image, defocus, lens, curve, report, network_inputs)
+        error_estimate = None if estimate is None else estimate.estimate()
+        return replace(result, largest_blur=largest, expected_error=error_estimate)
 
     @property
     def _reads_defocus_again(self) -> bool:
-        """Whether networks want it once the classical half is there."""
+        """True if the networks read the defocus after the classical half."""
         return self._networks is not None and self._networks.leaves_outlines
 
-    def _cut(self, defocus: np.ndarray, lens: _Lens, memory: int | None, taken: int) -> list[Strip | None]:
-        """Strips of at most ``memory - taken`` bytes; a single ``None`` where the whole picture fits."""
+    def _cut(
+        self, defocus: np.ndarray, lens: _Lens, memory: int | None, memory_in_use: int
+    ) -> list[Strip | None]:
+        """Return strips within ``memory - memory_in_use`` bytes; ``[None]`` for the whole picture."""
         if self.name in BASELINES:
             if memory is not None:
-                raise ParameterError("max_memory", f"None, as {self.name} needs the whole picture", memory)
+                raise ParameterError(
+                    "max_memory", f"None, because {self.name} needs the whole picture", memory
+                )
             return [None]
-        uncut = lens.aperture.cats_eye > 0 or (
+        is_indivisible = lens.aperture.cats_eye > 0 or (
             self._networks is not None and self._networks.iunet is not None
         )
-        if memory is None and uncut:
+        if memory is None and is_indivisible:
             return [None]
         height, width = defocus.shape
         max_coc_radius = math.ceil(_max_coc_radius(defocus, lens.known))
-        crossed = None
+        max_ray_reach = None
         if self.classical_name == "rays":
-            crossed = ray_reach(lens.lens_response, lens.place, max_coc_radius)
+            max_ray_reach = ray_reach(lens.lens_response, lens.place, max_coc_radius)
         if memory is None:
-            reach = max(max_coc_radius, crossed or 0)
-            memory, taken = working_memory(height, width, reach, self.classical_name), 0
+            reach = max(max_coc_radius, max_ray_reach or 0)
+            memory, memory_in_use = working_memory(height, width, reach, self.classical_name), 0
             if memory is None:
                 return [None]
         strips: list[Strip | None] = [
-            *cut_strips(height, width, max_coc_radius, self.classical_name, memory, taken, crossed)
+            *cut_strips(
+                height, width, max_coc_radius, self.classical_name, memory, memory_in_use, max_ray_reach
+            )
         ]
         if len(strips) <= 1:
             return [None]
         if self._networks is not None and self._networks.iunet is not None:
-            expected = "None, as these networks need the whole picture at once"
+            expected = "None, because these networks need the whole picture at once"
             raise ParameterError("max_memory", expected, memory, "leave it out")
         return strips
 
@@ -348,15 +357,15 @@ class Engine:
         lens: _Lens,
         curve: GammaCurve | None,
         report: Progress,
-        gathered: _Gathered,
+        network_inputs: _NetworkInputs,
     ) -> EngineResult:
         steps = _STEPS if self._networks is None else 2 * _STEPS
         report(0, steps)
         classical = self._render_classical(
-            image, defocus, lens, curve, progress=lambda share: report(int(share * _STEPS), steps)
+            image, defocus, lens, curve, progress=lambda fraction: report(int(fraction * _STEPS), steps)
         )
         report(_STEPS, steps)
-        gathered.add(0, image, defocus, classical)
+        network_inputs.add(0, image, defocus, classical)
         classical = replace(classical, scatter=None)
         if self._networks is None:
             bokeh, classical_error_map = classical.bokeh, classical.error_map
@@ -367,17 +376,17 @@ class Engine:
                 error_map=classical_error_map,
                 mixed_pixels=classical.mixed_pixels,
             )
-        if gathered.coarse is None:
-            found = correct_level_by_level(self._networks, image, defocus, classical)
+        if network_inputs.coarse is None:
+            corrected = correct_level_by_level(self._networks, image, defocus, classical)
         else:
-            correction = gathered.coarse.correct(self._networks)
-            found = correction.apply(classical.bokeh, classical.error_map, defocus)
+            correction = network_inputs.coarse.correct(self._networks)
+            corrected = correction.apply(classical.bokeh, classical.error_map, defocus)
         report(2 * _STEPS, steps)
         return EngineResult(
-            bokeh=found.bokeh,
+            bokeh=corrected.bokeh,
             classical=classical.bokeh,
-            neural=found.neural,
-            error_map=found.error_map,
+            neural=corrected.neural,
+            error_map=corrected.error_map,
             mixed_pixels=classical.mixed_pixels,
         )
 
@@ -390,7 +399,7 @@ class Engine:
         strips: Sequence[Strip | None],
         report: Progress,
         overwrite: bool,
-        gathered: _Gathered,
+        network_inputs: _NetworkInputs,
     ) -> EngineResult:
         """Render strip by strip; then, with a network, correct strip by strip."""
         networks = self._networks
@@ -401,31 +410,33 @@ class Engine:
         bokeh, error_map = (result.array for result in results)
         height, mixed = len(defocus), []
         steps = _STEPS * (len(strips) + (networks is not None))
-        for done, strip in enumerate(strips):
+        for index, strip in enumerate(strips):
             assert strip is not None
-            report(_STEPS * done, steps)
+            report(_STEPS * index, steps)
             rows = slice(strip.first, strip.last)
 
-            def tell(share: float, done: int = done) -> None:
-                report(int(_STEPS * (done + share)), steps)
+            def report_strip(fraction: float, index: int = index) -> None:
+                report(int(_STEPS * (index + fraction)), steps)
 
-            part = self._render_classical(image[rows], defocus[rows], lens, curve, strip, tell)
-            first, wanted = strip.first + strip.wanted.start, strip.wanted
-            kept = part.rows(wanted)
-            inner = slice(first, first + len(kept.bokeh))
-            if kept.mixed_pixels is not None:
-                mixed.append(kept.mixed_pixels.below(first))
-            gathered.add(first, image[inner], defocus[inner], kept)
-            later = strips[done + 1] if done + 1 < len(strips) else None
-            for result, array in zip(results, (kept.bokeh, kept.error_map), strict=True):
-                result.add(first, array, height if later is None else later.first)
-            del part, kept, array  # before the next strip needs their memory
-        if networks is not None and gathered.coarse is not None:
+            strip_result = self._render_classical(
+                image[rows], defocus[rows], lens, curve, strip, report_strip
+            )
+            first, output_rows = strip.first + strip.output_rows.start, strip.output_rows
+            output = strip_result.rows(output_rows)
+            inner = slice(first, first + len(output.bokeh))
+            if output.mixed_pixels is not None:
+                mixed.append(output.mixed_pixels.below(first))
+            network_inputs.add(first, image[inner], defocus[inner], output)
+            next_strip = strips[index + 1] if index + 1 < len(strips) else None
+            for result, array in zip(results, (output.bokeh, output.error_map), strict=True):
+                result.add(first, array, height if next_strip is None else next_strip.first)
+            del strip_result, output, array  # frees their memory for the next strip
+        if networks is not None and network_inputs.coarse is not None:
             report(_STEPS * len(strips), steps)
-            correction = gathered.coarse.correct(networks)
+            correction = network_inputs.coarse.correct(networks)
             for rows in cut_row_blocks(bokeh.shape):
-                found = correction.apply(bokeh[rows], error_map[rows], defocus[rows], rows.start)
-                bokeh[rows], error_map[rows] = found.bokeh, found.error_map
+                corrected = correction.apply(bokeh[rows], error_map[rows], defocus[rows], rows.start)
+                bokeh[rows], error_map[rows] = corrected.bokeh, corrected.error_map
         report(steps, steps)
         classical = bokeh if networks is None else None
         return EngineResult(
@@ -433,7 +444,7 @@ class Engine:
             classical=classical,
             neural=None,
             error_map=error_map,
-            mixed_pixels=joined_surfaces(mixed),
+            mixed_pixels=concatenate_surfaces(mixed),
         )
 
     def _render_classical(
@@ -452,8 +463,8 @@ class Engine:
         if layers is not None and strip is not None:
             layers = layers.in_rows(strip.first, strip.last)
         renderer = self._classical
-        if self._behind_glass is not None and not lens.lens_response.is_plain:
-            renderer = self._behind_glass
+        if self._lens_fallback is not None and not lens.lens_response.is_ideal:
+            renderer = self._lens_fallback
         render = partial(
             renderer,
             strip=strip,
@@ -461,16 +472,16 @@ class Engine:
             place=lens.place,
             progress=progress,
             pixel_filter=lens.pixel_filter,
-            rays_share=lens.rays_share,
+            rays_factor=lens.rays_factor,
         )
         if curve is None:
             return render(image, defocus, lens.aperture, known=known, layers=layers)
-        encoded = known and known.in_light(curve.encode)
-        bright = layers and layers.in_light(curve.encode)
+        encoded = known and known.with_mapped_colors(curve.encode)
+        bright = layers and layers.with_mapped_colors(curve.encode)
         result = render(curve.encode(image), defocus, lens.aperture, known=encoded, layers=bright)
         mixed = result.mixed_pixels
         return replace(
             result,
             bokeh=curve.decode(result.bokeh),
-            mixed_pixels=mixed and mixed.in_light(curve.decode),
+            mixed_pixels=mixed and mixed.with_mapped_colors(curve.decode),
         )

@@ -1,4 +1,4 @@
-"""A picture and its maps, halved until networks can look at all of them at once, taken in row by row."""
+"""Small copy of a picture and its maps, halved until networks can see all of it, filled row by row."""
 
 from collections.abc import Mapping
 
@@ -14,7 +14,7 @@ __all__ = ["SmallCopy"]
 
 @njit(cache=True, parallel=True)
 def _shrink(array, factor, top, bottom, result):  # type: ignore[no-untyped-def]
-    """Means of blocks of (H, W, C), the last row and column repeated as far as they must be."""
+    """Fill means of blocks of (H, W, C); the last row and column repeat as necessary."""
     height, width, channels = array.shape
     for row in prange(top, bottom):
         total = np.zeros(channels)
@@ -29,48 +29,48 @@ def _shrink(array, factor, top, bottom, result):  # type: ignore[no-untyped-def]
 
 
 class SmallCopy:
-    """Means over blocks of pixels of a picture and of what belongs to it.
+    """Means over blocks of pixels of a picture and of its maps.
 
     Attributes:
-        halvings: How often the picture is halved.
+        halvings: Number of halvings from the picture to the copy.
 
     Args:
-        height: Of the picture.
-        width: Of the picture.
-        halvings: How often it must be halved.
-        most_pixels: Of the copy; the picture is halved further until it has no more.
+        height: Height of the picture, pixels.
+        width: Width of the picture, pixels.
+        halvings: Minimum number of halvings.
+        max_pixels: Maximum number of pixels of the copy; the picture is halved until it has no more.
     """
 
-    def __init__(self, height: int, width: int, halvings: int, most_pixels: int) -> None:
-        while height * width > most_pixels << 2 * halvings:
+    def __init__(self, height: int, width: int, halvings: int, max_pixels: int) -> None:
+        while height * width > max_pixels << 2 * halvings:
             halvings += 1
         self.halvings = halvings
         self._factor, self._height = 2**halvings, height
         self._size = tuple(BLOCK * -(-side // (BLOCK * self._factor)) for side in (height, width))
-        self._parts: dict[str, np.ndarray] = {}
+        self._copies: dict[str, np.ndarray] = {}
 
-    def add(self, first: int, parts: Mapping[str, np.ndarray]) -> None:
-        """Take in rows of the picture.
+    def add(self, first: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Add rows of the picture.
 
         Args:
             first: Row of the picture at which the arrays begin; a multiple of ``2**halvings``.
-            parts: Arrays (H, W, C) by name, the same names each time.
+            arrays: Arrays (H, W, C) by name, the same names each time.
         """
-        last = first + len(next(iter(parts.values())))
+        last = first + len(next(iter(arrays.values())))
         top = first // self._factor
         bottom = self._size[0] if last == self._height else last // self._factor
-        for name, array in parts.items():
-            if name not in self._parts:
-                self._parts[name] = np.empty((*self._size, array.shape[2]), np.float32)
+        for name, array in arrays.items():
+            if name not in self._copies:
+                self._copies[name] = np.empty((*self._size, array.shape[2]), np.float32)
             with parallel_region:
-                _shrink(array, self._factor, top, bottom, self._parts[name])
+                _shrink(array, self._factor, top, bottom, self._copies[name])
 
     def batch(self) -> dict[str, np.ndarray]:
-        """All parts by name, (1, C, h, w), sides multiples of ``BLOCK``, once all rows have been added.
+        """Return all copies by name, (1, C, h, w), sides multiples of ``BLOCK``, after all rows are added.
 
-        A part called ``defocus`` is in pixels of the copy.
+        The copy ``defocus`` is in pixels of the copy.
         """
-        batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._parts.items()}
+        batch = {name: array.transpose(2, 0, 1)[None] for name, array in self._copies.items()}
         if "defocus" in batch:
             batch["defocus"] = batch["defocus"] / np.float32(self._factor)
         return batch

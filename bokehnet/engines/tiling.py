@@ -9,15 +9,15 @@ from bokehnet.coarse_to_fine import Level, RefineNetwork
 
 __all__ = ["refine_in_tiles"]
 
-# Pixels around a tile that its result depends on: eight 3x3 convolutions at half size, the keep mask's two
-# windows of 5, one coarse pixel of interpolation; rounded up to an even number.
+# Halo of a tile, pixels: eight 3x3 convolutions at half size, two windows of 5 for the mask, one coarse pixel
+# of interpolation; rounded up to an even number.
 HALO = 24
 
 TILE = 384
 
 
 def _spans(length: int) -> Iterator[tuple[int, int]]:
-    """Cut ``length`` (even) into stretches of at most ``TILE``, all even."""
+    """Divide ``length`` (even) into spans of at most ``TILE``, all even."""
     for first in range(0, length, TILE):
         yield first, min(length, first + TILE)
 
@@ -28,10 +28,10 @@ def refine_in_tiles(
     """Run IUNet on the tiles within ``HALO`` of an error map above zero; elsewhere interpolate ``coarse``.
 
     Args:
-        iunet: Its receptive field must not exceed ``HALO``.
+        iunet: Refining network, whose receptive field must not exceed ``HALO``.
         level: Arrays of a batch of one, sides even.
         coarse: Bokeh at half the size, (1, 3, H/2, W/2).
-        error_map: (1, 1, H, W).
+        error_map: Error map, (1, 1, H, W).
 
     Returns:
         (1, 3, H, W); inside a refined tile the same as from the whole picture at once. A skipped tile is

@@ -1,1 +1,1 @@
-"""Rendering with trained networks, without torch."""
+"""Inference with trained networks in ONNX Runtime: sessions, depth networks and their downloads."""

@@ -1,4 +1,4 @@
-"""What a monocular depth network wants to see and what it gives back: a small TOML file."""
+"""Input and output format of monocular depth networks, defined by small TOML files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,32 +15,32 @@ __all__ = ["DepthConvention", "convention_names", "find_convention"]
 
 _FOLDER = Path(__file__).parent / "depth_conventions"
 
-_LARGEST_SIDE = 8192  # pixels
+_MAX_SIDE_PX = 8192
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthConvention:
-    """Input and output of a network.
+    """Input and output format of a network.
 
     Attributes:
-        size: Pixels of a side, where the network leaves its size open; else the network's counts.
-        fit: Which side has that size: the shorter, the longer, or both ("stretch").
-        multiple_of: Both sides are rounded to a multiple of this.
-        kernel: How the picture is resized.
-        channels: Their order.
-        layout: Of the input array.
-        white: Value of white before mean and deviation.
-        mean: Subtracted from the sRGB values, for red, green, blue.
-        std: Divided by afterwards.
+        size: Size of a side in pixels, for networks with a dynamic input size.
+        fit: Side with that size: the shorter, the longer, or both ("stretch").
+        multiple_of: Divisor of both sides after rounding.
+        kernel: Resampling kernel for the picture.
+        channels: Order of the channels.
+        layout: Layout of the input array.
+        white: Value of white before subtracting the mean.
+        mean: Mean to subtract from the sRGB values, for red, green, blue.
+        std: Divisor after subtracting the mean.
         output: Inverse depth (near is large) or depth.
-        unit: Of the output; "none" for one that is known up to scale and shift.
-        map: Name of the output that holds the map; empty for the first.
-        component: Which of three coordinates is the depth, where that output is a map of points; None where
-            it is a map of numbers.
-        shift: "unknown" where points are known up to a shift along the axis, which is then found.
-        scale: Name of the output that holds what depth is multiplied by; empty for none.
-        mask: Name of the output that is above 0.5 where there is a surface; all else is infinitely far.
-        tokens: Value of the further input ``num_tokens`` of networks that take their resolution so.
+        unit: Unit of the output; "none" if known only up to scale and shift.
+        map: Name of the output with the map; empty for the first output.
+        component: Index of the depth among three coordinates, if the output is a point map; None for a depth
+            map.
+        shift: "unknown" if points are known only up to a shift along the axis, which is then estimated.
+        scale: Name of the output with a factor on the depth; empty for none.
+        mask: Name of the output that is above 0.5 on surfaces; everything else is infinitely far.
+        tokens: Value of the additional input ``num_tokens`` of networks that set their resolution by it.
     """
 
     size: int
@@ -62,30 +62,30 @@ class DepthConvention:
     tokens: int | None = None
 
     def input_size(self, height: int, width: int, fixed: tuple[int | None, int | None]) -> tuple[int, int]:
-        """Return the height and width that the network sees.
+        """Return the height and width of the network's input.
 
         Args:
-            height: Of the picture, pixels.
-            width: Of the picture, pixels.
-            fixed: Height and width that the network fixes; None where it leaves them open.
+            height: Height of the picture, pixels.
+            width: Width of the picture, pixels.
+            fixed: Fixed height and width of the network's input; None where they are dynamic.
         """
         side = {"shorter": min(height, width), "longer": max(height, width)}.get(self.fit)
         sizes = []
-        for own, wanted in zip((height, width), fixed, strict=True):
+        for own, required in zip((height, width), fixed, strict=True):
             scaled = self.size if side is None else own * self.size / side
             rounded = max(1, round(scaled / self.multiple_of)) * self.multiple_of
-            sizes.append(min(rounded, _LARGEST_SIDE // self.multiple_of * self.multiple_of))
-            if wanted is not None:
-                sizes[-1] = wanted
+            sizes.append(min(rounded, _MAX_SIDE_PX // self.multiple_of * self.multiple_of))
+            if required is not None:
+                sizes[-1] = required
         return sizes[0], sizes[1]
 
     def prepare(self, image: np.ndarray, height: int, width: int) -> np.ndarray:
-        """Return a picture as the network wants it, a batch of one, float32.
+        """Return a picture as input of the network, a batch of one, float32.
 
         Args:
-            image: Scene-linear, (H, W, 3); light above 1 is clipped, as in photographs.
-            height: Of the input, pixels.
-            width: Of the input, pixels.
+            image: Picture, scene-linear, (H, W, 3); light above 1 is clipped, as in photos.
+            height: Height of the input, pixels.
+            width: Width of the input, pixels.
         """
         srgb = linear_to_srgb(np.clip(np.asarray(image, np.float32), 0, 1))
         values = resample(srgb, height, width, self.kernel)
@@ -98,7 +98,7 @@ class DepthConvention:
 
 
 def convention_names() -> list[str]:
-    """Names of the conventions that come with the package, in alphabetical order."""
+    """Return the names of the shipped conventions in alphabetical order."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
@@ -106,7 +106,7 @@ def find_convention(name: str | Path) -> DepthConvention:
     """Read a convention by its name, or from a TOML file with the attributes of :class:`DepthConvention`.
 
     Raises:
-        ConfigError: There is no such convention, or the file is missing or wrong.
+        ConfigError: There is no such convention, or the file is missing or invalid.
     """
     if str(name) in convention_names():
         path = _FOLDER / f"{name}.toml"
@@ -116,14 +116,14 @@ def find_convention(name: str | Path) -> DepthConvention:
         known = ", ".join(convention_names())
         raise ConfigError(f"unknown convention {str(name)!r}: expected a .toml file or one of {known}")
     convention = load_config(path, DepthConvention)
-    for key, value, most in (
-        ("size", convention.size, _LARGEST_SIDE),
+    for key, value, maximum in (
+        ("size", convention.size, _MAX_SIDE_PX),
         ("multiple_of", convention.multiple_of, 1024),
     ):
-        if not 1 <= value <= most:
-            raise ConfigError(f"{path}: {key}: expected 1 to {most}, found {value}")
+        if not 1 <= value <= maximum:
+            raise ConfigError(f"{path}: {key}: expected 1 to {maximum}, found {value}")
     if convention.shift == "unknown" and convention.component is None:
-        raise ConfigError(f"{path}: shift: expected component beside it, since only points tell their shift")
+        raise ConfigError(f"{path}: shift: expected component with it, as only point maps have a shift")
     if convention.mask and convention.output != "depth":
         raise ConfigError(f"{path}: mask: expected depth as output, found {convention.output}")
     numbers = (convention.white, *convention.mean, *convention.std)

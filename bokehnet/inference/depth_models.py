@@ -1,4 +1,4 @@
-"""Depth networks that have a name: where each lies on the hub, its licence, and which bytes it must be."""
+"""Named depth networks: repository on the hub, licence, convention, and pinned hash."""
 
 import tomllib
 from dataclasses import dataclass
@@ -15,20 +15,20 @@ PINS = Path(__file__).with_name("depth_model_pins.toml")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthModel:
-    """A depth network on the hub.
+    """Depth network on the hub.
 
     Attributes:
-        name: What ``--depth-model`` calls it.
-        about: What it gives, in a line.
-        repository: On the hub.
-        file: Path of the ONNX file in it; empty where none is published.
-        licence: As the hub spells it.
-        convention: What it sees and returns.
-        size: Of the download, for people.
-        unpublished: Why there is nothing to download; empty where there is.
-        revision: Commit of the repository; empty until it is pinned.
-        sha256: Of the file, hexadecimal; empty until it is pinned.
-        bytes: Of the file.
+        name: Name for ``--depth-model``.
+        about: Description of its output, one line.
+        repository: Repository on the hub.
+        file: Path of the ONNX file in the repository; empty if none is published.
+        licence: Licence, as spelled by the hub.
+        convention: Name of its input and output format.
+        size: Size of the download, as text.
+        unpublished: Reason why there is no download; empty if there is one.
+        revision: Commit of the repository; empty until pinned.
+        sha256: SHA-256 of the file, hexadecimal; empty until pinned.
+        bytes: Size of the file in bytes.
     """
 
     name: str
@@ -45,25 +45,25 @@ class DepthModel:
 
     @property
     def refusal(self) -> str:
-        """Why it cannot be downloaded; empty where it can."""
+        """Reason why it cannot be downloaded; empty if it can."""
         if self.unpublished:
             return f"{self.repository} has no ONNX file of it: {self.unpublished}"
         if not (self.revision and self.sha256):
             return (
-                f"its revision and SHA-256 are not pinned in this version, and bytes that nobody has checked "
-                f"are not run; download {self.file} of {self.repository} yourself and give the file, "
+                f"its revision and SHA-256 are not pinned in this version, and unverified files "
+                f"are not run; download {self.file} of {self.repository} yourself and use the file "
                 f"with the convention {self.convention}"
             )
         return ""
 
     def check_available(self) -> None:
-        """Raise ``ModelFileError`` where it cannot be downloaded."""
+        """Raise ``ModelFileError`` if it cannot be downloaded."""
         if self.refusal:
             raise ModelFileError(f"{self.name}: {self.refusal}")
 
 
 def depth_model_names() -> list[str]:
-    """Names that ``--depth-model`` knows, in the order of their table.
+    """Return the names for ``--depth-model``, in the order of the table.
 
     Examples:
         >>> depth_model_names()[0]
@@ -73,7 +73,7 @@ def depth_model_names() -> list[str]:
 
 
 def find_depth_model(name: str | Path) -> DepthModel | None:
-    """Return the network of a name; None where ``name`` is none, as that of a file.
+    """Return the network of a name; None if there is no such name, as for a file.
 
     Examples:
         >>> find_depth_model("moge-2-small").convention

@@ -1,4 +1,4 @@
-"""Depth of a single picture, guessed by any monocular network in ONNX; without torch."""
+"""Depth of a single picture, estimated by any monocular network in ONNX; does not need torch."""
 
 import math
 from pathlib import Path
@@ -16,67 +16,68 @@ from bokehnet.onnx_session import OnnxSession
 __all__ = ["DepthEstimator"]
 
 _TYPES: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
-_SMALLEST_SIDE, _LARGEST_INPUT = 8, 2**26  # pixels; less or more is a misread, broken or hostile network
+# Bounds of a fixed input size; outside them the network is misread, broken or hostile.
+_MIN_SIDE_PX, _MAX_INPUT_PX = 8, 2**26
 _MM = {"m": 1000.0, "mm": 1.0}
-_TOKENS = "num_tokens"  # input of networks whose resolution is told beside the picture
+_TOKENS = "num_tokens"  # additional input of networks that sets their resolution
 
 
 class DepthEstimator:
-    """Estimates disparity on the CPU.
+    """Estimator of disparity on the CPU.
 
-    The network is the caller's and is run as it is: a file from a stranger can use up time and memory, but
-    ONNX Runtime runs no code from it and, from version 1.24.1 on, reads no other file but weights beside it.
+    The network is run unchecked: an untrusted file can use up time and memory, but ONNX Runtime executes no
+    code from it and, since version 1.24.1, reads no other files than weights in its folder.
 
     Args:
-        model: ONNX file with one picture as its input, and its map where the convention says. Weights in
-            further files must lie in its folder.
-        convention: What it wants to see and what it gives back.
-        threads: Threads inside the network; 0 takes all cores.
+        model: ONNX file with one picture as its input, and the map as output according to the convention.
+            External weights must be in its folder.
+        convention: Input and output format of the network.
+        threads: Threads inside the network; 0 uses all cores.
 
     Raises:
-        ModelFileError: The file is missing or no ONNX, or the network takes something else than a picture.
+        ModelFileError: The file is missing or no ONNX file, or the network's input is not a picture.
     """
 
     def __init__(self, model: Path | str, convention: DepthConvention, threads: int = 0) -> None:
         self._path, self._convention = Path(model), convention
         if not self._path.is_file():
-            found = "a folder" if self._path.is_dir() else "no such file"
-            raise ModelFileError(f"{model}: expected an ONNX file, found {found}")
+            actual = "a folder" if self._path.is_dir() else "no such file"
+            raise ModelFileError(f"{model}: expected an ONNX file, found {actual}")
         options = {"intra_op_num_threads": threads, "log_severity_level": 4}  # errors come as exceptions
         try:
             self._session = OnnxSession(str(self._path), options=options)
-        except Exception as error:  # the runtime's own have no common base
+        except Exception as error:  # the runtime's exceptions have no common base
             raise ModelFileError(f"{model}: not a usable ONNX file: {_one_line(error)}") from error
         self._name, self._dtype, self._fixed = self._check_input()
         self._outputs = self._check_outputs()
 
     @property
     def metric(self) -> bool:
-        """Whether :meth:`__call__` returns 1/mm."""
+        """True if :meth:`__call__` returns 1/mm."""
         return self._convention.unit != "none"
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
         """Return the disparity of a picture; near is large.
 
-        The network's map is brought to the picture's size by cubic interpolation: its soft edges stay soft
-        there, which is what ``DisparityRepair`` sharpens.
+        The network's map is resized to the picture by cubic interpolation; ``DisparityRepair`` sharpens the
+        soft edges.
 
         Args:
-            image: Scene-linear, (H, W, 3).
+            image: Picture, scene-linear, (H, W, 3).
 
         Returns:
-            (H, W) float32: 1/mm if :attr:`metric`, else between 0 and 1, which occur unless all is equally
-            far. A network that gives depth up to scale and shift is turned over, 1 - depth.
+            Disparity, (H, W) float32: 1/mm if :attr:`metric`, else normalised to 0 to 1. Depth up to scale
+            and shift is inverted, 1 - depth.
 
         Raises:
-            ModelFileError: The network fails, or returns something else than a map of finite numbers,
-                above 0 where they are depth in a unit.
-            ShapeError, ParameterError: The picture is not as described.
+            ModelFileError: The network fails, or does not return a map of finite numbers, positive for
+                metric depth.
+            ShapeError, ParameterError: The picture has the wrong shape or invalid values.
         """
         check_image("image", image)
         height, width = image.shape[:2]
-        fed = self._convention.prepare(image, *self._convention.input_size(height, width, self._fixed))
-        arrays: dict[str, np.ndarray] = {self._name: fed.astype(self._dtype)}
+        batch = self._convention.prepare(image, *self._convention.input_size(height, width, self._fixed))
+        arrays: dict[str, np.ndarray] = {self._name: batch.astype(self._dtype)}
         if self._convention.tokens is not None:
             arrays[_TOKENS] = np.array(self._convention.tokens, np.int64)
         try:
@@ -86,7 +87,7 @@ class DepthEstimator:
         return resample(self._disparity(*self._map(results)), height, width)
 
     def _check_input(self) -> tuple[str, type[np.floating], tuple[int | None, int | None]]:
-        """Name and type of the input, the height and width that it fixes; raise unless it is a picture."""
+        """Return name, type and fixed height and width of the input; raise unless it is a picture."""
         inputs, layout = self._session.inputs(), self._convention.layout
         if self._convention.tokens is not None:
             inputs = [item for item in inputs if item.name != _TOKENS]
@@ -94,34 +95,34 @@ class DepthEstimator:
             names = ", ".join(item.name for item in inputs) or "none"
             raise ModelFileError(f"{self._path}: expected one input, a picture, found {len(inputs)}: {names}")
         shape = inputs[0].shape
-        told = f"{inputs[0].name} of shape {tuple(shape)} and {inputs[0].type}"
+        actual = f"{inputs[0].name} of shape {tuple(shape)} and {inputs[0].type}"
         if inputs[0].type not in _TYPES or len(shape) != 4:
             raise ModelFileError(
-                f"{self._path}: expected a picture {layout} of floats as input, found {told}"
+                f"{self._path}: expected a picture {layout} of floats as input, found {actual}"
             )
         sizes = dict(zip(layout, (size if isinstance(size, int) else None for size in shape), strict=True))
         if sizes["C"] not in (3, None) or sizes["N"] not in (1, None):
-            raise ModelFileError(f"{self._path}: expected one picture {layout} of 3 channels, found {told}")
+            raise ModelFileError(f"{self._path}: expected one picture {layout} of 3 channels, found {actual}")
         fixed = [size for size in (sizes["H"], sizes["W"]) if size is not None]
-        if min(fixed, default=_SMALLEST_SIDE) < _SMALLEST_SIDE or math.prod(fixed) > _LARGEST_INPUT:
+        if min(fixed, default=_MIN_SIDE_PX) < _MIN_SIDE_PX or math.prod(fixed) > _MAX_INPUT_PX:
             raise ModelFileError(
-                f"{self._path}: expected a picture {layout} of a sensible size, found {told}"
+                f"{self._path}: expected a picture {layout} of a sensible size, found {actual}"
             )
         return inputs[0].name, _TYPES[inputs[0].type], (sizes["H"], sizes["W"])
 
     def _check_outputs(self) -> list[str]:
-        """Names of the outputs; raise unless those that the convention names are there."""
+        """Return the names of the outputs; raise unless they include those of the convention."""
         names = [item.name for item in self._session.outputs()]
-        for wanted in (self._convention.map, self._convention.scale, self._convention.mask):
-            if wanted and wanted not in names:
+        for required in (self._convention.map, self._convention.scale, self._convention.mask):
+            if required and required not in names:
                 raise ModelFileError(
-                    f"{self._path}: expected an output {wanted}, found {', '.join(names)}; "
+                    f"{self._path}: expected an output {required}, found {', '.join(names)}; "
                     "is it the right convention?"
                 )
         return names
 
     def _map(self, results: dict[str, Any]) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the map in the outputs, (h, w), double precision, and where there is a surface."""
+        """Return the map in the outputs, (h, w), double precision, and the mask of surfaces."""
         convention = self._convention
         name = convention.map or self._outputs[0]
         surface = self._numbers(results[convention.mask], convention.mask) > 0.5 if convention.mask else None
@@ -148,14 +149,14 @@ class DepthEstimator:
         return self._finite(result.reshape(sides).astype(np.float64))
 
     def _points(self, result: Any, name: str) -> np.ndarray:
-        """Return a map of points, (3, h, w); it may come with its coordinates first or last."""
+        """Return a point map, (3, h, w); the coordinates may be the first or the last axis."""
         shape = np.shape(result)
         if isinstance(result, np.ndarray) and result.dtype.kind == "f" and len(shape) == 4 and shape[0] == 1:
             if shape[1] == 3:
                 return self._finite(result[0].astype(np.float64))
             if shape[3] == 3:
                 return self._finite(result[0].transpose(2, 0, 1).astype(np.float64))
-        raise ModelFileError(f"{self._path}: expected a map of points as {name}, found shape {shape}")
+        raise ModelFileError(f"{self._path}: expected a point map as {name}, found shape {shape}")
 
     def _finite(self, values: np.ndarray) -> np.ndarray:
         if bad := int((~np.isfinite(values)).sum()):

@@ -1,54 +1,55 @@
-"""How much memory the process holds, and whether what it no longer uses is kept or given back."""
+"""Memory of the process: its size, and keeping or releasing freed memory."""
 
 import ctypes
 import gc
 import sys
 from pathlib import Path
 
-__all__ = ["give_back", "keep_freed", "keeps_freed", "resident"]
+__all__ = ["keep_freed_memory", "keeps_freed_memory", "release_freed_memory", "resident_bytes"]
 
-# Of glibc's malloc.h.
+# Constants of glibc's malloc.h.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 
-# Bytes of one array, and of all at the end of the heap, up to which memory is kept when it is freed.
-_LARGEST_KEPT, _MOST_KEPT = 10**8, 5 * 10**8
+# Maximum size of one freed array, and of all free memory at the end of the heap, to keep, bytes.
+_MAX_KEPT_ARRAY_BYTES, _MAX_KEPT_BYTES = 10**8, 5 * 10**8
 
 _keeps = False
 
 
-def resident() -> int:
-    """Bytes that the process holds in memory now; 0 where the system does not tell."""
+def resident_bytes() -> int:
+    """Return the resident memory of the process in bytes; 0 if the system does not report it."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
     except (OSError, ValueError, IndexError):
         return 0
 
 
-def keep_freed() -> None:
-    """Keep the memory of freed arrays for the next ones: large pictures render a fifth faster, in 15 % more.
+def keep_freed_memory() -> None:
+    """Keep the memory of freed arrays for reuse: large pictures render a fifth faster, with 15 % more memory.
 
-    glibc gives the memory of each large array back to the system, which clears it anew for the next. For
-    programs that are ours alone: it holds for the whole process. Without effect elsewhere.
+    By default glibc returns the memory of each large array to the system, which clears it again for the next
+    array. This affects the whole process, so that only the program itself calls it, not the library. No
+    effect outside Linux.
     """
     global _keeps
     _keeps = sys.platform == "linux" and hasattr(ctypes.CDLL(None), "mallopt")
-    _of_libc("mallopt", _MMAP_THRESHOLD, _LARGEST_KEPT)
-    _of_libc("mallopt", _TRIM_THRESHOLD, _MOST_KEPT)
+    _call_libc("mallopt", _MMAP_THRESHOLD, _MAX_KEPT_ARRAY_BYTES)
+    _call_libc("mallopt", _TRIM_THRESHOLD, _MAX_KEPT_BYTES)
 
 
-def keeps_freed() -> bool:
-    """Whether freed memory is kept, so that networks need no pool of their own beside it."""
+def keeps_freed_memory() -> bool:
+    """Return whether freed memory is kept, so that networks need no memory pool of their own."""
     return _keeps
 
 
-def give_back() -> None:
-    """Give freed memory back to the system, where its allocator keeps it for later: glibc does."""
+def release_freed_memory() -> None:
+    """Return freed memory to the system, where the allocator (glibc) keeps it."""
     gc.collect()
-    _of_libc("malloc_trim", 0)
+    _call_libc("malloc_trim", 0)
 
 
-def _of_libc(name: str, *arguments: int) -> None:
-    """Call a function of the C library, where it has it."""
+def _call_libc(name: str, *arguments: int) -> None:
+    """Call a function of the C library if it exists."""
     function = getattr(ctypes.CDLL(None), name, None) if sys.platform == "linux" else None
     if function is not None:
         function(*arguments)

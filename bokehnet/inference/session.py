@@ -1,4 +1,4 @@
-"""The networks as ONNX Runtime sessions, used only when they are what the manifest says."""
+"""Networks as ONNX Runtime sessions, verified against their manifest."""
 
 import hashlib
 import json
@@ -13,23 +13,23 @@ import numpy as np
 from bokehnet.checks import check_choice
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.errors import ModelFileError
-from bokehnet.inference.process_memory import keeps_freed
+from bokehnet.inference.process_memory import keeps_freed_memory
 from bokehnet.onnx_session import CPU, OnnxSession, load_onnxruntime
 
 __all__ = ["WEIGHTS", "Networks", "OnnxNetwork", "load_network", "load_networks"]
 
-# What ships with the package: a folder for each engine with networks, and ``repair``.
+# Shipped networks: a folder per engine with networks, and ``repair``.
 WEIGHTS = Path(__file__).parent.parent / "weights"
 
 _FORMAT = 1
 
-# What earlier versions called keys of a manifest and inputs of a network.
+# Keys of manifests and inputs of networks of earlier versions, and their current names.
 _OLD_KEYS = {"unit": "network_max_radius", "trusted_radius": "max_valid_radius"}
 _OLD_INPUTS = {"hints": "features"}
 
 
 class OnnxNetwork:
-    """One network; arrays go in by position and are fed by name."""
+    """Single network that takes arrays by position and feeds them by name."""
 
     def __init__(
         self,
@@ -42,31 +42,32 @@ class OnnxNetwork:
         for provider in () if tuple(providers) == CPU else providers:
             check_choice("provider", provider, load_onnxruntime().get_available_providers())
         if options is None:
-            # A plan for one size comes as a block of its own with the second picture, on top of the first
-            # one's pieces: twice the memory, and half a second more until it is there.
-            # Where the process keeps what it frees, layers and rays share it; a pool would be theirs alone.
-            # Threads that wait for work without sleeping take the cores of whatever else computes.
+            # A memory pattern is allocated as a separate block with the second picture, in addition to the
+            # pieces of the first: twice the memory, and half a second more.
+            # If the process keeps freed memory, layers and rays share it; an arena would not be shared.
+            # Spinning threads take cores from other computations.
             options = {
                 "intra_op_num_threads": threads,
                 "log_severity_level": 3,
                 "enable_mem_pattern": False,
-                "enable_cpu_mem_arena": not keeps_freed(),
+                "enable_cpu_mem_arena": not keeps_freed_memory(),
                 "session.intra_op.allow_spinning": "0",
             }
         self._has_pool = not isinstance(options, dict) or options.get("enable_cpu_mem_arena", True)
         self._session = OnnxSession(model, providers, options)
         self._input_names = input_names
-        self._taken = {item.name for item in self._session.inputs()}
+        self._model_inputs = {item.name for item in self._session.inputs()}
 
     def __call__(self, *arrays: np.ndarray | None, release: bool = False) -> Any:
-        """Run on float32 arrays (B, C, H, W), in the order of the input names; one array or a tuple back.
+        """Run on float32 arrays (B, C, H, W) in the order of the input names; return one array or a tuple.
 
-        Inputs that the network does not take are left out and may be ``None``. ``release`` gives the memory
-        of the layers back afterwards, which costs time when the network runs again.
+        Arrays that are no inputs of the network are ignored and may be ``None``. ``release`` frees the memory
+        of the layers afterwards, which slows down the next run.
         """
-        fed = dict(zip(self._input_names, arrays, strict=True))
+        by_name = dict(zip(self._input_names, arrays, strict=True))
         contiguous = {
-            key: np.ascontiguousarray(fed[_OLD_INPUTS.get(key, key)], np.float32) for key in self._taken
+            key: np.ascontiguousarray(by_name[_OLD_INPUTS.get(key, key)], np.float32)
+            for key in self._model_inputs
         }
         results = self._session.run(contiguous, release=release and self._has_pool)
         return results[0] if len(results) == 1 else tuple(results)
@@ -74,14 +75,14 @@ class OnnxNetwork:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Networks:
-    """Networks that belong together.
+    """Networks of one engine.
 
     Attributes:
-        arnet: Takes image, defocus, classical, features; gives bokeh and error map.
-        iunet: Takes image, defocus, classical, coarse, features; gives bokeh. ``None`` where the classical
-            render's detail is carried over instead.
+        arnet: ARNet: image, defocus, classical, features to bokeh and error map.
+        iunet: IUNet: image, defocus, classical, coarse, features to bokeh; ``None`` if the detail of the
+            classical render is kept instead.
         network_max_radius: Largest radius that ``arnet`` was trained for, pixels.
-        classical: Name of the classical renderer whose result they correct.
+        classical: Name of the classical renderer whose results they correct.
         max_valid_radius: Largest blur radius that they may correct, pixels.
     """
 
@@ -93,7 +94,7 @@ class Networks:
 
     @property
     def leaves_outlines(self) -> bool:
-        """Whether what they correct has outlines in front of focus that it should not have."""
+        """True if the classical render has sharp outlines on blurred foregrounds."""
         return CLASSICAL[self.classical].sharp_foregrounds
 
 
@@ -108,9 +109,9 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         ) from error
     except ValueError as error:
         raise ModelFileError(f"{path}: expected JSON, found an error: {error}") from error
-    found = manifest.get("format") if isinstance(manifest, dict) else None
-    if found != _FORMAT:
-        raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {found}; export again")
+    version = manifest.get("format") if isinstance(manifest, dict) else None
+    if version != _FORMAT:
+        raise ModelFileError(f"{path}: expected manifest format {_FORMAT}, found {version}; export again")
     return {_OLD_KEYS.get(key, key): value for key, value in manifest.items()}
 
 
@@ -123,10 +124,10 @@ def _check_pair(folder: Path, manifest: dict[str, Any]) -> None:
         raise ModelFileError(
             f"{path}: expected classical to be one of {', '.join(CLASSICAL)}, found {classical}; export again"
         )
-    trusted = manifest.get("max_valid_radius", 1)
-    if not isinstance(trusted, int | float) or not trusted > 0:
+    radius = manifest.get("max_valid_radius", 1)
+    if not isinstance(radius, int | float) or not radius > 0:
         raise ModelFileError(
-            f"{path}: expected max_valid_radius to be above 0, found {trusted!r}; export again"
+            f"{path}: expected max_valid_radius to be above 0, found {radius!r}; export again"
         )
 
 
@@ -144,17 +145,17 @@ def _read_model(folder: Path, name: str, manifest: dict[str, Any]) -> bytes:
         raise ModelFileError(
             f"network weights missing: cannot read {path}; install the package again or use --engine rays"
         ) from error
-    found = hashlib.sha256(model).hexdigest()
-    if found != expected:
+    digest = hashlib.sha256(model).hexdigest()
+    if digest != expected:
         raise ModelFileError(
-            f"{path}: expected sha256 {expected[:12]}... by the manifest, found {found[:12]}...; "
-            f"the file is damaged or was exchanged, install the package again"
+            f"{path}: expected sha256 {expected[:12]}... by the manifest, found {digest[:12]}...; "
+            f"the file is damaged or was replaced, install the package again"
         )
     return model
 
 
 def load_network(folder: Path, name: str, input_names: tuple[str, ...], threads: int = 0) -> OnnxNetwork:
-    """Load one network after checking it against its manifest; arguments and errors of ``load_networks``."""
+    """Load one network, verified against its manifest; arguments and errors as in ``load_networks``."""
     return OnnxNetwork(_read_model(folder, name, _read_manifest(folder)), input_names, threads)
 
 
@@ -166,18 +167,18 @@ def load_networks(
     *,
     refine: bool = True,
 ) -> Networks:
-    """Load ARNet, and IUNet if there is one, after checking them against their manifest.
+    """Load ARNet, and IUNet if there is one, verified against their manifest.
 
     Args:
-        folder: Holds ``manifest.json`` and the ONNX files it names.
-        threads: Threads inside a network; 0 takes all cores.
+        folder: Folder with ``manifest.json`` and the ONNX files that it names.
+        threads: Threads inside a network; 0 uses all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
-        options: ``onnxruntime.SessionOptions`` in place of our own.
-        refine: Whether to load IUNet; ARNet does without it.
+        options: ``onnxruntime.SessionOptions`` to use instead of the default ones.
+        refine: True to load IUNet, which is optional.
 
     Raises:
-        ParameterError: A provider that ONNX Runtime does not have here.
-        ModelFileError: A file is missing, damaged or not what the manifest says.
+        ParameterError: A provider is not available in ONNX Runtime.
+        ModelFileError: A file is missing, damaged or differs from the manifest.
     """
     manifest = _read_manifest(folder)
     _check_pair(folder, manifest)

@@ -1,4 +1,4 @@
-"""A picture in a notebook, focused where it is clicked. Needs anywidget: pip install 'bokehnet[notebook]'."""
+"""Notebook widget that focuses a picture at a click. Requires anywidget: pip install 'bokehnet[notebook]'."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ function render({ model, el }) {
   const picture = document.createElement("img");
   const line = document.createElement("div");
   picture.style.cssText = "max-width: 100%; cursor: crosshair";
-  picture.alt = "click where it shall be sharp";
+  picture.alt = "click to focus";
   const show = () => { picture.src = model.get("picture"); line.textContent = model.get("line"); };
   picture.addEventListener("click", (event) => {
     const box = picture.getBoundingClientRect();
@@ -41,19 +41,18 @@ export default { render };
 
 
 class FocusWidget(anywidget.AnyWidget):
-    """A scene, rendered again with each click, which says what is to be sharp.
+    """A scene that is rendered again at each click, focused at the clicked point.
 
     Args:
-        scene: The scene.
-        settings: All else; default a blur of a fortieth of the picture's width.
-        renderer: Default one of the engine "scatter", which answers fastest.
+        scene: Scene to render.
+        settings: All other settings; default: a blur of a fortieth of the picture's width.
+        renderer: Renderer; default: engine "scatter", the fastest.
 
     Attributes:
-        clicked: Where was clicked, shares of width and height from the upper left; may be set by programs,
-            too.
-        line: What is said below the picture.
-        picture: What is shown, as a ``data:`` address.
-        result: The last one; None before any.
+        clicked: Clicked position as fractions of width and height from the upper left; programs may set it.
+        line: Status line below the picture.
+        picture: Displayed picture, as a ``data:`` address.
+        result: Last result; None before the first click.
 
     Examples:
         >>> from bokehnet.tools.demo import small_demo_scene
@@ -76,7 +75,7 @@ class FocusWidget(anywidget.AnyWidget):
         self._scene, self._renderer = scene, renderer or BokehRenderer("scatter")
         self._settings = settings or RenderSettings().updated({"camera": {"blur": width / 40}})
         self.result: RenderResult | None = None
-        self.line = "click where it shall be sharp"
+        self.line = "click to focus"
         self.picture = picture_url(scene.image)
 
     @traitlets.observe("clicked")

@@ -1,4 +1,4 @@
-"""Pixels in memory that two processes share: a file that both have mapped, on Linux in ``/dev/shm``."""
+"""Pixels in shared memory of two processes: a file mapped by both, on Linux in ``/dev/shm``."""
 
 import mmap
 from collections.abc import Iterator, Mapping
@@ -21,26 +21,27 @@ __all__ = ["SharedPixels"]
 Array = npt.NDArray[np.float32]
 Kind = Literal["depth", "1/z", "disparity", "defocus"]
 
-_MOST = 1 << 16  # pixels along a side
+_MAX_SIDE_PX = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PixelLayout:
-    """Where what lies in the file; all are float32, rows from the top down, with no gaps.
+    """Layout of the file; all arrays are float32, rows from the top down, without padding.
 
     Attributes:
-        file: What is mapped.
-        width: Of the picture, pixels.
-        height: Likewise.
-        image: Where the picture begins, bytes: (height, width, 4), premultiplied scene-linear RGBA.
-        depth: Where the map begins: (height, width).
-        result: Where the result goes, as the picture is; its own place is allowed.
-        matte: Where a foreground's coverage begins, (height, width); None where there is none.
-        kind: Of the map: metres along the axis, their inverse, relative disparity, or blur radii in pixels.
-        x: Column of the shown picture, whose width that of the sensor spans, in which the first pixel lies.
-        y: Its row.
-        display_width: Of the shown picture, pixels; 0 is ``width``.
-        display_height: Likewise.
+        file: Path of the mapped file.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
+        image: Offset of the picture, bytes: (height, width, 4), premultiplied scene-linear RGBA.
+        depth: Offset of the map, bytes: (height, width).
+        result: Offset of the result, bytes, with the shape of the picture; may equal ``image``.
+        matte: Offset of a foreground's coverage, bytes, (height, width); None if there is none.
+        kind: Kind of the map: depth in metres along the axis, its inverse, relative disparity, or blur radii
+            in pixels.
+        x: Column of the first pixel in the display window, whose width corresponds to that of the sensor.
+        y: Row of the first pixel in the display window.
+        display_width: Width of the display window, pixels; 0 for ``width``.
+        display_height: Height of the display window, pixels; 0 for ``height``.
     """
 
     file: str
@@ -58,30 +59,30 @@ class PixelLayout:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            _check_whole(name, getattr(self, name), 1, _MOST)
+            _check_integer(name, getattr(self, name), 1, _MAX_SIDE_PX)
         for name in ("display_width", "display_height"):
-            _check_whole(name, getattr(self, name), 0, _MOST)
+            _check_integer(name, getattr(self, name), 0, _MAX_SIDE_PX)
         for name in ("image", "depth", "result"):
-            _check_whole(name, getattr(self, name), 0, 1 << 48)
+            _check_integer(name, getattr(self, name), 0, 1 << 48)
         for name in ("x", "y"):
-            _check_whole(name, getattr(self, name), -_MOST, _MOST)
+            _check_integer(name, getattr(self, name), -_MAX_SIDE_PX, _MAX_SIDE_PX)
         if self.matte is not None:
-            _check_whole("matte", self.matte, 0, 1 << 48)
+            _check_integer("matte", self.matte, 0, 1 << 48)
         if self.kind not in get_args(Kind):
             raise ParameterError("pixels.kind", f"one of {', '.join(get_args(Kind))}", self.kind)
 
 
 class SharedPixels:
-    """A picture and its map in shared memory, and the place of the result.
+    """A picture with its map and the space for the result in shared memory.
 
     Args:
-        layout: Where what lies.
-        memory: What is mapped.
+        layout: Layout of the memory.
+        memory: Mapped file.
 
     Examples:
         >>> _ = Path("shared").write_bytes(np.ones((4, 6, 5), np.float32).tobytes())
-        >>> told = {"file": "shared", "width": 6, "height": 4, "image": 0, "depth": 384, "result": 0}
-        >>> with SharedPixels.opened(told) as pixels:
+        >>> layout = {"file": "shared", "width": 6, "height": 4, "image": 0, "depth": 384, "result": 0}
+        >>> with SharedPixels.opened(layout) as pixels:
         ...     pixels.scene().depth.kind
         'metric'
     """
@@ -94,44 +95,48 @@ class SharedPixels:
 
     @staticmethod
     @contextmanager
-    def opened(told: Mapping[str, Any]) -> Iterator["SharedPixels"]:
-        """Map the file that a request names.
+    def opened(layout: Mapping[str, Any]) -> Iterator["SharedPixels"]:
+        """Map the file of a request.
 
         Args:
-            told: Fields of the layout.
+            layout: Fields of a :class:`PixelLayout`.
 
         Raises:
-            ParameterError: A field is missing, unknown or out of range, or the file is too short for it.
+            ParameterError: A field is missing, unknown or out of range, or the file is too short.
             ImageFileError: The file cannot be opened.
         """
         known = {item.name for item in fields(PixelLayout)}
-        needed = ("file", "width", "height", "image", "depth", "result")
-        if not isinstance(told, Mapping) or set(told) - known or any(name not in told for name in needed):
-            expected = f"fields {', '.join(needed)}, and others of {', '.join(sorted(known))}"
-            raise ParameterError("pixels", expected, shown=str(told))
-        layout = PixelLayout(**told)
+        required = ("file", "width", "height", "image", "depth", "result")
+        if (
+            not isinstance(layout, Mapping)
+            or set(layout) - known
+            or any(name not in layout for name in required)
+        ):
+            expected = f"fields {', '.join(required)}, and others of {', '.join(sorted(known))}"
+            raise ParameterError("pixels", expected, shown=str(layout))
+        pixel_layout = PixelLayout(**layout)
         try:
-            with Path(layout.file).open("r+b") as file:
+            with Path(pixel_layout.file).open("r+b") as file:
                 memory = mmap.mmap(file.fileno(), 0)
         except (OSError, ValueError) as error:
-            raise ImageFileError(f"cannot map {layout.file}: {error}") from error
-        pixels = SharedPixels(layout, memory)
+            raise ImageFileError(f"cannot map {pixel_layout.file}: {error}") from error
+        pixels = SharedPixels(pixel_layout, memory)
         try:
             yield pixels
         finally:
-            pixels._let_go()
-            with suppress(BufferError):  # somebody still looks at an array of it: it goes with that one
+            pixels._release()
+            with suppress(BufferError):  # another array still uses the memory, which closes with that array
                 memory.close()
 
     def scene(self) -> Scene:
-        """Return the picture with its map as a scene; where coverage is 1 all over, without alpha."""
-        told, alpha = self._layout, np.clip(self._image[..., 3], 0, 1)
-        width, height = told.display_width or told.width, told.display_height or told.height
+        """Return the picture with its map as a scene; without alpha if coverage is 1 everywhere."""
+        layout, alpha = self._layout, np.clip(self._image[..., 3], 0, 1)
+        width, height = layout.display_width or layout.width, layout.display_height or layout.height
         window = Window(
-            x=told.x,
-            y=told.y,
-            width=told.width,
-            height=told.height,
+            x=layout.x,
+            y=layout.y,
+            width=layout.width,
+            height=layout.height,
             display_width=width,
             display_height=height,
         )
@@ -144,7 +149,7 @@ class SharedPixels:
         )
 
     def write(self, result: RenderResult) -> None:
-        """Put a result in its place, with its coverage."""
+        """Store a result with its coverage."""
         self._result[..., :3] = result.bokeh
         self._result[..., 3] = 1 if result.alpha is None else result.alpha
 
@@ -170,10 +175,10 @@ class SharedPixels:
             raise ParameterError(f"pixels.{name}", expected, offset)
         return np.frombuffer(self._memory, np.float32, count, offset)
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         del self._image, self._result, self._depth, self._matte
 
 
-def _check_whole(name: str, value: object, low: int, high: int) -> None:
+def _check_integer(name: str, value: object, low: int, high: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
         raise ParameterError(f"pixels.{name}", f"a whole number, {low} to {high}", value)

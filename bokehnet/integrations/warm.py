@@ -1,6 +1,6 @@
-"""A renderer that stays warm behind a pipe: ``python -m bokehnet.integrations.warm``.
+"""Render server behind a pipe with a renderer that stays loaded: ``python -m bokehnet.integrations.warm``.
 
-Each line of stdin is a request, each line of stdout an answer, all JSON objects in UTF-8::
+Each line of stdin is a request, each line of stdout a response, all JSON objects in UTF-8::
 
     {"id": 1, "picture": "in.exr", "settings": {"camera": {"f_number": 2}}, "output": "out.exr"}
     {"id": 2, "pixels": {"file": "/dev/shm/bokeh", "width": 64, "height": 48, ...}, "settings": {...}}
@@ -11,9 +11,9 @@ Each line of stdin is a request, each line of stdout an answer, all JSON objects
     {"id": 1, "result": {"largest_blur": 12.5, "notes": []}}
     {"id": 2, "error": {"message": "...", "parameter": "camera.f_number", "expected": ..., "remedy": ...}}
 
-Settings are groups and fields as in TOML files. With ``"plain": true`` an EXR gets the picture alone, none of
-the other channels of its input. Requests are worked through one after the other. With the end of stdin the
-process ends. What ``pixels`` may say stands at :class:`bokehnet.integrations.shared_pixels.PixelLayout`.
+Settings are groups and fields as in TOML files. With ``"plain": true`` an EXR contains the picture only, none
+of the other channels of its input. Requests are processed in sequence. The process ends at the end of stdin.
+The fields of ``pixels`` are those of :class:`bokehnet.integrations.shared_pixels.PixelLayout`.
 """
 
 import json
@@ -29,7 +29,7 @@ from typing import Any, TextIO
 
 from bokehnet.errors import BokehnetError, ParameterError, RenderCancelled
 from bokehnet.integrations.shared_pixels import SharedPixels
-from bokehnet.io.frame import detached
+from bokehnet.io.frame import without_origin
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
@@ -44,29 +44,29 @@ _CANCELLED = "cancelled"
 
 
 class WarmRenderer:
-    """Answers requests with one renderer that is kept.
+    """Answers requests with one renderer that stays loaded.
 
     Args:
-        answers: Where answers are written, a line each.
+        responses: Stream for the responses, one per line.
 
     Examples:
-        >>> WarmRenderer(sys.stdout).work_through(['{"id": 7, "picture": "none.exr", "output": "o.png"}'])
+        >>> WarmRenderer(sys.stdout).process(['{"id": 7, "picture": "none.exr", "output": "o.png"}'])
         {"id": 7, "error": {"message": "...", ...}}
     """
 
-    def __init__(self, answers: TextIO) -> None:
-        self._answers = answers
+    def __init__(self, responses: TextIO) -> None:
+        self._responses = responses
         self._renderer = BokehRenderer()
-        self._waiting: SimpleQueue[tuple[dict[str, Any], threading.Event] | None] = SimpleQueue()
-        self._writing, self._knowing = threading.Lock(), threading.Lock()
-        self._cancels: list[tuple[Any, threading.Event]] = []  # of requests that wait or run
+        self._queue: SimpleQueue[tuple[dict[str, Any], threading.Event] | None] = SimpleQueue()
+        self._write_lock, self._cancel_lock = threading.Lock(), threading.Lock()
+        self._cancels: list[tuple[Any, threading.Event]] = []  # of waiting and running requests
 
-    def work_through(self, lines: Iterable[str]) -> None:
-        """Answer requests until they end; a request is cancelled while it waits or runs."""
+    def process(self, lines: Iterable[str]) -> None:
+        """Answer requests until their end; waiting and running requests can be cancelled."""
         reader = threading.Thread(target=self._read, args=(lines,), daemon=True)
         reader.start()
-        while (waiting := self._waiting.get()) is not None:
-            self._answer(*waiting)
+        while (entry := self._queue.get()) is not None:
+            self._answer(*entry)
 
     def _read(self, lines: Iterable[str]) -> None:
         for line in lines:
@@ -75,7 +75,7 @@ class WarmRenderer:
                 if not isinstance(request, dict):
                     raise ValueError(line)
             except ValueError:
-                self._say(
+                self._send(
                     {"id": None, "error": {"message": f"expected a JSON object in a line, got {line[:80]!r}"}}
                 )
                 continue
@@ -83,14 +83,14 @@ class WarmRenderer:
                 self._cancel(request["cancel"])
             else:
                 cancel = threading.Event()
-                with self._knowing:
+                with self._cancel_lock:
                     self._cancels.append((request.get("id"), cancel))
-                self._waiting.put((request, cancel))
-        self._waiting.put(None)
+                self._queue.put((request, cancel))
+        self._queue.put(None)
 
     def _cancel(self, number: Any) -> None:
-        """Cancel the requests of a number; one that was answered already is nothing to cancel."""
-        with self._knowing:
+        """Cancel the requests with this id; ignores ids of answered requests."""
+        with self._cancel_lock:
             for known, cancel in self._cancels:
                 if known == number:
                     cancel.set()
@@ -100,17 +100,17 @@ class WarmRenderer:
         try:
             result = self._rendered(request, number, cancel)
         except RenderCancelled:
-            answer: dict[str, Any] = {"error": {"message": _CANCELLED}}
+            response: dict[str, Any] = {"error": {"message": _CANCELLED}}
         except BokehnetError as error:
-            answer = {"error": _told(error)}
+            response = {"error": _error_table(error)}
         except Exception:
             traceback.print_exc()
-            answer = {"error": {"message": f"a bug of bokehnet: {traceback.format_exc(limit=-1)}"}}
+            response = {"error": {"message": f"a bug of bokehnet: {traceback.format_exc(limit=-1)}"}}
         else:
-            answer = {"result": result}
-        with self._knowing:
-            self._cancels = [one for one in self._cancels if one[1] is not cancel]
-        self._say({"id": number, **answer})
+            response = {"result": result}
+        with self._cancel_lock:
+            self._cancels = [entry for entry in self._cancels if entry[1] is not cancel]
+        self._send({"id": number, **response})
 
     def _rendered(self, request: dict[str, Any], number: Any, cancel: threading.Event) -> dict[str, Any]:
         known = {"id", "picture", "settings", "output", "plain", "pixels"}
@@ -119,7 +119,7 @@ class WarmRenderer:
         settings = RenderSettings().updated(request.get("settings", {}))
 
         def report(done: int, total: int) -> None:
-            self._say({"id": number, "done": done, "total": total})
+            self._send({"id": number, "done": done, "total": total})
 
         if "pixels" in request:
             with SharedPixels.opened(request["pixels"]) as pixels:
@@ -133,17 +133,17 @@ class WarmRenderer:
         check_memory(request["picture"], settings)
         scene = read_scene(request["picture"], settings)
         if request.get("plain") and scene.frame is not None:
-            scene = replace(scene, frame=detached(scene.frame))
+            scene = replace(scene, frame=without_origin(scene.frame))
         output = Path(request["output"])
         check_output(output, settings.output, scene.frame)
         result = self._renderer.render(scene, settings, report, cancel=cancel)
         result.save(output)
         return _summary(result.report)
 
-    def _say(self, answer: dict[str, Any]) -> None:
-        with self._writing:  # two threads answer
-            self._answers.write(json.dumps(answer) + "\n")
-            self._answers.flush()
+    def _send(self, response: dict[str, Any]) -> None:
+        with self._write_lock:  # two threads write
+            self._responses.write(json.dumps(response) + "\n")
+            self._responses.flush()
 
 
 def _summary(report: RenderReport) -> dict[str, Any]:
@@ -156,24 +156,24 @@ def _summary(report: RenderReport) -> dict[str, Any]:
     }
 
 
-def _told(error: BokehnetError) -> dict[str, str]:
-    told = {"message": " ".join(str(error).split())}
+def _error_table(error: BokehnetError) -> dict[str, str]:
+    table = {"message": " ".join(str(error).split())}
     if isinstance(error, ParameterError):
-        told |= {"parameter": error.parameter, "expected": error.expected, "remedy": error.remedy}
+        table |= {"parameter": error.parameter, "expected": error.expected, "remedy": error.remedy}
         if error.has_got:
-            told["got"] = str(error.got)
-    return told
+            table["got"] = str(error.got)
+    return table
 
 
 def main() -> None:
-    """Answer stdin on stdout, which nothing else may write to."""
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    """Answer requests from stdin on stdout, which no other code may write to."""
+    responses = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     sys.stdout = sys.stderr
     sys.stdin.reconfigure(encoding="utf-8")  # type: ignore[union-attr]
-    warm = WarmRenderer(answers)
-    warm._say({"ready": __version__})
-    warm.work_through(sys.stdin)
+    renderer = WarmRenderer(responses)
+    renderer._send({"ready": __version__})
+    renderer.process(sys.stdin)
 
 
 if __name__ == "__main__":

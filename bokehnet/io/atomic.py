@@ -1,4 +1,4 @@
-"""Writing a file so that a crash or a full disk never leaves half of it or destroys an older one."""
+"""Atomic file writes: a crash or a full disk leaves no partial file and keeps the previous one."""
 
 import contextlib
 import os
@@ -15,11 +15,11 @@ _PREFIX = ".bokehnet-"
 
 
 def check_target(path: Path | str, *, error: type[BokehnetError] = ImageFileError) -> None:
-    """Raise ``error`` unless a file could be written at ``path``; nothing is touched.
+    """Raise ``error`` unless a file can be written at ``path``; changes nothing.
 
     Args:
-        path: where a file shall go; its folder must exist and be writable, and an older file too.
-        error: class of the error that is raised.
+        path: File to write; its folder must exist and be writable, and so must an existing file.
+        error: Class of the raised error.
     """
     path = Path(path)
     folder = path.parent
@@ -43,22 +43,22 @@ def write_atomic(
     error: type[BokehnetError] = ImageFileError,
     room: int = 0,
 ) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, then put it in place in one step.
+    """Let ``write`` fill a temporary file in the folder of ``path``, then rename it in one step.
 
-    The temporary file is hidden, has the same extension and reaches the disk before it takes the name.
-    Whatever goes wrong, it is removed and the older file stays as it was. The new file gets the mode of
-    the older one, else that of the umask; a symbolic link is followed, not replaced.
+    The temporary file is hidden, has the same extension and is flushed to disk before the rename. On any
+    failure it is removed and an existing file remains unchanged. The new file gets the mode of the replaced
+    file, otherwise the mode from the umask; a symbolic link is followed, not replaced.
 
     Args:
-        path: the file to write.
-        write: fills the file whose path it is given; that file exists and is empty.
-        error: class of the error that an ``OSError`` becomes.
-        room: bytes that must be free before ``write`` is called, for encoders that do not survive a
-            full disk; 0 asks for nothing.
+        path: File to write.
+        write: Callback that fills the file at the path it receives; that file exists and is empty.
+        error: Class of the error that replaces an ``OSError``.
+        room: Bytes that must be free before ``write`` is called, for encoders that crash on a full disk; 0
+            skips the check.
 
     Raises:
-        BokehnetError: of class ``error``, when the file cannot be written; whatever ``write`` raises
-            besides ``OSError`` passes through.
+        BokehnetError: Of class ``error``, if the file cannot be written; other exceptions of ``write``
+            than ``OSError`` pass through.
     """
     check_target(path, error=error)
     target = Path(os.path.realpath(path))
@@ -90,13 +90,13 @@ def write_text(path: Path | str, text: str, *, error: type[BokehnetError] = Imag
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files that killed processes left in ``folder``; nobody else may write there now."""
+    """Remove temporary files that killed processes left in ``folder``; no other process may write there."""
     for leftover in folder.glob(f"{_PREFIX}*"):
         leftover.unlink()
 
 
 def _create(temporary: Path, room: int) -> None:
-    """Make an empty file, after proof that ``room`` bytes fit."""
+    """Create an empty file after checking that ``room`` bytes fit on the disk."""
     with temporary.open("xb") as file:
         if room:
             if hasattr(os, "posix_fallocate"):
@@ -113,7 +113,7 @@ def _flush(file: Path) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    if os.name == "posix":  # elsewhere a folder cannot be opened
+    if os.name == "posix":  # other systems cannot open a folder
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)

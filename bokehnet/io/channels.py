@@ -1,4 +1,4 @@
-"""EXR files with many named channels, and text beside them."""
+"""EXR files with any number of named channels and text attributes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ __all__ = ["ChannelFile", "read_channels", "write_channels"]
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelFile:
-    """What :func:`read_channels` found: channels (H, W), float32, and the text attributes of the file."""
+    """Channels of a file, (H, W) float32 by name, and its text attributes."""
 
     channels: dict[str, NDArray[np.float32]]
     attributes: dict[str, str]
@@ -28,16 +28,16 @@ class ChannelFile:
 def write_channels(
     path: Path | str, channels: Mapping[str, NDArray[Any]], attributes: Mapping[str, str] | None = None
 ) -> None:
-    """Write channels as float32 EXR, exactly, atomically; infinity is kept.
+    """Write channels as lossless float32 EXR, atomically; infinity is kept.
 
     Args:
-        path: ends with ``.exr``.
-        channels: arrays (H, W) of one size by name, such as ``R`` or ``normal.X``.
-        attributes: text by name, such as ``bokehnet:samples``.
+        path: File to write, with extension ``.exr``.
+        channels: Arrays (H, W) of one size by name, such as ``R`` or ``normal.X``.
+        attributes: Text by name, such as ``bokehnet:samples``.
 
     Raises:
-        ImageFileError: another extension, or the file cannot be written.
-        ShapeError: the sizes differ, or there is nothing to write.
+        ImageFileError: The extension is another one, or the file cannot be written.
+        ShapeError: The sizes differ, or ``channels`` is empty.
     """
     path = Path(path)
     check_writable(path, (".exr",))
@@ -50,10 +50,10 @@ def write_channels(
 
 
 def read_channels(path: Path | str) -> ChannelFile:
-    """Read all channels of the first part of a file, as they are stored, and its text attributes.
+    """Read all channels of the first part of a file, as stored, and its text attributes.
 
     Raises:
-        ImageFileError: the file cannot be read.
+        ImageFileError: The file cannot be read.
     """
     with ImageFile(path) as file:
         part = file.parts[0]

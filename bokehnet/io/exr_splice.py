@@ -1,7 +1,7 @@
-"""An OpenEXR file with some channels of one part replaced, and everything else as it was.
+"""Replace some channels of one part of an OpenEXR file and keep everything else.
 
-The part is encoded anew, from its other channels as they are stored and the new ones; then its chunks are
-set into a copy of the file. Headers and all other parts, deep ones too, are copied byte by byte.
+The part is encoded anew from its stored channels and the new ones; then its chunks replace the old ones in a
+copy of the file. Headers and all other parts, deep ones too, are copied byte by byte.
 """
 
 import os
@@ -20,33 +20,33 @@ from bokehnet.io.pixels import ImageFile, Part
 
 __all__ = ["write_replaced"]
 
-_LARGEST_HALF = 65504.0
+_MAX_HALF = 65504.0
 
-# What a new encoding may choose by itself; all other attributes stay.
-_OF_THE_ENCODING = ("compression", "lineOrder", "tiles")
+# Attributes that the new encoding may change; all others are kept.
+_ENCODING_ATTRIBUTES = ("compression", "lineOrder", "tiles")
 
-# Before the data of a chunk stand its position and the sizes of what follows, by type of part.
+# Layout of the position and size fields in front of the data of a chunk, by type of part.
 _CHUNK_HEADS = {"scanlineimage": "<iI", "tiledimage": "<4iI", "deepscanline": "<i3Q", "deeptile": "<4i3Q"}
 
 
 def write_replaced(
     target: Path, source: ImageFile, part: Part, replaced: Mapping[str, NDArray[np.float32]]
 ) -> None:
-    """Write ``source`` to ``target`` with the channels ``replaced`` (H, W) of ``part`` in place of its own.
+    """Write ``source`` to ``target`` with the channels ``replaced`` (H, W) of ``part`` exchanged.
 
-    The types of the channels stay; half is clipped to +-65504. Compression stays, except for HTJ2K and for
-    whole numbers in PXR24, which become ZIP. Other channels of the same part stay exactly as they are under
-    lossless compression, and are compressed once more under B44 and DWA. Mip levels are dropped.
+    Channel types are kept; half is clipped to +-65504. Compression is kept, except that HTJ2K, and PXR24 with
+    integer channels, become ZIP. Other channels of the same part are unchanged under lossless compression,
+    and are compressed once more under B44 and DWA. Mip levels are dropped.
 
     Args:
-        target: an empty file, overwritten; a second one beside it is needed for a while.
-        source: an open EXR file.
-        part: of ``source``.
-        replaced: float32 by name of the channel; names that the part does not have are added, as float.
+        target: Empty file to overwrite; a temporary second file is created in its folder.
+        source: Open EXR file.
+        part: Part of ``source``.
+        replaced: Float32 values by channel name; names missing from the part are added as float channels.
 
     Raises:
-        OSError: the target cannot be written, or the source changes meanwhile.
-        ImageFileError: the source is damaged.
+        OSError: The target cannot be written, or the source changes during the copy.
+        ImageFileError: The source is damaged.
     """
     assert source.headers is not None
     donor = target.with_name(f"{target.stem}-part{target.suffix}")
@@ -60,7 +60,7 @@ def write_replaced(
 def _encode_part(
     donor: Path, source: ImageFile, part: Part, replaced: Mapping[str, NDArray[np.float32]]
 ) -> None:
-    """Write one part as a file of its own, a band of rows after the other."""
+    """Write one part to a file of its own, band of rows by band of rows."""
     added = [name for name in replaced if name not in part.channels]
     names = (*part.channels, *added)
     spec = _donor_spec(source, part, added)
@@ -75,7 +75,7 @@ def _encode_part(
         for name, channel in replaced.items():
             index = names.index(name)
             clipped = name not in added and part.formats[index] == "half"
-            new = np.clip(channel[rows], -_LARGEST_HALF, _LARGEST_HALF) if clipped else channel[rows]
+            new = np.clip(channel[rows], -_MAX_HALF, _MAX_HALF) if clipped else channel[rows]
             values[..., index] = new
         top, bottom = spec.y + rows.start, spec.y + rows.stop
         written = (
@@ -91,16 +91,16 @@ def _encode_part(
 
 
 def _donor_spec(source: ImageFile, part: Part, added: Sequence[str]) -> oiio.ImageSpec:
-    """Describe the part alone. Whole numbers go through the encoder as the bits of floats."""
+    """Return the header of the part alone. Integers pass through the encoder as the bits of floats."""
     stored = source.spec(part)
     formats = ["half" if name == "half" else "float" for name in part.formats] + ["float"] * len(added)
     spec = oiio.ImageSpec(part.width, part.height, len(formats), formats[0])
     try:
         spec.channelnames = (*part.channels, *added)
-    except RuntimeError as error:  # bytes that are no text of UTF-8
+    except RuntimeError as error:  # bytes that are not UTF-8
         expected = "expected names of channels in UTF-8; the file is damaged"
         raise ImageFileError(f"{source.path}: {expected}") from error
-    if len(set(formats)) > 1:  # else the encoder takes the type of all
+    if len(set(formats)) > 1:  # otherwise the encoder uses the common type
         spec.channelformats = tuple(oiio.TypeDesc(name) for name in formats)
     spec.x, spec.y = stored.x, stored.y
     spec.full_x, spec.full_y = stored.full_x, stored.full_y
@@ -116,13 +116,13 @@ def _donor_spec(source: ImageFile, part: Part, added: Sequence[str]) -> oiio.Ima
 
 
 def _splice(target: Path, path: Path, headers: ExrHeaders, index: int, donor: Path) -> None:
-    """Copy the file at ``path`` with the chunks of ``donor`` as those of the part ``index``."""
+    """Copy the file at ``path`` with the chunks of the part ``index`` replaced by those of ``donor``."""
     new = read_headers(donor)
     attributes = dict(headers.parts[index])
     attributes["channels"] = with_channels(attributes["channels"], new.parts[0]["channels"])
     if channel_sizes(new.parts[0]["channels"]) != channel_sizes(attributes["channels"]):
         raise OSError("the encoder cannot keep the channels as they are")
-    for name in _OF_THE_ENCODING:
+    for name in _ENCODING_ATTRIBUTES:
         if name in new.parts[0]:
             attributes[name] = new.parts[0][name]
     with target.open("wb") as output, path.open("rb") as old, donor.open("rb") as fresh:
@@ -137,7 +137,7 @@ def _splice(target: Path, path: Path, headers: ExrHeaders, index: int, donor: Pa
         tables[index] = own
         output.write(merged)
         output.write(bytes(8 * sum(map(len, tables))))
-        most = output.tell() + path.stat().st_size + donor.stat().st_size
+        max_size = output.tell() + path.stat().st_size + donor.stat().st_size
         written: list[int] = []
         for number, table in enumerate(tables):
             kind = _kind(parts[number])
@@ -148,27 +148,27 @@ def _splice(target: Path, path: Path, headers: ExrHeaders, index: int, donor: Pa
                 if number == index:
                     _copy_chunk(fresh, offset, kind, output)
                 else:
-                    _copy_chunk(old, offset + 4, kind, output)  # behind the number of the part
-                if output.tell() > most:
+                    _copy_chunk(old, offset + 4, kind, output)  # after the part number
+                if output.tell() > max_size:
                     raise ImageFileError(f"{path}: the chunks of a part overlap; the file is damaged")
         output.seek(len(merged))
         output.write(struct.pack(f"<{len(written)}Q", *written))
 
 
 def _tables(file: BinaryIO, headers: ExrHeaders) -> list[list[int]]:
-    """Return where the chunks of each part begin, for a file with several parts."""
+    """Return the chunk offsets of each part of a multi-part file."""
     file.seek(headers.end)
     counts = [attributes.get("chunkCount") for attributes in headers.parts]
     if None in counts:
-        raise OSError("a part does not tell how many chunks it has; the file is damaged")
+        raise OSError("a part has no chunk count; the file is damaged")
     values = [count.value() for count in counts if count is not None]
     return [_offsets(file, value if isinstance(value, int) else 0) for value in values]
 
 
 def _offsets(file: BinaryIO, count: int) -> list[int]:
-    """Read ``count`` positions in a file."""
+    """Read ``count`` chunk offsets from a file."""
     if count < 0:
-        raise OSError("a part tells of less than no chunks; the file is damaged")
+        raise OSError("a part has a negative chunk count; the file is damaged")
     table = file.read(8 * count)
     if len(table) < 8 * count:
         raise OSError("the table of chunks is cut off")
@@ -186,10 +186,10 @@ def _kind(attributes: Mapping[str, Attribute]) -> str:
 
 
 def _copy_chunk(file: BinaryIO, offset: int, kind: str, output: BinaryIO) -> None:
-    """Copy one chunk, without the number of its part."""
+    """Copy one chunk, without its part number."""
     layout = _CHUNK_HEADS[kind]
     head = b""
-    if offset < os.fstat(file.fileno()).st_size:  # a damaged table names places where no file can go on
+    if offset < os.fstat(file.fileno()).st_size:  # a damaged table may point beyond the end of the file
         file.seek(offset)
         head = file.read(struct.calcsize(layout))
     if len(head) < struct.calcsize(layout):
@@ -204,7 +204,7 @@ def _copy_chunk(file: BinaryIO, offset: int, kind: str, output: BinaryIO) -> Non
 
 
 def _copy(file: BinaryIO, size: int, output: BinaryIO) -> None:
-    """Copy ``size`` bytes, or what there is."""
+    """Copy ``size`` bytes, or fewer if the file ends before."""
     while size > 0 and (block := file.read(min(size, 2**20))):
         output.write(block)
         size -= len(block)

@@ -1,4 +1,4 @@
-"""Pictures: files to scene-linear arrays and back."""
+"""Read and write pictures as scene-linear arrays."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +32,7 @@ from bokehnet.io.store import store_picture
 __all__ = [
     "IMAGE_EXTENSIONS",
     "MAP_EXTENSIONS",
-    "check_beside",
+    "check_extra_channels",
     "check_writable",
     "read_image",
     "write_image",
@@ -43,33 +43,33 @@ MAP_EXTENSIONS = (".png", ".exr", ".pfm")
 
 
 def read_image(path: Path | str, *, like: ColorSpace = LINEAR_REC709) -> NDArray[np.float32]:
-    """Read a picture as scene-linear light, Rec.709 primaries; 1 is white, values above 1 are kept.
+    """Read a picture as scene-linear light, Rec.709 primaries; 1 is white, larger values are kept.
 
-    Whole numbers (JPEG, PNG, TIFF, WebP) are decoded through the colour profile, or by what else the file
-    says of its colours, else from sRGB; colours outside Rec.709 have negative values. EXR, HDR, PFM and
+    Integers (JPEG, PNG, TIFF, WebP) are decoded through the colour profile, otherwise through the colour
+    metadata of the file, otherwise from sRGB; colours outside Rec.709 have negative values. EXR, HDR, PFM and
     floating-point TIFF without a profile are linear already. EXIF orientation is applied. Grey becomes three
-    equal channels. EXR gives its channels R, G, B, bare or under a layer name, else Y; others are ignored.
-    Of an EXR the data window is read, with overscan; primaries are taken as they are.
+    equal channels. EXR provides its channels R, G, B, bare or under a layer name, otherwise Y; others are
+    ignored. The data window of an EXR is read, with overscan; its chromaticities are ignored.
 
-    Alpha is dropped by laying the picture over black, in linear light: straight colours (PNG, WebP) are
-    multiplied by alpha, premultiplied ones (EXR) are the light itself and stay as they are.
+    Alpha is dropped by compositing over black, in linear light: straight colours (PNG, WebP) are
+    multiplied by alpha, premultiplied ones (EXR) are the light itself and remain unchanged.
 
     Args:
         path: JPEG, PNG (8 or 16 bit), TIFF, WebP, JPEG XL, EXR, HDR or PFM file; HEIC and HEIF with the extra
             ``heif``.
-        like: Space whose primaries the values have.
+        like: Colour space that provides the primaries of the result.
 
     Returns:
         Image of shape (H, W, 3).
 
     Raises:
-        ImageFileError: The file cannot be read, has no colours, holds NaN or infinity, or its colour
-            profile is of a kind that is not followed.
-        MissingExtraError: A HEIF file, and pillow-heif is not installed.
+        ImageFileError: The file cannot be read, has no colours, holds NaN or infinity, or the kind of its
+            colour profile is unsupported.
+        MissingExtraError: The file is HEIF, and pillow-heif is not installed.
     """
     if is_heif(path):
-        found = read_heif(path)
-        image, space = found.image, found.space
+        heif = read_heif(path)
+        image, space = heif.image, heif.space
     else:
         with ImageFile(path) as file:
             picture = find_picture(file)
@@ -89,45 +89,45 @@ def write_image(
     color_space: Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"] = "srgb",
     subsampling: Subsampling = "4:4:4",
     dither: bool = True,
-    beside: Mapping[str, NDArray[Any]] | None = None,
+    extra_channels: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
-    """Write a scene-linear picture atomically; the extension picks the format.
+    """Write a scene-linear picture atomically; the extension selects the format.
 
     ``.png``, ``.jpg``, ``.tif``, ``.webp``, ``.jxl``, ``.avif`` (extra ``avif``) and ``.heic`` (extra
     ``heif``) are clipped to [0, 1], encoded and rounded. ``.exr`` is linear half with ZIP compression,
     clipped to +-65504. ``.hdr`` is linear, negative values become 0; ``.pfm`` is linear.
 
-    With ``alpha``, PNG, TIFF, WebP, AVIF and HEIC hold straight colours, which are divided by alpha in linear
-    light, EXR and PFM premultiplied ones; JPEG, JPEG XL and HDR hold the picture over black.
+    With ``alpha``, PNG, TIFF, WebP, AVIF and HEIC hold straight colours, divided by alpha in linear light;
+    EXR and PFM hold premultiplied ones; JPEG, JPEG XL and HDR hold the picture over black.
 
     Args:
-        path: Where the picture goes; one of ``IMAGE_EXTENSIONS``.
-        image: Scene-linear Rec.709, (H, W, 3), finite; premultiplied where there is alpha.
+        path: File to write, with one of ``IMAGE_EXTENSIONS``.
+        image: Scene-linear Rec.709, (H, W, 3), finite; premultiplied if there is alpha.
         alpha: Coverage, (H, W), 0 to 1, finite.
-        quality: Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP of 100 is without loss.
-        bits: Per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for EXR,
-            8 or 10 for HEIC. None takes the first of these.
-        color_space: Of the file, with a profile that tells it unless it is sRGB; "keep" is sRGB, too.
-        subsampling: Of the colours of JPEG, AVIF and HEIC.
-        dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
-        beside: Further channels of an EXR file, (H, W) by name, finite.
+        quality: Quality of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP at 100 is lossless.
+        bits: Bits per channel: 8 or 16 for PNG, 8, 16 or "float" (linear) for TIFF, "half" or "float" for
+            EXR, 8 or 10 for HEIC. None selects the first of these.
+        color_space: Colour space of the file, stored as a profile unless it is sRGB; "keep" means sRGB too.
+        subsampling: Chroma subsampling of JPEG, AVIF and HEIC.
+        dither: True dithers the rounding to 8 bits, so that gradients show no bands.
+        extra_channels: Additional channels of an EXR file, (H, W) by name, finite.
 
     Raises:
-        ImageFileError: Unknown extension, or the file cannot be written.
+        ImageFileError: The extension is unknown, or the file cannot be written.
         ShapeError, ParameterError: The array or an option is not as described.
     """
     path = Path(path)
     check_writable(path)
     check_image("image", image)
-    wanted = OutputFormat(
+    output_format = OutputFormat(
         color_space=color_space, bits=bits, quality=quality, subsampling=subsampling, dither=dither
     )
-    check_format(path, wanted)
+    check_format(path, output_format)
     if alpha is not None:
         check_map("alpha", alpha)
         check_same_size("the picture", image, "alpha", alpha)
-    check_beside(path, image, beside)
-    store_picture(path, image, alpha, wanted, beside=beside)
+    check_extra_channels(path, image, extra_channels)
+    store_picture(path, image, alpha, output_format, extra_channels=extra_channels)
 
 
 def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> None:
@@ -137,13 +137,13 @@ def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> 
     values.
 
     Args:
-        path: where the map goes; one of ``MAP_EXTENSIONS``.
-        values: (H, W), finite.
-        channel: name of the channel in an EXR file.
+        path: File to write, with one of ``MAP_EXTENSIONS``.
+        values: Map (H, W), finite.
+        channel: Name of the channel in an EXR file.
 
     Raises:
-        ImageFileError: unknown extension, or the file cannot be written.
-        ShapeError, ParameterError: the array is not as described.
+        ImageFileError: The extension is unknown, or the file cannot be written.
+        ShapeError, ParameterError: The array is not as described.
     """
     path = Path(path)
     check_writable(path, MAP_EXTENSIONS)
@@ -159,29 +159,32 @@ def write_map(path: Path | str, values: NDArray[Any], *, channel: str = "Y") -> 
         encode(path, values.shape, np.uint8, grey, ("Y",), {})
 
 
-def check_beside(path: Path, image: NDArray[Any], beside: Mapping[str, NDArray[Any]] | None) -> None:
-    """Raise unless channels can be written beside a picture.
+def check_extra_channels(
+    path: Path, image: NDArray[Any], extra_channels: Mapping[str, NDArray[Any]] | None
+) -> None:
+    """Raise unless additional channels can be written with a picture.
 
     Raises:
-        ShapeError: They are of another size.
-        ParameterError: NaN or infinity, or the format has no such channels.
+        ShapeError: Their size differs from that of the picture.
+        ParameterError: They hold NaN or infinity, or the format has no additional channels.
     """
-    for name, channel in (beside or {}).items():
+    for name, channel in (extra_channels or {}).items():
         if path.suffix.lower() != ".exr":
-            raise ParameterError("beside", "nothing, as only EXR has further channels", name, "write an .exr")
+            expected = "nothing, as only EXR has further channels"
+            raise ParameterError("extra_channels", expected, name, "write an .exr")
         check_map(name, channel)
         check_same_size("the picture", image, name, channel)
 
 
 def check_writable(path: Path | str, extensions: tuple[str, ...] = IMAGE_EXTENSIONS) -> None:
-    """Raise unless a picture could be written at ``path``; call it before any long work.
+    """Raise unless a picture can be written at ``path``; call this before any long computation.
 
     Args:
-        path: where a picture shall go.
-        extensions: the known ones, lower case.
+        path: File to write.
+        extensions: Supported extensions, lower case.
 
     Raises:
-        ImageFileError: unknown extension, folder missing or not writable, or ``path`` is a folder.
+        ImageFileError: The extension is unknown, the folder is missing or read-only, or ``path`` is a folder.
     """
     path = Path(path)
     check_name(path)

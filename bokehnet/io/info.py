@@ -1,4 +1,4 @@
-"""What is in an image file, without deciding what to do with it."""
+"""Description of the content of an image file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ __all__ = ["ChannelRange", "ImageInfo", "image_info"]
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelRange:
-    """Smallest and largest finite value of a channel as stored; both NaN when nothing is finite."""
+    """Smallest and largest finite value of a stored channel; both NaN if no value is finite."""
 
     lowest: float
     highest: float
@@ -28,13 +28,13 @@ class ChannelRange:
 
 @dataclass(frozen=True, kw_only=True)
 class ImageInfo:
-    """What :func:`image_info` found.
+    """Size, channels, colour space and value ranges of an image file.
 
-    ``width`` and ``height`` are pixels of the upright picture, ``orientation`` is the EXIF tag that turned
-    it (1: none). ``color_space`` is ``"linear"``, or the space through which the file would be read:
-    ``"sRGB"``, or the name in its colour profile; it is empty where the profile is damaged or of a kind
-    that is not followed, and ``refusal`` says why such a file is not read as a picture. ``channels`` and
-    ``ranges`` are over all parts; ``ranges`` holds depth-like channels only.
+    ``width`` and ``height`` are pixels of the upright picture, ``orientation`` is the EXIF tag that was
+    applied (1: none). ``color_space`` is ``"linear"``, or the space that decodes the file: ``"sRGB"``, or
+    the name in its colour profile; it is empty if the profile is damaged or its kind is unsupported, and
+    ``refusal`` gives the reason why such a file cannot be read as a picture. ``channels`` and ``ranges``
+    cover all parts; ``ranges`` holds depth-like channels only.
     """
 
     width: int
@@ -50,23 +50,25 @@ class ImageInfo:
 
 
 def image_info(path: Path | str, progress: Progress | None = None) -> ImageInfo:
-    """Describe an image file. All pixels are decoded, so a damaged file is found out.
+    """Describe an image file. All pixels are decoded, so damage anywhere in the file is detected.
 
     Args:
         path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
-        progress: Is told how far it is, for each part and each few of its channels anew.
+        progress: Progress callback; the count restarts for each part and each group of channels.
 
     Raises:
-        ImageFileError: the file cannot be read.
+        ImageFileError: The file cannot be read.
     """
     with ImageFile(path, progress) as file:
         ranges: dict[str, ChannelRange] = {}
         for part in file.parts:
-            wanted = depth_channels(part.channels)
+            depth_names = depth_channels(part.channels)
             for start in range(0, len(part.channels), 4):  # in groups: all of an EXR may not fit in memory
                 names = part.channels[start : start + 4]
                 values = file.read(part, names)
-                ranges |= {name: _range(values[..., i]) for i, name in enumerate(names) if name in wanted}
+                ranges |= {
+                    name: _range(values[..., i]) for i, name in enumerate(names) if name in depth_names
+                }
         first = file.parts[0]
         name, refusal = "", ""
         try:

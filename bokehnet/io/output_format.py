@@ -1,4 +1,4 @@
-"""What a picture's file is to be like: bits, colour space, quality; and which formats can be that."""
+"""Bits, colour space and quality of output files, and the formats that support them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ Subsampling = Literal["4:4:4", "4:2:2", "4:2:0"]
 COLOR_SPACE_NAMES = ("keep", *COLOR_SPACES)
 SUBSAMPLINGS = ("4:4:4", "4:2:2", "4:2:0")
 
-# Bits of each format, the usual ones first.
+# Supported bits of each format, default first.
 _BITS: dict[str, tuple[Bits, ...]] = {
     ".png": (8, 16),
     ".jpg": (8,),
@@ -53,27 +53,27 @@ _BITS: dict[str, tuple[Bits, ...]] = {
 }
 IMAGE_EXTENSIONS = tuple(_BITS)
 
-# Written only where the installed OpenImageIO has them, by the name of its part.
+# Extensions that OpenImageIO may lack, with the name of the OpenImageIO format.
 _OPTIONAL = {".jxl": "jpegxl"}
 
-_SECOND_NAMES = (".jpeg", ".tiff", ".heif")
-_WITHOUT_PROFILE = (".hdr", ".pfm")
+_EXTENSION_ALIASES = (".jpeg", ".tiff", ".heif")
+_NO_PROFILE_EXTENSIONS = (".hdr", ".pfm")
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputFormat:
-    """How a picture is written.
+    """Colour space, bits and quality of an output file.
 
     Attributes:
-        color_space: ``"keep"`` for that of the picture's file, or one of ``COLOR_SPACE_NAMES``.
-        bits: Of each channel, or the type of floating-point values; None takes those of the picture's file
-            where the format has them.
-        quality: Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP of 100 is without loss.
-        subsampling: Of the colours of JPEG, AVIF and HEIC.
-        dither: Whether rounding to 8 bits spreads its error, so that slopes show no bands.
+        color_space: ``"keep"`` for the colour space of the input file, or one of ``COLOR_SPACE_NAMES``.
+        bits: Bits per channel, or the type of floating-point values; None keeps those of the input file if
+            the format supports them.
+        quality: Quality of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; WebP at 100 is lossless.
+        subsampling: Chroma subsampling of JPEG, AVIF and HEIC.
+        dither: True dithers the rounding to 8 bits, so that gradients show no bands.
 
     Raises:
-        ParameterError: A value is none of these.
+        ParameterError: A value is not one of these.
     """
 
     color_space: str = "keep"
@@ -89,37 +89,41 @@ class OutputFormat:
         check_flag("dither", self.dither)
 
 
-def check_format(path: Path, wanted: OutputFormat) -> None:
-    """Raise unless the format of ``path`` can be as wanted; nothing is touched.
+def check_format(path: Path, output_format: OutputFormat) -> None:
+    """Raise unless the format of ``path`` supports ``output_format``; changes nothing.
 
     Raises:
-        ImageFileError: The extension is unknown, or not written here.
-        MissingExtraError: An extra brings its encoder.
-        ParameterError: The format has no such bits, or cannot tell the colour space.
+        ImageFileError: The extension is unknown, or the installation cannot write it.
+        MissingExtraError: The encoder needs an optional dependency.
+        ParameterError: The format does not support the bits, or cannot store the colour space.
     """
     extension = check_extension(path, IMAGE_EXTENSIONS)
     allowed = _BITS[extension]
-    if wanted.bits is not None and wanted.bits not in allowed:
+    if output_format.bits is not None and output_format.bits not in allowed:
         expected = " or ".join(map(str, allowed)) or "none, since the format has its own,"
-        remedy = _way_to(wanted.bits)
+        remedy = _formats_hint(output_format.bits)
         raise ParameterError(
-            "bits", f"{expected} for {extension}", wanted.bits, remedy, shown=f"{wanted.bits}"
+            "bits",
+            f"{expected} for {extension}",
+            output_format.bits,
+            remedy,
+            shown=f"{output_format.bits}",
         )
-    if extension in _WITHOUT_PROFILE and wanted.color_space not in ("keep", "srgb"):
+    if extension in _NO_PROFILE_EXTENSIONS and output_format.color_space not in ("keep", "srgb"):
         raise ParameterError(
             "color_space",
-            f"keep or srgb for {extension}, which cannot tell another one",
-            wanted.color_space,
+            f"keep or srgb for {extension}, which cannot store another one",
+            output_format.color_space,
             "write .exr, or leave it out",
         )
 
 
 def check_extension(path: Path, extensions: tuple[str, ...]) -> str:
-    """Return the extension, lower case, or raise unless it can be written here.
+    """Return the extension in lower case, or raise unless it can be written.
 
     Raises:
-        ImageFileError: The extension is unknown, or what is installed does not write it.
-        MissingExtraError: An extra brings its encoder.
+        ImageFileError: The extension is unknown, or the installed libraries cannot write it.
+        MissingExtraError: The encoder needs an optional dependency.
     """
     extension = path.suffix.lower()
     if extension not in extensions:
@@ -127,7 +131,7 @@ def check_extension(path: Path, extensions: tuple[str, ...]) -> str:
         raise ImageFileError(f"{path}: unknown extension {path.suffix!r}, expected one of {known}")
     if extension in WHOLE_EXTENSIONS:
         check_encoder(path)
-    elif _OPTIONAL.get(extension, "png") not in _parts():
+    elif _OPTIONAL.get(extension, "png") not in _oiio_formats():
         raise ImageFileError(
             f"{path}: JPEG XL is not written by the installed OpenImageIO {oiio.__version__}; "
             "write .png, .jpg or .webp"
@@ -135,58 +139,58 @@ def check_extension(path: Path, extensions: tuple[str, ...]) -> str:
     return extension
 
 
-def choose_bits(extension: str, wanted: Bits | None, stored: Bits | None) -> Bits:
-    """Return what is written: what is wanted, else what the picture's file has, as near as the format can.
+def choose_bits(extension: str, requested: Bits | None, stored: Bits | None) -> Bits:
+    """Return the bits to write: the requested ones, otherwise the closest to those of the input file.
 
     Args:
-        extension: Of the file to be written.
-        wanted: None for nothing in particular.
-        stored: Of the file that was read; None if it does not matter.
+        extension: Extension of the file to write.
+        requested: Requested bits; None for no preference.
+        stored: Bits of the input file; None if they do not matter.
     """
     allowed = _BITS[extension] or ("float",)
-    if wanted is not None:
-        return wanted
+    if requested is not None:
+        return requested
     if stored in allowed:
         return stored
     return 16 if stored not in (None, 8) and 16 in allowed else allowed[0]
 
 
 def target_space(path: Path, source: ColorSpace, name: str, bits: Bits) -> ColorSpace:
-    """Return the space in which the values of a file are stored.
+    """Return the colour space of the stored values of a file.
 
     Args:
-        path: Of the file to be written.
-        source: Of the picture.
+        path: File to write.
+        source: Colour space of the picture.
         name: ``"keep"``, or one of ``COLOR_SPACE_NAMES``.
-        bits: That are written.
+        bits: Bits to write.
 
     Raises:
-        ImageFileError: The format cannot tell the space of the picture.
+        ImageFileError: The format cannot store the colour space of the picture.
     """
     extension = path.suffix.lower()
     space = source if name == "keep" else COLOR_SPACES[name]
-    if extension in _WITHOUT_PROFILE:
+    if extension in _NO_PROFILE_EXTENSIONS:
         return LINEAR_REC709
     if isinstance(bits, str):
         same = space.shares_primaries(LINEAR_REC709)
-        return LINEAR_REC709 if same else linear_twin(space)
+        return LINEAR_REC709 if same else _linear_space(space)
     if space == LINEAR_REC709 or (space.is_linear and space.icc is None and space.cicp is None):
         return SRGB
     if space.icc is None and make_profile(space) is None and extension != ".png":
         raise ImageFileError(
-            f"{path}: {extension} files cannot tell colours of {space.name}; write .png or .exr, or choose "
+            f"{path}: {extension} files cannot store colours of {space.name}; write .png or .exr, or choose "
             "another colour space, such as display-p3"
         )
     return space
 
 
-def linear_twin(space: ColorSpace) -> ColorSpace:
-    """Return the space of the same primaries without a curve."""
+def _linear_space(space: ColorSpace) -> ColorSpace:
+    """Return the colour space with the same primaries and a linear curve."""
     return ColorSpace(name=f"{space.name}, linear", to_pcs=space.to_pcs, curves=(LINEAR,) * 3)
 
 
 def profile_to_embed(target: ColorSpace, source: ColorSpace) -> bytes | None:
-    """Return the profile that a file gets; None for sRGB from sRGB or from light, which needs none."""
+    """Return the profile to embed; None for sRGB from sRGB or linear light, which needs none."""
     if target.icc is not None:
         return target.icc
     if target in (SRGB, LINEAR_REC709) and source in (SRGB, LINEAR_REC709):
@@ -194,15 +198,15 @@ def profile_to_embed(target: ColorSpace, source: ColorSpace) -> bytes | None:
     return make_profile(target)
 
 
-def _parts() -> tuple[str, ...]:
+def _oiio_formats() -> tuple[str, ...]:
     return tuple(oiio.get_string_attribute("format_list").split(","))
 
 
-def _way_to(bits: Any) -> str:
-    having = [name for name, allowed in _BITS.items() if bits in allowed and name not in _SECOND_NAMES]
-    return f"write {' or '.join(having)}" if having else "no format that is written here has them"
+def _formats_hint(bits: Any) -> str:
+    formats = [name for name, allowed in _BITS.items() if bits in allowed and name not in _EXTENSION_ALIASES]
+    return f"write {' or '.join(formats)}" if formats else "no format that is written here has them"
 
 
 def dtype_of(bits: Bits) -> Any:
-    """Return the type of stored values."""
+    """Return the type of the stored values."""
     return {8: np.uint8, 10: np.uint16, 16: np.uint16, "half": np.float16, "float": np.float32}[bits]

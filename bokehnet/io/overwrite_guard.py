@@ -1,4 +1,4 @@
-"""What may be written over: nothing that is read, save a picture that loses nothing by it."""
+"""Refuse outputs that would overwrite an input, except lossless in-place formats."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,49 +7,49 @@ from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 
-__all__ = ["check_not_over"]
+__all__ = ["check_overwrite"]
 
 _LOSSY = (".jpg", ".jpeg", ".webp", ".hdr", ".avif", ".heic", ".heif")
 
 
-def check_not_over(output: Path, picture: Path, others: Iterable[Path], *, reduced: bool = False) -> None:
-    """Raise unless the result may be written at ``output``; headers are all that is read.
+def check_overwrite(output: Path, picture: Path, others: Iterable[Path], *, reduced: bool = False) -> None:
+    """Raise unless the result may be written at ``output``; only headers are read.
 
     Args:
-        output: Where the result goes.
-        picture: The picture. An EXR may be written in its place, since all else in the file stays;
-            PNG and TIFF where they have 8 bits, as what is written.
-        others: All other files that are read, such as maps.
-        reduced: Whether the result is smaller than the picture.
+        output: File to write.
+        picture: File of the picture. An EXR may be overwritten, since everything else in the file is kept;
+            PNG and TIFF if they have 8 bits, like the output.
+        others: All other input files, such as maps.
+        reduced: True if the result is smaller than the picture.
 
     Raises:
-        ParameterError: It is one of them.
+        ParameterError: ``output`` is an input that must not be overwritten.
     """
     if not output.exists():
         return
-    if any(_same(output, other) for other in others) and not _same(output, picture):
-        raise _over(output, "is read for this picture")
-    if not _same(output, picture):
+    if any(_is_same_file(output, other) for other in others) and not _is_same_file(output, picture):
+        raise _overwrite_error(output, "is read for this picture")
+    if not _is_same_file(output, picture):
         return
     if output.suffix.lower() in _LOSSY:
-        raise _over(output, "is the picture itself, which would be compressed with loss once more")
+        raise _overwrite_error(output, "is the picture itself, which would be compressed with loss once more")
     if reduced:
-        raise _over(output, "is the picture itself, which is larger")
+        raise _overwrite_error(output, "is the picture itself, which is larger")
     try:
         with ImageFile(picture) as file:
             deep = find_picture(file).part.deep
             wide = file.headers is None and any(name != "uint8" for name in file.parts[0].formats)
             other = file.headers is None and output.suffix.lower() == ".exr"
-    except ImageFileError:  # told where it is read
+    except ImageFileError:  # reported when the picture is read
         return
     if deep or wide or other:
-        what = "deep samples" if deep else "another format" if other else "more than 8 bits per channel"
-        raise _over(output, f"is the picture itself, which holds {what}")
+        content = "deep samples" if deep else "another format" if other else "more than 8 bits per channel"
+        raise _overwrite_error(output, f"is the picture itself, which holds {content}")
 
 
-def _same(one: Path, other: Path) -> bool:
+def _is_same_file(one: Path, other: Path) -> bool:
     return other.exists() and one.samefile(other)
 
 
-def _over(output: Path, why: str) -> ParameterError:
-    return ParameterError("output", f"another name: {output} {why}", remedy="write to a new file")
+def _overwrite_error(output: Path, reason: str) -> ParameterError:
+    return ParameterError("output", f"another name: {output} {reason}", remedy="write to a new file")

@@ -1,4 +1,4 @@
-"""The depth map that a phone has stored inside a photo."""
+"""Depth maps that phones embed in photos."""
 
 import tempfile
 from collections.abc import Iterator
@@ -25,20 +25,20 @@ from bokehnet.io.pixels import ImageFile, apply_orientation
 __all__ = ["PhoneDepth", "read_phone_depth"]
 
 _EXTENSIONS = {JPEG_START: ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
-_COLOURED = 0.1  # difference of the colours of a pixel from which on a map is not grey
+_MAX_GREY_DIFFERENCE = 0.1  # largest difference of the channels of a grey pixel
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PhoneDepth:
-    """A depth map out of a photo.
+    """A depth map embedded in a photo.
 
     Attributes:
-        disparity: Near is large, upright as the photo is read, at its own size (H, W); in 1/mm if
-            ``metric``, else relative, 0 to 1 between the ends of the phone's range.
-        metric: Whether the photo tells the scale.
-        focus_disparity: What the phone had in focus, on the scale of ``disparity``; None if not told.
-        all_in_focus: The photo before the phone blurred it, scene-linear (H', W', 3), where the file keeps
-            it; None means that the photo itself is what there is.
+        disparity: Disparity, larger is nearer, upright like the photo, at its own size (H, W); in 1/mm if
+            ``metric``, otherwise relative, 0 to 1 over the range of the phone.
+        metric: True if the photo states the scale.
+        focus_disparity: Disparity in focus on the phone, on the scale of ``disparity``; None if unknown.
+        all_in_focus: Photo before the phone blurred it, scene-linear (H', W', 3), if the file keeps it;
+            None if the photo itself is the only picture.
     """
 
     disparity: NDArray[np.float32]
@@ -48,34 +48,34 @@ class PhoneDepth:
 
     @property
     def focus_distance(self) -> float | None:
-        """Depth in focus, mm, ``inf`` for the sky; None if not told or not metric."""
+        """Distance in focus, mm, ``inf`` for the sky; None if unknown or not metric."""
         if not self.metric or self.focus_disparity is None:
             return None
         return 1 / self.focus_disparity if self.focus_disparity > 0 else float("inf")
 
 
 def read_phone_depth(path: Path | str) -> PhoneDepth | None:
-    """Read the depth map inside a photo; None when it holds none.
+    """Read the depth map inside a photo; None if it holds none.
 
-    Known are JPEG files with GDepth or Dynamic Depth (Android), JPEG and HEIC files with Apple's depth
-    or disparity map.
+    Supported are JPEG files with GDepth or Dynamic Depth (Android), and JPEG and HEIC files with Apple's
+    depth or disparity map.
 
     Args:
-        path: The photo.
+        path: Photo.
 
     Raises:
         ImageFileError: The file cannot be read, or it announces a map that is damaged.
-        MissingExtraError: A HEIC file, and pillow-heif is not installed.
+        MissingExtraError: The file is HEIC, and pillow-heif is not installed.
 
     Source: see ``google_depth`` and ``apple_depth``.
     """
     if is_heif(path):
-        found = read_heif_depth(path)
-        if found is None:
+        heif_depth = read_heif_depth(path)
+        if heif_depth is None:
             return None
-        values, coding = found
+        values, coding = heif_depth
         return PhoneDepth(disparity=coding.decode(values), metric=coding.unit is not None)
-    with ImageFile(path) as file:  # says what is wrong with a file that is no picture
+    with ImageFile(path) as file:  # reports the error of a file that is no picture
         orientation = file.parts[0].orientation
         if file.file_format != "jpeg":
             return None
@@ -103,12 +103,12 @@ def _decode(path: Path, stored: StoredDepth, orientation: int, space: ColorSpace
 
 
 def _read_grey(path: Path, picture: bytes, orientation: int) -> NDArray[np.float32]:
-    """Decode a map, which is turned as its photo, whatever it says of itself."""
+    """Decode a map, which has the orientation of its photo, whatever its own metadata state."""
     with _embedded(path, picture, "depth map") as name, ImageFile(name) as file:
         part = file.parts[0]
         names = [channel for channel in part.channels if channel != part.alpha]
         values = file.read(replace(part, orientation=orientation), names)
-        if np.ptp(values, axis=-1).max() > _COLOURED:
+        if np.ptp(values, axis=-1).max() > _MAX_GREY_DIFFERENCE:
             raise ImageFileError(f"{name}: expected a grey picture, found colours")
         return np.asarray(values.mean(axis=-1, dtype=np.float64), np.float32)
 
@@ -116,28 +116,28 @@ def _read_grey(path: Path, picture: bytes, orientation: int) -> NDArray[np.float
 def _read_original(path: Path, picture: bytes, orientation: int, space: ColorSpace) -> NDArray[np.float32]:
     """Decode the unblurred picture into the primaries of its photo.
 
-    One that does not tell how it is turned is turned as its photo; one without a profile has that, too.
+    A picture without orientation or profile has those of its photo.
     """
     with _embedded(path, picture, "original picture") as name, ImageFile(name) as file:
-        found = find_picture(file)
-        own = file_color_space(file, found.part, read_metadata(name, file.file_format).exif)
+        original = find_picture(file)
+        own = file_color_space(file, original.part, read_metadata(name, file.file_format).exif)
         own = space if own == SRGB else own
-        image = read_light(file, found, own)
+        image = read_light(file, original, own)
         image = convert(image, own, space, out=image)
-        return apply_orientation(image, orientation) if found.part.orientation == 1 else image
+        return apply_orientation(image, orientation) if original.part.orientation == 1 else image
 
 
 @contextmanager
-def _embedded(path: Path, content: bytes, what: str) -> Iterator[Path]:
-    """Bytes as a file while the block runs; errors about it name the photo and what it is to it."""
-    told = f"{path}: the {what} inside"
+def _embedded(path: Path, content: bytes, role: str) -> Iterator[Path]:
+    """Provide bytes as a file inside the block; errors name the photo and the role of the file in it."""
+    label = f"{path}: the {role} inside"
     extension = next((name for start, name in _EXTENSIONS.items() if content.startswith(start)), None)
     if extension is None:
-        raise ImageFileError(f"{told}: expected JPEG or PNG, found neither; the photo is damaged")
+        raise ImageFileError(f"{label}: expected JPEG or PNG, found neither; the photo is damaged")
     with tempfile.TemporaryDirectory(prefix="bokehnet-") as folder:
         name = Path(folder) / f"embedded{extension}"
         name.write_bytes(content)
         try:
             yield name
         except ImageFileError as error:
-            raise ImageFileError(str(error).replace(str(name), told, 1)) from error
+            raise ImageFileError(str(error).replace(str(name), label, 1)) from error

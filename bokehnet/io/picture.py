@@ -1,4 +1,4 @@
-"""Which channels of a file are the picture, and the light that they stand for."""
+"""Select the picture channels of a file and decode them to linear light."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,7 +20,7 @@ _PICTURE_LAYERS = ("combined", "beauty", "rgba", "rgb")
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """The channels that make the picture: R, G, B or one grey channel, and alpha where there is one."""
+    """The channels of the picture: R, G, B or one grey channel, and alpha if present."""
 
     part: Part
     colours: tuple[str, ...]
@@ -28,13 +28,12 @@ class Picture:
 
 
 def find_picture(file: ImageFile) -> Picture:
-    """Find the part and the channels that make the picture.
+    """Return the part and the channels of the picture.
 
-    Parts are searched in their order; one that is called beauty, combined, rgba or rgb comes first, a deep
-    one last.
+    Parts are searched in file order; one named beauty, combined, rgba or rgb comes first, a deep one last.
 
     Raises:
-        ImageFileError: there are no colours, or several layers of them.
+        ImageFileError: There are no colours, or several layers of them.
     """
     parts = sorted(file.parts, key=lambda part: (_last_word(part.name) not in _PICTURE_LAYERS, part.deep))
     for part in parts:
@@ -46,9 +45,9 @@ def find_picture(file: ImageFile) -> Picture:
             if _last_word(layer.rstrip(".")) in _PICTURE_LAYERS:
                 return _layer(part, layer)
         if layers:
-            found = ", ".join(layer.rstrip(".") for layer in layers)
+            layer_names = ", ".join(layer.rstrip(".") for layer in layers)
             raise ImageFileError(
-                f"{file.path}: expected one layer with R, G, B, found {found}; keep one of them"
+                f"{file.path}: expected one layer with R, G, B, found {layer_names}; keep one of them"
             )
         grey = [name for name in names if name != part.alpha]
         if {"Y", "RY", "BY"} <= set(grey):
@@ -60,26 +59,26 @@ def find_picture(file: ImageFile) -> Picture:
             return Picture(part=part, colours=("Y",), alpha=part.alpha)
         if len(grey) == 1 and file.file_format != "openexr":
             return Picture(part=part, colours=tuple(grey), alpha=part.alpha)
-    found = ", ".join(name for part in file.parts for name in part.channels)
-    raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {found}")
+    channels = ", ".join(name for part in file.parts for name in part.channels)
+    raise ImageFileError(f"{file.path}: expected channels R, G, B or Y, found {channels}")
 
 
 def picture_layers(part: Part) -> list[str]:
-    """Return the layers of a part that are whole pictures by their names, such as ``View Layer.Combined``."""
+    """Return the layers of a part whose names mark a complete picture, such as ``View Layer.Combined``."""
     names = part.channels
     layers = [name[:-1] for name in names if name.endswith("R") and _is_layer(name[:-1], names)]
     return [layer.rstrip(".") for layer in layers if _last_word(layer.rstrip(".")) in _PICTURE_LAYERS]
 
 
 def read_light(file: ImageFile, picture: Picture, space: ColorSpace) -> NDArray[np.float32]:
-    """Read the picture over black as linear light of its own primaries, (H, W, 3).
+    """Read the picture over black as linear light in its own primaries, (H, W, 3).
 
     Straight colours (PNG, WebP) are multiplied by alpha, premultiplied ones (EXR) are the light itself.
 
     Args:
-        file: An open file.
-        picture: Of that file.
-        space: What its values mean.
+        file: Open file.
+        picture: Picture of that file.
+        space: Colour space of its values.
 
     Raises:
         ImageFileError: The pixels are damaged, NaN or infinite.
@@ -91,7 +90,7 @@ def read_light(file: ImageFile, picture: Picture, space: ColorSpace) -> NDArray[
 def read_light_and_alpha(
     file: ImageFile, picture: Picture, space: ColorSpace
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Read the picture as :func:`read_light`, and its alpha (H, W): None if it has none or is 1 everywhere.
+    """Read the picture as :func:`read_light`, and its alpha (H, W); None if absent or 1 everywhere.
 
     Raises:
         ImageFileError: The pixels are damaged, NaN or infinite.
@@ -103,18 +102,18 @@ def read_light_and_alpha(
 def _read(
     file: ImageFile, picture: Picture, space: ColorSpace, with_alpha: bool
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Read a band after the other, so that nothing but light and alpha is ever held whole."""
+    """Read the picture band by band, so that only light and alpha are ever held entirely in memory."""
     part, colours = picture.part, len(picture.colours)
     names = (*picture.colours, str(picture.alpha)) if with_alpha else picture.colours
     image = file.empty(part, 3)
     alpha = file.empty(part, 1) if with_alpha else None
     light_rows = as_stored(image, part.orientation)
     kind = part.formats[part.channels.index(names[0])]
-    by_level = kind in _LEVELS and not space.is_linear and not with_alpha and len(set(part.formats)) == 1
+    by_lookup = kind in _LEVELS and not space.is_linear and not with_alpha and len(set(part.formats)) == 1
     bad = 0
-    for rows, values in file.read_bands(part, names, kind if by_level else "float"):
-        if by_level:
-            light_rows[rows] = _light_of_whole(values, space, kind)
+    for rows, values in file.read_bands(part, names, kind if by_lookup else "float"):
+        if by_lookup:
+            light_rows[rows] = _decode_integers(values, space, kind)
             continue
         light = _light(values[..., :colours], values[..., colours:], part, space)
         bad += int((~np.isfinite(light).all(axis=-1) | ~np.isfinite(values).all(axis=-1)).sum())
@@ -145,22 +144,22 @@ def _is_layer(prefix: str, names: tuple[str, ...]) -> bool:
 def _light(
     colour: NDArray[np.float32], alpha: NDArray[np.float32], part: Part, space: ColorSpace
 ) -> NDArray[np.float32]:
-    """Turn stored colours (rows, W, 1 or 3), and alpha (rows, W, 0 or 1), into light."""
+    """Convert stored colours (rows, W, 1 or 3), and alpha (rows, W, 0 or 1), to light."""
     if space.is_linear:
         return colour if part.premultiplied or not alpha.shape[-1] else colour * alpha
     if not alpha.shape[-1]:
         return in_row_blocks(space.decode, colour)
-    if part.premultiplied:  # in encoded values: undo, decode, multiply again
+    if part.premultiplied:  # premultiplied in encoded values: divide, decode, multiply again
         colour = np.divide(colour, np.where(alpha > 0, alpha, 1), dtype=np.float32)
     light: NDArray[np.float32] = in_row_blocks(space.decode, colour) * alpha
     return light
 
 
-def _light_of_whole(values: NDArray[Any], space: ColorSpace, kind: str) -> NDArray[np.float32]:
-    """Turn stored whole numbers (rows, W, 1 or 3) into light."""
+def _decode_integers(values: NDArray[Any], space: ColorSpace, kind: str) -> NDArray[np.float32]:
+    """Convert stored integers (rows, W, 1 or 3) to light."""
     if len(set(space.curves)) == 1 or values.shape[-1] == 1:
-        return _light_of_levels(space.curves[0], kind).take(values)
-    planes = [_light_of_levels(curve, kind).take(values[..., i]) for i, curve in enumerate(space.curves)]
+        return _decoding_table(space.curves[0], kind).take(values)
+    planes = [_decoding_table(curve, kind).take(values[..., i]) for i, curve in enumerate(space.curves)]
     return np.stack(planes, axis=-1)
 
 
@@ -168,7 +167,7 @@ _LEVELS = {"uint8": 2**8, "uint16": 2**16}
 
 
 @lru_cache(maxsize=12)
-def _light_of_levels(curve: Curve, kind: str) -> NDArray[np.float32]:
-    """Light of every value of a whole type."""
+def _decoding_table(curve: Curve, kind: str) -> NDArray[np.float32]:
+    """Return the light of every value of an integer type."""
     count = _LEVELS[kind]
     return np.asarray(curve.decode(np.arange(count, dtype=np.float32) / np.float32(count - 1)))

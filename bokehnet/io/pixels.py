@@ -1,4 +1,4 @@
-"""The pixels of an image file as they are stored, named by channel; no colour conversion.
+"""Stored pixels of an image file by channel name, without colour conversion.
 
 A file has one part, except for multi-part EXR. Formats are recognised by content, not by extension.
 """
@@ -36,21 +36,20 @@ _FORMATS = ("jpeg", "png", "tiff", "webp", "openexr", "hdr", "pfm", "jpegxl")
 _LINEAR_FORMATS = ("openexr", "hdr", "pfm")
 _FLOAT_TYPES = ("half", "float", "double")
 
-_TURNED = (5, 6, 7, 8)  # orientations in which stored rows are columns of the picture
+_TRANSPOSED = (5, 6, 7, 8)  # orientations whose stored rows are columns of the picture
 
-_BAND = 256  # rows at a time; a multiple of the rows in a chunk of any compression
+_BAND_ROWS = 256  # a multiple of the rows per chunk of any compression
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """What the header says about one picture in a file.
+    """Header data of one picture in a file.
 
     ``width`` and ``height`` are pixels as stored, before ``orientation`` (EXIF, 1 to 8; 1 is upright).
-    For EXR they are those of the data window, and ``name`` is that of the part. ``formats`` are the types
+    For EXR they are those of the data window, and ``name`` is the name of the part. ``formats`` are the types
     of the channels (``"half"``, ``"uint8"``, ...). ``alpha`` is the name of the alpha channel, and
-    ``premultiplied`` tells whether the colours are already multiplied by it. ``window`` tells where the
-    pixels lie in the shown picture. A part that is ``deep`` is read flattened, see
-    :mod:`bokehnet.io.exr.deep`.
+    ``premultiplied`` is True if the colours are already multiplied by it. ``window`` holds data and display
+    window. A ``deep`` part is read flattened, see :mod:`bokehnet.io.exr.deep`.
     """
 
     index: int
@@ -68,21 +67,21 @@ class Part:
 
     @property
     def pixel_type(self) -> str:
-        """The types that occur, such as ``"half, float"``."""
+        """Distinct channel types, such as ``"half, float"``."""
         return ", ".join(dict.fromkeys(self.formats))
 
 
 class ImageFile:
-    """An open image file; use it in a ``with`` statement.
+    """An open image file and context manager.
 
     Args:
         path: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.
-        progress: Is told how far its reading is, in rows of a part.
+        progress: Progress callback, counting rows of a part.
 
     Raises:
-        ImageFileError: the file is missing, a folder, empty, damaged, of another format, or has more pixels
+        ImageFileError: The file is missing, a folder, empty, damaged, of another format, or has more pixels
             than the environment variable ``BOKEHNET_MAX_PIXELS`` allows (200 million if it is not set).
-        ParameterError: that variable is not a number.
+        ParameterError: That variable is not a number.
     """
 
     def __init__(self, path: Path | str, progress: Progress | None = None) -> None:
@@ -91,10 +90,10 @@ class ImageFile:
         self.headers: ExrHeaders | None = read_headers(self.path) if is_exr(self.path) else None
         self._check_sampling()
         hints = oiio.ImageSpec()
-        hints.attribute("oiio:UnassociatedAlpha", 1)  # hand out the values as stored
+        hints.attribute("oiio:UnassociatedAlpha", 1)  # return the values as stored
         opened = PfmInput(self.path) if is_pfm(self.path) else oiio.ImageInput.open(str(self.path), hints)
         if opened is None:
-            raise ImageFileError(f"{self.path}: {_why_not_opened(self.path, _message(oiio.geterror))}")
+            raise ImageFileError(f"{self.path}: {_open_error(self.path, _message(oiio.geterror))}")
         self._input = opened
         self.file_format: str = opened.format_name()
         try:
@@ -108,7 +107,7 @@ class ImageFile:
             raise
 
     def _check_sampling(self) -> None:
-        """Raise if an EXR has channels of fewer values than pixels, which nobody here can read."""
+        """Raise if an EXR has sub-sampled channels, which the decoder does not support."""
         for attributes in self.headers.parts if self.headers is not None else ():
             try:
                 names = sub_sampled(attributes["channels"])
@@ -131,10 +130,10 @@ class ImageFile:
     def read(self, part: Part, names: Sequence[str]) -> NDArray[np.float32]:
         """Return the channels ``names`` of ``part``, (H, W, len(names)), upright.
 
-        Integer types are scaled to [0, 1]; floating-point values come as they are.
+        Integer types are scaled to [0, 1]; floating-point values are returned unchanged.
 
         Raises:
-            ImageFileError: the pixels are truncated or damaged.
+            ImageFileError: The pixels are truncated or damaged.
         """
         result = self.empty(part, len(names))
         stored = as_stored(result, part.orientation)
@@ -143,8 +142,8 @@ class ImageFile:
         return result
 
     def empty(self, part: Part, channels: int) -> NDArray[np.float32]:
-        """Return an array (H, W, channels) for the upright pixels of ``part``, not filled."""
-        size = (part.width, part.height) if part.orientation in _TURNED else (part.height, part.width)
+        """Return an uninitialised array (H, W, channels) for the upright pixels of ``part``."""
+        size = (part.width, part.height) if part.orientation in _TRANSPOSED else (part.height, part.width)
         try:
             return np.empty((*size, channels), np.float32)
         except MemoryError as full:
@@ -155,18 +154,18 @@ class ImageFile:
     def read_bands(
         self, part: Part, names: Sequence[str], kind: str = "float"
     ) -> Iterator[tuple[slice, NDArray[Any]]]:
-        """Return the channels ``names`` as :meth:`read`, a band of stored rows after the other.
+        """Yield the channels ``names`` as :meth:`read`, in successive bands of stored rows.
 
         Args:
-            part: of this file.
-            names: of its channels.
-            kind: type of the values, ``"float"``, or a whole one if that is the type in the file.
+            part: Part of this file.
+            names: Channels of the part.
+            kind: Type of the values, ``"float"``, or an integer type if the file stores that type.
 
         Yields:
-            Rows of the stored picture, and their values, (rows, W, len(names)).
+            Rows of the stored picture and their values, (rows, W, len(names)).
 
         Raises:
-            ImageFileError: the pixels are truncated or damaged.
+            ImageFileError: The pixels are truncated or damaged.
         """
         indices = [part.channels.index(name) for name in names]
         first, last = min(indices), max(indices)
@@ -176,23 +175,24 @@ class ImageFile:
             yield rows, values if in_order else values[..., [i - first for i in indices]]
 
     def bands(self, part: Part) -> Iterator[slice]:
-        """Return the rows of a part in groups that end where chunks end, so as to read them in turn."""
+        """Yield the rows of a part in groups that end at chunk boundaries, for sequential reading."""
         tile = self.spec(part).tile_height
-        step = tile * max(1, _BAND // tile) if tile else _BAND
+        step = tile * max(1, _BAND_ROWS // tile) if tile else _BAND_ROWS
         for first in range(0, part.height, step):
             yield slice(first, min(first + step, part.height))
 
     def read_stored(self, part: Part, rows: slice) -> NDArray[np.float32]:
-        """Return some rows of all channels of a part, (rows, W, C), as they are stored.
+        """Return some rows of all channels of a part, (rows, W, C), as stored.
 
-        Whole numbers of EXR come as the float32 of the same bits, those of other formats as in :meth:`read`.
+        Integers of EXR are returned as the float32 of the same bits, those of other formats as in
+        :meth:`read`.
 
         Args:
-            part: of this file.
-            rows: one of :meth:`bands`.
+            part: Part of this file.
+            rows: Rows of one of :meth:`bands`.
 
         Raises:
-            ImageFileError: the pixels are truncated or damaged.
+            ImageFileError: The pixels are truncated or damaged.
         """
         values = self._read_rows(part, rows, (0, len(part.channels)), "float")
         for index, name in enumerate(part.formats):
@@ -202,16 +202,16 @@ class ImageFile:
         return values
 
     def read_deep(self, part: Part, names: Sequence[str], rows: slice | None = None) -> DeepSamples:
-        """Return the samples of a deep part: its Z, its ZBack and A where it has them, and ``names``.
+        """Return the samples of a deep part: Z, ZBack and A if present, and ``names``.
 
         Raises:
-            ImageFileError: it has no Z, coverage for each colour of its own, or is truncated or damaged.
+            ImageFileError: The part has no Z, has coverage per colour, or is truncated or damaged.
         """
         assert self.headers is not None
         if "Z" not in part.channels or {"AR", "AG", "AB"} & set(part.channels):
-            found = ", ".join(part.channels)
+            channels = ", ".join(part.channels)
             raise ImageFileError(
-                f"{self.path}: expected deep samples with Z, and A for all colours, found {found}"
+                f"{self.path}: expected deep samples with Z, and A for all colours, found {channels}"
             )
         needed = [name for name in part.channels if name in ("A", "Z", "ZBack", *names)]
         rows = rows or slice(0, part.height)
@@ -234,7 +234,7 @@ class ImageFile:
             return self._read_flattened(part, rows, part.channels[slice(*channels)])
         spec = self.spec(part)
         top, bottom = spec.y + rows.start, spec.y + rows.stop
-        # The decoder may hand out a partial picture beside an error: an error always counts.
+        # The decoder may return a partial picture together with an error: an error always counts.
         try:
             if spec.tile_width:
                 values = self._input.read_tiles(  # type: ignore[union-attr]
@@ -252,12 +252,12 @@ class ImageFile:
         return np.ascontiguousarray(values.reshape(bottom - top, part.width, channels[1] - channels[0]))
 
     def spec(self, part: Part) -> oiio.ImageSpec:
-        """Return the decoder's own description of ``part``."""
+        """Return the header of ``part`` from the decoder."""
         self._input.seek_subimage(part.index, 0)
         return self._input.spec()
 
     def attributes(self, part: Part) -> dict[str, Value]:
-        """Return what the header of ``part`` tells besides the pixels: numbers and texts by name.
+        """Return the metadata in the header of ``part``: numbers and texts by name.
 
         EXR names are those in the file; others are those of OpenImageIO, such as ``Exif:FocalLength``.
         """
@@ -276,7 +276,7 @@ class ImageFile:
             parts.append(self._part(len(parts), spec))
             if self.file_format != "openexr":  # further pages of a TIFF are other pictures or thumbnails
                 break
-        _message(self._input.geterror)  # running past the last part leaves a message behind
+        _message(self._input.geterror)  # seeking beyond the last part leaves an error message behind
         if self.headers is not None and len(parts) != len(self.headers.parts):
             raise ImageFileError(
                 f"{self.path}: expected {len(self.headers.parts)} parts as in the EXR header, "
@@ -314,11 +314,11 @@ class ImageFile:
 
 
 def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:
-    """Turn stored rows and columns (H, W, C) upright.
+    """Rotate and mirror stored rows and columns (H, W, C) to the upright picture.
 
     Source: CIPA DC-008, "Exchangeable image file format (Exif)", 2019, tag Orientation.
     """
-    if orientation in _TURNED:
+    if orientation in _TRANSPOSED:
         values = values.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):
         values = values[::-1]
@@ -328,15 +328,15 @@ def apply_orientation(values: NDArray[np.float32], orientation: int) -> NDArray[
 
 
 def as_stored(upright: NDArray[np.float32], orientation: int) -> NDArray[np.float32]:
-    """Return a view of upright pixels (H, W, C) in the order of the file; see :func:`apply_orientation`."""
+    """Return a view of upright pixels (H, W, C) in file order; see :func:`apply_orientation`."""
     if orientation in (2, 3, 6, 7):
         upright = upright[:, ::-1]
     if orientation in (3, 4, 7, 8):
         upright = upright[::-1]
-    return upright.swapaxes(0, 1) if orientation in _TURNED else upright
+    return upright.swapaxes(0, 1) if orientation in _TRANSPOSED else upright
 
 
-def _why_not_opened(path: Path, reason: str) -> str:
+def _open_error(path: Path, reason: str) -> str:
     extension = path.suffix.lower()
     if extension in READABLE_EXTENSIONS:
         return (
@@ -349,10 +349,10 @@ def _known() -> str:
     return "one of " + ", ".join(READABLE_EXTENSIONS)
 
 
-def _message(tell: Callable[[], str]) -> str:
-    """Return what a decoder says; a damaged file may make it quote bytes that are no text."""
+def _message(get_error: Callable[[], str]) -> str:
+    """Return the message of a decoder; a damaged file may put bytes into it that are not text."""
     try:
-        return tell()
+        return get_error()
     except UnicodeDecodeError as problem:
         return problem.object.decode("utf-8", "replace")
 

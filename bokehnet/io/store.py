@@ -1,4 +1,4 @@
-"""Light to the stored values of a file: primaries, curve, bits, alpha, profile and metadata."""
+"""Encode light as the stored values of a file: primaries, curve, bits, alpha, profile and metadata."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -28,14 +28,14 @@ from bokehnet.progress import Progress
 
 __all__ = ["store_picture"]
 
-_LARGEST_HALF = 65504.0
-_WIDEST_HDR = 32767  # beyond it the run lengths of its rows no longer fit
-_WITHOUT_ALPHA = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: not told which kind it is
-_GREY_TOO = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_MAX_HALF = 65504.0
+_MAX_HDR_SIDE_PX = 32767  # beyond it the run lengths of the rows no longer fit
+_NO_ALPHA_EXTENSIONS = (".jpg", ".jpeg", ".hdr", ".jxl")  # JPEG XL: the decoder does not report its kind
+_GREY_EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 _CODECS = {".jpg": "jpeg", ".jpeg": "jpeg", ".webp": "webp", ".jxl": "jpegxl"}
 
-# Quality from which on WebP codes without loss: otherwise it has its colours at half the resolution.
-_WITHOUT_LOSS = 100
+# Quality at which WebP is lossless: below it, chroma has half the resolution.
+_LOSSLESS_QUALITY = 100
 
 Array = NDArray[Any]
 
@@ -44,38 +44,38 @@ def store_picture(
     path: Path,
     image: Array,
     alpha: Array | None,
-    wanted: OutputFormat,
+    output_format: OutputFormat,
     *,
     source: ColorSpace = LINEAR_REC709,
     bits: Bits | None = None,
     metadata: Metadata | None = None,
     origin: Path | None = None,
     progress: Progress | None = None,
-    beside: Mapping[str, Array] | None = None,
+    extra_channels: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write a picture atomically; its arrays and its format are checked already.
+    """Write a picture atomically; the caller has checked its arrays and its format.
 
     Args:
-        path: Where it goes.
-        image: Linear light in the primaries of ``source``, (H, W, 3), premultiplied where there is alpha.
+        path: File to write.
+        image: Linear light in the primaries of ``source``, (H, W, 3), premultiplied if there is alpha.
         alpha: Coverage, (H, W).
-        wanted: What the file is to be like.
-        source: Colour space that the picture came in.
-        bits: That it came in.
-        metadata: That it came with.
-        origin: File that it came in, for messages.
-        progress: Is told how far it is, by several threads.
-        beside: Further channels of an EXR file, (H, W) by name.
+        output_format: Colour space, bits and quality of the file.
+        source: Colour space of the input file.
+        bits: Bits of the input file.
+        metadata: Metadata of the input file.
+        origin: Input file, for messages.
+        progress: Progress callback, called by several threads.
+        extra_channels: Additional channels of an EXR file, (H, W) by name.
 
     Raises:
         ImageFileError: The file cannot be written, or cannot hold the picture.
     """
     extension = path.suffix.lower()
-    chosen = choose_bits(extension, wanted.bits, bits)
-    target = target_space(path, source, wanted.color_space, chosen)
-    alpha = None if extension in _WITHOUT_ALPHA else alpha
+    stored_bits = choose_bits(extension, output_format.bits, bits)
+    target = target_space(path, source, output_format.color_space, stored_bits)
+    alpha = None if extension in _NO_ALPHA_EXTENSIONS else alpha
     if target.grey:
-        target = _grey_or_coloured(target, image, alpha, extension)
+        target = _grey_or_color_space(target, image, alpha, extension)
     profile = profile_to_embed(target, source)
     metadata = metadata or Metadata()
     height, width = image.shape[:2]
@@ -83,38 +83,43 @@ def store_picture(
         is_srgb = None if target == source else target == SRGB
         metadata = metadata.refreshed(origin or path, width, height, is_srgb=is_srgb)
     channels = ("Y",) if target.grey else ("R", "G", "B") if alpha is None else ("R", "G", "B", "A")
-    stored = _stored_values(image, alpha, source, target, chosen, wanted.dither, extension)
-    if beside:
-        stored = _with_channels(stored, tuple(beside.values()))
-        channels = (*channels, *beside)
+    stored = _stored_values(image, alpha, source, target, stored_bits, output_format.dither, extension)
+    if extra_channels:
+        stored = _with_channels(stored, tuple(extra_channels.values()))
+        channels = (*channels, *extra_channels)
     attributes: dict[str, Any] = {}
     if extension == ".exr":
         attributes["compression"] = "zip"
         if not target.shares_primaries(LINEAR_REC709):
             attributes["chromaticities"] = chromaticities_of(target)
-    elif extension == ".hdr" and max(height, width) > _WIDEST_HDR:
+    elif extension == ".hdr" and max(height, width) > _MAX_HDR_SIDE_PX:
         raise ImageFileError(
-            f"{path}: HDR files are at most {_WIDEST_HDR} pixels wide and high, "
+            f"{path}: HDR files are at most {_MAX_HDR_SIDE_PX} pixels wide and high, "
             f"got {width}x{height}; use .exr"
         )
     elif extension in _CODECS:
-        attributes["compression"] = f"{_CODECS[extension]}:{wanted.quality}"
-        if extension == ".webp" and wanted.quality == _WITHOUT_LOSS:
+        attributes["compression"] = f"{_CODECS[extension]}:{output_format.quality}"
+        if extension == ".webp" and output_format.quality == _LOSSLESS_QUALITY:
             attributes["compression"] = "lossless"
         if _CODECS[extension] == "jpeg":
-            attributes["jpeg:subsampling"] = wanted.subsampling
+            attributes["jpeg:subsampling"] = output_format.subsampling
     if extension in (".tif", ".tiff", ".jxl") and profile is not None:
         attributes["ICCProfile"] = profile
-    if alpha is not None and not isinstance(chosen, str):
-        attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight as they stand
+    if alpha is not None and not isinstance(stored_bits, str):
+        attributes["oiio:UnassociatedAlpha"] = 1  # the values are straight already
     if extension in WHOLE_EXTENSIONS:
-        coding = Coding(bits=int(chosen), quality=wanted.quality, subsampling=wanted.subsampling, icc=profile)
+        coding = Coding(
+            bits=int(stored_bits),
+            quality=output_format.quality,
+            subsampling=output_format.subsampling,
+            icc=profile,
+        )
         encode_whole(path, (height, width, len(channels)), stored, coding, metadata, progress)
         return
     encode(
         path,
         (height, width, len(channels)),
-        dtype_of(chosen),
+        dtype_of(stored_bits),
         stored,
         channels,
         attributes,
@@ -133,8 +138,8 @@ def _stored_values(
     dither: bool,
     extension: str,
 ) -> Callable[[slice], Array]:
-    """What gives some of the rows as they are stored."""
-    bound = np.inf if target.cicp is not None else 1.0  # code points can tell light above white
+    """Return a function from rows to their stored values."""
+    bound = np.inf if target.cicp is not None else 1.0  # code points can represent light above white
     channels = 1 if target.grey else 3
 
     def light_of(rows: slice) -> Array:
@@ -143,41 +148,41 @@ def _stored_values(
     def floating(rows: slice) -> Array:
         values = light_of(rows) if alpha is None else np.dstack([light_of(rows), alpha[rows]])
         if bits == "half":
-            return np.clip(values, -_LARGEST_HALF, _LARGEST_HALF)
+            return np.clip(values, -_MAX_HALF, _MAX_HALF)
         return np.maximum(values, 0) if extension == ".hdr" else values
 
-    def whole(rows: slice) -> Array:
+    def integers(rows: slice) -> Array:
         light = light_of(rows)[..., :channels]
         if alpha is not None:
-            cover = alpha[rows]
-            light = light / np.where(cover > 0, cover, 1)[..., None]
+            coverage = alpha[rows]
+            light = light / np.where(coverage > 0, coverage, 1)[..., None]
         values = target.encode(np.clip(light, 0, bound))
         if alpha is not None:
-            values = np.dstack([values, np.clip(cover, 0, 1)])
+            values = np.dstack([values, np.clip(coverage, 0, 1)])
         top = rows.start if dither and bits == 8 else None
         return quantise(values, int(bits), top=top)
 
-    return floating if isinstance(bits, str) else whole
+    return floating if isinstance(bits, str) else integers
 
 
 def _with_channels(stored: Callable[[slice], Array], others: Sequence[Array]) -> Callable[[slice], Array]:
-    """The rows that ``stored`` gives, with those of others, (H, W), behind."""
+    """Return a function that appends the rows of ``others``, (H, W), to those of ``stored``."""
     return lambda rows: np.dstack([stored(rows), *(other[rows] for other in others)])
 
 
-def _grey_or_coloured(space: ColorSpace, image: Array, alpha: Array | None, extension: str) -> ColorSpace:
-    """The space of a grey profile, or for pictures that have colours now, one of the same curve."""
+def _grey_or_color_space(space: ColorSpace, image: Array, alpha: Array | None, extension: str) -> ColorSpace:
+    """Return the grey space, or for pictures that now have colours, a colour space of the same curve."""
     neutral = all(
         (image[rows, :, 0] == image[rows, :, 1]).all() and (image[rows, :, 0] == image[rows, :, 2]).all()
         for rows in cut_row_blocks(image.shape)
     )
-    if neutral and alpha is None and extension in _GREY_TOO:
+    if neutral and alpha is None and extension in _GREY_EXTENSIONS:
         return space
     return replace(space, name=f"{space.name}, in colour", icc=None, grey=False)
 
 
 def _png_chunks(target: ColorSpace, profile: bytes | None, metadata: Metadata) -> list[tuple[bytes, bytes]]:
-    """What stands before the pixels of a PNG."""
+    """Return the chunks in front of the pixels of a PNG."""
     chunks = []
     if target.cicp is not None:
         chunks.append((b"cICP", bytes(target.cicp)))

@@ -1,4 +1,4 @@
-"""Text files: settings, presets, pulls, gains."""
+"""Read text files: settings, presets, focus pulls, gains."""
 
 from pathlib import Path
 
@@ -7,23 +7,23 @@ from bokehnet.errors import ConfigError
 __all__ = ["read_text"]
 
 
-def read_text(path: Path | str, what: str = "", expected: str = "text", longest: int = -1) -> str:
-    """Return what a text file holds, line ends as they are, without a byte-order mark.
+def read_text(path: Path | str, kind: str = "", expected: str = "text", max_characters: int = -1) -> str:
+    """Return the content of a text file with its line ends, without a byte-order mark.
 
     Args:
-        path: The file.
-        what: Kind of file, for the message.
-        expected: What it should hold, for the message.
-        longest: Characters that are read at most; -1 reads all.
+        path: Text file.
+        kind: Kind of file, for the message.
+        expected: Expected content, for the message.
+        max_characters: Maximum number of characters to read; -1 reads all.
 
     Raises:
-        ConfigError: It cannot be read, or is no UTF-8.
+        ConfigError: The file cannot be read, or is not UTF-8.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            return file.read(longest)
+            return file.read(max_characters)
     except OSError as error:
-        name = f"{what} {path}" if what else str(path)
+        name = f"{kind} {path}" if kind else str(path)
         raise ConfigError(f"cannot read {name}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: expected {expected}, found an error: {error}") from error

@@ -1,4 +1,4 @@
-"""Lenses behind one interface, shared by the classical renderers and the ray tracer."""
+"""Lens models behind one interface, shared by the classical renderers and the ray tracer."""
 
 from bokehnet.lenses.base import LensModel, Rays, defocus_map
 from bokehnet.lenses.catalog import catalog_names, load_lens

@@ -1,4 +1,4 @@
-"""What every lens can do."""
+"""Interface of all lens models, and the defocus map of a lens."""
 
 import math
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ __all__ = ["LensModel", "Rays", "check_lens_number", "defocus_map"]
 class Rays:
     """Rays that leave the plane z = 0 into the scene, z > 0.
 
-    A point of the ray at depth z is ``origin + z * slope``.
+    The point of a ray at depth z is ``origin + z * slope``.
 
     Attributes:
-        origin: Where the ray, or its straight continuation, crosses the plane z = 0, mm, shape (..., 2).
-        slope: Lateral travel per unit of depth, shape (..., 2).
-        weight: Share of the light that the lens lets through, shape (...,), from 0 up; None is 1 for all.
-            Means of ``weight * radiance`` over the unit disc are what the sensor receives, relative to
-            what the open pupil would give in the middle of the picture. Rays of weight 0 are finite.
+        origin: Intersection of the ray, or its straight continuation, with the plane z = 0, mm, (..., 2).
+        slope: Lateral displacement per unit of depth, (..., 2).
+        weight: Transmitted fraction of light, >= 0, (...,); None is 1 for all rays.
+            The mean of ``weight * radiance`` over the unit disc is the light on the sensor, relative to
+            that of the open pupil at the centre of the picture. Rays of weight 0 are finite.
     """
 
     origin: Array
@@ -30,15 +30,14 @@ class Rays:
 
 
 class LensModel(Protocol):
-    """A lens that images the scene at z > 0 on a sensor behind it.
+    """Lens that images the scene at z > 0 on a sensor behind it.
 
-    The plane z = 0 is that of the entrance pupil: what is seen through its middle is the perspective of the
-    picture, and blur is linear in inverse depth counted from there. Behind a thin lens with the stop in
-    the lens that is the lens plane.
+    The plane z = 0 is that of the entrance pupil: its centre is the centre of perspective, and blur is linear
+    in inverse depth measured from it. For a thin lens whose stop is the lens, it is the lens plane.
     """
 
     def coc_radius(self, disparity: Array) -> Array:
-        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm; positive in front of focus."""
+        """Return the signed blur radius on the sensor, mm; positive in front of focus; disparity in 1/mm."""
         ...
 
     def sample_rays(
@@ -48,12 +47,12 @@ class LensModel(Protocol):
         wavelength: Array | None = None,
         sensor_offset: Array | None = None,
     ) -> Rays:
-        """Rays from sensor points through the pupil into the scene.
+        """Return rays from sensor points through the pupil into the scene.
 
         Args:
-            sensor_xy: Points of the sensor, mm, (..., 2); the image is turned by 180 degrees there.
+            sensor_xy: Points of the sensor, mm, (..., 2); the image on it is turned by 180 degrees.
             pupil_uv: Points of the unit disc, (..., 2).
-            wavelength: Nanometres, a number or (...,); None is the design wavelength of the lens.
+            wavelength: Wavelength, nm, a number or (...,); None is the design wavelength of the lens.
             sensor_offset: Distance of each point behind the sensor plane of the lens, mm, a number or
                 (...,); None is 0. Tilted sensors need it.
         """
@@ -64,12 +63,12 @@ def defocus_map(disparity: Values, lens: LensModel, pixel_pitch: float) -> Value
     """Return the signed circle-of-confusion radius of every pixel.
 
     Args:
-        disparity: Inverse depth, 1/mm, shape (H, W), array or tensor; 0 is infinitely far.
+        disparity: Inverse depth, 1/mm, (H, W), array or tensor; 0 is infinitely far.
         lens: Any lens model; only its paraxial properties are used.
         pixel_pitch: Distance between the centres of two pixels, mm.
 
     Returns:
-        Radius in pixels, shape (H, W), positive in front of the focal plane.
+        Radius in pixels, (H, W), positive in front of the focal plane.
 
     Raises:
         ShapeError: ``disparity`` is not two-dimensional.
@@ -84,7 +83,7 @@ def defocus_map(disparity: Values, lens: LensModel, pixel_pitch: float) -> Value
 
 
 def check_lens_number(name: str, value: object, *, finite: bool = False) -> float:
-    """Return a number, finite if that is asked for; ``LensError`` where ``value`` is none."""
+    """Return ``value`` as a number; raise ``LensError`` if it is not one, or not finite although required."""
     number = number_of(value)
     if math.isnan(number) or (finite and math.isinf(number)):
         problem = ParameterError(name, "a finite number" if finite else "a number", value)

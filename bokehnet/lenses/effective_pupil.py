@@ -1,8 +1,8 @@
-"""Where rays must be aimed so that few are lost: the effective pupil, seen from each point of the sensor.
+"""Effective pupil: the region of the exit pupil through which each sensor point receives light.
 
-Off the axis the rims of the other surfaces cut the exit pupil, and its own aberrations move and stretch it.
-What passes is found once by tracing, for points along one radius, and enclosed in ellipses; every
-other point of the sensor is one of these, turned about the axis.
+Off the axis the rims of the other surfaces clip the exit pupil, and its own aberrations move and stretch it.
+Tracing finds the passing region once, for points along one radius, and encloses it in ellipses; for any
+other sensor point the ellipse is rotated about the axis. Rays aimed at the ellipses are rarely lost.
 """
 
 from collections.abc import Sequence
@@ -20,33 +20,33 @@ __all__ = ["EffectivePupil", "find_effective_pupil"]
 _FIELDS = 33
 _COARSE, _FINE = 48, 96
 # Half-side of the searched square over the radius of the exit pupil.
-_SEARCH = 2.5
-# Ellipses are larger than what was found by this factor, because of the grid and of other wavelengths.
+_SEARCH_RADII = 2.5
+# Enlargement of the ellipses, to allow for the grid and for other wavelengths.
 _MARGIN = 1.01
-# Directions from which a lens is looked at that is not symmetric.
-_AROUND = 4
+# Number of directions in which a lens that is not rotationally symmetric is traced.
+_DIRECTIONS = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class EffectivePupil:
-    """Ellipses in the plane of the exit pupil.
+    """Ellipses in the plane of the exit pupil, one for each field.
 
     Attributes:
-        steepest: Slope, lateral over axial, from the middle of the exit pupil to the last sensor point.
+    max_slope: Slope, lateral over axial, from the centre of the exit pupil to the last sensor point.
         ellipses: (fields, 3): centre along the radius, half-axis along it, half-axis across, mm; fields are
-            even steps of that slope, from 0.
+            equal steps of that slope, from 0.
     """
 
-    steepest: float
+    max_slope: float
     ellipses: np.ndarray
 
     def aim(self, sensor_xy: Array, distance: Array, pupil_uv: Array) -> tuple[Array, Array, Array]:
-        """Map the unit disc onto the ellipse that is seen from a sensor point.
+        """Map the unit disc onto the ellipse of a sensor point.
 
         Args:
-            sensor_xy: (..., 2), mm.
-            distance: From the exit pupil to the sensor point, mm.
-            pupil_uv: (..., 2) in the unit disc.
+            sensor_xy: Sensor points, mm, (..., 2).
+            distance: Distance from the exit pupil to the sensor point, mm.
+            pupil_uv: Points of the unit disc, (..., 2).
 
         Returns:
             x and y in the plane of the exit pupil, mm, and the product of the half-axes, mm^2, each (...,).
@@ -59,92 +59,94 @@ class EffectivePupil:
         radius = xp.where(off_axis, square, xp.ones_like(square)) ** 0.5
         cosine = xp.where(off_axis, x / radius, xp.ones_like(x))
         sine = xp.where(off_axis, y / radius, xp.zeros_like(y))
-        place = radius * off_axis / distance * ((len(self.ellipses) - 1) / self.steepest)
+        place = radius * off_axis / distance * ((len(self.ellipses) - 1) / self.max_slope)
         centre, along, across = self._ellipse_at(place)
         radial = centre + along * (cosine * u + sine * v)
         tangential = across * (cosine * v - sine * u)
         return cosine * radial - sine * tangential, sine * radial + cosine * tangential, along * across
 
     def _ellipse_at(self, place: Array) -> tuple[Array, Array, Array]:
-        """Interpolate between fields; ``place`` counts them, and beyond the last one nothing changes."""
+        """Interpolate between fields at the fractional index ``place``; constant beyond the last field."""
         xp = array_namespace(place)
         place = xp.clip(place, 0, len(self.ellipses) - 1)
         below = xp.clip(xp.floor(place), 0, len(self.ellipses) - 2)
-        share = (place - below)[..., None]
+        fraction = (place - below)[..., None]
         index = below.astype(np.intp) if xp is np else below.long()
         ellipses = constant_like(self.ellipses, place)
-        found = ellipses[index] * (1 - share) + ellipses[index + 1] * share
-        return found[..., 0], found[..., 1], found[..., 2]
+        ellipse = ellipses[index] * (1 - fraction) + ellipses[index + 1] * fraction
+        return ellipse[..., 0], ellipse[..., 1], ellipse[..., 2]
 
 
 def find_effective_pupil(
     surfaces: Sequence[Surface], exit_pupil: Pupil, distance: float, sensor_radius: float
 ) -> EffectivePupil:
-    """Find the effective pupil by tracing.
+    """Return the effective pupil of a lens, by ray tracing.
 
     Args:
-        surfaces: The lens.
-        exit_pupil: Its paraxial exit pupil.
-        distance: From the exit pupil to the sensor, mm.
-        sensor_radius: How far from the axis, mm.
+        surfaces: Surfaces of the lens.
+        exit_pupil: Paraxial exit pupil.
+        distance: Distance from the exit pupil to the sensor, mm.
+        sensor_radius: Largest distance of sensor points from the axis, mm.
 
     Raises:
-        LensError: No ray from the middle of the sensor passes.
+        LensError: No ray from the centre of the sensor passes.
 
     Source:
         Steinert et al., "General spectral camera lens simulation", 2011, with bounding circles.
     """
-    steepest = sensor_radius / distance
+    max_slope = sensor_radius / distance
     field = np.linspace(0, sensor_radius, _FIELDS)[:, None, None]
-    size = _SEARCH * abs(exit_pupil.radius)
+    size = _SEARCH_RADII * abs(exit_pupil.radius)
     boxes = np.tile([-size, size, size], (_FIELDS, 1))
-    ways = _seen_from_around(surfaces)
-    boxes, _ = _narrow(ways, exit_pupil, distance, field, boxes, _COARSE)
-    boxes, rims = _narrow(ways, exit_pupil, distance, field, boxes, _FINE)
+    variants = _rotated_lenses(surfaces)
+    boxes, _ = _narrow(variants, exit_pupil, distance, field, boxes, _COARSE)
+    boxes, rims = _narrow(variants, exit_pupil, distance, field, boxes, _FINE)
     ellipses = np.zeros((_FIELDS, 3))
     for i, (box, rim) in enumerate(zip(boxes, rims, strict=True)):
         if np.isfinite(box).all():
             ellipses[i] = _enclose(*rim)
         elif i == 0:
             raise LensError("the lens passes no light: no ray from the middle of the sensor gets through")
-        else:  # dark from here on; an ellipse of no area keeps the weight at 0
+        else:  # no light from this field on; an ellipse of no area gives weight 0
             ellipses[i, 0] = ellipses[i - 1, 0]
-    return EffectivePupil(steepest=steepest, ellipses=ellipses)
+    return EffectivePupil(max_slope=max_slope, ellipses=ellipses)
 
 
-def _seen_from_around(surfaces: Sequence[Surface]) -> list[list[Surface]]:
-    """The lens as points in several directions of the sensor see it, and in a mirror; once if it is centred.
+def _rotated_lenses(surfaces: Sequence[Surface]) -> list[list[Surface]]:
+    """Return the lens rotated to several directions of the sensor, and mirrored; unchanged if it is centred.
 
-    What passes is then looked for in one half of the pupil, for points along one radius.
+    The union of passing rays is then symmetric, so that points along one radius and one half of the pupil
+    suffice.
     """
     if all(surface.centred for surface in surfaces):
         return [list(surfaces)]
-    ways = []
-    for angle in 2 * np.pi * np.arange(_AROUND) / _AROUND:
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    variants = []
+    for angle in 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
+        rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         for side in (1, -1):
-            seen = []
+            rotated = []
             for surface in surfaces:
-                (x, y), (about_x, about_y) = turn @ surface.shift[:2], turn @ surface.tilt
+                (x, y), (about_x, about_y) = rotation @ surface.shift[:2], rotation @ surface.tilt
                 shift = (float(x), side * float(y), surface.shift[2])
-                seen.append(replace(surface, shift=shift, tilt=(side * float(about_x), float(about_y))))
-            ways.append(seen)
-    return ways
+                rotated.append(replace(surface, shift=shift, tilt=(side * float(about_x), float(about_y))))
+            variants.append(rotated)
+    return variants
 
 
 def _narrow(
-    ways: Sequence[Sequence[Surface]],
+    variants: Sequence[Sequence[Surface]],
     exit_pupil: Pupil,
     distance: float,
     field: np.ndarray,
     boxes: np.ndarray,
     count: int,
 ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Bound what passes in boxes (fields, 3) of lowest u, highest u, highest v, by ``count``^2 rays.
+    """Return bounding boxes and rims of the passing rays, traced on a grid of ``count``^2 rays per box.
 
-    In ``ways`` is the lens as :func:`_seen_from_around` has it, all together symmetric in v. Boxes get one
-    cell more all round; one where nothing passes becomes NaN. The rims are columns u and the highest v, of
-    the outer sides of the cells.
+    Boxes are (fields, 3): lowest u, highest u, highest v. ``variants`` contains the lenses of
+    :func:`_rotated_lenses`, whose union is symmetric in v. Boxes are enlarged by one cell on all sides; a box
+    without passing rays becomes NaN. The rims are columns u and the highest v, at the outer sides of the
+    cells.
     """
     steps = (np.arange(count) + 0.5) / count
     low, high, top = (boxes[:, i, None, None] for i in range(3))
@@ -153,7 +155,7 @@ def _narrow(
     start = (field, 0 * field, exit_pupil.position + distance)
     beam = beam_between(start, (u, v, exit_pupil.position))
     passes = np.zeros(u.shape, bool)
-    for surfaces in ways:
+    for surfaces in variants:
         passes |= trace(surfaces, beam, backwards=True).passes
     passes &= np.isfinite(u)
     narrowed, rims = np.full_like(boxes, np.nan), []
@@ -171,7 +173,7 @@ def _narrow(
 
 
 def _enclose(u: np.ndarray, v: np.ndarray) -> tuple[float, float, float]:
-    """Smallest ellipse around points, upright and centred on v = 0: centre and half-axes along u and v."""
+    """Return the smallest ellipse around points, centred on v = 0: centre, and half-axes along u and v."""
     centre = np.linspace(u.min(), u.max(), 65)[:, None, None]
     flatness = np.geomspace(0.25, 4, 65)[:, None]  # half-axis across over that along
     along2 = ((u - centre) ** 2 + (v / flatness) ** 2).max(axis=-1)

@@ -1,7 +1,7 @@
-"""Where a lens with spherical aberration is sharpest: not where Gaussian optics focuses it.
+"""Focus shift: distance from the paraxial focus to the sharpest focus of a lens with spherical aberration.
 
-Rays through the zones of the opening cross the axis at different places. A photographer, or a camera that
-measures sharpness, focuses at the working aperture and settles where the whole blur is least.
+Rays through different zones of the aperture cross the axis at different distances. A photographer, or a
+contrast autofocus, focuses at the working aperture and minimizes the total blur.
 """
 
 from collections.abc import Sequence
@@ -14,37 +14,39 @@ from bokehnet.optics.paraxial import Pupil
 
 __all__ = ["focus_shift"]
 
-# Zones of the entrance pupil, even in area, up to this share of its paraxial radius: real ones are larger.
-_ZONES, _WIDEST = 2048, 1.5
+# Number of zones of equal area of the entrance pupil, and their outer radius over the paraxial radius; real
+# pupils can be larger than paraxial ones.
+_ZONES, _MAX_RADIUS = 2048, 1.5
 
 
 def focus_shift(
     surfaces: Sequence[Surface], entrance: Pupil, focus_distance: float, gaussian_focus: float
 ) -> float:
-    """Return how far behind the Gaussian focus the blur of a point on the axis is least, mm.
+    """Return the signed distance from the Gaussian focus to the least axial blur, mm, positive behind.
 
-    Rays that a point in the focus distance sends evenly into the entrance pupil cross a plane at t behind
-    the Gaussian focus at heights ``x + m t``; ``t = -sum(x m) / sum(m m)`` makes their squares least.
+    Rays from a point at the focus distance, uniform over the entrance pupil, cross a plane at t behind
+    the Gaussian focus at heights ``x + m t``; ``t = -sum(x m) / sum(m m)`` minimizes the sum of their
+    squares.
 
     Args:
-        surfaces: The lens, its iris as it is set.
-        entrance: Its entrance pupil.
-        focus_distance: From there to the point, mm; may be infinite.
-        gaussian_focus: Place of its Gaussian image, mm behind the first surface.
+        surfaces: Surfaces of the lens, with the iris as it is set.
+        entrance: Entrance pupil.
+        focus_distance: Distance from the entrance pupil to the point, mm; may be infinite.
+        gaussian_focus: Position of its Gaussian image, mm behind the first surface.
 
     Raises:
         LensError: No ray passes.
 
     Source:
         Welford, "Aberrations of optical systems", 1986, 6.3: two thirds of the way to the focus of the rim
-        for primary spherical aberration; the sums take every order.
+        for primary spherical aberration; the sums include all orders.
     """
-    height = _WIDEST * abs(entrance.radius) * np.sqrt((np.arange(_ZONES) + 0.5) / _ZONES)
+    height = _MAX_RADIUS * abs(entrance.radius) * np.sqrt((np.arange(_ZONES) + 0.5) / _ZONES)
     slope = -height / focus_distance
-    nothing = np.zeros_like(height)
+    zeros = np.zeros_like(height)
     first = min(surfaces[0].vertex, entrance.position) - 1.0  # in front of the glass
     start = height + (entrance.position - first) * slope
-    beam = trace(surfaces, beam_between((start + slope, nothing, first - 1.0), (start, nothing, first)))
+    beam = trace(surfaces, beam_between((start + slope, zeros, first - 1.0), (start, zeros, first)))
     passes = beam.passes
     if not passes.any():
         raise LensError("no ray passes from the point in focus")

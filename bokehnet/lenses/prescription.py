@@ -1,4 +1,4 @@
-"""A lens made of real glass: every ray is refracted surface by surface."""
+"""Lens made of real glass: every ray is refracted surface by surface."""
 
 import math
 from dataclasses import dataclass, replace
@@ -20,31 +20,31 @@ from bokehnet.optics.coc import coc_radius
 
 __all__ = ["PrescriptionLens"]
 
-# Sensors may be larger than the picture that a lens is made for; the effective pupil is known up to here.
+# Field radius of the effective pupil over the design image radius, for sensors larger than the image circle.
 _FIELD_RESERVE = 1.2
-# Engraved f-numbers are rounded: one that is smaller by less than this is the fully open lens.
-_NOMINAL = 1.02
+# Tolerance of f-numbers: engraved values are rounded, and one smaller by up to this factor is fully open.
+_F_NUMBER_TOLERANCE = 1.02
 
 
 @dataclass(frozen=True, kw_only=True)
 class PrescriptionLens:
-    """A prescription at work: focused by moving all of the lens, stopped down by its iris.
+    """Prescription in use: focused by moving the whole lens, stopped down by its iris.
 
-    The plane z = 0 of the scene is the entrance pupil at the design wavelength, as Gaussian optics has
-    it; it moves with the lens, and :attr:`front_vertex` tells how far the glass reaches in front of it.
+    The plane z = 0 of the scene is the paraxial entrance pupil at the design wavelength;
+    it moves with the lens, and :attr:`front_vertex` is the distance from it to the front of the glass.
 
     Attributes:
-        prescription: Surfaces; :meth:`Prescription.scaled` gives other focal lengths.
+        prescription: Surfaces; :meth:`Prescription.scaled` changes the focal length.
         f_number: Focal length over diameter of the entrance pupil; None is fully open.
-        focus_distance: Depth z that images sharply, mm; may be infinite.
-        focusing: "sharpest" puts the sensor where rays of the whole opening, at the f-number as it is set and
-            the design wavelength, blur a point on the axis least, root mean square; "paraxial" where Gaussian
-            optics images it. With spherical aberration the two differ, and move apart as the iris opens.
-        pupil_sampling: "effective" maps the unit disc onto what passes as seen from each sensor point,
-            "exit" onto the paraxial exit pupil, whatever the rims of the lens cut off.
+        focus_distance: Depth z in focus, mm; may be infinite.
+        focusing: "sharpest" places the sensor at the minimum root mean square blur of a point on the axis,
+            for rays of the whole aperture at the current f-number and the design wavelength; "paraxial" at
+            the Gaussian image. With spherical aberration the two differ, increasingly with larger apertures.
+        pupil_sampling: "effective" maps the unit disc onto the region that light passes for each sensor
+            point, "exit" onto the paraxial exit pupil, regardless of other rims.
 
     Raises:
-        LensError: The lens cannot focus there, or cannot open so far.
+        LensError: The lens cannot focus at this distance, or cannot open to this f-number.
     """
 
     prescription: Prescription
@@ -58,9 +58,9 @@ class PrescriptionLens:
         if not self.open_paraxial.cardinal.focal_length > 0:
             raise LensError(f"{name}: need a focal length above 0, got {self.focal_length:g} mm")
         f_number = number_of(self.f_number)
-        if self.f_number is not None and not self.fastest <= _NOMINAL * f_number < math.inf:
+        if self.f_number is not None and not self.min_f_number <= _F_NUMBER_TOLERANCE * f_number < math.inf:
             raise LensError(
-                f"{name}: f-number: expected {self.fastest:.3g} or more, got {self.f_number}",
+                f"{name}: f-number: expected {self.min_f_number:.3g} or more, got {self.f_number}",
                 parameter="f_number",
             )
         try:
@@ -85,26 +85,26 @@ class PrescriptionLens:
         return float(self.open_paraxial.cardinal.focal_length)
 
     @property
-    def fastest(self) -> float:
+    def min_f_number(self) -> float:
         """F-number of the fully open lens."""
         return float(self.focal_length / abs(self.open_paraxial.entrance.radius) / 2)
 
     @cached_property
     def working_f_number(self) -> float:
-        """1 / (2 sin u') of the widest cone of real rays that reaches the middle of the sensor.
+        """1 / (2 sin u') of the widest cone of real rays that reaches the centre of the sensor.
 
-        It counts the spherical aberration of the pupil, the other rims, and how far the lens is racked out;
-        :attr:`ThickLens.f_number` does none of it. 0.5 is the fastest that there can be in air.
+        It includes spherical aberration of the pupil, the other rims, and the extension of the lens;
+        :attr:`ThickLens.f_number` ignores all of these. The lower bound in air is 0.5.
         """
         low, high = 0.0, 1.0
         for _ in range(4):
             sine = np.linspace(low, high, 257)[:-1]
-            nothing = np.zeros_like(sine)
-            direction = (sine, nothing, -np.sqrt(1 - sine * sine))
-            start = (nothing, nothing, nothing + self.sensor_position)
+            zeros = np.zeros_like(sine)
+            direction = (sine, zeros, -np.sqrt(1 - sine * sine))
+            start = (zeros, zeros, zeros + self.sensor_position)
             passes = trace(
                 [replace(surface, inner_radius=0.0) for surface in self.centred.surfaces],
-                Beam(position=start, direction=direction, fill=nothing, stop_fill=nothing),
+                Beam(position=start, direction=direction, fill=zeros, stop_fill=zeros),
                 backwards=True,
             ).passes
             last = len(sine) - 1 if passes.all() else int(np.argmin(passes)) - 1
@@ -117,16 +117,16 @@ class PrescriptionLens:
     def stop_radius(self) -> float:
         """Radius of the iris, mm."""
         largest = next(row.semi_diameter for row in self.prescription.surfaces if row.stop)
-        return largest if self.f_number is None else min(1.0, self.fastest / self.f_number) * largest
+        return largest if self.f_number is None else min(1.0, self.min_f_number / self.f_number) * largest
 
     @cached_property
     def surfaces(self) -> tuple[Surface, ...]:
-        """Surfaces with the iris as it is set, at the design wavelength."""
+        """Surfaces at the design wavelength, with the iris as set."""
         return self.prescription.trace_surfaces(self.prescription.design_wavelength, self.stop_radius)
 
     @cached_property
     def centred(self) -> "PrescriptionLens":
-        """The lens with all its surfaces on the axis; itself, where they are."""
+        """Lens with all surfaces centred on the axis; the lens itself if they are."""
         if self.prescription.centred:
             return self
         return replace(self, prescription=self.prescription.with_surfaces_centred())
@@ -138,7 +138,7 @@ class PrescriptionLens:
 
     @cached_property
     def thick(self) -> ThickLens:
-        """The perfect lens with this focal length, focus and pupils."""
+        """Ideal lens with the same focal length, focus and pupils."""
         cardinal, entrance = self.paraxial.cardinal, self.paraxial.entrance
         return ThickLens(
             focal_length=self.focal_length,
@@ -150,22 +150,22 @@ class PrescriptionLens:
 
     @property
     def front_vertex(self) -> float:
-        """Depth z of the foremost point of the first surface on the axis, mm."""
+        """Depth z of the vertex of the first surface, mm."""
         return float(self.paraxial.entrance.position)
 
     @property
     def sensor_position(self) -> float:
-        """Place ``t`` of the sensor, mm behind the first surface; more than at infinity is the travel."""
+        """Position ``t`` of the sensor, mm behind the first surface; it increases for near focus."""
         return self.gaussian_focus + self.focus_shift
 
     @property
     def gaussian_focus(self) -> float:
-        """Place ``t`` where Gaussian optics images the focus distance, mm behind the first surface."""
+        """Position ``t`` of the Gaussian image of the focus distance, mm behind the first surface."""
         return float(self.paraxial.cardinal.rear_principal + self.thick.image_distance)
 
     @cached_property
     def focus_shift(self) -> float:
-        """How far behind :attr:`gaussian_focus` the sensor stands, mm; below 0 for undercorrected lenses."""
+        """Distance of the sensor behind :attr:`gaussian_focus`, mm; below 0 for undercorrected lenses."""
         if self.focusing == "paraxial":
             return 0.0
         return focus_shift(
@@ -174,27 +174,27 @@ class PrescriptionLens:
 
     @property
     def sensor_distance(self) -> float:
-        """Distance to the sensor of the thin lens with this picture and this blur, mm.
+        """Distance from lens to sensor of the thin lens with the same picture and blur, mm.
 
-        As :attr:`ThickLens.sensor_distance`, with the sensor where it really stands.
+        As :attr:`ThickLens.sensor_distance`, at the actual position of the sensor.
         """
         thick = self.thick
         return thick.sensor_distance + self.focus_shift * (1 + thick.principal_depth / thick.focal_length)
 
     @cached_property
     def effective_pupil(self) -> EffectivePupil:
-        """What each point of the sensor sees of the pupil; found when it is first asked for."""
+        """Effective pupil of each sensor point, computed on first use."""
         exit_pupil = self.paraxial.exit
         distance = self.sensor_position - exit_pupil.position
         radius = _FIELD_RESERVE * self.prescription.image_radius
         return find_effective_pupil(self.surfaces, exit_pupil, distance, radius)
 
     def coc_radius(self, disparity: Array) -> Array:
-        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm, by Gaussian optics; 0 in focus."""
+        """Return the paraxial signed blur radius on the sensor, mm; 0 in focus; disparity in 1/mm."""
         return coc_radius(disparity, 1 / self.focus_distance, self.thick.pupil_radius, self.sensor_distance)
 
     def image_of(self, points: Array) -> tuple[Array, Array]:
-        """Where Gaussian optics images points (..., 3), mm: xy (..., 2), and mm behind the sensor (...,)."""
+        """Return the Gaussian image of points (..., 3), mm: xy (..., 2), and mm behind the sensor (...,)."""
         xy, behind = self.thick.image_of(points)
         return xy, behind - self.focus_shift
 
@@ -205,17 +205,18 @@ class PrescriptionLens:
         wavelength: Array | None = None,
         sensor_offset: Array | None = None,
     ) -> Rays:
-        """Rays from sensor points through the pupil, as in :class:`LensModel`, by tracing the glass.
+        """Return rays from sensor points through the pupil, as :class:`LensModel`, by tracing the glass.
 
-        Weights are what passes, times the area aimed at over that of the exit pupil, times cos^4 of the
-        angle at the sensor; their mean over the disc is the irradiance over that of a small pupil on the
-        axis. Weights have gradients by the cosine only; those at the edge of the pupil are not seen.
+        Weights are 1 for rays that pass and 0 for others, times the sampled area over that of the exit pupil,
+        times cos^4 of the angle at the sensor; their mean over the disc is the irradiance relative to that of
+        a small pupil on the axis. Only the cosine contributes to the gradient of weights; edges of the pupil
+        do not.
 
         Source:
             Kolb, Mitchell and Hanrahan, "A realistic camera model for computer graphics", SIGGRAPH 1995.
         """
-        beam, share = self.aim(sensor_xy, pupil_uv, sensor_offset)
-        weight = share * beam.direction[2] ** 4
+        beam, relative_area = self.aim(sensor_xy, pupil_uv, sensor_offset)
+        weight = relative_area * beam.direction[2] ** 4
         beam = self.transfer(beam, wavelength)
         xp = array_namespace(weight)
         (x, y), (dx, dy, dt) = beam.at(self.paraxial.entrance.position), beam.direction
@@ -228,40 +229,40 @@ class PrescriptionLens:
     def aim(
         self, sensor_xy: Array, pupil_uv: Array, sensor_offset: Array | None
     ) -> tuple[Beam, Array | float]:
-        """Rays from the sensor into the exit pupil, and the area aimed at over that of the exit pupil."""
+        """Return rays from the sensor into the exit pupil, and the sampled area relative to its area."""
         exit_pupil = self.paraxial.exit
         place = self.sensor_position + (0.0 if sensor_offset is None else sensor_offset)
         upright = math.copysign(1.0, exit_pupil.radius * self.paraxial.entrance.radius)
         pupil_uv = upright * pupil_uv
-        share: Array | float = 1.0
+        relative_area: Array | float = 1.0
         if self.pupil_sampling == "effective":
             x, y, area = self.effective_pupil.aim(sensor_xy, place - exit_pupil.position, pupil_uv)
-            share = area / exit_pupil.radius**2
+            relative_area = area / exit_pupil.radius**2
         else:
             radius = abs(exit_pupil.radius)
             x, y = radius * pupil_uv[..., 0], radius * pupil_uv[..., 1]
         start = (sensor_xy[..., 0], sensor_xy[..., 1], place)
-        return beam_between(start, (x, y, exit_pupil.position)), share
+        return beam_between(start, (x, y, exit_pupil.position)), relative_area
 
     def transfer(self, beam: Beam, wavelength: Array | None = None) -> Beam:
-        """Send rays that come from the sensor through the lens."""
+        """Trace rays from the sensor through the lens."""
         return trace(self.surfaces_at(wavelength), beam, backwards=True)
 
     def surfaces_at(self, wavelength: Array | None) -> tuple[Surface, ...]:
-        """Surfaces for a wavelength, nm, or for one per ray; None is the design wavelength."""
+        """Return the surfaces at a wavelength, nm, or at one per ray; None is the design wavelength."""
         if wavelength is None:
             return self.surfaces
         return self.prescription.trace_surfaces(wavelength, self.stop_radius)
 
     def trace_to_sensor(self, rays: Rays, wavelength: Array | None = None) -> tuple[Array, Array]:
-        """Send light from the scene through the lens, the other way round than :meth:`sample_rays`.
+        """Trace light from the scene through the lens to the sensor, opposite to :meth:`sample_rays`.
 
         Args:
-            rays: Rays in front of the lens; their weights are not looked at.
-            wavelength: Nanometres, a number or (...,); None is the design wavelength.
+            rays: Rays in front of the lens; their weights are ignored.
+            wavelength: Wavelength, nm, a number or (...,); None is the design wavelength.
 
         Returns:
-            Where they meet the sensor plane, mm, (..., 2), and which of them get there, (...,).
+            Intersections with the sensor plane, mm, (..., 2), and True for rays that reach it, (...,).
         """
         pupil, start = self.paraxial.entrance.position, -self.focal_length
         place = rays.origin + (pupil - start) * rays.slope

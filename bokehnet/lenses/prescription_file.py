@@ -1,4 +1,4 @@
-"""What a lens prescription file says: surfaces from the scene to the sensor, in millimetres.
+"""Lens prescription and its TOML file: surfaces from the scene to the sensor, in millimetres.
 
 ::
 
@@ -45,41 +45,42 @@ from bokehnet.optics.spectral.glass import (
 __all__ = ["FocusRow", "Prescription", "SurfaceRow", "read_prescription"]
 
 _MEDIA = ("glass", "abbe", "sellmeier", "schott", "formula", "table")
-# Degrees by which a surface can be turned; more is no fault of a copy.
-_STEEPEST = 45.0
+# Upper bound of the tilt of a surface, degrees; manufacturing errors are smaller.
+_MAX_TILT_DEGREES = 45.0
 _Six = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SurfaceRow:
-    """One surface and what lies behind it; without a glass that is air.
+    """One surface and the medium behind it; air unless a glass is given.
 
     Attributes:
-        thickness: Distance to the next surface along the axis, mm; of the last one, as published, to the
-            image of infinity (not used: focusing is solved for).
+        thickness: Distance to the next surface along the axis, mm; for the last surface, as published, to the
+            image of infinity (unused: the focus is computed).
         semi_diameter: Half of the clear aperture, mm.
-        radius: Radius of curvature, mm, positive when its centre lies behind; infinite is a plane.
+        radius: Radius of curvature, mm, positive if its centre lies behind; infinite is a plane.
         conic: Conic constant; 0 is a sphere.
-        aspheric: What an even asphere adds to the depth of the conic: coefficients of the height to the
+        aspheric: Even aspheric terms of the sag: coefficients of the height to the
             powers 2, 4, 6, ..., mm^-1, mm^-3, ...
-        odd: The same of the powers 3, 5, 7, ..., mm^-2, mm^-4, ...
-        stop: Whether this is the aperture stop: a plane in air, or in the glass of the row in front of it,
-            which it then names again. Only a stop may stand behind what comes next, thickness below 0.
-        glass: Name of a glass that :mod:`bokehnet.optics.spectral.glass` knows.
+        odd: Odd aspheric terms of the sag: powers 3, 5, 7, ..., mm^-2, mm^-4, ...
+        stop: True for the aperture stop: a plane in air, or in the glass of the row in front of it,
+            which the stop then repeats. Only a stop may lie behind the next surface, with a thickness below
+            0.
+        glass: Name of a glass of :mod:`bokehnet.optics.spectral.glass`.
         abbe: Index nd and Abbe number Vd.
         sellmeier: b1, b2, b3, c1, c2, c3.
         schott: a0 to a5.
         formula: Any other formula, as :class:`bokehnet.optics.spectral.glass.FormulaGlass`.
         table: Wavelengths, nm, and indices, as :class:`bokehnet.optics.spectral.glass.TableGlass`.
-        mirror: Whether it reflects; what is behind it, in the way of the light, is what was in front. Radii
-            and distances behind a mirror are told as seen in it: thicknesses stay positive, and radii
-            above 0 have their centre where the light goes.
-        inner_radius: Rays nearer to the axis than this are stopped, mm: by the back of another mirror, or a
+        mirror: True for a mirror; the medium behind it, along the light, equals that in front. Radii
+            and distances behind a mirror are those of the unfolded system: thicknesses stay positive, and
+            radii above 0 have their centre in the direction of the light.
+        inner_radius: Radius below which rays are blocked, mm: by the back of another mirror, or a
             hole.
-        shift: How far the vertex stands off its place on the axis, x, y and along the light, mm; of one copy
-            of a lens, as :mod:`bokehnet.lenses.assembly.tolerances` puts it together.
-        tilt: Degrees about axes along x and y by which the surface is turned about its vertex.
-        comment: What the source calls the surface.
+        shift: Decentring of the vertex, x, y and along the light, mm, of one copy
+            of a lens, as assembled by :mod:`bokehnet.lenses.assembly.tolerances`.
+        tilt: Rotation of the surface about its vertex, degrees about axes along x and y.
+        comment: Name of the surface in the source.
     """
 
     thickness: float
@@ -102,10 +103,14 @@ class SurfaceRow:
     comment: str = ""
 
     def problem(self, in_front: Glass | None) -> str | None:
-        """Say what no surface can have, beginning with the key; ``in_front`` is the glass in front of it."""
+        """Return a description of the first invalid value, starting with its key, or None.
+
+        Args:
+            in_front: Glass in front of the surface; None is air.
+        """
         media = [key for key in _MEDIA if getattr(self, key) is not None]
         if len(media) > 1:
-            return f"{media[0]}: expected one way to tell the glass, got {' and '.join(media)}"
+            return f"{media[0]}: expected one way to describe the glass, got {' and '.join(media)}"
         if self.stop and (math.isfinite(self.radius) or self.aspheric or self.odd):
             return "stop: expected a plane in air, got a radius"
         if self.radius == 0 or math.isnan(self.radius):
@@ -122,10 +127,10 @@ class SurfaceRow:
         for key in ("shift", "tilt"):
             value = getattr(self, key)
             if not all(map(math.isfinite, value)) or (self.stop and any(value)):
-                where = "nothing, at a stop, which stays on the axis" if self.stop else "finite numbers"
-                return f"{key}: expected {where}, got {list(value)}"
-        if max(map(abs, self.tilt)) >= _STEEPEST:
-            return f"tilt: expected less than {_STEEPEST:g} degrees, got {list(self.tilt)}"
+                expected = "nothing, at a stop, which stays on the axis" if self.stop else "finite numbers"
+                return f"{key}: expected {expected}, got {list(value)}"
+        if max(map(abs, self.tilt)) >= _MAX_TILT_DEGREES:
+            return f"tilt: expected less than {_MAX_TILT_DEGREES:g} degrees, got {list(self.tilt)}"
         if self.stop and self.mirror:
             return "mirror: expected a stop of its own beside the mirror, got both in one"
         if self.abbe is not None and not (self.abbe[0] > 1 and self.abbe[1] > 0):
@@ -155,11 +160,11 @@ class SurfaceRow:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FocusRow:
-    """How the groups of a lens stand when it is focused at one distance.
+    """Gaps between the surfaces of a lens that is focused at one distance.
 
     Attributes:
-        distance: From the first surface to what is in focus, mm; may be infinite.
-        thicknesses: Of all rows, mm.
+        distance: Distance from the first surface to the object in focus, mm; may be infinite.
+        thicknesses: Thicknesses of all rows, mm.
     """
 
     distance: float
@@ -168,17 +173,17 @@ class FocusRow:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Prescription:
-    """A lens as published.
+    """Lens as published.
 
     Attributes:
-        name: What it is called.
-        source: Author, title, year or patent, and what was changed.
-        focal_length: Published focal length, mm, for comparison with what the surfaces give.
+        name: Name of the lens.
+        source: Author, title, year or patent, and any changes.
+        focal_length: Published focal length, mm, for comparison with that of the surfaces.
         f_number: Published f-number at full aperture.
-        image_radius: Radius of the picture that it is made for, mm, in focus at infinity.
-        surfaces: From the scene to the sensor.
-        design_wavelength: Wavelength that focus and pupils are told for, nm.
-        floating: How groups move to focus, nearest distance first; none where the lens moves as one piece.
+        image_radius: Radius of the image circle, mm, in focus at infinity.
+        surfaces: Surfaces from the scene to the sensor.
+        design_wavelength: Wavelength of focus and pupils, nm.
+        floating: Positions of floating groups, nearest distance first; empty if the lens moves as a whole.
     """
 
     name: str
@@ -191,47 +196,47 @@ class Prescription:
     floating: tuple[FocusRow, ...] = ()
 
     def problem(self) -> str | None:
-        """Say what no lens can have, beginning with the key, or return None."""
+        """Return a description of the first invalid value, starting with its key, or None."""
         for key in ("focal_length", "f_number", "image_radius", "design_wavelength"):
             if not 0 < getattr(self, key) < math.inf:
                 return f"{key}: expected more than 0, got {getattr(self, key):g}"
-        fewest = 2 if any(row.mirror for row in self.surfaces) else 3
-        if len(self.surfaces) < fewest or sum(row.stop for row in self.surfaces) != 1:
+        min_rows = 2 if any(row.mirror for row in self.surfaces) else 3
+        if len(self.surfaces) < min_rows or sum(row.stop for row in self.surfaces) != 1:
             stops = sum(row.stop for row in self.surfaces)
-            found = f"{len(self.surfaces)} rows with {stops} stops"
-            return f"surfaces: expected two or more, and one with stop = true, got {found}"
+            rows = f"{len(self.surfaces)} rows with {stops} stops"
+            return f"surfaces: expected two or more, and one with stop = true, got {rows}"
         distances = [row.distance for row in self.floating]
         if distances and not (distances[0] > 0 and all(a < b for a, b in pairwise(distances))):
             return f"floating: expected distances above 0 that rise, got {distances}"
-        for i, told in enumerate(self.floating):
-            if len(told.thicknesses) != len(self.surfaces):
-                count = len(told.thicknesses)
+        for i, row in enumerate(self.floating):
+            if len(row.thicknesses) != len(self.surfaces):
+                count = len(row.thicknesses)
                 return (
                     f"floating[{i}].thicknesses: expected {len(self.surfaces)} as there are rows, got {count}"
                 )
         medium: Glass | None = None
-        for i, row in enumerate(self.surfaces):
-            if (problem := row.problem(medium)) is not None:
+        for i, surface in enumerate(self.surfaces):
+            if (problem := surface.problem(medium)) is not None:
                 return f"surfaces[{i}].{problem}"
-            medium = row.medium()
+            medium = surface.medium()
         return "surfaces: expected air behind the last one, got a glass" if medium is not None else None
 
     def focused(self, distance: float) -> "Prescription":
-        """Return the lens with its groups as they stand when it is focused at a distance.
+        """Return the lens with its floating groups at their positions for a focus distance.
 
-        Between the distances that are told, gaps are linear in one over the distance; beyond them they stay.
+        Gaps are interpolated linearly in inverse distance, and constant beyond the tabulated distances.
 
         Args:
-            distance: From the first surface, mm; may be infinite.
+            distance: Distance from the first surface, mm; may be infinite.
         """
         if not self.floating:
             return self
-        nearness = [-1 / row.distance for row in self.floating]
+        negative_vergence = [-1 / row.distance for row in self.floating]
         surfaces = tuple(
             dataclasses.replace(
                 row,
                 thickness=float(
-                    np.interp(-1 / distance, nearness, [at.thicknesses[i] for at in self.floating])
+                    np.interp(-1 / distance, negative_vergence, [at.thicknesses[i] for at in self.floating])
                 ),
             )
             for i, row in enumerate(self.surfaces)
@@ -240,11 +245,11 @@ class Prescription:
 
     @property
     def centred(self) -> bool:
-        """Whether all surfaces stand on the axis."""
+        """True if all surfaces are centred on the axis."""
         return not any(any(row.shift) or any(row.tilt) for row in self.surfaces)
 
     def with_surfaces_centred(self) -> "Prescription":
-        """Return the lens with every surface on the axis."""
+        """Return the lens with every surface centred on the axis."""
         rows = (dataclasses.replace(row, shift=(0.0, 0.0, 0.0), tilt=(0.0, 0.0)) for row in self.surfaces)
         return dataclasses.replace(self, surfaces=tuple(rows))
 
@@ -280,7 +285,7 @@ class Prescription:
         """Return the surfaces for :func:`bokehnet.lenses.surface_trace.trace`.
 
         Args:
-            wavelength: Nanometres, a number, array or tensor; it gives the refractive indices.
+            wavelength: Wavelength of the refractive indices, nm, a number, array or tensor.
             stop_radius: Radius of the aperture stop, mm; None is fully open.
         """
         surfaces, before, vertex = [], 1.0, 0.0
@@ -313,8 +318,8 @@ def read_prescription(path: str | Path) -> Prescription:
     """Read a prescription file.
 
     Raises:
-        ConfigError: It is missing or not TOML, a key is unknown or absent, a value has the wrong type or
-            cannot be; file and key are named.
+        ConfigError: The file is missing or not TOML, a key is unknown or absent, or a value has the wrong
+            type or is invalid; the message names file and key.
     """
     prescription = load_config(path, Prescription)
     if (problem := prescription.problem()) is not None:

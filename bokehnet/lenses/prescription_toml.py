@@ -1,4 +1,4 @@
-"""A prescription as the text of a lens file, which :func:`read_prescription` reads back as the same lens."""
+"""Prescription as TOML text; :func:`read_prescription` reads it back unchanged."""
 
 import dataclasses
 import json
@@ -11,7 +11,7 @@ __all__ = ["prescription_toml"]
 
 
 def prescription_toml(prescription: Prescription) -> str:
-    """Return the text, TOML; what is at its default is left out."""
+    """Return the TOML text of a prescription, without default values."""
     head = [
         f"{item.name} = {_value(getattr(prescription, item.name))}"
         for item in dataclasses.fields(Prescription)

@@ -1,4 +1,4 @@
-"""Principal planes and pupils of a sequence of surfaces: by paraxial imaging, and by real rays."""
+"""Principal planes and pupils of a sequence of surfaces, by paraxial imaging and by real rays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,25 +21,25 @@ __all__ = ["ParaxialLens", "paraxial_lens", "traced_focal_length", "traced_pupil
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ParaxialLens:
-    """What Gaussian optics says of a lens; places ``t`` in mm from the first surface towards the sensor.
+    """Gaussian optics of a lens; positions ``t`` in mm from the first surface towards the sensor.
 
     Attributes:
         cardinal: Focal length, principal planes, focal points.
         entrance: Entrance pupil.
         exit: Exit pupil.
-        length: From the first to the last surface.
-        entrance_per_stop: Radius of the entrance pupil over that of the stop, signed.
+        length: Distance from the first to the last surface, mm.
+        stop_magnification: Radius of the entrance pupil over that of the stop, signed.
     """
 
     cardinal: CardinalPoints
     entrance: Pupil
     exit: Pupil
     length: float
-    entrance_per_stop: float
+    stop_magnification: float
 
 
 def paraxial_lens(surfaces: Sequence[Surface]) -> ParaxialLens:
-    """Image the stop, and everything else, by matrices; one wavelength, or arrays of them.
+    """Return the Gaussian optics of surfaces, by matrices; for one wavelength, or arrays of them.
 
     Source:
         Hecht, "Optics", 2017, 6.2.
@@ -59,12 +59,12 @@ def paraxial_lens(surfaces: Sequence[Surface]) -> ParaxialLens:
         entrance=entrance_pupil(before, stop_radius),
         exit=exit_pupil(behind, place, stop_radius),
         length=place,
-        entrance_per_stop=1 / before.a,
+        stop_magnification=1 / before.a,
     )
 
 
 def traced_focal_length(surfaces: Sequence[Surface], height: float) -> float:
-    """Focal length by a real ray parallel to the axis at ``height``, mm: height over final slope."""
+    """Return the focal length of a real ray parallel to the axis at ``height``, mm: height over slope."""
     beam = trace(surfaces, beam_between((height, 0.0, -1.0), (height, 0.0, np.float64(0.0))))
     dx, _, dt = beam.direction
     return float(-height * dt / dx)
@@ -73,19 +73,20 @@ def traced_focal_length(surfaces: Sequence[Surface], height: float) -> float:
 def traced_pupils(
     surfaces: Sequence[Surface], zone: float = 1.0, chief_slope: float = 0.01
 ) -> tuple[Pupil, Pupil]:
-    """Entrance and exit pupil by a chief ray and a marginal ray.
+    """Return entrance and exit pupil by a chief ray and a marginal ray.
 
-    The chief ray leaves the middle of the stop to both sides; the pupils stand where its ends, made
-    longer, meet the axis. The marginal ray comes parallel to the axis, passes the stop at its rim, and has
-    the radii as its heights in the planes of the pupils.
+    The chief ray starts at the centre of the stop in both directions; the pupils are at the intersections of
+    its extended ends with the axis. The marginal ray enters parallel to the axis and passes the rim of the
+    stop; its heights in the planes of the pupils are the radii.
 
     Args:
-        surfaces: The lens.
-        zone: Share of the stop's radius at which the marginal ray passes; the radii are divided by it.
+        surfaces: Surfaces of the lens.
+        zone: Fraction of the radius of the stop at which the marginal ray passes; the radii are divided by
+            it.
         chief_slope: Slope of the chief ray in the stop.
 
     Raises:
-        LensError: No parallel ray passes the stop there.
+        LensError: No ray parallel to the axis passes the stop at this zone.
 
     Source:
         Wu et al., "Rendering realistic spectral bokeh due to lens stops and aberrations", 2013.
@@ -100,14 +101,14 @@ def traced_pupils(
         )
         (x, _, t), (dx, _, dt) = chief.position, chief.direction
         positions.append(float(t - x * dt / dx))
-    wanted = zone * stop.semi_diameter
-    height = wanted * paraxial_lens(surfaces).entrance_per_stop
+    stop_height = zone * stop.semi_diameter
+    height = stop_height * paraxial_lens(surfaces).stop_magnification
     for _ in range(50):
         ray = beam_between((height, 0.0, -1.0), (height, 0.0, np.float64(0.0)))
-        reached = float(trace(surfaces[:middle], ray).at(stop.vertex)[0])
-        if abs(reached - wanted) < 1e-12 * wanted:
+        actual_height = float(trace(surfaces[:middle], ray).at(stop.vertex)[0])
+        if abs(actual_height - stop_height) < 1e-12 * stop_height:
             break
-        height *= wanted / reached
+        height *= stop_height / actual_height
     else:
         raise LensError(f"no ray parallel to the axis passes the stop at {zone:g} of its radius")
     leaving = trace(surfaces, ray)

@@ -1,10 +1,10 @@
-"""A prescription reduced to third-order theory: a few numbers per wavelength instead of surfaces.
+"""Reduction of a prescription to third-order theory: a few numbers per wavelength instead of surfaces.
 
-Seven parameters are Gaussian optics: focal length, two principal planes, place and radius of two pupils. They
-move and scale the picture and the pupil from wavelength to wavelength. Seidel's five coefficients tell how
-rays miss at the sensor, and five more how those through a place in the stop miss its image, the entrance
-pupil. Together they make an aberration map that is exact up to the third order in a and h; its unit disc is
-the stop. What the rims of other surfaces cut off, and all higher orders, only traced rays know.
+Seven parameters are Gaussian optics: focal length, two principal planes, position and radius of two pupils.
+They move and scale the picture and the pupil from wavelength to wavelength. Five Seidel coefficients describe
+the transverse aberration at the sensor, and five more that of rays through a point of the stop at its image,
+the entrance pupil. Together they form an aberration map that is exact up to the third order in a and h; its
+unit disc is the stop. Vignetting by the rims of other surfaces and higher orders require ray tracing.
 
 Source: Welford, "Aberrations of optical systems", 1986, ch. 8 and 10; the parameters per wavelength after
 Asberg, "Parametrically replicating bokeh using Seidel aberration", 2020.
@@ -28,12 +28,12 @@ from bokehnet.optics.aberrations.seidel import (
     uniform_irradiance,
 )
 from bokehnet.optics.paraxial import focused_rays
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = ["WAVELENGTHS", "SeidelLens", "reduce_lens", "seidel_aberration_map", "seidel_by_surface"]
 
-# Of the visible spectrum, evenly spread, nm.
-WAVELENGTHS = tuple(float(wavelength) for wavelength in np.linspace(SHORTEST, LONGEST, 64))
+# Wavelengths of the visible spectrum, evenly spaced, nm.
+WAVELENGTHS = tuple(float(wavelength) for wavelength in np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 64))
 
 _SUMS = ("spherical", "coma", "astigmatism", "petzval", "distortion")
 _Ray = tuple[Array, Array]
@@ -41,26 +41,28 @@ _Ray = tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class SeidelLens:
-    """What is left of a lens; every number is an array with one value per wavelength, (L,).
+    """Third-order description of a lens; every number is an array with one value per wavelength, (L,).
 
     Attributes:
-        wavelengths: Nanometres.
-        focal_length: mm.
-        front_principal: Place of the front principal plane, mm behind the first surface.
-        rear_principal: The same of the rear principal plane.
-        entrance_position: The same of the entrance pupil.
-        entrance_radius: Of the entrance pupil, mm; below 0 it is upside down.
-        exit_position: As of the entrance pupil.
-        exit_radius: As of the entrance pupil.
-        image: Where rays miss at the sensor, half-diagonals of the picture.
-        pupil: Where rays miss the entrance pupil, in its radii, with the parts of a and h exchanged.
-        blur: Transverse aberration E per a by Gaussian optics, half-diagonals: axial colour, 0 at the design
+        wavelengths: Wavelengths, nm.
+        focal_length: Focal length, mm.
+        front_principal: Position of the front principal plane, mm behind the first surface.
+        rear_principal: Position of the rear principal plane, mm behind the first surface.
+        entrance_position: Position of the entrance pupil, mm behind the first surface.
+        entrance_radius: Radius of the entrance pupil, mm; below 0 it is inverted.
+        exit_position: Position of the exit pupil, mm behind the first surface.
+        exit_radius: Radius of the exit pupil, mm; below 0 it is inverted.
+        image: Coefficients of the transverse aberration at the sensor, half-diagonals of the picture.
+        pupil: Coefficients of the transverse aberration at the entrance pupil, in its radii, with a and h
+            exchanged.
+        blur: Paraxial transverse aberration E per a, half-diagonals: axial colour, 0 at the design
             wavelength.
-        shift: The same per h: lateral colour.
-        pupil_size: Coordinate A per a by Gaussian optics, 1 at the design wavelength.
-        pupil_shift: The same per h, 0 there.
-        rise: The light that places in the stop send to the sensor is ``1 + rise a.a + tilt a.h``.
-        tilt: As told at ``rise``.
+        shift: Paraxial transverse aberration E per h: lateral colour, 0 at the design wavelength.
+        pupil_size: Paraxial coordinate A per a, 1 at the design wavelength.
+        pupil_shift: Paraxial coordinate A per h, 0 at the design wavelength.
+        rise: Coefficient of a.a in the light ``1 + rise a.a + tilt a.h`` that points of the stop send to the
+            sensor.
+        tilt: Coefficient of a.h in that light.
     """
 
     wavelengths: np.ndarray
@@ -84,20 +86,21 @@ class SeidelLens:
         """Return the aberration map.
 
         Args:
-            picture: The same lens at one wavelength. A picture taken by its middle rays, distortion and all,
-                is what the map is counted in. None counts in the perfect picture, so that distortion stays.
+            picture: The same lens at one wavelength. Positions in the map then refer to the picture formed by
+                its chief rays, including distortion. None refers to the ideal picture, so that distortion
+                remains.
         """
         blur, shift, size, pupil_shift = (
             value[:, None, None] for value in (self.blur, self.shift, self.pupil_size, self.pupil_shift)
         )
-        # A ray of third order is the one that Gaussian optics sends from h - E through a + (A - a).
-        third, moved = (
+        # A third-order ray is the paraxial ray from h - E through a + (A - a).
+        third, pupil = (
             self.image.transverse_aberration(),
             self.pupil.pupil_aberration() - uniform_irradiance(self.rise, self.tilt),
         )
         transverse_aberration, pupil_aberration = (
-            (1 - shift) * third + blur * moved,
-            size * moved - pupil_shift * third,
+            (1 - shift) * third + blur * pupil,
+            size * pupil - pupil_shift * third,
         )
         for table, per_pupil, per_field in (
             (transverse_aberration, self.blur, self.shift),
@@ -106,7 +109,7 @@ class SeidelLens:
             table[:, 0, term(0, 0, 0)] += per_pupil
             table[:, 1, term(0, 0, 0)] += per_field
         if picture is not None:
-            # The picture shows x where ``p - s A - E = x`` for a = 0; to this order it is stretched by the
+            # The picture shows x at ``p - s A - E = x`` for a = 0; to this order it is stretched by the
             # derivatives of its distortion, and A and E with it.
             shown, entry = float(picture.image.distortion[0]), float(picture.pupil.spherical[0])
             for table, per_pupil, per_field, middle in (
@@ -129,13 +132,13 @@ def reduce_lens(
     half_diagonal: float | None = None,
     wavelengths: Sequence[float] = WAVELENGTHS,
 ) -> SeidelLens:
-    """Reduce a lens, as it is focused and stopped down, to third-order theory.
+    """Reduce a lens, with focus and iris as set, to third-order theory.
 
     Args:
-        lens: The lens.
-        half_diagonal: From the middle to the corner of the picture, mm on the sensor; None is the radius
-            that the lens is made for.
-        wavelengths: Nanometres, rising.
+        lens: Lens to reduce.
+        half_diagonal: Distance from the centre to the corner of the picture, mm on the sensor; None is the
+            image radius of the lens.
+        wavelengths: Wavelengths, nm, ascending.
 
     Raises:
         ParameterError: The picture has no size, or there are no wavelengths.
@@ -144,14 +147,14 @@ def reduce_lens(
     check_at_least("half_diagonal", corner, 0)
     if corner == 0:
         raise ParameterError("half_diagonal", "more than 0 mm", corner)
-    colours = np.asarray(wavelengths, float)
-    if colours.ndim != 1 or colours.size == 0:
+    nanometres = np.asarray(wavelengths, float)
+    if nanometres.ndim != 1 or nanometres.size == 0:
         raise ParameterError("wavelengths", "a list of one or more", wavelengths)
-    surfaces = lens.surfaces_at(colours)
+    surfaces = lens.surfaces_at(nanometres)
     gauss = paraxial_lens(surfaces)
     cardinal, entrance = gauss.cardinal, gauss.entrance
     radius = abs(entrance.radius)
-    # Lateral travel per depth, towards the scene, of the marginal and of the chief ray.
+    # Lateral displacement per depth, towards the scene, of the marginal and of the chief ray.
     marginal_slope, chief_slope = (
         focused_rays(
             place,
@@ -167,19 +170,19 @@ def reduce_lens(
     chief = entrance.position * chief_slope, -chief_slope
     lagrange = chief[1] * marginal[0] - marginal[1] * chief[0]
     front, rear, image = _sums(surfaces, marginal, chief)
-    # Where they cross the entrance pupil of the design wavelength, from which the picture is seen.
+    # Intersections with the entrance pupil of the design wavelength, the centre of perspective.
     design = lens.paraxial.entrance
     distance = entrance.position - design.position
     marginal_place, chief_place = radius + distance * marginal_slope, distance * chief_slope
     scale = lens.sensor_distance / corner
-    nearness = 1 / lens.focus_distance
+    focus_disparity = 1 / lens.focus_distance
     rise, tilt = _light(gauss, SeidelCoefficients.from_sums(rear, -lagrange), lens.sensor_position, corner)
 
     def each(value: Array) -> np.ndarray:
-        return np.broadcast_to(np.asarray(value, float), colours.shape)
+        return np.broadcast_to(np.asarray(value, float), nanometres.shape)
 
     return SeidelLens(
-        wavelengths=colours,
+        wavelengths=nanometres,
         focal_length=each(cardinal.focal_length),
         front_principal=each(cardinal.front_principal),
         rear_principal=each(cardinal.rear_principal),
@@ -189,8 +192,8 @@ def reduce_lens(
         exit_radius=each(gauss.exit.radius),
         image=SeidelCoefficients.from_sums(image, lagrange),
         pupil=SeidelCoefficients.from_sums(front, lagrange),
-        blur=each(scale * (marginal_slope + nearness * marginal_place)),
-        shift=each(1 + scale * (chief_slope + nearness * chief_place)),
+        blur=each(scale * (marginal_slope + focus_disparity * marginal_place)),
+        shift=each(1 + scale * (chief_slope + focus_disparity * chief_place)),
         pupil_size=each(marginal_place / abs(design.radius)),
         pupil_shift=each(chief_place / abs(design.radius)),
         rise=each(rise),
@@ -205,13 +208,13 @@ def seidel_aberration_map(
     distortion: bool = False,
     wavelengths: Sequence[float] = WAVELENGTHS,
 ) -> AberrationMap:
-    """Return the aberration map of a lens by third-order theory, with the first-order change of colour.
+    """Return the aberration map of a lens by third-order theory, with first-order chromatic aberration.
 
     Args:
-        lens: The lens, as it is focused and stopped down.
+        lens: Lens, with focus and iris as set.
         half_diagonal: As in :func:`reduce_lens`.
-        distortion: Keep the distortion of the picture and of its pupils at the design wavelength; what
-            distortion changes with the wavelength is colour and always stays.
+        distortion: Keep the distortion of the picture and of its pupils at the design wavelength; changes of
+            distortion with the wavelength are lateral colour and always remain.
         wavelengths: As in :func:`reduce_lens`.
 
     Raises:
@@ -227,7 +230,7 @@ def seidel_aberration_map(
 def _sums(
     surfaces: Sequence[Surface], marginal: _Ray, chief: _Ray
 ) -> tuple[SeidelSums, SeidelSums, SeidelSums]:
-    """Sums with the two rays exchanged, of the surfaces in front of the stop and behind it; sums of all."""
+    """Return the sums with exchanged rays in front of and behind the stop, and the sums of all surfaces."""
     front, rear, image = SeidelSums(), SeidelSums(), SeidelSums()
     stop = next(number for number, surface in enumerate(surfaces) if surface.stop)
     for number, own, exchanged in _each_surface(surfaces, marginal, chief):
@@ -239,7 +242,7 @@ def _sums(
 def _each_surface(
     surfaces: Sequence[Surface], marginal: _Ray, chief: _Ray
 ) -> Iterator[tuple[int, SeidelSums, SeidelSums]]:
-    """Number of each surface but the stop, its sums, and those with the two rays exchanged."""
+    """Yield the index of each surface except the stop, its sums, and its sums with the two rays exchanged."""
     place = surfaces[0].vertex
     for number, surface in enumerate(surfaces):
         gap = (surface.vertex - place) / surface.before
@@ -253,9 +256,9 @@ def _each_surface(
 
 
 def seidel_by_surface(lens: PrescriptionLens) -> list[tuple[int, dict[str, float]]]:
-    """Return number (from 1) and Seidel sums S1 to S5, mm, of each surface, at the design wavelength.
+    """Return the number (from 1) and Seidel sums S1 to S5, mm, of each surface, at the design wavelength.
 
-    For the lens as it is focused and stopped down, and the corner of its picture.
+    The sums are those of the lens with focus and iris as set, at the corner of its picture.
     """
     corner = lens.prescription.image_radius
     cardinal, entrance = lens.paraxial.cardinal, lens.paraxial.entrance
@@ -285,9 +288,13 @@ def seidel_by_surface(lens: PrescriptionLens) -> list[tuple[int, dict[str, float
 def _light(
     gauss: ParaxialLens, exit_pupil: SeidelCoefficients, sensor: float, corner: float
 ) -> tuple[Array, Array]:
-    """``rise`` and ``tilt`` of :class:`SeidelLens`: how areas of the stop grow on their way, times cos^4.
+    """Return ``rise`` and ``tilt`` of :class:`SeidelLens`: the change of areas of the stop, times cos^4.
 
-    ``exit_pupil`` tells where rays miss the exit pupil, in its radii.
+    Args:
+        gauss: Gaussian optics of the lens.
+        exit_pupil: Coefficients of the transverse aberration at the exit pupil, in its radii.
+        sensor: Position of the sensor, mm.
+        corner: Half-diagonal of the picture, mm.
     """
     distance = sensor - gauss.exit.position
     upright = np.sign(gauss.exit.radius * gauss.entrance.radius)

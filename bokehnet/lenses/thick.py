@@ -1,4 +1,4 @@
-"""The thick lens: no aberrations, but its own places for principal planes and pupils."""
+"""Thick lens: no aberrations, with its own principal planes and pupils."""
 
 import math
 from dataclasses import dataclass
@@ -14,21 +14,21 @@ __all__ = ["ThickLens"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ThickLens:
-    """A perfect lens with a stop of its own; lengths in millimetres.
+    """Ideal lens with a separate stop; lengths in millimetres.
 
-    The plane z = 0 is the entrance pupil. Focal length and :attr:`principal_depth` settle all that the
-    scene sees; the exit pupil is the image of the entrance pupil, and the gap between the principal planes
-    only tells where the sensor stands. With both 0 this is the thin lens.
+    The plane z = 0 is the entrance pupil. Focal length and :attr:`principal_depth` determine all rays in the
+    scene; the exit pupil is the image of the entrance pupil, and the gap between the principal planes
+    only affects the position of the sensor. With both 0 this is the thin lens.
 
     Attributes:
         focal_length: Focal length, mm.
         f_number: Focal length over diameter of the entrance pupil.
-        focus_distance: Depth z that images sharply, mm; may be infinite.
-        principal_depth: Depth z of the front principal plane, mm; negative when it lies behind the pupil.
-        principal_gap: From the front to the rear principal plane, mm towards the sensor.
+        focus_distance: Depth z in focus, mm; may be infinite.
+        principal_depth: Depth z of the front principal plane, mm; negative if it lies behind the pupil.
+        principal_gap: Distance from the front to the rear principal plane, mm towards the sensor.
 
     Raises:
-        LensError: The lens cannot focus there, or its pupil has no area.
+        LensError: The lens cannot focus at this distance, or its pupil has no area.
     """
 
     focal_length: float
@@ -67,10 +67,10 @@ class ThickLens:
 
     @property
     def sensor_distance(self) -> float:
-        """Distance to the sensor of the thin lens with this picture and this blur, mm.
+        """Distance from lens to sensor of the thin lens with the same picture and blur, mm.
 
         A thin lens in z = 0 images the focal plane at the scale s' / z_f; this lens at v / (z_f - P).
-        Written so that it holds for infinite focus.
+        The form used here also holds for infinite focus.
         """
         image_distance = self.image_distance
         return image_distance + self.principal_depth * (image_distance / self.focal_length - 1)
@@ -86,7 +86,7 @@ class ThickLens:
         return self.focal_length / (self.focal_length + self.principal_depth)
 
     def coc_radius(self, disparity: Array) -> Array:
-        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm; positive in front of focus."""
+        """Return the signed blur radius on the sensor, mm; positive in front of focus; disparity in 1/mm."""
         return coc_radius(disparity, 1 / self.focus_distance, self.pupil_radius, self.sensor_distance)
 
     def sample_rays(
@@ -96,7 +96,7 @@ class ThickLens:
         wavelength: Array | None = None,
         sensor_offset: Array | None = None,
     ) -> Rays:
-        """Rays from sensor points through the pupil, as in :class:`LensModel`; ``wavelength`` is not used."""
+        """Return rays from sensor points through the pupil, as :class:`LensModel`; ignores ``wavelength``."""
         origin = pupil_uv * self.pupil_radius
         distance: Array = self.image_distance
         if sensor_offset is not None:
@@ -106,13 +106,13 @@ class ThickLens:
         return Rays(origin=origin, slope=slope)
 
     def image_of(self, points: Array) -> tuple[Array, Array]:
-        """Where points of the scene are imaged.
+        """Return the images of points of the scene.
 
         Args:
-            points: (..., 3), mm.
+            points: Points of the scene, mm, (..., 3).
 
         Returns:
-            Place on the sensor side: xy, mm, (..., 2), and distance behind the sensor plane, mm, (...,).
+            Image xy, mm, (..., 2), and its distance behind the sensor plane, mm, (...,).
         """
         xy, distance = image_points(points, self.focal_length, self.principal_depth)
         return xy, distance - self.image_distance

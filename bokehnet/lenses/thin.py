@@ -1,4 +1,4 @@
-"""The thin lens: no thickness, no aberrations, every point images to a point."""
+"""Thin lens: no thickness and no aberrations; every point has a point image."""
 
 import math
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ __all__ = ["ThinLens"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ThinLens:
-    """An ideal lens in the plane z = 0; the scene lies at z > 0. Lengths in millimetres.
+    """Ideal lens in the plane z = 0; the scene lies at z > 0. Lengths in millimetres.
 
     Attributes:
         focal_length: Focal length, mm.
         f_number: Focal length over pupil diameter.
-        focus_distance: Depth that images sharply, mm, measured from the lens; may be infinite.
+        focus_distance: Depth in focus, mm, measured from the lens; may be infinite.
 
     Raises:
-        LensError: The lens cannot focus there, or its pupil has no area.
+        LensError: The lens cannot focus at this distance, or its pupil has no area.
     """
 
     focal_length: float
@@ -52,7 +52,7 @@ class ThinLens:
         return 1 / (1 / self.focal_length - 1 / self.focus_distance)
 
     def coc_radius(self, disparity: Array) -> Array:
-        """Signed blur radius on the sensor, mm, for inverse depth in 1/mm; positive in front of focus."""
+        """Return the signed blur radius on the sensor, mm; positive in front of focus; disparity in 1/mm."""
         return coc_radius(disparity, 1 / self.focus_distance, self.pupil_radius, self.sensor_distance)
 
     def sample_rays(
@@ -62,17 +62,17 @@ class ThinLens:
         wavelength: Array | None = None,
         sensor_offset: Array | None = None,
     ) -> Rays:
-        """Rays from sensor points (..., 2), mm, through points (..., 2) of the unit disc.
+        """Return rays from sensor points (..., 2), mm, through points (..., 2) of the unit disc.
 
         Args:
             sensor_xy: Points of the sensor, mm, (..., 2).
             pupil_uv: Points of the unit disc, (..., 2).
-            wavelength: Not used; a thin lens has no dispersion.
+            wavelength: Ignored; a thin lens has no dispersion.
             sensor_offset: Distance of each point behind the sensor plane, mm; None is 0.
 
         Source:
             Cook, Porter and Carpenter, "Distributed ray tracing", SIGGRAPH 1984: all rays of one sensor
-            point meet where the central ray pierces the focal plane.
+            point intersect in the focal plane, on the central ray.
         """
         origin = pupil_uv * self.pupil_radius
         if sensor_offset is None:
@@ -82,6 +82,6 @@ class ThinLens:
         return Rays(origin=origin, slope=focused_rays(sensor_xy, origin, self.focal_length, 0.0, distance))
 
     def image_of(self, points: Array) -> tuple[Array, Array]:
-        """Where points (..., 3), mm, are imaged: xy (..., 2), and mm behind the sensor (...,)."""
+        """Return the images of points (..., 3), mm: xy (..., 2), and mm behind the sensor (...,)."""
         xy, distance = image_points(points, self.focal_length, 0.0)
         return xy, distance - self.sensor_distance

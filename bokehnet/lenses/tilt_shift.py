@@ -1,4 +1,4 @@
-"""A sensor that is shifted and tilted against its lens, as in a view camera."""
+"""Sensor that is shifted and tilted relative to its lens, as in a view camera."""
 
 import math
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from bokehnet.lenses.base import LensModel, Rays
 
 __all__ = ["ImagingLens", "TiltShift"]
 
-_STEEPEST = 80.0  # degrees
+_MAX_TILT_DEGREES = 80.0
 
 
 class ImagingLens(LensModel, Protocol):
-    """A lens that also tells where its ideal images are; all lenses here do."""
+    """Lens with known ideal images; all lenses of this package are."""
 
     def image_of(self, points: Array) -> tuple[Array, Array]:
-        """Where points (..., 3), mm, are imaged: xy (..., 2), and mm behind the sensor (...,)."""
+        """Return the images of points (..., 3), mm: xy (..., 2), and mm behind the sensor (...,)."""
         ...
 
 
@@ -27,20 +27,20 @@ class ImagingLens(LensModel, Protocol):
 class TiltShift:
     """Any lens with its sensor moved; points of the sensor keep their coordinates on it.
 
-    With w the distance behind the lens's own sensor plane, the sensor point (a, b) lies at
+    With w the distance behind the sensor plane of the lens itself, the sensor point (a, b) lies at
     ``(shift, offset) + Ry Rx (a, b, 0)`` in (x, y, w), x and y as in the scene: to the right and down. A tilt
-    about x moves the lower side of the sensor away from the lens, one about y its left side.
-    The light falls as on an upright sensor: the cosine between ray and tilted sensor is left out.
+    about x moves the lower side of the sensor away from the lens, a tilt about y its left side.
+    Illumination is that of an untilted sensor: the cosine between ray and tilted sensor is ignored.
 
     Attributes:
-        lens: The lens.
-        shift: Sensor centre against the axis, (x, y), mm; the image is turned, so a picture that
-            shall show more of the scene's upper side (y < 0) needs a shift down, y > 0.
-        tilt: About the x axis and about the y axis, degrees.
-        offset: Sensor centre behind the lens's sensor plane, mm.
+        lens: Lens in front of the sensor.
+        shift: Shift of the sensor centre from the axis, (x, y), mm; the image is turned, so a picture that
+            shows more of the upper side of the scene (y < 0) needs a shift down, y > 0.
+        tilt: Tilt about the x axis and about the y axis, degrees.
+        offset: Distance of the sensor centre behind the sensor plane of the lens, mm.
 
     Raises:
-        LensError: A tilt is steeper than 80 degrees.
+        LensError: A tilt exceeds 80 degrees, or a number is not finite.
     """
 
     lens: ImagingLens
@@ -54,29 +54,33 @@ class TiltShift:
             if not isinstance(pair, tuple | list) or len(pair) != 2:
                 raise LensError(f"tilt-shift: {name}: expected two numbers, got {pair!r}", parameter=name)
         numbers = [number_of(value) for value in (*self.shift, *self.tilt, self.offset)]
-        if not (all(map(math.isfinite, numbers)) and max(map(abs, numbers[2:4])) <= _STEEPEST):
-            steep = not all(abs(angle) <= _STEEPEST for angle in numbers[2:4])
+        if not (all(map(math.isfinite, numbers)) and max(map(abs, numbers[2:4])) <= _MAX_TILT_DEGREES):
+            too_steep = not all(abs(angle) <= _MAX_TILT_DEGREES for angle in numbers[2:4])
             raise LensError(
-                f"tilt-shift: expected tilts up to {_STEEPEST:g} degrees and finite shifts, "
+                f"tilt-shift: expected tilts up to {_MAX_TILT_DEGREES:g} degrees and finite shifts, "
                 f"got tilt {self.tilt}, shift {self.shift}, offset {self.offset}",
-                parameter="tilt" if steep else "offset" if all(map(math.isfinite, numbers[:2])) else "shift",
+                parameter="tilt"
+                if too_steep
+                else "offset"
+                if all(map(math.isfinite, numbers[:2]))
+                else "shift",
             )
 
     @classmethod
     def focused_on(
         cls, lens: ImagingLens, points: Array, shift: tuple[float, float] = (0.0, 0.0)
     ) -> "TiltShift":
-        """Tilt the sensor so that the plane through three points of the scene is sharp.
+        """Return the lens with its sensor tilted to focus on the plane through three points of the scene.
 
-        A lens images planes to planes, so the sensor goes through the three image points.
+        A lens images planes to planes, so the sensor passes through the three image points.
 
         Args:
-            lens: The lens; its own focus only tells from where the offset counts.
-            points: (3, 3), mm.
-            shift: As above.
+            lens: Lens in front of the sensor; its focus is only the origin of the offset.
+            points: Three points of the scene, mm, (3, 3).
+            shift: Shift of the sensor centre, as the attribute.
 
         Raises:
-            LensError: The points lie on a line, or no sensor can stand where they are sharp.
+            LensError: The points lie on a line, or no sensor position makes them sharp.
         """
         points = np.asarray(points, float)
         xy, distance = lens.image_of(points)
@@ -97,11 +101,11 @@ class TiltShift:
         )
 
     def coc_radius(self, disparity: Array) -> Array:
-        """Signed blur radius of the untilted lens, mm; where the sensor crosses its own place it is exact."""
+        """Return the signed blur radius of the untilted lens, mm; exact where the sensor meets its plane."""
         return self.lens.coc_radius(disparity)
 
     def place(self, sensor_xy: Array) -> tuple[Array, Array]:
-        """Where points (..., 2) of the sensor are: xy, mm, and mm behind the lens's own sensor plane."""
+        """Return the positions of sensor points (..., 2): xy, mm, and mm behind the lens's sensor plane."""
         alpha, beta = map(math.radians, self.tilt)
         a, b = sensor_xy[..., 0], sensor_xy[..., 1]
         lifted = b * math.sin(alpha)
@@ -117,7 +121,7 @@ class TiltShift:
         wavelength: Array | None = None,
         sensor_offset: Array | None = None,
     ) -> Rays:
-        """Rays from sensor points, as in :class:`LensModel`; ``sensor_offset`` is along the axis."""
+        """Return rays from sensor points, as :class:`LensModel`; ``sensor_offset`` is along the axis."""
         xy, behind = self.place(sensor_xy)
         if sensor_offset is not None:
             behind = behind + sensor_offset

@@ -1,4 +1,4 @@
-"""The two networks and how they are stored and exported. Needs torch: pip install 'bokehnet[train]'."""
+"""Networks, their checkpoints and their ONNX export. Needs torch: pip install 'bokehnet[train]'."""
 
 from bokehnet.checks import require_extra
 

@@ -1,4 +1,4 @@
-"""ARNet: coarse bokeh and error map at a size where the largest blur is one that it was trained for."""
+"""ARNet: coarse bokeh and error map at a resolution whose maximum blur radius it was trained for."""
 
 from dataclasses import dataclass
 
@@ -19,12 +19,12 @@ class ARNetConfig:
     Attributes:
         width: Channels of the hidden layers.
         num_blocks: Residual blocks.
-        unet: Channels at 1/2, 1/4 and 1/8 of the size of a U-Net that takes the place of the published
-            row of residual blocks; empty for that row.
-        network_max_radius: Largest blur radius it is made for, pixels.
-        see_classical: Whether it sees and corrects the classical render; the published network sees the
-            all-in-focus picture alone.
-        see_features: Whether it sees what the classical renderer knows besides
+        unet: Channels at 1/2, 1/4 and 1/8 of the resolution of a U-Net that replaces the published sequence
+            of residual blocks; empty for that sequence.
+        network_max_radius: Maximum blur radius, pixels.
+        see_classical: True if the network receives and corrects the classical render; the published network
+            receives only the all-in-focus picture.
+        see_features: True if the network receives the features of the classical renderer
             (``bokehnet.coarse_to_fine.Level``).
     """
 
@@ -37,7 +37,7 @@ class ARNetConfig:
 
 
 class ARNet(nn.Module):
-    """Adaptive rendering network: what a lens would have seen, and where that beats the classical render.
+    """Adaptive rendering network: bokeh, and an error map of the classical render.
 
     Shape:
         image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels, at most

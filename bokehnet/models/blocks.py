@@ -1,4 +1,4 @@
-"""What ARNet and IUNet are made of."""
+"""Building blocks of the networks."""
 
 import torch
 import torch.nn.functional as F
@@ -10,24 +10,25 @@ from bokehnet.optics.encoding import encode
 __all__ = ["Backbone", "ResidualBlock", "UNet", "encode_features", "make_backbone"]
 
 
-def encode_features(features: Tensor | None, seen: bool) -> list[Tensor]:
-    """What to append to a network's inputs: features (B, 5, H, W) with their colours encoded, or nothing."""
-    if not seen:
+def encode_features(features: Tensor | None, enabled: bool) -> list[Tensor]:
+    """Return the feature inputs of a network, (B, 5, H, W) with encoded colours, or none."""
+    if not enabled:
         return []
     assert features is not None, "this network was trained with features"
     return [encode(features[:, :3]), features[:, 3:]]
 
 
-# How strongly a fresh residual block changes what passes through it: without normalisation, full strength in
-# every block makes features grow a thousandfold through a U-Net.
-_FRESH = 0.1
+# Initial scale of residual blocks: without normalisation, full scale in every block makes features grow a
+# thousandfold through a U-Net.
+_INITIAL_RESIDUAL_SCALE = 0.1
 
 
-def _start_convolutions(network: nn.Module) -> None:
-    """Draw the weights of all convolutions so that features keep their size on their way.
+def _initialize_convolutions(network: nn.Module) -> None:
+    """Initialize the weights of all convolutions so that features keep their magnitude.
 
     Source:
-        He et al., "Delving deep into rectifiers", ICCV 2015; PyTorch's default hardly learned.
+        He et al., "Delving deep into rectifiers", ICCV 2015; with PyTorch's default the networks hardly
+        learned.
     """
     for layer in network.modules():
         if isinstance(layer, nn.Conv2d):
@@ -38,11 +39,11 @@ def _start_convolutions(network: nn.Module) -> None:
         if isinstance(block, ResidualBlock):
             nn.init.kaiming_normal_(block.first.weight, nonlinearity="relu")
             with torch.no_grad():
-                block.second.weight.mul_(_FRESH)
+                block.second.weight.mul_(_INITIAL_RESIDUAL_SCALE)
 
 
 class ResidualBlock(nn.Module):
-    """Two 3x3 convolutions with ELU around a skip; (B, width, H, W) to the same."""
+    """Two 3x3 convolutions with ELU and a skip connection; (B, width, H, W) to the same shape."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -58,8 +59,8 @@ class Backbone(nn.Module):
     """3x3 convolution in, residual blocks, 3x3 convolution out, pixel shuffle by 2.
 
     Shape:
-        features (B, in_channels, H/2, W/2) to (B, out_channels, H, W). The last convolution starts at
-        zero, so that a fresh network leaves what it corrects as it is.
+        features (B, in_channels, H/2, W/2) to (B, out_channels, H, W). The last convolution starts at zero,
+        so that an untrained network leaves its input unchanged.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
@@ -70,7 +71,7 @@ class Backbone(nn.Module):
         self.stem = nn.Conv2d(in_channels, width, 3, padding=1)
         self.blocks = nn.Sequential(*(ResidualBlock(width) for _ in range(num_blocks)))
         self.head = nn.Conv2d(width, 4 * out_channels, 3, padding=1)
-        _start_convolutions(self)
+        _initialize_convolutions(self)
         nn.init.zeros_(self.head.weight)
 
     def forward(self, features: Tensor) -> Tensor:
@@ -78,12 +79,12 @@ class Backbone(nn.Module):
         return F.pixel_shuffle(self.head(F.elu(self.blocks(self.stem(features)))), 2)
 
 
-# Added to the mean square of a pixel's features before they are divided by its root.
-_SMALL = 1e-3
+# Added to the mean square of a pixel's features before the normalisation by its root.
+_NORMALISATION_EPSILON = 1e-3
 
 
 class _Stage(nn.Module):
-    """A convolution to a new width, features brought to unit mean square, then residual blocks.
+    """Convolution to a new width, normalisation to unit mean square, then residual blocks.
 
     Source:
         Zhang and Sennrich, "Root mean square layer normalization", NeurIPS 2019.
@@ -95,26 +96,26 @@ class _Stage(nn.Module):
         self.blocks = nn.Sequential(*(ResidualBlock(width) for _ in range(num_blocks)))
 
     def forward(self, features: Tensor) -> Tensor:
-        """(B, in_channels, H, W) to (B, width, H / stride, W / stride)."""
-        return self.after_entering(self.enter(features))
+        """Map (B, in_channels, H, W) to (B, width, H / stride, W / stride)."""
+        return self.after_projection(self.enter(features))
 
-    def after_entering(self, entered: Tensor) -> Tensor:
-        """The same from what :attr:`enter` gives."""
-        # Without a common scale of the features this network is not stable to train; per pixel, so that tiles
-        # give what the whole picture gives.
-        scale = torch.rsqrt(entered.square().mean(dim=1, keepdim=True) + _SMALL)
-        result: Tensor = self.blocks(entered * scale)
+    def after_projection(self, projected: Tensor) -> Tensor:
+        """Apply normalisation and blocks to the output of :attr:`enter`."""
+        # Training is unstable without a common scale of the features; the scale is per pixel, so that tiles
+        # give the same result as the whole picture.
+        scale = torch.rsqrt(projected.square().mean(dim=1, keepdim=True) + _NORMALISATION_EPSILON)
+        result: Tensor = self.blocks(projected * scale)
         return result
 
 
 def convolve_unshuffled(layer: nn.Conv2d, features: Tensor) -> Tensor:
-    """What a 3x3 convolution makes of ``F.pixel_unshuffle(features, 2)``, without shuffling a pixel.
+    """Return a 3x3 convolution of ``F.pixel_unshuffle(features, 2)`` without the shuffle.
 
-    It is a convolution of 6x6 pixels, two pixels on each time.
+    This equals a 6x6 convolution with stride 2.
 
     Args:
-        layer: From 4 C channels, with a padding of 1.
-        features: (B, C, H, W), sides even.
+        layer: Convolution from 4 C channels, with padding 1.
+        features: Features (B, C, H, W) with even sides.
     """
     weight = layer.weight.unflatten(1, (-1, 2, 2)).permute(0, 1, 4, 2, 5, 3).flatten(4).flatten(2, 3)
     return F.conv2d(features, weight, layer.bias, stride=2, padding=2)
@@ -125,7 +126,7 @@ def _double(features: Tensor) -> Tensor:
 
 
 class UNet(nn.Module):
-    """Three sizes with skips between them, then a 3x3 convolution and a pixel shuffle by 2.
+    """Three resolutions with skip connections, then a 3x3 convolution and a pixel shuffle by 2.
 
     Shape:
         features (B, in_channels, H/2, W/2), sides multiples of 4, to (B, out_channels, H, W). The last
@@ -145,7 +146,7 @@ class UNet(nn.Module):
         self.rise_middle = _Stage(coarse + middle, middle, 1)
         self.rise_fine = _Stage(middle + fine, fine, 1)
         self.head = nn.Conv2d(fine, 4 * out_channels, 3, padding=1)
-        _start_convolutions(self)
+        _initialize_convolutions(self)
         nn.init.zeros_(self.head.weight)
 
     def forward(self, features: Tensor) -> Tensor:
@@ -153,8 +154,8 @@ class UNet(nn.Module):
         return self._rest(self.fine(features))
 
     def from_full_size(self, features: Tensor) -> Tensor:
-        """The same from (B, in_channels / 4, H, W), as from their pixel unshuffle by 2."""
-        return self._rest(self.fine.after_entering(convolve_unshuffled(self.fine.enter, features)))
+        """Map full-size features (B, in_channels / 4, H, W), equivalent to their pixel unshuffle by 2."""
+        return self._rest(self.fine.after_projection(convolve_unshuffled(self.fine.enter, features)))
 
     def _rest(self, fine: Tensor) -> Tensor:
         middle = self.middle(fine)
@@ -167,7 +168,7 @@ class UNet(nn.Module):
 def make_backbone(
     in_channels: int, out_channels: int, width: int, num_blocks: int, unet: tuple[int, ...]
 ) -> Backbone | UNet:
-    """A U-Net of the widths ``unet``, or a row of blocks where that is empty."""
+    """Return a U-Net of the widths ``unet``, or a sequence of residual blocks if it is empty."""
     if not unet:
         return Backbone(in_channels, out_channels, width, num_blocks)
     if len(unet) != 3:

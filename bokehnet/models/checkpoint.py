@@ -1,4 +1,4 @@
-"""Checkpoints: everything a training run needs to go on, in one file that is never half written."""
+"""Checkpoints: the complete state of a training run in one file, written atomically."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +25,7 @@ class _Network:
     config: type
 
 
-# The name in checkpoints and manifests -> the classes.
+# Name in checkpoints and manifests -> classes.
 NETWORKS = {
     "arnet": _Network(ARNet, ARNetConfig),
     "iunet": _Network(IUNet, IUNetConfig),
@@ -34,12 +34,12 @@ NETWORKS = {
 }
 
 
-# What every checkpoint has beside its name.
-_PARTS = {"config", "network"}
+# Required keys of a checkpoint, besides the name.
+_REQUIRED_KEYS = {"config", "network"}
 
 
 def build_network(name: str, config: Any) -> torch.nn.Module:
-    """Return a fresh network; ``config`` is its dataclass."""
+    """Return an untrained network; ``config`` is its dataclass."""
     module: torch.nn.Module = NETWORKS[name].module(config)
     return module
 
@@ -48,9 +48,9 @@ def save_checkpoint(path: Path, name: str, config: Any, state: dict[str, Any]) -
     """Write a checkpoint atomically.
 
     Args:
-        path: Target file; an older one survives until the new one is complete.
+        path: Target file; an existing file survives until the new one is complete.
         name: Key of ``NETWORKS``.
-        config: The network's configuration.
+        config: Configuration of the network.
         state: Tensors and plain values; ``state["network"]`` holds the weights to use for rendering.
     """
     content = {"name": name, "config": to_dict(config), **state}
@@ -61,7 +61,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint; only tensors and plain values are accepted.
 
     Raises:
-        DataFileError: The file is missing, damaged or no checkpoint of ours.
+        DataFileError: The file is missing, damaged or not a bokehnet checkpoint.
     """
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
@@ -69,7 +69,11 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         raise DataFileError(f"no checkpoint at {path}; train first, or correct the path") from error
     except Exception as error:  # torch.load raises a different type for each kind of damage
         raise DataFileError(f"{path}: expected a checkpoint, found something unreadable ({error})") from error
-    if not isinstance(content, dict) or content.get("name") not in NETWORKS or _PARTS - content.keys():
+    if (
+        not isinstance(content, dict)
+        or content.get("name") not in NETWORKS
+        or _REQUIRED_KEYS - content.keys()
+    ):
         raise DataFileError(f"{path}: expected a checkpoint of {' or '.join(NETWORKS)}, found something else")
     return content
 
@@ -78,35 +82,35 @@ def load_network(path: Path, name: str) -> torch.nn.Module:
     """Return the network called ``name``, in evaluation mode.
 
     Args:
-        path: A checkpoint, or a folder of exported networks.
+        path: Checkpoint, or folder of exported networks.
         name: Key of ``NETWORKS``.
 
     Raises:
-        DataFileError: No checkpoint of this network is there, or its weights have other shapes.
-        ModelFileError: No such exported network is there, or it is damaged.
+        DataFileError: There is no checkpoint of this network, or its weights have other shapes.
+        ModelFileError: There is no such exported network, or it is damaged.
         ConfigError: Its configuration is of another version.
     """
     config, weights = read_exported(path, name) if path.is_dir() else _read_checkpoint(path, name)
     network = build_network(name, build_config(config, NETWORKS[name].config, str(path)))
-    _put(weights, network, path)
+    _assign_weights(weights, network, path)
     return network.eval()
 
 
 def load_weights(network: torch.nn.Module, path: Path, name: str) -> None:
-    """Give ``network`` the weights of the one called ``name`` in ``path``, which must have the same shape.
+    """Load the weights of network ``name`` in ``path`` into ``network``, which must have the same shape.
 
     Args:
-        network: Its ``config`` says what shape it has.
-        path: A checkpoint, or a folder of exported networks.
+        network: Network to load into; its ``config`` defines its shape.
+        path: Checkpoint, or folder of exported networks.
         name: Key of ``NETWORKS``.
 
     Raises:
-        DataFileError, ModelFileError: As :func:`load_network`.
-        ConfigError: They are of another shape or version.
+        DataFileError, ModelFileError: As in :func:`load_network`.
+        ConfigError: The networks differ in shape or version.
     """
     other = load_network(path, name)
-    way_out = "give `model` these values, or start from another network"
-    check_same(f"{path}: holds weights of {name}", to_dict(other.config), to_dict(network.config), way_out)
+    remedy = "give `model` these values, or start from another network"
+    check_same(f"{path}: holds weights of {name}", to_dict(other.config), to_dict(network.config), remedy)
     network.load_state_dict(other.state_dict())
 
 
@@ -117,14 +121,14 @@ def _read_checkpoint(path: Path, name: str) -> tuple[dict[str, Any], dict[str, T
     return content["config"], content["network"]
 
 
-def _put(weights: dict[str, Tensor], network: torch.nn.Module, path: Path) -> None:
-    """Load the weights of a network; an exported graph has other constants beside them."""
-    wanted = network.state_dict()
-    for key, x in wanted.items():
-        shape, found = tuple(x.shape), tuple(weights[key].shape) if key in weights else None
-        if shape != found:
+def _assign_weights(weights: dict[str, Tensor], network: torch.nn.Module, path: Path) -> None:
+    """Load the weights of a network; ignores other constants of an exported graph."""
+    expected = network.state_dict()
+    for key, x in expected.items():
+        shape, actual = tuple(x.shape), tuple(weights[key].shape) if key in weights else None
+        if shape != actual:
             raise DataFileError(
-                f"{path}: expected weights {key} of shape {shape}, found {found or 'none'}; they are of "
+                f"{path}: expected weights {key} of shape {shape}, found {actual or 'none'}; they are of "
                 "another network or version, train or export again"
             )
-    network.load_state_dict({key: weights[key] for key in wanted})
+    network.load_state_dict({key: weights[key] for key in expected})

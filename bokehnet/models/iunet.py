@@ -1,4 +1,4 @@
-"""IUNet: doubles the size of a bokeh picture with the sharp picture as its guide."""
+"""IUNet: doubles the resolution of a bokeh picture with the sharp picture as guide."""
 
 from dataclasses import dataclass
 
@@ -19,13 +19,13 @@ class IUNetConfig:
     Attributes:
         width: Channels of the hidden layers.
         num_blocks: Residual blocks.
-        unet: As in ARNet.
+        unet: Channels of a U-Net, as in ``ARNetConfig``.
         network_max_radius: Defocus is clamped to this many pixels, as for ARNet.
-        see_classical: Whether it also sees the classical render.
-        see_features: Whether it also sees what the classical renderer knows besides.
-        carry_detail: Whether what is finer than ``coarse`` is taken over from the classical render, and
-            corrected everywhere. The published network interpolates ``coarse`` and corrects where no blur
-            nearby exceeds that.
+        see_classical: True if the network also receives the classical render.
+        see_features: True if the network also receives the features of the classical renderer.
+        carry_detail: True if detail finer than ``coarse`` comes from the classical render, with a correction
+            of every pixel. The published network interpolates ``coarse`` and corrects only where no nearby
+            blur exceeds ``network_max_radius``.
     """
 
     width: int = 64
@@ -38,13 +38,13 @@ class IUNetConfig:
 
 
 class IUNet(nn.Module):
-    """Iterative upsampling network: sharpens what is nearly in focus, interpolates what is not.
+    """Iterative upsampling network: sharpens regions near focus, interpolates the others.
 
     Shape:
-        image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels of this size; coarse
-        (B, 3, H/2, W/2), the bokeh at half the size; with ``see_features``, features (B, 5, H, W) as ARNet's.
-        H and W even, multiples of 8 for a U-Net. Returns bokeh (B, 3, H, W), unclipped in training and at
-        least 0 in evaluation.
+        image, classical (B, 3, H, W), scene-linear; defocus (B, 1, H, W), pixels of this size; coarse (B, 3,
+        H/2, W/2), the bokeh at half the size; with ``see_features``, features (B, 5, H, W) as in ARNet. H and
+        W even, multiples of 8 for a U-Net. Returns bokeh (B, 3, H, W), unclipped in training and at least 0
+        in evaluation.
 
     Source:
         Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022.
@@ -58,8 +58,8 @@ class IUNet(nn.Module):
         channels = 4 + 3 * config.see_classical + 5 * config.see_features
         self.backbone = make_backbone(4 * channels + 3, 3, config.width, config.num_blocks, config.unet)
 
-    def keep_mask(self, defocus: Tensor) -> Tensor:
-        """1 where all blur nearby is below ``network_max_radius``, feathered to 0 elsewhere."""
+    def correction_mask(self, defocus: Tensor) -> Tensor:
+        """Return the mask that is 1 where all nearby blur is below ``network_max_radius``, feathered to 0."""
         near = F.max_pool2d(defocus.abs(), 5, stride=1, padding=2)
         return F.avg_pool2d(
             (near < self.config.network_max_radius).to(near.dtype), 5, 1, padding=2, count_include_pad=False
@@ -90,6 +90,6 @@ class IUNet(nn.Module):
         if self.config.carry_detail:
             start = start + encode(classical).float()
         else:
-            correction = correction * self.keep_mask(defocus)
+            correction = correction * self.correction_mask(defocus)
         bokeh = decode(start + correction)
         return bokeh if self.training else bokeh.clamp(min=0)

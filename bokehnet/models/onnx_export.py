@@ -1,4 +1,4 @@
-"""From checkpoints to the ONNX files that inference uses, with a proof that they compute the same."""
+"""Export of networks to ONNX files, with a parity check against torch."""
 
 import hashlib
 import json
@@ -23,21 +23,21 @@ from bokehnet.onnx_session import OnnxSession
 
 __all__ = ["PARITY", "export_networks"]
 
-# Largest |torch - ONNX Runtime| that an export may show, on pictures with values in [0, 1].
+# Maximum |torch - ONNX Runtime| of an export, on pictures with values in [0, 1].
 PARITY = 1e-4
 
-# Heights and widths in blocks: of the exported example, and of the comparisons.
+# Heights and widths in blocks of the exported example and of the comparisons.
 _EXAMPLE_SIZE = (6, 8)
-_OTHER_SIZES = ((4, 10), (9, 5))
+_COMPARISON_SIZES = ((4, 10), (9, 5))
 
 
 def _block(network: nn.Module) -> int:
-    """Heights and widths are multiples of this: each backbone halves once, a U-Net three times."""
+    """Return the divisor of heights and widths: each backbone halves once, a U-Net three times."""
     return 8 if any(isinstance(module, UNet) for module in network.modules()) else 2
 
 
 def _inputs(network: nn.Module, size: tuple[int, int]) -> dict[str, Tensor]:
-    """Random inputs of one network, by name, in the order of its arguments."""
+    """Return random inputs of a network by name, in the order of its arguments."""
     generator = torch.Generator().manual_seed(size[0])
     height, width = (_block(network) * side for side in size)
 
@@ -88,11 +88,11 @@ def _export(network: nn.Module, path: Path) -> None:
         verbose=False,
     )
     assert program is not None
-    onnx.save(_without_traces(program.model_proto), path)
+    onnx.save(_without_source_locations(program.model_proto), path)
 
 
-def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
-    """Remove where in the source each node came from: it names files of the machine that exported."""
+def _without_source_locations(model: onnx.ModelProto) -> onnx.ModelProto:
+    """Remove the source locations of nodes, which name files of the exporting machine."""
     del model.graph.metadata_props[:]
     for node in model.graph.node:
         del node.metadata_props[:]
@@ -101,16 +101,16 @@ def _without_traces(model: onnx.ModelProto) -> onnx.ModelProto:
 
 
 def _largest_difference(network: nn.Module, path: Path) -> float:
-    """Compare ONNX Runtime with torch at sizes other than the exported example's."""
+    """Return the maximum difference between ONNX Runtime and torch at other sizes than the exported one."""
     session = OnnxSession(str(path))
-    taken = {item.name for item in session.inputs()}
+    input_names = {item.name for item in session.inputs()}
     largest = 0.0
-    for size in _OTHER_SIZES:
+    for size in _COMPARISON_SIZES:
         inputs = _inputs(network, size)
         with torch.no_grad():
-            wanted = network(*inputs.values())
-        got = session.run({key: x.numpy() for key, x in inputs.items() if key in taken})
-        for a, b in zip(wanted if isinstance(wanted, tuple) else (wanted,), got, strict=True):
+            expected = network(*inputs.values())
+        outputs = session.run({key: x.numpy() for key, x in inputs.items() if key in input_names})
+        for a, b in zip(expected if isinstance(expected, tuple) else (expected,), outputs, strict=True):
             largest = max(largest, float(np.abs(a.numpy() - b).max()))
     return largest
 
@@ -123,12 +123,13 @@ def export_networks(
     Args:
         networks: Trained networks by name: ``repair``, ``error``, or ``arnet`` and ``iunet``
             with the same ``network_max_radius``.
-        folder: Target; made if absent. The manifest comes last, so that a broken export is never used.
-        manifest: What else to write into the manifest: how the networks were made, and for a pair the
-            name of the classical renderer whose result they correct, as ``classical``.
+        folder: Target folder; created if missing. The manifest is written last, so that a broken export is
+            never used.
+        manifest: Further content of the manifest: the runs of the networks, and for a pair the name of the
+            classical renderer whose result they correct, as ``classical``.
 
     Returns:
-        Largest difference between torch and ONNX Runtime for each network.
+        Maximum difference between torch and ONNX Runtime for each network.
 
     Raises:
         ModelFileError: The radii differ, or a difference exceeds ``PARITY``; the manifest is not written.

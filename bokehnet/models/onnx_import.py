@@ -1,4 +1,4 @@
-"""From the ONNX files that inference uses back to weights, so that training can start from them."""
+"""Import of weights from exported ONNX files, so that training can start from them."""
 
 import hashlib
 import json
@@ -15,17 +15,17 @@ __all__ = ["read_exported"]
 
 
 def read_exported(folder: Path, name: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Configuration and weights, by their names in torch, of a network in a folder of exported ones.
+    """Return configuration and weights, by their torch names, of an exported network.
 
-    Beside the weights there are other constants of the graph. A network that was never trained may lack some:
-    weights that are equal share one name.
+    The weights include other constants of the graph. An untrained network may lack some weights, as equal
+    weights share one name.
 
     Args:
-        folder: Where ``bokehnet.models.onnx_export.export_networks`` wrote.
-        name: ``arnet``, say.
+        folder: Folder that ``bokehnet.models.onnx_export.export_networks`` wrote.
+        name: Name of the network, such as ``arnet``.
 
     Raises:
-        ModelFileError: No such network is there, or it is not what the manifest says.
+        ModelFileError: There is no such network, or it does not match the manifest.
     """
     path = folder / "manifest.json"
     try:

@@ -1,1 +1,1 @@
-"""One ONNX file with a whole renderer inside; standard operators only. Needs onnx."""
+"""Complete renderer in one ONNX file; standard operators only. Needs onnx."""

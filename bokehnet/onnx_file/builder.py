@@ -1,7 +1,7 @@
-"""Writing ONNX graphs like array code: values with operators, loops and branches as Python functions.
+"""ONNX graphs in the style of array code: values with operators, loops and branches as functions.
 
 A :class:`Value` is a named result of a :class:`Graph`. Each operator on it adds a node to that graph, so both
-stand in one file. Nodes go into the graph that is open: the body of a loop while that is written, else the
+are in one file. Nodes are added to the open graph: the body of a loop while that is written, else the
 main graph. Constants and sizes are values as well. Sizes are int64 of shape (1,).
 """
 
@@ -19,10 +19,10 @@ OPSET = 20
 
 _IR_VERSION = 10
 
-# As the end of a cut: whatever the length.
+# End of a slice of any length.
 END = 2**62
 
-# Numbers stand for constants of the other operand's type.
+# A number is converted to a constant of the other operand's type.
 Operand = Any
 
 _TYPES = {
@@ -35,12 +35,12 @@ _TYPES = {
 
 
 class Value:
-    """A named result of a graph.
+    """Named result of a graph.
 
     Attributes:
         name: Unique in the whole file.
-        dtype: Of its elements.
-        sequence: Whether it is a sequence of arrays.
+        dtype: Type of its elements.
+        sequence: True for a sequence of arrays.
     """
 
     def __init__(self, graph: "Graph", name: str, dtype: Any, sequence: bool = False) -> None:
@@ -73,7 +73,7 @@ class Value:
         return self._after("Div", other)
 
     def __floordiv__(self, other: Operand) -> "Value":
-        """Of sizes, which are not negative: there the operator truncates, and that is the same."""
+        """Divide sizes, which are not negative: there the operator's truncation equals the floor."""
         assert self.dtype == np.int64
         return self._with("Div", other)
 
@@ -102,7 +102,7 @@ class Value:
         return self._with("LessOrEqual", other, bool)
 
     def equals(self, other: Operand) -> "Value":
-        """Where it equals ``other``; ``==`` keeps its meaning in Python."""
+        """Return the mask of elements equal to ``other``; ``==`` keeps its meaning in Python."""
         return self._with("Equal", other, bool)
 
     def __and__(self, other: "Value") -> "Value":
@@ -115,66 +115,66 @@ class Value:
         return self.graph.op("Not", self)
 
     def __array_namespace__(self) -> "Graph":
-        """The graph holds the functions of its values: :func:`bokehnet.checks.array_namespace`."""
+        """Return the graph, the namespace of its values: :func:`bokehnet.checks.array_namespace`."""
         return self.graph
 
     def clip(self, min: Operand = None, max: Operand = None) -> "Value":
-        """Not below ``min``, not above ``max``."""
+        """Clip to ``min`` and ``max``."""
         result = self if min is None else self.graph.maximum(self, min)
         return result if max is None else self.graph.minimum(result, max)
 
     def astype(self, dtype: Any) -> "Value":
-        """Cast; to integers it cuts towards 0."""
+        """Cast; to integers it truncates towards 0."""
         return self.graph.op("Cast", self, dtype=dtype, to=_TYPES[np.dtype(dtype)])
 
     def size(self, axis: int) -> "Value":
-        """Length of an axis, counted from 0."""
+        """Return the length of an axis, counted from 0."""
         return self.graph.op("Shape", self, dtype=np.int64, start=axis, end=axis + 1)
 
     def reshape(self, *sizes: Operand) -> "Value":
-        """Sizes are numbers or values; -1 stands for the rest."""
+        """Reshape to sizes, which are numbers or values; -1 is inferred."""
         # An axis of length 0 is kept as such, not copied from the input.
         return self.graph.op("Reshape", self, self.graph.sizes(*sizes), allowzero=int(-1 not in sizes))
 
     def cut(self, axis: int, start: Operand, end: Operand, step: int = 1) -> "Value":
-        """Part of an axis, as ``[start:end:step]``; what lies beyond the ends is left out."""
-        places = [self.graph.sizes(place) for place in (start, end, axis, step)]
-        return self.graph.op("Slice", self, *places)
+        """Return a part of an axis, as ``[start:end:step]``, clipped to its length."""
+        bounds = [self.graph.sizes(bound) for bound in (start, end, axis, step)]
+        return self.graph.op("Slice", self, *bounds)
 
     def take(self, indices: "Value", axis: int = 0) -> "Value":
-        """Elements at ``indices`` along an axis."""
+        """Return the elements at ``indices`` along an axis."""
         return self.graph.op("Gather", self, indices, axis=axis)
 
     def transpose(self, *axes: int) -> "Value":
-        """Axes in a new order."""
+        """Return the array with its axes in a new order."""
         return self.graph.op("Transpose", self, perm=list(axes))
 
     def _reduce(self, op: str, axes: Sequence[int], keep: bool) -> "Value":
         return self.graph.op(op, self, self.graph.sizes(*axes), keepdims=int(keep))
 
     def max(self, *axes: int, keep: bool = False) -> "Value":
-        """Largest along axes; over all of them as shape (1,)."""
+        """Return the maximum along axes; over all of them as shape (1,)."""
         return self._reduce("ReduceMax", axes, keep) if axes else self.reshape(-1).max(0, keep=True)
 
     def min(self, *axes: int, keep: bool = False) -> "Value":
-        """Smallest along axes; over all of them as shape (1,)."""
+        """Return the minimum along axes; over all of them as shape (1,)."""
         return self._reduce("ReduceMin", axes, keep) if axes else self.reshape(-1).min(0, keep=True)
 
     def sum(self, *axes: int, keep: bool = False) -> "Value":
-        """Sum along axes; over all of them as shape (1,)."""
+        """Return the sum along axes; over all of them as shape (1,)."""
         return self._reduce("ReduceSum", axes, keep) if axes else self.reshape(-1).sum(0, keep=True)
 
     def mean(self, *axes: int) -> "Value":
-        """Mean along axes, which go."""
+        """Return the mean along axes, which are removed."""
         return self._reduce("ReduceMean", axes, False)
 
     def any(self) -> "Value":
-        """Whether one is true, as shape (1,)."""
+        """Return whether any element is true, as shape (1,)."""
         return self.astype(np.float32).max() > 0
 
 
 class Graph:
-    """An ONNX graph that grows node by node."""
+    """ONNX graph that grows node by node."""
 
     def __init__(self) -> None:
         self._open: list[list[NodeProto]] = [[]]
@@ -188,7 +188,7 @@ class Graph:
         return f"{kind}_{self._count}"
 
     def constant(self, content: Operand, dtype: Any = None) -> Value:
-        """A number or array as a value; values pass through."""
+        """Return a number or array as a value; values are returned unchanged."""
         if isinstance(content, Value):
             return content
         array = np.asarray(content, dtype)
@@ -200,7 +200,7 @@ class Graph:
         return self._constants[key]
 
     def sizes(self, *parts: Operand) -> Value:
-        """Numbers and values of shape (1,) as one list of int64."""
+        """Return numbers and values of shape (1,) as one list of int64."""
         if not any(isinstance(part, Value) for part in parts):
             return self.constant(parts, np.int64)
         return self.concat(
@@ -208,7 +208,7 @@ class Graph:
         )
 
     def input(self, name: str, dtype: Any, shape: Sequence[str | int] | None) -> Value:
-        """An input of the file; without a shape it takes any."""
+        """Add an input of the file; without a shape it accepts any."""
         self._inputs.append(helper.make_tensor_value_info(name, _TYPES[np.dtype(dtype)], shape))
         return Value(self, name, dtype)
 
@@ -223,25 +223,25 @@ class Graph:
         """Add a node with one result, by default of the first input's type."""
         return self.ops(op, *inputs, dtypes=[dtype or inputs[0].dtype], **attributes)[0]
 
-    def where(self, chosen: Value, a: Operand, b: Operand) -> Value:
-        """``a`` where ``chosen``, else ``b``; one of them is a value."""
+    def where(self, condition: Value, a: Operand, b: Operand) -> Value:
+        """Return ``a`` where ``condition``, else ``b``; one of them is a value."""
         dtype = next(x.dtype for x in (a, b) if isinstance(x, Value))
-        return self.op("Where", chosen, self.constant(a, dtype), self.constant(b, dtype), dtype=dtype)
+        return self.op("Where", condition, self.constant(a, dtype), self.constant(b, dtype), dtype=dtype)
 
     def minimum(self, a: Value, b: Operand) -> Value:
-        """The smaller one."""
+        """Return the smaller of both."""
         return self.op("Min", a, self.constant(b, a.dtype))
 
     def maximum(self, a: Value, b: Operand) -> Value:
-        """The larger one."""
+        """Return the larger of both."""
         return self.op("Max", a, self.constant(b, a.dtype))
 
     def log1p(self, x: Value) -> Value:
-        """Logarithm of 1 + x."""
+        """Return the logarithm of 1 + x."""
         return self.op("Log", x + 1)
 
     def expm1(self, x: Value) -> Value:
-        """Exponential of x, less 1."""
+        """Return the exponential of x minus 1."""
         return self.op("Exp", x) - 1
 
     def concat(self, values: Sequence[Value], axis: int = 0) -> Value:
@@ -249,42 +249,42 @@ class Graph:
         return self.op("Concat", *values, axis=axis)
 
     def zeros(self, dtype: Any, *sizes: Operand) -> Value:
-        """An array of zeros."""
+        """Return an array of zeros."""
         content = numpy_helper.from_array(np.zeros(1, dtype))
         return self.op("ConstantOfShape", self.sizes(*sizes), dtype=dtype, value=content)
 
     def sorted(self, values: Value, count: Value | None = None) -> tuple[Value, Value]:
-        """The ``count`` largest of (N,), by default all, the largest first, and where they stood."""
+        """Return the ``count`` largest of (N,), default all, in descending order, and their indices."""
         count = values.size(0) if count is None else count
-        largest, places = self.ops("TopK", values, count, dtypes=[values.dtype, np.int64], axis=0)
-        return largest, places
+        largest, indices = self.ops("TopK", values, count, dtypes=[values.dtype, np.int64], axis=0)
+        return largest, indices
 
     def count_up(self, length: Value) -> Value:
-        """0, 1, ... up to below ``length``, int64."""
+        """Return 0, 1, ... up to below ``length``, int64."""
         return self.op("Range", self.constant(0, np.int64), self.scalar(length), self.constant(1, np.int64))
 
     def scalar(self, value: Value) -> Value:
-        """One element as shape ()."""
+        """Return one element as shape ()."""
         return self.op("Squeeze", value, self.sizes(0))
 
     def empty_sequence(self) -> Value:
-        """A sequence of float32 arrays, without any."""
+        """Return an empty sequence of float32 arrays."""
         result = self.op("SequenceEmpty", dtype=np.float32)
         result.sequence = True
         return result
 
     def append(self, sequence: Value, value: Value) -> Value:
-        """The sequence with one more array."""
+        """Return the sequence with one more array."""
         result = self.op("SequenceInsert", sequence, value)
         result.sequence = True
         return result
 
-    def at(self, sequence: Value, place: Value) -> Value:
-        """An array of the sequence."""
-        return self.op("SequenceAt", sequence, place)
+    def at(self, sequence: Value, index: Value) -> Value:
+        """Return an array of the sequence."""
+        return self.op("SequenceAt", sequence, index)
 
     def none(self) -> Value:
-        """Stands for an input that is left out."""
+        """Return the value of an omitted input."""
         return Value(self, "", np.float32)
 
     @contextmanager
@@ -296,10 +296,14 @@ class Graph:
     def _close(
         self, nodes: list[NodeProto], inputs: Sequence[onnx.ValueInfoProto], outputs: Sequence[Value]
     ) -> onnx.GraphProto:
-        """A body with these results; a node of its own makes each, as the standard wants it."""
-        named = [Value(self, self._name("result"), x.dtype, x.sequence) for x in outputs]
-        same = [helper.make_node("Identity", [x.name], [n.name]) for x, n in zip(outputs, named, strict=True)]
-        return helper.make_graph([*nodes, *same], self._name("body"), list(inputs), [_info(x) for x in named])
+        """Return a body with these results; an extra node produces each, as the standard requires."""
+        renamed = [Value(self, self._name("result"), x.dtype, x.sequence) for x in outputs]
+        identities = [
+            helper.make_node("Identity", [x.name], [n.name]) for x, n in zip(outputs, renamed, strict=True)
+        ]
+        return helper.make_graph(
+            [*nodes, *identities], self._name("body"), list(inputs), [_info(x) for x in renamed]
+        )
 
     def loop(
         self,
@@ -311,52 +315,55 @@ class Graph:
         """Repeat ``body``.
 
         Args:
-            body: Gets the number of the turn, shape (), and the state; gives the new state and what to
-                collect in every turn. With ``while_true`` the first of the new state, a bool, tells
-                whether to go on.
-            state: At the start; its arrays may change their sizes.
-            times: Most turns, shape (1,).
-            while_true: Whether the first of the state decides.
+            body: Function of the iteration number, shape (), and the state, that returns the new state and
+                the values to collect in every iteration. With ``while_true`` the first of the new state, a
+                bool, decides whether the loop continues.
+            state: Initial state; its arrays may change their sizes.
+            times: Maximum number of iterations, shape (1,).
+            while_true: True if the first of the state decides.
 
         Returns:
-            The state at the end, then what was collected, each with the turns as its first axis.
+            The final state, then the collected values, each with the iterations as its first axis.
         """
-        turn, go_on = Value(self, self._name("turn"), np.int64), Value(self, self._name("go_on"), bool)
-        held = [Value(self, self._name("held"), x.dtype, x.sequence) for x in state]
+        iteration, continues = (
+            Value(self, self._name("turn"), np.int64),
+            Value(self, self._name("go_on"), bool),
+        )
+        loop_state = [Value(self, self._name("held"), x.dtype, x.sequence) for x in state]
         with self._body() as nodes:
-            new_state, collected = body(turn, *held)
-            onward = self.scalar(new_state[0]) if while_true else go_on
+            new_state, collected = body(iteration, *loop_state)
+            next_condition = self.scalar(new_state[0]) if while_true else continues
             infos = [
-                helper.make_tensor_value_info(turn.name, TensorProto.INT64, ()),
-                helper.make_tensor_value_info(go_on.name, TensorProto.BOOL, ()),
-                *map(_info, held),
+                helper.make_tensor_value_info(iteration.name, TensorProto.INT64, ()),
+                helper.make_tensor_value_info(continues.name, TensorProto.BOOL, ()),
+                *map(_info, loop_state),
             ]
-            graph = self._close(nodes, infos, [onward, *new_state, *collected])
+            graph = self._close(nodes, infos, [next_condition, *new_state, *collected])
         results = [Value(self, self._name("loop"), x.dtype, x.sequence) for x in (*new_state, *collected)]
         start = self.scalar(state[0]).name if while_true else ""
         names = [times.name if times else "", start, *(x.name for x in state)]
         self._open[-1].append(helper.make_node("Loop", names, [r.name for r in results], body=graph))
         return results
 
-    def branch(self, chosen: Value, yes: Callable[[], Value], no: Callable[[], Value]) -> Value:
-        """``yes()`` if ``chosen``, of shape (1,), else ``no()``; only that one is worked out."""
+    def branch(self, condition: Value, yes: Callable[[], Value], no: Callable[[], Value]) -> Value:
+        """Return ``yes()`` if ``condition``, of shape (1,), else ``no()``; only that one is evaluated."""
         graphs = []
         for make in (yes, no):
             with self._body() as nodes:
                 result = make()
                 graphs.append(self._close(nodes, [], [result]))
-        return self.op("If", chosen, dtype=result.dtype, then_branch=graphs[0], else_branch=graphs[1])
+        return self.op("If", condition, dtype=result.dtype, then_branch=graphs[0], else_branch=graphs[1])
 
     def inline(self, network: onnx.ModelProto, inputs: dict[str, Value]) -> list[Value]:
-        """Write another file's nodes into this graph, and return its outputs.
+        """Write another file's nodes to this graph, and return its outputs.
 
         Args:
-            network: Of the same operator set, with float32 outputs.
-            inputs: Its inputs by name; those that it does not take are left out.
+            network: Model of the same operator set, with float32 outputs.
+            inputs: Its inputs by name; names without an input are ignored.
         """
         prefix = self._name("network")
-        taken = {item.name for item in network.graph.input}
-        renamed = {name: value.name for name, value in inputs.items() if name in taken} | {"": ""}
+        input_names = {item.name for item in network.graph.input}
+        renamed = {name: value.name for name, value in inputs.items() if name in input_names} | {"": ""}
         for tensor in network.graph.initializer:
             value = self.constant(numpy_helper.to_array(tensor))
             renamed[tensor.name] = value.name
@@ -374,7 +381,7 @@ class Graph:
     def model(
         self, outputs: dict[str, tuple[Value, Sequence[str | int] | None]], **about: str
     ) -> onnx.ModelProto:
-        """The whole as a file.
+        """Return the whole graph as a model.
 
         Args:
             outputs: Values with their shapes, by name.
@@ -393,7 +400,7 @@ class Graph:
 
 
 def _info(value: Value) -> onnx.ValueInfoProto:
-    """Name and type of a value, of any shape."""
+    """Return name and type of a value, of any shape."""
     kind = _TYPES[value.dtype]
     if value.sequence:
         return helper.make_tensor_sequence_value_info(value.name, kind, None)

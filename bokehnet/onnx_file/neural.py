@@ -1,4 +1,4 @@
-"""The neural half as ONNX operators: :mod:`bokehnet.coarse_to_fine` with the sizes and loops of a graph.
+"""Neural half as ONNX operators: :mod:`bokehnet.coarse_to_fine` with the sizes and loops of a graph.
 
 The formulas are those of that module, called with values of the graph.
 """
@@ -6,25 +6,31 @@ The formulas are those of that module, called with values of the graph.
 import numpy as np
 import onnx
 
-from bokehnet.coarse_to_fine import BLOCK, ask_arnet, find_change, lay_over, suppress_foreground_outlines
+from bokehnet.coarse_to_fine import (
+    BLOCK,
+    apply_change,
+    encoded_change,
+    run_arnet,
+    suppress_foreground_outlines,
+)
 from bokehnet.fusion import fuse
 from bokehnet.onnx_file.builder import Graph, Value
 from bokehnet.onnx_file.pictures import double, pad_to_multiple, shrink
 
 __all__ = ["render_neural"]
 
-# More halvings than any picture allows.
-_MOST_HALVINGS = 40
+# Upper bound of the halvings of any picture.
+_MAX_HALVINGS = 40
 
 
 def _count_halvings(g: Graph, defocus: Value, network_max_radius: float) -> Value:
-    """How often the picture must be halved until no blur exceeds ``network_max_radius``, as a size."""
-    limits = g.constant(network_max_radius * 2.0 ** np.arange(_MOST_HALVINGS), np.float32)
+    """Return the number of halvings until no blur exceeds ``network_max_radius``, as a size."""
+    limits = g.constant(network_max_radius * 2.0 ** np.arange(_MAX_HALVINGS), np.float32)
     return (abs(defocus).max() > limits).astype(np.int64).sum()
 
 
 def _run(g: Graph, network: onnx.ModelProto, **inputs: Value) -> list[Value]:
-    """Write a network, which wants batches, into the graph, for (C, H, W) in and out."""
+    """Write a network, which expects batches, to the graph, for (C, H, W) in and out."""
     batches = {name: g.op("Unsqueeze", x, g.sizes(0)) for name, x in inputs.items()}
     return [g.op("Squeeze", x, g.sizes(0)) for x in g.inline(network, batches)]
 
@@ -44,14 +50,14 @@ def render_neural(
     """Blend as :func:`bokehnet.coarse_to_fine.render_neural`, IUNet over whole pictures.
 
     Args:
-        g: The open graph.
+        g: Open graph.
         image: All-in-focus picture, scene-linear, (3, H, W).
         defocus: Signed blur radius in pixels, (H, W).
-        classical: The scatter's render, (3, H, W).
-        classical_error_map: Its error map, (H, W).
-        arnet: The coarse network.
-        iunet: The refining network; without it ARNet's change is laid over the classical render.
-        network_max_radius: Largest radius ``arnet`` was trained for, pixels.
+        classical: Render of the scatter, (3, H, W).
+        classical_error_map: Error map of the scatter, (H, W).
+        arnet: Coarse network.
+        iunet: Refining network; without it ARNet's change is applied to the classical render.
+        network_max_radius: Largest radius in the training of ``arnet``, pixels.
         max_valid_radius: Largest blur radius that the networks may correct, pixels.
 
     Returns:
@@ -59,42 +65,42 @@ def render_neural(
     """
     height, width = defocus.size(0), defocus.size(1)
     halvings = _count_halvings(g, defocus, network_max_radius)
-    powers = g.constant(2 ** np.arange(_MOST_HALVINGS), np.int64)
+    powers = g.constant(2 ** np.arange(_MAX_HALVINGS), np.int64)
     factor = powers.take(halvings)
     scale = factor.astype(np.float32)
     pictures = {"image": image, "defocus": defocus.reshape(1, height, width), "classical": classical}
     padded = {name: pad_to_multiple(g, x, factor * BLOCK) for name, x in pictures.items()}
 
     def level(factor: Value) -> dict[str, Value]:
-        """All of it at the size at which a pixel is ``factor`` of the picture's."""
+        """Return all inputs at the size at which a pixel is ``factor`` of the picture's."""
         small = {name: shrink(x, factor) for name, x in padded.items()}
         return small | {"defocus": small["defocus"] / factor.astype(np.float32)}
 
-    def written_in(image: Value, defocus: Value, classical: Value, _: None) -> tuple[Value, Value]:
+    def arnet_in_graph(image: Value, defocus: Value, classical: Value, _: None) -> tuple[Value, Value]:
         bokeh, error_map = _run(g, arnet, image=image, defocus=defocus, classical=classical)
         return bokeh, error_map
 
     low = level(factor)
-    bokeh, learned = ask_arnet(
-        written_in, low["image"], low["defocus"], low["classical"], None, max_valid_radius / scale
+    bokeh, learned = run_arnet(
+        arnet_in_graph, low["image"], low["defocus"], low["classical"], None, max_valid_radius / scale
     )
 
-    def climb(turn: Value, *found: Value) -> tuple[list[Value], list[Value]]:
-        doubled = [double(g, x) for x in found[: len(once)]]
+    def climb(iteration: Value, *state: Value) -> tuple[list[Value], list[Value]]:
+        doubled = [double(g, x) for x in state[: len(initial_state)]]
         if iunet is None:
             return doubled, []
-        inputs = level(powers.take(halvings - 1 - turn))
-        return [*doubled, *_run(g, iunet, **inputs, coarse=found[-1])], []
+        inputs = level(powers.take(halvings - 1 - iteration))
+        return [*doubled, *_run(g, iunet, **inputs, coarse=state[-1])], []
 
-    once = [find_change(bokeh, low["classical"]), learned, low["classical"], low["defocus"]]
+    initial_state = [encoded_change(bokeh, low["classical"]), learned, low["classical"], low["defocus"]]
     change, learned, coarse, coarse_defocus, *refined = (
         x.cut(1, 0, height).cut(2, 0, width)
-        for x in g.loop(climb, [*once, *([] if iunet is None else [bokeh])], times=halvings)
+        for x in g.loop(climb, [*initial_state, *([] if iunet is None else [bokeh])], times=halvings)
     )
     error_map = learned * classical_error_map.reshape(1, height, width)
     radius = pictures["defocus"] / scale
     classical, error_map = suppress_foreground_outlines(classical, radius, coarse, coarse_defocus, error_map)
-    picture = lay_over(classical, change)
+    picture = apply_change(classical, change)
     if iunet is not None:
         picture = 0.5 * (picture + refined[0])
     return fuse(classical, picture, error_map)

@@ -1,4 +1,4 @@
-"""Pictures of other sizes as ONNX operators, as in :mod:`bokehnet.arrays.pyramid`. All are (..., H, W)."""
+"""Resizing of pictures as ONNX operators, as in :mod:`bokehnet.arrays.pyramid`. All are (..., H, W)."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ def pad_to_multiple(g: Graph, x: Value, multiple: Value | int, mode: str = "edge
     """Add rows and columns at the end until both are multiples of ``multiple``.
 
     Args:
-        g: The open graph.
+        g: Open graph.
         x: (..., H, W).
         multiple: A number, or a size.
-        mode: "edge" repeats the last ones, "constant" adds zeros.
+        mode: "edge" repeats the last row and column, "constant" adds zeros.
     """
     multiple = g.sizes(multiple)
-    if mode == "edge":  # not by Pad, which onnxruntime-web 1.30 gets wrong with WebGPU
+    if mode == "edge":  # not Pad, which onnxruntime-web 1.30 computes wrongly with WebGPU
         for axis in (-2, -1):
             side = g.op("Shape", x, dtype=np.int64).cut(0, axis, END if axis == -1 else -1)
             length = (side + multiple - 1) // multiple * multiple
@@ -30,7 +30,7 @@ def pad_to_multiple(g: Graph, x: Value, multiple: Value | int, mode: str = "edge
 
 
 def double(g: Graph, x: Value) -> Value:
-    """Bilinear doubling, (C, H, W) to (C, 2H, 2W); the border is repeated."""
+    """Double by bilinear interpolation, (C, H, W) to (C, 2H, 2W); the border is repeated."""
     channels, height, width = x.size(0), x.size(1), x.size(2)
     scales = g.constant([1, 1, 2, 2], np.float32)
     doubled = g.op("Resize", x.reshape(1, channels, height, width), g.none(), scales, mode="linear")
@@ -38,13 +38,13 @@ def double(g: Graph, x: Value) -> Value:
 
 
 def repeat(g: Graph, x: Value) -> Value:
-    """Every pixel twice along both axes, (H, W) to (2H, 2W)."""
+    """Repeat every pixel twice along both axes, (H, W) to (2H, 2W)."""
     height, width = x.size(0), x.size(1)
     twice = g.op("Expand", x.reshape(height, 1, width, 1), g.sizes(1, 2, 1, 2))
     return twice.reshape(height * 2, width * 2)
 
 
 def shrink(x: Value, factor: Value) -> Value:
-    """Mean of every block of ``factor`` x ``factor`` pixels, (C, H, W); the sides must be multiples."""
+    """Return the mean of every block of ``factor`` x ``factor`` pixels, (C, H, W), sides multiples."""
     channels, height, width = x.size(0), x.size(1) // factor, x.size(2) // factor
     return x.reshape(channels, height, factor, width, factor).mean(2, 4)

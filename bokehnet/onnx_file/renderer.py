@@ -1,4 +1,4 @@
-"""The whole renderer as one graph, and its proof against the renderer of the package."""
+"""Complete renderer as one graph, and its comparison with the renderer of the package."""
 
 import json
 from dataclasses import dataclass
@@ -27,17 +27,17 @@ __all__ = ["ONE_FILE_ENGINES", "PARITY", "build_model", "export_renderer"]
 
 ONE_FILE_ENGINES = tuple(name for name, spec in ENGINES.items() if spec.one_file)
 
-# Least PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
+# Minimum PSNR in dB, of scene-linear light with white as the peak, between the file and the package.
 PARITY = 50.0
 
-# Heights, widths, blurs and gammas at which they are compared: no side is a multiple of a block, one picture
-# has more rows than a block, one a blur that no table holds.
+# Heights, widths, blurs and gammas of the comparison: no side is a multiple of a block, one picture
+# has more rows than a block, one a blur beyond all tables.
 _TRIALS = ((97, 131, 9.0, 1.0), (301, 154, 30.0, 1.0), (150, 203, 220.0, 1.0), (120, 90, 20.0, 2.2))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Networks:
-    """What is written into the file; the largest radii, pixels, that networks know and may correct."""
+    """Networks for the file; the largest radii, pixels, in their training and that they may correct."""
 
     arnet: onnx.ModelProto
     iunet: onnx.ModelProto | None
@@ -46,11 +46,11 @@ class _Networks:
 
 
 def _read_networks(weights: Path, engine: str) -> _Networks:
-    """The networks of a folder that the engine has, checked."""
+    """Return the checked networks of a folder that the engine uses."""
     networks = load_networks(weights, threads=1, refine=ENGINES[engine].refines)
     if networks.classical != "scatter":
         raise ModelFileError(
-            f"{weights}: expected networks that correct the scatter, found some that correct the "
+            f"{weights}: expected networks that correct the scatter, found networks that correct the "
             f"{networks.classical}"
         )
     entries = json.loads((weights / "manifest.json").read_text(encoding="utf-8"))["networks"]
@@ -76,11 +76,11 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
 
     Inputs, all float32: ``image`` (H, W, 3), scene-linear; ``disparity`` (H, W), near is large; ``K``,
     ``focus`` and ``gamma``, each of shape (). Blur in pixels is ``K * (disparity - focus)``. Output:
-    ``bokeh`` (H, W, 3), scene-linear. The networks only know gamma 1; with any other the result is the
-    scatter's alone, as of the engine ``scatter``, and gamma is held within 0.2 to 5.
+    ``bokeh`` (H, W, 3), scene-linear. The networks support only gamma 1; with any other the result is that of
+    the engine ``scatter``, and gamma is clipped to 0.2 to 5.
 
     Args:
-        weights: Folder with the networks and their manifest; by default those of the engine.
+        weights: Folder with the networks and their manifest; default: those of the engine.
         engine: ``"fast"`` or ``"neural"``.
 
     Raises:
@@ -123,7 +123,7 @@ def build_model(weights: Path | None = None, engine: str = "fast") -> onnx.Model
 
 
 def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """A coloured texture of every fineness, and a disparity of slopes and steps in [0, 1]."""
+    """Return a colored texture of all frequencies, and a disparity of slopes and steps in [0, 1]."""
     rng = np.random.default_rng(height)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     image = np.zeros((height, width, 3), np.float32)
@@ -140,23 +140,23 @@ def _trial_picture(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _compare(model: bytes, weights: Path | None, engine: str, progress: Progress | None) -> list[float]:
-    """PSNR in dB between a file's content in ONNX Runtime and the package, one for each trial."""
+    """Return the PSNR in dB between a file's content in ONNX Runtime and the package, one per trial."""
     report = progress or ignore_progress
     session = OnnxSession(model, options={"log_severity_level": 3})
     hybrid, plain = Engine(engine, weights=weights), Engine("scatter")
-    found: list[float] = []
+    psnrs: list[float] = []
     for height, width, blur, gamma in _TRIALS:
-        report(len(found), len(_TRIALS))
+        report(len(psnrs), len(_TRIALS))
         image, disparity = _trial_picture(height, width)
         focus = float(np.median(disparity))
         numbers = {"K": blur, "focus": focus, "gamma": gamma}
         scalars = {name: np.array(number, np.float32) for name, number in numbers.items()}
-        got = session.run({"image": image, "disparity": disparity, **scalars})[0]
+        rendered = session.run({"image": image, "disparity": disparity, **scalars})[0]
         defocus = defocus_from_disparity(disparity, np.float32(blur), np.float32(focus))
-        wanted = (hybrid if gamma == 1 else plain).render(image, defocus, gamma=gamma).bokeh
-        found.append(float(-10 * np.log10(np.square(got - wanted).mean() + 1e-20)))
-    report(len(found), len(_TRIALS))
-    return found
+        expected = (hybrid if gamma == 1 else plain).render(image, defocus, gamma=gamma).bokeh
+        psnrs.append(float(-10 * np.log10(np.square(rendered - expected).mean() + 1e-20)))
+    report(len(psnrs), len(_TRIALS))
+    return psnrs
 
 
 def export_renderer(
@@ -166,20 +166,20 @@ def export_renderer(
     *,
     engine: str = "fast",
 ) -> float:
-    """Write an engine as one ONNX file, after proof that it renders what the package renders.
+    """Write an engine as one ONNX file, after a check that it renders the same as the package.
 
     Args:
-        path: The file.
-        weights: As of :func:`build_model`.
-        progress: Called with (trials of the proof done, trials in all).
-        engine: As of :func:`build_model`.
+        path: Output file.
+        weights: See :func:`build_model`.
+        progress: Callback that receives (completed trials, total trials).
+        engine: See :func:`build_model`.
 
     Returns:
-        The lowest PSNR of the proof, dB.
+        Lowest PSNR of the trials, dB.
 
     Raises:
-        ParameterError: As of :func:`build_model`.
-        ModelFileError: As of :func:`build_model`; a PSNR is below ``PARITY``, or the file cannot be written;
+        ParameterError: See :func:`build_model`.
+        ModelFileError: See :func:`build_model`; or a PSNR is below ``PARITY``, or the file cannot be written;
             an older file is kept.
     """
     content = build_model(weights, engine).SerializeToString()

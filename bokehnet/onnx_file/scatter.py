@@ -1,7 +1,7 @@
-"""The scatter as ONNX operators: ``classical.scatter.pyramid_levels`` and ``pyramid_merging`` without numba.
+"""Scatter as ONNX operators: ``classical.scatter.pyramid_levels`` and ``pyramid_merging`` without numba.
 
-Large discs are scattered on pictures of half, a quarter, ... of the size; which pixels go there is decided as
-in :mod:`bokehnet.classical.scatter.pyramid_merging`. Besides, discs that the table lacks always go, also
+Large discs are scattered on pictures of half, a quarter, ... of the size; the selection of pixels is that
+of :mod:`bokehnet.classical.scatter.pyramid_merging`. In addition, discs beyond the table always move, also
 those of bright lights and of pixels at jumps, so that no loop grows with the largest blur.
 """
 
@@ -18,7 +18,7 @@ __all__ = ["scatter"]
 
 
 def _block_parts(x: Value, axis: int) -> list[Value]:
-    """The four pixels of every 2x2 block, each (..., H/2, W/2); H stands at ``axis``."""
+    """Return the four pixels of every 2x2 block, each (..., H/2, W/2); H is at ``axis``."""
     return [x.cut(axis, row, END, 2).cut(axis + 1, column, END, 2) for row in (0, 1) for column in (0, 1)]
 
 
@@ -27,8 +27,8 @@ def _block_sum(x: Value, axis: int) -> Value:
     return a + b + c + d
 
 
-def _alike(g: Graph, defocus: Value) -> Value:
-    """Where the four discs of a block are large and differ little, (H/2, W/2)."""
+def _is_mergeable(g: Graph, defocus: Value) -> Value:
+    """Return the mask of blocks whose four discs are large and differ little, (H/2, W/2)."""
     a, b, c, d = _block_parts(defocus, 0)
     low, high = g.op("Min", a, b, c, d), g.op("Max", a, b, c, d)
     smallest = g.maximum(low, -high)
@@ -36,7 +36,7 @@ def _alike(g: Graph, defocus: Value) -> Value:
 
 
 def _outshines(g: Graph, values: Value, height: Value, width: Value) -> Value:
-    """Where a pixel of a block exceeds ``CONTRAST`` times the mean of its tile, (H/2, W/2).
+    """Return the mask of blocks with a pixel above ``CONTRAST`` times the mean of its tile, (H/2, W/2).
 
     ``values`` (4, H, W) are 0 beyond ``height`` and ``width``, H and W multiples of the tile.
     """
@@ -57,35 +57,35 @@ def _merge(g: Graph, values: Value, defocus: Value) -> tuple[Value, Value, Value
     """Move sources to the half-size picture.
 
     Args:
-        g: The open graph.
-        values: What each pixel spreads, (4, H, W).
-        defocus: Its signed radius, (H, W).
+        g: Open graph.
+        values: Values to spread, (4, H, W).
+        defocus: Signed blur radius, (H, W).
 
     Returns:
-        What stays, of the same shapes, and what goes, (4, ceil H/2, ceil W/2) and (ceil H/2, ceil W/2);
-        each is 0 where the other one has the source.
+        The remaining sources, same shapes, and the moved ones, (4, ceil H/2, ceil W/2) and (ceil H/2, ceil
+        W/2); each is 0 where the other one has the source.
     """
     height, width = defocus.size(0), defocus.size(1)
-    padded, around = (pad_to_multiple(g, x, TILE, "constant") for x in (values, defocus))
-    block = _alike(g, around) & ~_outshines(g, padded, height, width)
-    goes = (repeat(g, block) | (abs(around) >= TABLE_RADIUS)).astype(np.float32)
-    count = _block_sum(goes, 0)
-    total = _block_sum(around * goes, 0)
-    magnitude = _block_sum(abs(around) * goes, 0) / g.maximum(count, 1)
+    padded, padded_defocus = (pad_to_multiple(g, x, TILE, "constant") for x in (values, defocus))
+    block = _is_mergeable(g, padded_defocus) & ~_outshines(g, padded, height, width)
+    moved = (repeat(g, block) | (abs(padded_defocus) >= TABLE_RADIUS)).astype(np.float32)
+    count = _block_sum(moved, 0)
+    total = _block_sum(padded_defocus * moved, 0)
+    magnitude = _block_sum(abs(padded_defocus) * moved, 0) / g.maximum(count, 1)
     smaller = g.op("Sqrt", g.maximum(magnitude * magnitude - DISC.excess, 0)) * 0.5
     coarse_defocus = g.where(total < 0, -smaller, smaller)
     half_height, half_width = (height + 1) // 2, (width + 1) // 2
-    stays = (1 - goes).cut(0, 0, height).cut(1, 0, width)
+    kept = (1 - moved).cut(0, 0, height).cut(1, 0, width)
     return (
-        values * stays,
-        defocus * stays,
-        (_block_sum(padded * goes, 1) * 0.25).cut(1, 0, half_height).cut(2, 0, half_width),
+        values * kept,
+        defocus * kept,
+        (_block_sum(padded * moved, 1) * 0.25).cut(1, 0, half_height).cut(2, 0, half_width),
         coarse_defocus.cut(0, 0, half_height).cut(1, 0, half_width),
     )
 
 
 def _spread(g: Graph, values: Value, defocus: Value) -> Value:
-    """Spread (4, H, W) over discs of any size; arguments and result as of ``spread_discs``."""
+    """Spread (4, H, W) over discs of any size; arguments and result as in ``spread_discs``."""
 
     def descend(
         _: Value, __: Value, values: Value, defocus: Value, levels: Value
@@ -98,8 +98,8 @@ def _spread(g: Graph, values: Value, defocus: Value) -> Value:
     levels = g.loop(descend, start, while_true=True)[-1]
     last = g.op("SequenceLength", levels, dtype=np.int64) - 1
 
-    def climb(turn: Value, sums: Value) -> tuple[list[Value], list[Value]]:
-        finer = g.at(levels, last - 1 - turn)
+    def climb(iteration: Value, sums: Value) -> tuple[list[Value], list[Value]]:
+        finer = g.at(levels, last - 1 - iteration)
         doubled = double(g, sums).cut(1, 0, finer.size(1)).cut(2, 0, finer.size(2))
         return [finer + doubled], []
 
@@ -107,11 +107,11 @@ def _spread(g: Graph, values: Value, defocus: Value) -> Value:
 
 
 def scatter(g: Graph, image: Value, defocus: Value) -> Value:
-    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter_renderer.scatter` with a plain disc.
+    """Render bokeh by scattering, as :func:`bokehnet.classical.scatter_renderer.scatter` with a disc.
 
     Args:
-        g: The open graph.
-        image: Scene-linear, not negative, (3, H, W), float32.
+        g: Open graph.
+        image: Scene-linear picture, not negative, (3, H, W), float32.
         defocus: Signed blur radius in pixels, (H, W), float32.
 
     Returns:

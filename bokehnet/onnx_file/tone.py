@@ -1,6 +1,6 @@
-"""Bright pixels prevail, as ONNX operators: :func:`bokehnet.optics.tone.gamma_curve`.
+"""Emphasis of bright pixels, as ONNX operators: :func:`bokehnet.optics.tone.gamma_curve`.
 
-A gamma out of range is brought back into it, as a file cannot refuse it.
+A gamma out of range is clipped because a file cannot reject it.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ __all__ = ["GammaCurve", "gamma_curve"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class GammaCurve:
-    """The attributes of :class:`bokehnet.optics.tone.GammaCurve`, float64, shape (1,)."""
+    """Attributes of :class:`bokehnet.optics.tone.GammaCurve`, float64, shape (1,)."""
 
     graph: Graph
     gamma: Value
@@ -24,7 +24,7 @@ class GammaCurve:
     shoulder: Value
 
     def encode(self, light: Value) -> Value:
-        """The curve's values for scene-linear light from 0 up, float32, any shape."""
+        """Return the curve's values for scene-linear light from 0 up, float32, any shape."""
         g = self.graph
         u = light.astype(np.float64) / self.white
         value = g.op("Clip", u, *map(g.scalar, (self.toe, self.shoulder))) ** self.gamma
@@ -33,13 +33,13 @@ class GammaCurve:
         return g.where(u > self.shoulder, beyond, value).astype(np.float32)
 
     def decode(self, values: Value) -> Value:
-        """The light that :meth:`encode` takes to ``values``."""
+        """Return the light that :meth:`encode` maps to ``values``."""
         g = self.graph
-        wide = values.astype(np.float64)
+        precise = values.astype(np.float64)
         low, high = self.toe**self.gamma, self.shoulder**self.gamma
-        u = g.op("Clip", wide, g.scalar(low), g.scalar(high)) ** (1 / self.gamma)
-        u = g.where(wide < low, wide / g.where(self.toe > 0, self._toe_slope, 1), u)
-        u = g.where(wide > high, u + (wide - high) / self._shoulder_slope, u)
+        u = g.op("Clip", precise, g.scalar(low), g.scalar(high)) ** (1 / self.gamma)
+        u = g.where(precise < low, precise / g.where(self.toe > 0, self._toe_slope, 1), u)
+        u = g.where(precise > high, u + (precise - high) / self._shoulder_slope, u)
         return (u * self.white).astype(np.float32)
 
     @property
@@ -52,35 +52,37 @@ class GammaCurve:
 
 
 def _bright_quantile(g: Graph, brightness: Value) -> Value:
-    """The value that a share ``ABOVE_WHITE`` of the pixels exceeds, linear between two; shape (1,)."""
+    """Return the value that ``FRACTION_ABOVE_WHITE`` of the pixels exceed, interpolated; shape (1,)."""
     flat = brightness.reshape(-1)
-    place = (flat.size(0) - 1).astype(np.float64) * (1 - tone.ABOVE_WHITE)
-    below = g.op("Floor", place)
+    position = (flat.size(0) - 1).astype(np.float64) * (1 - tone.FRACTION_ABOVE_WHITE)
+    below = g.op("Floor", position)
     count = flat.size(0) - below.astype(np.int64)
     brightest, _ = g.sorted(flat, count)
     lower = brightest.cut(0, -1, END).astype(np.float64)
     upper = brightest.take(g.maximum(count - 2, 0)).astype(np.float64)
-    return lower + (place - below) * (upper - lower)
+    return lower + (position - below) * (upper - lower)
 
 
 def gamma_curve(g: Graph, image: Value, gamma: Value) -> GammaCurve:
-    """The power law for a picture (3, H, W) and a gamma of shape ()."""
+    """Return the power law for a picture (3, H, W) and a gamma of shape ()."""
     exponent = g.op(
         "Clip",
         gamma.reshape(1),
-        *(g.constant(x, np.float32) for x in (tone.LOWEST_GAMMA, tone.HIGHEST_GAMMA)),
+        *(g.constant(x, np.float32) for x in (tone.MIN_GAMMA, tone.MAX_GAMMA)),
     )
     exponent = exponent.astype(np.float64)
     brightness = image.max(0)
     largest = brightness.max().astype(np.float64)
-    white = g.maximum(_bright_quantile(g, brightness), largest / tone.LARGEST_RANGE)
+    white = g.maximum(_bright_quantile(g, brightness), largest / tone.MAX_RANGE)
     white = g.where(largest > 0, white, 1)
-    most = g.where(largest > 0, largest / white, 1)
-    above = g.where(exponent > 1, exponent - 1, 1)  # where no line is needed, any number will do
-    allowed = tone.INVISIBLE * g.constant(tone.HIGHEST_TOE, np.float64) ** above / tone.ROUNDING
+    max_value = g.where(largest > 0, largest / white, 1)
+    above = g.where(exponent > 1, exponent - 1, 1)  # any number where no line is needed
+    allowed = tone.INVISIBLE_ERROR * g.constant(tone.MAX_TOE, np.float64) ** above / tone.ROUNDING_ERROR
     shoulder = g.where(
-        (exponent > 1) & (most**exponent > allowed), (allowed / (exponent * most)) ** (1 / above), most
+        (exponent > 1) & (max_value**exponent > allowed),
+        (allowed / (exponent * max_value)) ** (1 / above),
+        max_value,
     )
-    highest = shoulder**exponent + exponent * shoulder ** (exponent - 1) * (most - shoulder)
-    toe = g.where(exponent > 1, (highest * tone.ROUNDING / tone.INVISIBLE) ** (1 / above), 0)
+    highest = shoulder**exponent + exponent * shoulder ** (exponent - 1) * (max_value - shoulder)
+    toe = g.where(exponent > 1, (highest * tone.ROUNDING_ERROR / tone.INVISIBLE_ERROR) ** (1 / above), 0)
     return GammaCurve(graph=g, gamma=exponent, white=white, toe=toe, shoulder=shoulder)

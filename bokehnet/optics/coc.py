@@ -1,7 +1,8 @@
-"""The circle of confusion: how large a point off the focal plane becomes on the sensor.
+"""Circle of confusion: the blur radius of a point off the focal plane.
 
-Behind a lens the signed radius is linear in inverse depth, so one formula serves relative disparity,
-metric depth and lens data. Operators only: floats, NumPy arrays, torch tensors (with autograd), numba.
+The signed radius is linear in inverse depth, so one formula serves relative disparity, metric depth and lens
+data. The functions use operators only: they accept floats, NumPy arrays, torch tensors (with autograd) and
+numba arguments.
 """
 
 from numba.extending import register_jitable
@@ -15,7 +16,7 @@ __all__ = ["coc_radius", "defocus_from_disparity", "disparity_from_depth"]
 def coc_radius(
     disparity: Values, focus_disparity: Array, pupil_radius: float, sensor_distance: float
 ) -> Values:
-    """Signed circle-of-confusion radius on the sensor, mm; positive in front of focus.
+    """Return the signed circle-of-confusion radius on the sensor, mm; positive in front of focus.
 
     Args:
         disparity: Inverse depth of the point, 1/mm; 0 is infinitely far.
@@ -33,15 +34,18 @@ def coc_radius(
 
 @register_jitable
 def defocus_from_disparity(disparity: Values, blur: Arithmetic, focus_disparity: Arithmetic) -> Values:
-    """Signed blur radius in pixels, positive in front of focus: ``blur * (disparity - focus_disparity)``.
+    """Return the signed blur radius in pixels: ``blur * (disparity - focus_disparity)``.
 
     Args:
-        disparity: Relative disparity in [0, 1], near is large.
-        blur: Radius in pixels of a point one unit of disparity away from focus.
-        focus_disparity: The disparity that stays sharp.
+        disparity: Relative disparity in [0, 1], large for near points.
+        blur: Blur radius of a point one unit of disparity away from focus, pixels.
+        focus_disparity: Disparity in focus.
+
+    Returns:
+        Signed blur radius, pixels, positive in front of focus.
 
     Source:
-        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022. It is
+        Peng et al., "BokehMe: When neural rendering meets classical rendering", CVPR 2022. The formula is
         :func:`coc_radius` with ``blur = pupil_radius * sensor_distance / pixel_pitch``.
     """
     defocus: Values = blur * (disparity - focus_disparity)
@@ -49,10 +53,10 @@ def defocus_from_disparity(disparity: Values, blur: Arithmetic, focus_disparity:
 
 
 def disparity_from_depth(depth: Values) -> Values:
-    """Return the inverse of ``depth``, 1/unit; infinite depth (sky) gives exactly 0.
+    """Return the inverse of ``depth``; infinite depth (sky) gives exactly 0.
 
     Args:
-        depth: Distance along the optical axis, positive, any shape, NumPy array or tensor.
+        depth: Distance along the optical axis, positive, any shape and unit, NumPy array or tensor.
     """
     disparity: Values = 1.0 / depth
     return disparity

@@ -1,4 +1,4 @@
-"""A range of depths that stays sharp, which no lens can do: blur that grows from both of its ends."""
+"""Focus range: all depths in it are sharp (no lens does this), and blur grows from both of its ends."""
 
 from bokehnet.checks import Array, array_namespace
 
@@ -6,19 +6,19 @@ __all__ = ["defocus_outside_range"]
 
 
 def defocus_outside_range(focused_near: Array, focused_far: Array) -> Array:
-    """Defocus of a picture that is sharp from a near to a far end: ``max(near, 0) + min(far, 0)``.
+    """Return the defocus of a picture that is sharp from a near to a far end: ``max(near, 0) + min(far, 0)``.
 
-    What lies in front of the near end is blurred as by the lens focused there, what lies behind the far end
-    as by the lens focused there, and what lies between not at all. Defocus rises with disparity, so that at
-    most one term differs from 0, and both are 0 at their end: blur is continuous. With both ends in one
-    place it is the defocus of that focus.
+    Points in front of the near end are blurred as by a lens focused at the near end, points behind the far
+    end as by a lens focused at the far end, and points between are sharp. Defocus increases with disparity,
+    so at most one term differs from 0, and each is 0 at its end: blur is continuous. If both ends coincide,
+    the result is the defocus of that focus.
 
     Args:
-        focused_near: Signed radius in pixels with the focus at the near end, any shape, array or tensor.
-        focused_far: The same with the focus at the far end.
+        focused_near: Signed blur radius with focus at the near end, pixels, any shape, array or tensor.
+        focused_far: Signed blur radius with focus at the far end, pixels, the same shape.
 
     Returns:
-        Signed radius in pixels, positive in front of the range.
+        Signed blur radius, pixels, positive in front of the range.
     """
     xp = array_namespace(focused_near)
     return xp.clip(focused_near, 0, None) + xp.clip(focused_far, None, 0)

@@ -1,9 +1,9 @@
-"""Sensor grain: the noise of counting light, and of reading the count.
+"""Sensor grain: shot noise and read noise.
 
-A pixel with scene-linear light x has counted ``x N`` electrons on average, N those at white. Counting
-scatters by the root of the count and reading by ``read_noise`` electrons, so that x gets noise of variance
-``x / N + (read_noise / N)^2`` and keeps its mean. Noise hangs on the pixel's place in the picture, the seed
-and the number of the frame, never on how the picture was cut to be computed.
+A pixel with scene-linear light x counts ``x N`` electrons on average, N being the count at white. Counting
+has the variance of its mean and reading adds a deviation of ``read_noise`` electrons, so that x gets noise of
+variance ``x / N + (read_noise / N)^2`` and keeps its mean. Noise depends on the position of the pixel in the
+picture, the seed and the number of the frame, never on how the picture is divided for rendering.
 """
 
 import math
@@ -26,24 +26,24 @@ from bokehnet.kernels import njit
 
 __all__ = ["Grain", "noise_kernel", "white_noise"]
 
-# Of white: its square is still a number.
-_MOST_NOISE = 1e15
+# Read noise as a fraction of white, such that its square does not overflow float32.
+_MAX_READ_NOISE = 1e15
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Grain:
-    """Noise of a sensor; see the module. It cannot be undone.
+    """Noise of a sensor; see the module. It cannot be removed again.
 
     Attributes:
-        iso: Sensitivity: white is ``full_well * 100 / iso`` electrons. Above 0.
-        size: Distance in pixels over which noise is alike: two pixels at distance d correlate by
-            ``exp(-(d / size)^2)``, below 2 pixels a little less; 0 to 50. The variance of a pixel does not
+        iso: Sensitivity, above 0: white is ``full_well * 100 / iso`` electrons.
+        size: Correlation length of the noise in pixels, 0 to 50: two pixels at distance d correlate by
+            ``exp(-(d / size)^2)``, slightly less for sizes below 2. The variance of a pixel does not
             depend on it.
-        monochrome: Whether red, green and blue share one noise, as in black-and-white film; each still has
-            the variance of its own light.
-        seed: From 0 up; another one gives another noise.
+        monochrome: True if red, green and blue share one noise pattern, as in black-and-white film; each
+            still has the variance of its own light.
+        seed: Seed of the noise, >= 0.
         full_well: Electrons at white and ISO 100.
-        read_noise: Electrons, at least 0.1.
+        read_noise: Standard deviation of reading, electrons, at least 0.1.
 
     Raises:
         ParameterError: A number is out of range.
@@ -67,20 +67,20 @@ class Grain:
         check_at_least("seed", self.seed, 0)
         check_whole("seed", self.seed)
         check_at_least("read_noise", self.read_noise, 0.1)
-        if self.read_noise * (self.iso / self.full_well) > _MOST_NOISE:
+        if self.read_noise * (self.iso / self.full_well) > _MAX_READ_NOISE:
             expected = "noise that is small enough to be a number: read_noise * iso / full_well of at most"
-            raise ParameterError("iso", f"{expected} {_MOST_NOISE:g}", self.iso)
+            raise ParameterError("iso", f"{expected} {_MAX_READ_NOISE:g}", self.iso)
 
     @property
     def white(self) -> float:
-        """Electrons at white."""
+        """Number of electrons at white."""
         return self.full_well * 100 / self.iso
 
     def variance(self, light: Array, coverage: Array = 1.0) -> Array:
-        """Variance of the noise of scene-linear light, any shape; light below 0 counts as 0.
+        """Return the variance of the noise of scene-linear light, any shape; clips light below 0.
 
-        Where coverage (alpha) is below 1, reading takes part by it: an empty place stays empty, and layers
-        laid over each other are read once.
+        Coverage (alpha) below 1 scales the read noise: an empty pixel stays empty, and composited layers
+        are read once.
         """
         xp = array_namespace(light)
         return xp.clip(light, 0, None) / self.white + (coverage * (self.read_noise / self.white)) ** 2
@@ -88,19 +88,19 @@ class Grain:
     def noise(
         self, height: int, width: int, channels: int, *, left: int = 0, top: int = 0, frame: int = 0
     ) -> np.ndarray:
-        """Noise of mean 0 and variance 1, (height, width, channels), float32.
+        """Return noise of mean 0 and variance 1, (height, width, channels), float32.
 
         Args:
-            height: Rows.
-            width: Columns.
-            channels: How many; all alike where ``monochrome``.
+            height: Number of rows.
+            width: Number of columns.
+            channels: Number of channels; all are equal if ``monochrome``.
             left: Column of the first pixel in the picture.
             top: Row of the first pixel in the picture.
             frame: Number of the frame.
         """
         kernel = noise_kernel(self.size)
         reach = len(kernel) // 2
-        found = []
+        planes = []
         for channel in range(1 if self.monochrome else channels):
             white = white_noise(
                 height + 2 * reach,
@@ -110,36 +110,36 @@ class Grain:
                 key=(self.seed, frame, channel),
             )
             rows = sum(kernel[i] * white[i : i + height] for i in range(len(kernel)))
-            found.append(sum(kernel[i] * rows[:, i : i + width] for i in range(len(kernel))))
-        return np.stack(found * (channels if self.monochrome else 1), -1)
+            planes.append(sum(kernel[i] * rows[:, i : i + width] for i in range(len(kernel))))
+        return np.stack(planes * (channels if self.monochrome else 1), -1)
 
     def add(
         self, image: Array, coverage: Array = 1.0, *, left: int = 0, top: int = 0, frame: int = 0
     ) -> Array:
-        """Return ``image`` with grain; values may fall below 0, or the mean would rise.
+        """Return ``image`` with grain; values may be below 0, since clipping would raise the mean.
 
         Args:
-            image: Scene-linear, (..., H, W, C), array or tensor. Differentiable. All of a batch get the same
-                noise: give each its own ``frame``.
-            coverage: Alpha, (..., H, W, 1), of premultiplied light.
-            left: Column of its first pixel in the picture that the noise belongs to.
-            top: Row of its first pixel there.
-            frame: Number of the frame; another one gives another noise.
+            image: Scene-linear, (..., H, W, C), array or tensor. Differentiable. All images of a batch get
+                the same noise: pass each with its own ``frame`` to avoid that.
+            coverage: Alpha of premultiplied light, (..., H, W, 1).
+            left: Column of the first pixel of ``image`` in the picture.
+            top: Row of the first pixel of ``image`` in the picture.
+            frame: Number of the frame; each frame has its own noise.
         """
         height, width, channels = image.shape[-3:]
         noise = self.noise(height, width, channels, left=left, top=top, frame=frame)
         xp, variance = array_namespace(image), self.variance(image, coverage)
-        there = variance > 0  # else the root has no finite slope
-        deviation = xp.where(there, xp.where(there, variance, 1.0) ** 0.5, 0.0)
+        positive = variance > 0  # the square root has no finite slope at 0
+        deviation = xp.where(positive, xp.where(positive, variance, 1.0) ** 0.5, 0.0)
         return image + deviation * constant_like(noise, image)
 
 
 def noise_kernel(size: float) -> np.ndarray:
-    """Weights of white noise, (2 r + 1,), float32, whose squares sum to 1: a Gaussian.
+    """Return Gaussian weights of white noise whose squares sum to 1, (2 r + 1,), float32.
 
-    The Gaussian of standard deviation s gives sums that correlate by ``exp(-d^2 / (4 s^2))`` at distance d:
-    s is half of ``size``. Sums over whole pixels keep to this from a size of 2 on; smaller grain correlates
-    less, at size 1 by 0.26 with its neighbour in place of 0.37.
+    A Gaussian of standard deviation s gives sums that correlate by ``exp(-d^2 / (4 s^2))`` at distance d, so
+    s is half of ``size``. Sums over whole pixels follow this for sizes from 2 pixels; smaller grain
+    correlates less, at size 1 by 0.26 with the next pixel instead of 0.37.
     """
     deviation = size / 2
     reach = math.ceil(5 * deviation) + 1 if size > 0 else 0
@@ -152,12 +152,12 @@ def noise_kernel(size: float) -> np.ndarray:
 def white_noise(
     height: int, width: int, *, left: int = 0, top: int = 0, key: tuple[int, int, int] = (0, 0, 0)
 ) -> np.ndarray:
-    """Normal noise of variance 1 without correlation, (height, width), float32.
+    """Return uncorrelated normal noise of variance 1, (height, width), float32.
 
     Args:
-        height: Rows.
-        width: Columns.
-        left: Column of the first pixel; each pixel has its own hash, wherever the picture is cut.
+        height: Number of rows.
+        width: Number of columns.
+        left: Column of the first pixel; the noise is a hash of the position in the picture.
         top: Row of the first pixel.
         key: Seed, frame and channel.
     """
@@ -169,7 +169,7 @@ def white_noise(
 
 @njit(cache=True)
 def _mix(z):  # type: ignore[no-untyped-def]
-    """A hash of 64 bits: the finaliser of Steele, Lea and Flood, "Fast splittable random numbers", 2014."""
+    """Return a 64-bit hash by Steele, Lea and Flood, "Fast splittable random numbers", 2014."""
     z += np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ z >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ z >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
@@ -178,7 +178,11 @@ def _mix(z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _fill(left, top, seed, frame, channel, result):  # type: ignore[no-untyped-def]
-    """By Box and Muller, "A note on the generation of random normal deviates", 1958."""
+    """Fill ``result`` with normal noise by Box and Muller.
+
+    Source:
+        Box and Muller, "A note on the generation of random normal deviates", 1958.
+    """
     key = _mix(_mix(_mix(seed) ^ frame) ^ channel)
     unit = 2.0**-53
     for i in range(result.shape[0]):

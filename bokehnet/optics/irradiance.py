@@ -1,4 +1,4 @@
-"""How much light a small pupil of even radiance sends to a sensor point, over pi times that radiance."""
+"""Irradiance at a sensor point from a small pupil of uniform radiance."""
 
 from bokehnet.checks import Array
 
@@ -6,15 +6,15 @@ __all__ = ["irradiance_cos4"]
 
 
 def irradiance_cos4(field: Array, distance: Array, pupil_radius: Array) -> Array:
-    """Irradiance by the cos^4 law, for pupils that are small against their distance.
+    """Return the irradiance by the cos^4 law, for pupils that are small compared with their distance.
 
     Args:
         field: Distance of the sensor point from the axis, mm.
-        distance: From the exit pupil to the sensor, mm.
+        distance: Distance from the exit pupil to the sensor, mm.
         pupil_radius: Radius of the exit pupil, mm.
 
     Returns:
-        ``(R / D)^2 cos^4``, irradiance over pi times the radiance.
+        ``(R / D)^2 cos^4``, the irradiance divided by pi times the radiance.
     """
     square = distance * distance
     return pupil_radius**2 * square / (field * field + square) ** 2

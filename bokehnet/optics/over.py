@@ -1,4 +1,4 @@
-"""Light through layers over one another, front to back.
+"""Transmittance of layers ordered front to back.
 
 Source:
     Porter and Duff, "Compositing digital images", SIGGRAPH 1984: the operator "over".
@@ -6,26 +6,26 @@ Source:
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["light_through"]
+__all__ = ["transmittance"]
 
 
-def light_through(coverage: Array) -> tuple[Array, Array]:
-    """Return the share of light that passes each layer and all before it, and that which passes those alone.
+def transmittance(coverage: Array) -> tuple[Array, Array]:
+    """Return the inclusive and exclusive products of (1 - coverage), front to back.
 
-    The second times its coverage is how much of a layer is seen.
+    The visible fraction of a layer is its exclusive product times its coverage.
 
     Args:
-        coverage: Of the layers, 0 to 1, (..., L), NumPy array or torch tensor.
+        coverage: Coverage of the layers, 0 to 1, (..., L), NumPy array or torch tensor.
 
     Returns:
-        Both, (..., L).
+        Transmittance of the layers up to and including each, and up to but excluding each, both (..., L).
 
     Examples:
         >>> import numpy as np
-        >>> through, ahead = light_through(np.array([0.5, 0.5, 1.0]))
-        >>> through.tolist(), ahead.tolist()
+        >>> inclusive, exclusive = transmittance(np.array([0.5, 0.5, 1.0]))
+        >>> inclusive.tolist(), exclusive.tolist()
         ([0.5, 0.25, 0.0], [1.0, 0.5, 0.25])
     """
     xp = array_namespace(coverage)
-    through = xp.cumprod(1 - coverage, -1)
-    return through, xp.concatenate([xp.ones_like(through[..., :1]), through[..., :-1]], -1)
+    inclusive = xp.cumprod(1 - coverage, -1)
+    return inclusive, xp.concatenate([xp.ones_like(inclusive[..., :1]), inclusive[..., :-1]], -1)

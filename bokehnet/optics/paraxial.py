@@ -1,8 +1,8 @@
-"""Gaussian optics: rays near the axis, as matrices, and the points of a lens that follow from them.
+"""Gaussian optics: paraxial rays as matrices, and the cardinal points and pupils of a lens.
 
-A ray is (y, n u): height in mm, slope times refractive index. ``t`` is the place along the axis, mm, positive
-in the direction of light, from the scene to the sensor. Elements may be numbers, arrays or tensors, for
-example one per wavelength.
+A ray is (y, n u): height in mm, slope times refractive index. ``t`` is the position along the axis, mm,
+positive in the direction of light, from the scene to the sensor. Elements may be numbers, arrays or tensors,
+for example one per wavelength.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class RayMatrix:
-    """What happens to (y, n u) on the way: ``y' = a y + b n u``, ``n' u' = c y + d n u``; ad - bc = 1."""
+    """Ray transfer matrix of (y, n u): ``y' = a y + b n u``, ``n' u' = c y + d n u``; ad - bc = 1."""
 
     a: Array = 1.0
     b: Array = 0.0
@@ -31,24 +31,26 @@ class RayMatrix:
     d: Array = 1.0
 
     def refract(self, power: Array) -> "RayMatrix":
-        """Add a surface of ``power`` (n' - n) / radius, 1/mm, behind."""
+        """Return the matrix followed by a surface of ``power`` (n' - n) / radius, 1/mm."""
         return RayMatrix(self.a, self.b, self.c - power * self.a, self.d - power * self.b)
 
     def travel(self, reduced: Array) -> "RayMatrix":
-        """Add a gap of ``reduced`` length, mm over index, behind."""
+        """Return the matrix followed by a gap of ``reduced`` length, mm over index."""
         return RayMatrix(self.a + reduced * self.c, self.b + reduced * self.d, self.c, self.d)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CardinalPoints:
-    """Where a lens in air focuses; places are ``t``, mm from the first surface towards the sensor.
+    """Focal length, principal planes and focal points of a lens in air.
+
+    Positions are ``t``, mm from the first surface towards the sensor.
 
     Attributes:
-        focal_length: Effective focal length.
-        front_principal: Front principal plane.
-        rear_principal: Rear principal plane.
-        front_focus: Front focal point.
-        rear_focus: Rear focal point.
+        focal_length: Effective focal length, mm.
+        front_principal: Position of the front principal plane, mm.
+        rear_principal: Position of the rear principal plane, mm.
+        front_focus: Position of the front focal point, mm.
+        rear_focus: Position of the rear focal point, mm.
     """
 
     focal_length: Array
@@ -60,11 +62,11 @@ class CardinalPoints:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pupil:
-    """Image of the aperture stop. A negative radius means that it is upside down.
+    """Image of the aperture stop. A negative radius means that the image is inverted.
 
     Attributes:
-        position: Place ``t``, mm.
-        radius: Radius, mm, signed.
+        position: Position ``t``, mm.
+        radius: Signed radius, mm.
     """
 
     position: Array
@@ -72,11 +74,11 @@ class Pupil:
 
 
 def cardinal_points(system: RayMatrix, length: Array) -> CardinalPoints:
-    """Cardinal points of a lens in air.
+    """Return the cardinal points of a lens in air.
 
     Args:
-        system: From the first to the last surface.
-        length: Distance between them, mm.
+        system: Matrix from the first to the last surface.
+        length: Distance between these surfaces, mm.
 
     Source:
         Hecht, "Optics", 2017, 6.2. The transfer matrix printed in some texts with ``-d / n`` has the
@@ -93,28 +95,28 @@ def cardinal_points(system: RayMatrix, length: Array) -> CardinalPoints:
 
 
 def entrance_pupil(before: RayMatrix, stop_radius: Array) -> Pupil:
-    """Image of the stop through what is in front of it.
+    """Return the image of the stop through the elements in front of it.
+
+    A ray (y, u) in front of the lens meets the stop at ``a y + b u``: a ray to the centre of the stop crosses
+    the axis at ``t = b / a``, and a ray parallel to the axis meets the rim at the height ``stop_radius / a``.
 
     Args:
-        before: From the first surface to the stop.
+        before: Matrix from the first surface to the stop.
         stop_radius: Radius of the stop, mm.
-
-    A ray (y, u) in front meets the stop at ``a y + b u``: aimed at its middle it crosses the axis at
-    ``t = b / a``, and parallel to the axis it meets its rim when it comes at ``stop_radius / a``.
     """
     return Pupil(position=before.b / before.a, radius=stop_radius / before.a)
 
 
 def exit_pupil(behind: RayMatrix, length: Array, stop_radius: Array) -> Pupil:
-    """Image of the stop through what is behind it.
+    """Return the image of the stop through the elements behind it.
+
+    A ray from the centre of the stop leaves at height ``b w`` with slope ``d w``, as if from ``b / d`` in
+    front of the last surface, where the rim of the stop appears at ``(ad - bc) / d`` of its radius.
 
     Args:
-        behind: From the stop to the last surface.
-        length: Place of the last surface, mm.
+        behind: Matrix from the stop to the last surface.
+        length: Position of the last surface, mm.
         stop_radius: Radius of the stop, mm.
-
-    A ray from the middle of the stop leaves at height ``b w`` with slope ``d w``, as if from ``b / d`` in
-    front of the last surface, where the rim of the stop appears at ``(ad - bc) / d`` of its radius.
     """
     return Pupil(position=length - behind.b / behind.d, radius=stop_radius / behind.d)
 
@@ -126,22 +128,22 @@ def focused_rays(
     principal_depth: Array,
     image_distance: Array,
 ) -> Array:
-    """Slopes into the scene of the rays that a perfect lens sends from a sensor point through its pupil.
+    """Return the slopes in the scene of rays from a sensor point through the pupil of a perfect lens.
+
+    With P the principal depth and v the image distance, the conjugate of the sensor lies s in front of
+    the principal plane, ``1 / s = 1 / f - 1 / v``, hence at the depth z = s + P. The lens images a sensor
+    point to ``-xy s / v`` in that plane. Divided by z, ``s / (v z)`` becomes ``1 / (v + P v / s)``, where
+    ``v / s = v / f - 1``; and ``1 / z = (1 / s) / (1 + P / s)`` also holds for infinite s.
 
     Args:
         sensor_xy: Points on the sensor, mm, (..., 2).
-        origin: Where the rays cross the entrance pupil, which is the plane z = 0 of the scene, mm, (..., 2).
-        focal_length: mm.
+        origin: Points of the entrance pupil, the plane z = 0 of the scene, mm, (..., 2).
+        focal_length: Focal length, mm.
         principal_depth: Depth z of the front principal plane, mm; 0 in a thin lens.
-        image_distance: From the rear principal plane to the sensor point, mm, a number or (..., 1).
+        image_distance: Distance from the rear principal plane to the sensor point, mm, a number or (..., 1).
 
     Returns:
-        Lateral travel per unit of depth, (..., 2).
-
-    With P the principal depth and v the image distance, the conjugate of the sensor lies s in front of
-    the principal plane, ``1 / s = 1 / f - 1 / v``, hence at the depth z = s + P. A sensor point is imaged
-    there at ``-xy s / v``. Divided by z, ``s / (v z)`` becomes ``1 / (v + P v / s)``, where
-    ``v / s = v / f - 1``; and ``1 / z = (1 / s) / (1 + P / s)`` holds for s at infinity, too.
+        Lateral displacement per unit of depth, (..., 2).
     """
     vergence = 1 / focal_length - 1 / image_distance
     scale = image_distance + principal_depth * (image_distance / focal_length - 1)
@@ -149,15 +151,15 @@ def focused_rays(
 
 
 def image_points(points: Array, focal_length: Array, principal_depth: Array) -> tuple[Array, Array]:
-    """Where a perfect lens images points of the scene.
+    """Return the images of scene points by a perfect lens.
 
     Args:
-        points: (..., 3), mm; z counts from the entrance pupil.
-        focal_length: mm.
+        points: Points of the scene, mm, (..., 3); z counts from the entrance pupil.
+        focal_length: Focal length, mm.
         principal_depth: Depth z of the front principal plane, mm.
 
     Returns:
-        Place xy of the image, mm, (..., 2), and its distance from the rear principal plane, mm, (...,).
+        Position xy of the image, mm, (..., 2), and its distance from the rear principal plane, mm, (...,).
     """
     vergence = 1 / (points[..., 2] - principal_depth)
     image_distance = 1 / (1 / focal_length - vergence)

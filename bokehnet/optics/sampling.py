@@ -1,4 +1,4 @@
-"""Low-discrepancy points and their way onto the lens."""
+"""Low-discrepancy points and their mapping to the pupil."""
 
 import math
 
@@ -8,10 +8,10 @@ from bokehnet.checks import Array, array_namespace
 
 __all__ = ["disc_from_square", "halton", "ring_points", "rotate_points", "sobol"]
 
-# Binary digits of a point that follow the sequence; what comes after them is random.
+# Binary digits of a point that follow the sequence; the digits after them are random.
 _DIGITS = 16
 
-# Of each dimension after the first: inner coefficients of its primitive polynomial, and its first numbers.
+# For each dimension after the first: inner coefficients of its primitive polynomial, and its initial numbers.
 _POLYNOMIALS = ((0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)))
 
 
@@ -33,7 +33,7 @@ def halton(count: int, base: int, start: int = 1) -> np.ndarray:
 
 
 def _directions(dimension: int) -> list[int]:
-    """Direction numbers of a dimension of the Sobol' sequence, the highest digit first."""
+    """Return the direction numbers of a dimension of the Sobol' sequence, most significant digit first."""
     if dimension == 0:
         return [1 << (_DIGITS - 1 - k) for k in range(_DIGITS)]
     inner, first = _POLYNOMIALS[dimension - 1]
@@ -50,14 +50,14 @@ def _directions(dimension: int) -> list[int]:
 def sobol(count: int, rng: np.random.Generator, dimensions: int = 2) -> np.ndarray:
     """Return the first points of the scrambled Sobol' sequence in the unit cube, (count, dimensions) float64.
 
-    Of every 2^m consecutive points that begin at a multiple of 2^m, m up to 16, each of 2^m equal parts of
-    any axis holds one, and of the first two axes each box of area 2^-m whose sides are powers of two.
-    Scrambling keeps that and makes each point uniform.
+    Of every 2^m consecutive points that begin at a multiple of 2^m, m up to 16, each of 2^m equal intervals
+    of any axis contains one, and so does each box of the first two axes with area 2^-m whose sides are powers
+    of two. Scrambling preserves this and makes each point uniform.
 
     Args:
-        count: How many, up to 65536.
-        rng: Of the scrambling.
-        dimensions: 1 to 5.
+        count: Number of points, up to 65536.
+        rng: Generator of the scrambling.
+        dimensions: Number of dimensions, 1 to 5.
 
     Source:
         Sobol', "On the distribution of points in a cube and the approximate evaluation of integrals", 1967;
@@ -72,7 +72,7 @@ def sobol(count: int, rng: np.random.Generator, dimensions: int = 2) -> np.ndarr
         for k, number in enumerate(_directions(dimension)):
             value ^= np.where(index >> k & 1, number, 0)
         scrambled = np.zeros(count, np.int64)
-        for k in range(_DIGITS):  # a digit is flipped or not for all points that agree in those before it
+        for k in range(_DIGITS):  # points with the same leading digits share the flip of the next digit
             digit = value >> (_DIGITS - 1 - k) & 1
             flips = rng.integers(0, 2, 1 << k)
             scrambled = scrambled << 1 | digit ^ flips[value >> (_DIGITS - k)]
@@ -81,20 +81,20 @@ def sobol(count: int, rng: np.random.Generator, dimensions: int = 2) -> np.ndarr
 
 
 def rotate_points(points: Array, shift: Array) -> Array:
-    """Shift points of the unit square by ``shift`` and wrap them round; keeps their discrepancy.
+    """Shift points of the unit square by ``shift`` modulo 1, preserving their discrepancy.
 
     Source:
         Cranley and Patterson, "Randomization of number theoretic methods for multiple integration", 1976.
     """
-    moved = points + shift
-    return moved - array_namespace(moved).floor(moved)
+    shifted = points + shift
+    return shifted - array_namespace(shifted).floor(shifted)
 
 
 def ring_points(rings: int) -> np.ndarray:
-    """Return points of the unit disc, (3 rings (rings + 1), 2), symmetric about its middle.
+    """Return points of the unit disc, (3 rings (rings + 1), 2), symmetric about its centre.
 
-    6 k of them stand on ring k, in the middle of the area that they stand for: means over them are means over
-    the area.
+    Ring k has 6 k points, each at the centre of area of its cell, so that means over the points are means
+    over the area.
     """
     number = np.arange(rings) + 1
     radii = np.repeat(number / math.sqrt(rings * (rings + 1)), 6 * number)
@@ -103,7 +103,7 @@ def ring_points(rings: int) -> np.ndarray:
 
 
 def disc_from_square(points: Array) -> Array:
-    """Map the unit square (..., 2) onto the unit disc (..., 2), keeping areas and neighbours together.
+    """Map the unit square (..., 2) to the unit disc (..., 2), preserving area and neighbourhood.
 
     Source:
         Shirley and Chiu, "A low distortion map between disk and square", 1997.

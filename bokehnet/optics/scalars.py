@@ -1,4 +1,4 @@
-"""Numbers of a formula that may be floats, or tensors without dimensions that are to be found by training."""
+"""Parameters of a formula: floats, or tensors without dimensions that an optimizer adjusts."""
 
 import numpy as np
 
@@ -8,15 +8,15 @@ __all__ = ["is_absent", "value_of", "without_gradient"]
 
 
 def without_gradient(x: Array) -> Array:
-    """Return ``x`` outside of the graph of its gradient; what is no tensor, as it is."""
+    """Return ``x`` detached from its gradient graph; arrays and floats unchanged."""
     return x if array_namespace(x) is np else x.detach()
 
 
 def value_of(number: Array) -> float:
-    """Return a float."""
+    """Return ``number`` as a float."""
     return float(without_gradient(number))
 
 
 def is_absent(strength: Array) -> bool:
-    """Whether an effect of this strength can be left out: a 0 that is no tensor."""
+    """Return whether an effect of this strength can be skipped: it is 0 and not a tensor."""
     return array_namespace(strength) is np and bool(strength == 0)

@@ -1,8 +1,8 @@
-"""How pictures darken towards their corners: by geometry, by the rims of a lens, and by taste.
+"""Vignetting: natural (cos^4), optical (rims of a lens), tabulated and artistic.
 
-All factors multiply scene-linear light, are above 0, so that dividing undoes them, and 1 at strength 0.
-Field positions are (..., 2), right and down from the middle, the corner of the picture at radius 1. NumPy
-arrays and tensors alike, differentiable with respect to the strengths.
+All factors multiply scene-linear light, are above 0, so that division inverts them, and are 1 at strength 0.
+Field positions are (..., 2), right and down from the centre, with radius 1 at the corner of the picture. All
+functions accept NumPy arrays and tensors and are differentiable with respect to the strengths.
 """
 
 import math
@@ -14,18 +14,18 @@ import numpy as np
 from bokehnet.checks import Array, array_namespace, check_range, constant_like
 from bokehnet.optics.irradiance import irradiance_cos4
 
-__all__ = ["Vignette", "cos4_factor", "rim_factor", "table_factor", "with_color"]
+__all__ = ["Vignette", "cos4_factor", "rim_factor", "scale_saturation", "table_factor"]
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 def cos4_factor(field: Array, angle: Array) -> Array:
-    """Light that the cos^4 law leaves, (...,).
+    """Return the transmitted fraction of light by the cos^4 law, (...,).
 
     Args:
         field: Field positions, (..., 2).
-        angle: Between the axis and the ray to the corner, degrees, 0 up to below 90; half the angle of view
-            across the diagonal: 23.4 for a 50 mm lens on full frame, 42 for 24 mm.
+        angle: Angle between the axis and the ray to the corner, degrees, 0 up to below 90; half the diagonal
+            angle of view: 23.4 for a 50 mm lens on full frame, 42 for 24 mm.
     """
     radians = angle * (math.pi / 180)
     xp = array_namespace(radians)
@@ -34,15 +34,15 @@ def cos4_factor(field: Array, angle: Array) -> Array:
 
 
 def rim_factor(field: Array, shift: Array) -> Array:
-    """Share of the pupil that a second rim of its size leaves open, (...,): optical vignetting.
+    """Return the fraction of the pupil that a second rim of its size leaves open, (...,): optical vignetting.
 
-    Two unit discs at distance t share ``2 / pi (acos(t / 2) - t / 2 sqrt(1 - t^2 / 4))`` of their area. It
-    is the light that the same ``cats_eye`` of :class:`bokehnet.optics.aperture.Aperture` cuts from blur
-    discs, and it is missing in sharp places as well.
+    Two unit discs at distance t share ``2 / pi (acos(t / 2) - t / 2 sqrt(1 - t^2 / 4))`` of their area. The
+    ``cats_eye`` of :class:`bokehnet.optics.aperture.Aperture` removes this light from blur discs; sharp
+    regions lose it as well.
 
     Args:
         field: Field positions, (..., 2).
-        shift: Of the rim in the corner, in radii of the pupil, 0 to 1.5.
+        shift: Shift of the rim in the corner, pupil radii, 0 to 1.5.
     """
     xp = array_namespace(field)
     half = 0.5 * shift * (field * field).sum(-1) ** 0.5
@@ -51,32 +51,33 @@ def rim_factor(field: Array, shift: Array) -> Array:
 
 
 def table_factor(field: Array, light: Sequence[float]) -> Array:
-    """Light that a table over the radius leaves, (...,), in straight lines between its places.
+    """Return the transmitted fraction of light from a table over the radius, (...,), linearly interpolated.
 
     Args:
         field: Field positions, (..., 2).
-        light: At even steps of the radius from the middle to the corner, two or more.
+        light: Transmitted fractions at equal steps of the radius from the centre to the corner, two or more.
     """
     xp = array_namespace(field)
-    place = xp.clip((field * field).sum(-1) ** 0.5 * (len(light) - 1), 0, len(light) - 1)
-    below = xp.clip(xp.floor(place), 0, len(light) - 2)
+    position = xp.clip((field * field).sum(-1) ** 0.5 * (len(light) - 1), 0, len(light) - 1)
+    below = xp.clip(xp.floor(position), 0, len(light) - 2)
     index = below.astype(np.intp) if xp is np else below.long()
-    table = constant_like(np.asarray(light), place)
-    return table[index] * (1 - (place - below)) + table[index + 1] * (place - below)
+    table = constant_like(np.asarray(light), position)
+    return table[index] * (1 - (position - below)) + table[index + 1] * (position - below)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Vignette:
-    """A vignette of taste: ``2^(-stops m)``, m rising smoothly from 0 within ``radius`` to 1.
+    """Artistic vignette: ``2^(-stops m)``, with m rising smoothly from 0 inside ``radius`` to 1.
 
     Attributes:
-        stops: Stops by which it darkens where it is full; below 0 it brightens. -10 to 10. A float, or a
-            tensor without dimensions, as the others.
-        radius: Where it begins, in half-diagonals (the corner is 1), 0 to 2.
-        softness: How much farther out it is full, 0.01 to 2.
-        roundness: 1 a circle, 0 the ellipse with the proportions of the picture; both the same in its
-            corners.
-        color_loss: Share of the colour that it takes where it is full, 0 to 1 (grey); luminance stays.
+        stops: Full darkening in stops, -10 to 10; below 0 the vignette brightens. A float, or a
+            tensor without dimensions, like the other fields.
+        radius: Inner radius of the vignette, half-diagonals (1 at the corner), 0 to 2.
+        softness: Distance from the inner radius to full strength, half-diagonals, 0.01 to 2.
+        roundness: 1 for a circle, 0 for an ellipse with the proportions of the picture; both have the same
+            value in the corners.
+        color_loss: Fraction of the saturation removed at full strength, 0 to 1 (grey); luminance is
+            preserved.
 
     Raises:
         ParameterError: A number is out of range.
@@ -99,7 +100,7 @@ class Vignette:
             check_range(name, getattr(self, name), low, high)
 
     def factor(self, field: Array, aspect: float) -> Array:
-        """The factor, (...,).
+        """Return the factor, (...,).
 
         Args:
             field: Field positions, (..., 2).
@@ -108,7 +109,11 @@ class Vignette:
         return 2 ** (-self.stops * self._strength(field, aspect))
 
     def color(self, field: Array, aspect: float) -> Array:
-        """Share of the colour that is left, (...,), see :func:`with_color`; arguments as of :meth:`factor`.
+        """Return the remaining fraction of the saturation, (...,), for :func:`scale_saturation`.
+
+        Args:
+            field: Field positions, (..., 2).
+            aspect: Width of the picture over its height.
 
         Source:
             Thesis 004, 3.3, which mixes with the length of the colour instead of its luminance.
@@ -116,7 +121,7 @@ class Vignette:
         return 1 - self.color_loss * self._strength(field, aspect)
 
     def _strength(self, field: Array, aspect: float) -> Array:
-        """m, (...,), from 0 to 1."""
+        """Return m, (...,), from 0 to 1."""
         xp = array_namespace(field)
         x, y = field[..., 0] ** 2, field[..., 1] ** 2
         circle = x + y
@@ -127,10 +132,10 @@ class Vignette:
         return m * m * (3 - 2 * m)
 
 
-def with_color(light: Array, share: Array) -> Array:
-    """Light (..., 3), scene-linear Rec.709, with ``share`` (...,) times its distance from grey.
+def scale_saturation(light: Array, factor: Array) -> Array:
+    """Scale the distance of light (..., 3), scene-linear Rec.709, from grey by ``factor`` (...,).
 
-    Grey has the luminance of ITU-R BT.709, which stays as it is.
+    Preserves the luminance of ITU-R BT.709.
     """
     grey = (light * constant_like(np.array(_LUMINANCE), light)).sum(-1)[..., None]
-    return grey + share[..., None] * (light - grey)
+    return grey + factor[..., None] * (light - grey)

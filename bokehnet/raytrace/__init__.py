@@ -1,7 +1,7 @@
-"""The distribution ray tracer, in torch on any device.
+"""Distribution ray tracer in torch, on any device.
 
-Two renderers: planes that only shine before a background (:class:`Scene`), fast, for training data; and
-worlds of shapes, materials and lights (:class:`World`), seen by a :class:`Tracer`.
+Two renderers: a fast one for training data, with emissive planes in front of a background (:class:`Scene`);
+    and a general one, :class:`Tracer`, for worlds of shapes, materials and lights (:class:`World`).
 """
 
 from bokehnet.checks import require_extra

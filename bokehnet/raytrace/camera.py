@@ -1,4 +1,4 @@
-"""A lens in front of a grid of pixels."""
+"""Camera: a lens in front of a grid of pixels."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ __all__ = ["Camera"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Camera:
-    """A lens in z = 0 and a sensor behind it; the picture is upright, x to the right and y down.
+    """Lens at z = 0 with a sensor behind it; the picture is upright, x to the right and y down.
 
     Attributes:
         lens: Any lens model.
@@ -39,10 +39,10 @@ class Camera:
             raise ParameterError("pixel_pitch", "more than 0 mm", self.pixel_pitch)
 
     def sensor_xy(self, device: torch.device, dtype: torch.dtype) -> Tensor:
-        """Sensor positions of the pixel centres, mm, (height, width, 2).
+        """Return the sensor positions of the pixel centres, mm, (height, width, 2).
 
-        The lens turns the image round, so a pixel that is right of and below the centre of the picture
-        stands left of and above the axis on the sensor.
+        The lens inverts the image: a pixel to the right of and below the picture's centre lies to the left of
+            and above the axis on the sensor.
         """
         x = torch.arange(self.width, device=device, dtype=dtype) + (0.5 - self.width / 2)
         y = torch.arange(self.height, device=device, dtype=dtype) + (0.5 - self.height / 2)

@@ -1,8 +1,8 @@
-"""The numbers behind a distributed picture: one even sequence, in its own dimension for each purpose.
+"""Sample numbers of distribution ray tracing: one low-discrepancy sequence with a dimension per purpose.
 
-All samples of a pixel are points of one Halton sequence; every pixel shifts it by its own amount, so that
-neighbours do not share their noise. Where pixels share their views, lens, place in the pixel, time and
-wavelength of a sample are the same for all of them.
+All samples of a pixel are points of one Halton sequence; every pixel applies its own shift, so that
+neighbours have independent noise. With shared views, all pixels use the same pupil point, pixel position,
+time and wavelength in a sample.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ from bokehnet.raytrace.paths import DIMENSIONS_PER_BOUNCE
 
 __all__ = ["Distribution", "LensSamples", "halton_points"]
 
-# Dimensions. The pupil comes first and the wavelength with it: together they fill a cylinder evenly (Jeong et
+# Dimensions of the sequence. Pupil and wavelength come first: together they fill a cylinder evenly (Jeong et
 # al., "Expressive chromatic accumulation buffering for defocus blur", The Visual Computer 2016).
 _PUPIL, _WAVELENGTH, _PIXEL, _TIME, _BOUNCES = (0, 1), 2, (3, 4), 5, 6
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LensSamples:
-    """What camera rays are made of; M = samples * pixels, pixels run fastest.
+    """Parameters of camera rays; M = samples * pixels, with pixels in the fastest dimension.
 
     Attributes:
-        pupil_uv: Points of the unit disc, (M, 2).
-        jitter: Offset from the pixel's centre, pixels, (M, 2).
-        time: In [-0.5, 0.5) of the shutter's opening, (M,).
-        wavelength: In [0, 1) of the spectrum, (M,).
+        pupil_uv: Pupil points in the unit disc, (M, 2).
+        jitter: Offsets from the pixel centre, pixels, (M, 2).
+        time: Times in [-0.5, 0.5) exposure times, (M,).
+        wavelength: Positions in the spectrum, [0, 1), (M,).
     """
 
     pupil_uv: Tensor
@@ -39,15 +39,15 @@ class LensSamples:
 
 
 class Distribution:
-    """The numbers of all pixels of a picture.
+    """Sample numbers of all pixels of a picture.
 
     Args:
-        pixels: How many there are.
-        bounces: How often light is scattered at most.
-        seed: Same seed, same numbers.
-        device: Where they are used.
-        window: Which pixels are asked for, counted from there on; a pixel's numbers do not depend on it.
-        shared_views: Whether all pixels see through the same point of the pupil in each sample.
+        pixels: Number of pixels.
+        bounces: Maximum number of scattering events.
+        seed: Seed of the shifts.
+        device: Device of the numbers.
+        window: Range of pixels to serve, indexed from its start; a pixel's numbers do not depend on it.
+        shared_views: True if all pixels use the same pupil point in each sample.
     """
 
     def __init__(
@@ -64,18 +64,20 @@ class Distribution:
         generator = torch.Generator().manual_seed(seed)
         shifts = []
         for dimension in range(len(self._bases)):
-            whole = torch.rand(pixels, generator=generator)
-            part = whole if window is None else whole[window].clone()
-            shifts.append(whole[:1].expand(len(part)) if shared_views and dimension < _BOUNCES else part)
+            all_shifts = torch.rand(pixels, generator=generator)
+            shift = all_shifts if window is None else all_shifts[window].clone()
+            shifts.append(
+                all_shifts[:1].expand(len(shift)) if shared_views and dimension < _BOUNCES else shift
+            )
         self._shifts = torch.stack(shifts).to(device)
 
     def points(self, start: int, count: int) -> Tensor:
-        """Samples ``start`` to ``start + count`` before they are shifted, (count, D)."""
+        """Return samples ``start`` to ``start + count`` without shifts, (count, D)."""
         points = np.stack([halton_points(count, base, start) for base in self._bases], -1)
         return torch.from_numpy(points.astype(np.float32)).to(self._shifts.device)
 
     def lens_samples(self, points: Tensor, pixels: Tensor) -> LensSamples:
-        """What the camera rays of ``pixels`` (P,) need for ``points`` (S, D)."""
+        """Return the camera-ray parameters of ``pixels`` (P,) for ``points`` (S, D)."""
 
         def shifted(dimension: int) -> Tensor:
             return rotate_points(points[:, dimension, None], self._shifts[dimension, pixels]).flatten()
@@ -88,23 +90,22 @@ class Distribution:
         )
 
     def path_number(self, points: Tensor, pixels: Tensor, dimension: Tensor, row: Tensor) -> Tensor:
-        """Number (M,) of a path's ``dimension`` (M,) for rays ``row`` (M,) of :meth:`lens_samples`."""
+        """Return the numbers (M,) of ``dimension`` (M,) for rays ``row`` (M,) of :meth:`lens_samples`."""
         width = len(pixels)
-        place = _BOUNCES + dimension
+        index = _BOUNCES + dimension
         sample, pixel = torch.div(row, width, rounding_mode="floor"), pixels[row % width]
-        return rotate_points(points[sample, place], self._shifts[place, pixel])
+        return rotate_points(points[sample, index], self._shifts[index, pixel])
 
 
 def halton_points(count: int, base: int, start: int = 0) -> np.ndarray:
-    """Elements ``start`` to ``start + count`` of a radical inverse whose digits are shuffled, in [0, 1).
+    """Return elements ``start`` to ``start + count`` of a digit-scrambled radical inverse, in [0, 1).
 
-    The digits of a large base come in an order that follows nothing in other large bases; plain Halton
-    sequences of such bases run in parallel for their first hundreds of points. One order of the digits
-    belongs to each base, and 0 stays 0.
+    Without scrambling, Halton sequences of large bases are correlated for their first hundreds of points.
+    Each base has one fixed permutation of its digits, which keeps 0.
 
     Source:
         Halton, 1960; Braaten and Weller, "An improved low-discrepancy sequence for multidimensional
-        quasi-Monte Carlo integration", Journal of Computational Physics 1979, for shuffled digits.
+        quasi-Monte Carlo integration", Journal of Computational Physics 1979, for scrambled digits.
     """
     digits = np.concatenate([[0], 1 + np.random.default_rng(base).permutation(base - 1)])
     index = np.arange(start + 1, start + count + 1)
@@ -118,10 +119,10 @@ def halton_points(count: int, base: int, start: int = 0) -> np.ndarray:
 
 
 def _primes(count: int) -> list[int]:
-    found: list[int] = []
+    primes: list[int] = []
     number = 2
-    while len(found) < count:
-        if all(number % prime for prime in found):
-            found.append(number)
+    while len(primes) < count:
+        if all(number % prime for prime in primes):
+            primes.append(number)
         number += 1
-    return found
+    return primes

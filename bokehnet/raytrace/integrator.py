@@ -1,7 +1,7 @@
-"""Pictures of a scene: averages over pupil and pixel of what single rays see.
+"""Renderer of scenes of planes: averages the light of single rays over pupil and pixel.
 
-Each pass follows one ray per pixel, so memory is that of a few pictures for any number of samples. All
-planes that a ray meets are composited front to back in the order of their depth along that ray.
+Each pass traces one ray per pixel, so memory is that of a few pictures for any number of samples. The planes
+that a ray meets are composited front to back by their depth along that ray.
 """
 
 from dataclasses import dataclass
@@ -26,28 +26,27 @@ from bokehnet.raytrace.scene import Background, Scene
 
 __all__ = ["Progress", "render_all_in_focus", "render_bokeh", "render_disparity"]
 
-# Called with the number of passes done and the number of all passes.
-# Sides of a plane are told apart beyond this share of its distance from the lens.
+# Tolerance of side tests, as a fraction of a plane's distance from the lens.
 _SIDE_TOLERANCE = 1e-6
 
 
 def render_bokeh(
     scene: Scene, camera: Camera, samples_per_pixel: int, seed: int, progress: Progress | None = None
 ) -> Tensor:
-    """Render what ``camera`` sees through its whole pupil.
+    """Render the picture of ``camera`` through its whole pupil.
 
     Args:
         scene: Planes and background; textures give device and dtype.
-        camera: Lens and sensor; render one scene with many cameras for many focus distances and apertures.
-        samples_per_pixel: Rays per pixel; the error falls faster than its square root.
-        seed: Same seed, same picture.
+        camera: Lens and sensor; focus distance and f-number are those of the lens.
+        samples_per_pixel: Rays per pixel; the error decreases faster than with its square root.
+        seed: Seed of the sample positions.
         progress: Called after each pass.
 
     Returns:
         Scene-linear picture, (H, W, 3).
 
     Raises:
-        ParameterError: ``samples_per_pixel`` is less than 1.
+        ParameterError: ``samples_per_pixel`` is below 1.
 
     Source:
         Cook, Porter and Carpenter, "Distributed ray tracing", SIGGRAPH 1984.
@@ -58,7 +57,7 @@ def render_bokeh(
 def render_all_in_focus(
     scene: Scene, camera: Camera, samples_per_pixel: int, seed: int, progress: Progress | None = None
 ) -> Tensor:
-    """Render through the middle of the pupil alone: all sharp, averaged over the area of each pixel.
+    """Render through the pupil centre only: all in focus, averaged over the area of each pixel.
 
     Arguments, result and errors are those of :func:`render_bokeh`.
     """
@@ -74,9 +73,9 @@ def render_disparity(scene: Scene, camera: Camera) -> Tensor:
     rays = centre_rays(camera, scene.background.texture.device, scene.background.texture.dtype)
     disparity = torch.full_like(rays.slope[..., 0], scene.background.disparity)
     for plane in _prepare(scene, camera, rays):
-        seen, depth = plane.intersect(_crop(rays, plane.window))
-        here = disparity[plane.window]
-        disparity[plane.window] = torch.where(seen[3] >= 0.5, torch.maximum(here, 1 / depth), here)
+        color, depth = plane.intersect(_crop(rays, plane.window))
+        current = disparity[plane.window]
+        disparity[plane.window] = torch.where(color[3] >= 0.5, torch.maximum(current, 1 / depth), current)
     return disparity
 
 
@@ -92,7 +91,7 @@ def _integrate(
     points = torch.tensor(_sample_points(samples_per_pixel), dtype=dtype, device=device)
     generator = torch.Generator().manual_seed(seed)
     size = (camera.height, camera.width)
-    # One shift per pixel for the pupil and one for its area: neighbours do not share their noise.
+    # Every pixel shifts pupil and area positions independently, so neighbours have independent noise.
     shifts = torch.rand(4, *size, generator=generator, dtype=dtype).to(device).permute(1, 2, 0)
     total = torch.zeros(3, *size, device=device, dtype=dtype)
     no_pupil = torch.zeros_like(sensor_xy)
@@ -110,8 +109,8 @@ def _sample_points(count: int) -> np.ndarray:
     """Return ``count`` points (count, 4) that fill the pupil (first two) and the pixel (last two) evenly.
 
     Source:
-        Hammersley, "Monte Carlo methods for solving multivariable problems", 1960: the first coordinate
-        of a Halton sequence may be the index itself when the count is known.
+        Hammersley, "Monte Carlo methods for solving multivariable problems", 1960: for a known count, the
+        index itself can serve as first coordinate.
     """
     even = (np.arange(count) + 0.5) / count
     return np.stack([even, halton(count, 2), halton(count, 3), halton(count, 5)], -1)
@@ -124,7 +123,7 @@ def _prepare(scene: Scene, camera: Camera, centre: Rays) -> list[PreparedPlane]:
 
 @dataclass(frozen=True, slots=True)
 class _Occluder:
-    """A plane that may hide another one in ``window``; ``always`` when it is before it for all rays."""
+    """Plane that can occlude another one in ``window``; ``always`` if it is in front for all rays."""
 
     index: int
     window: Window
@@ -132,16 +131,16 @@ class _Occluder:
 
 
 def _find_occluders(planes: list[PreparedPlane], camera: Camera) -> list[list[_Occluder]]:
-    """Return for each plane those that may hide it, so that few pairs are compared ray by ray.
+    """Return the possible occluders of each plane, so that few pairs need a comparison per ray.
 
     Source:
-        Newell, Newell and Sancha, "A solution to the hidden surface problem", 1972: the order of two
-        polygons is known when one lies on one side of the plane of the other.
+        Newell, Newell and Sancha, "A solution to the hidden surface problem", 1972: the order of two polygons
+        is known if one lies entirely on one side of the other's plane.
     """
     reach = _pupil_reach(camera)
     occluders: list[list[_Occluder]] = []
     for i, plane in enumerate(planes):
-        before = []
+        in_front = []
         for j, other in enumerate(planes):
             window = _intersection(plane.window, other.window)
             if i == j or window is None:
@@ -151,13 +150,13 @@ def _find_occluders(planes: list[PreparedPlane], camera: Camera) -> list[list[_O
                 reverse = _order(plane, other, reach)
                 order = None if reverse is None else not reverse
             if order is not False:
-                before.append(_Occluder(j, window, bool(order)))
-        occluders.append(before)
+                in_front.append(_Occluder(j, window, bool(order)))
+        occluders.append(in_front)
     return occluders
 
 
 def _order(plane: PreparedPlane, other: PreparedPlane, reach: float) -> bool | None:
-    """Tell from the sides of ``plane`` if all rays meet it before ``other``, or after; None if unknown."""
+    """Return whether all rays meet ``plane`` before ``other``, from its sides; ``None`` if unknown."""
     if np.hypot(*plane.normal[:2]) * reach >= 1:  # the plane cuts the pupil, so rays start on both sides
         return None
     sides = other.corners @ plane.normal - 1
@@ -167,7 +166,7 @@ def _order(plane: PreparedPlane, other: PreparedPlane, reach: float) -> bool | N
 
 
 def _pupil_reach(camera: Camera) -> float:
-    """Distance from the axis, mm, within which rays of ``camera`` leave the lens."""
+    """Return the maximum distance from the axis at which rays of ``camera`` leave the lens, mm."""
     angles = torch.linspace(0, 2 * torch.pi, 33, dtype=torch.float64)
     rim = torch.stack([angles.cos(), angles.sin()], -1)
     corners = camera.sensor_xy(rim.device, rim.dtype)[[[0], [-1]], [[0, -1]]].reshape(-1, 1, 2)
@@ -182,27 +181,28 @@ def _add_pass(
     occluders: list[list[_Occluder]],
     rays: Rays,
 ) -> None:
-    """Add to ``total`` (3, H, W) the light of one ray per pixel.
+    """Add the light of one ray per pixel to ``total`` (3, H, W).
 
-    Light of a plane passes all planes that the ray meets before it. Comparing pairs of planes is faster
-    than sorting, because most pairs do not overlap in the picture or have one order for all rays.
+    The light of a plane is attenuated by all planes that the ray meets before it. Comparing pairs of planes
+    is faster than sorting, because most pairs do not overlap in the picture or have the same order for all
+    rays.
     """
     hits = [plane.intersect(_crop(rays, plane.window)) for plane in planes]
-    clear = [1 - seen[3] for seen, _ in hits]
+    clear = [1 - color[3] for color, _ in hits]
     unblocked = torch.ones_like(total[0])
-    for i, (plane, (seen, depth)) in enumerate(zip(planes, hits, strict=True)):
-        through = torch.ones_like(depth)
+    for i, (plane, (color, depth)) in enumerate(zip(planes, hits, strict=True)):
+        transmittance = torch.ones_like(depth)
         for occluder in occluders[i]:
             j = occluder.index
-            here = _relative(occluder.window, plane.window)
-            there = _relative(occluder.window, planes[j].window)
-            passing = clear[j][there]
-            if not occluder.always:  # of two planes at one depth the first hides the second
-                other = hits[j][1][there]
-                before = other <= depth[here] if j < i else other < depth[here]
-                passing = torch.where(before, passing, 1.0)
-            through[here] *= passing
-        total[:, *plane.window].addcmul_(seen[:3], through)
+            own_window = _relative(occluder.window, plane.window)
+            occluder_window = _relative(occluder.window, planes[j].window)
+            passing = clear[j][occluder_window]
+            if not occluder.always:  # at equal depth, the first plane occludes the second
+                occluder_depth = hits[j][1][occluder_window]
+                nearer = occluder_depth <= depth[own_window] if j < i else occluder_depth < depth[own_window]
+                passing = torch.where(nearer, passing, 1.0)
+            transmittance[own_window] *= passing
+        total[:, *plane.window].addcmul_(color[:3], transmittance)
         unblocked[plane.window] *= clear[i]
     total.addcmul_(look_up_background(background, rays), unblocked)
 
@@ -220,7 +220,7 @@ def _intersection(first: Window, second: Window) -> Window | None:
 
 
 def _relative(window: Window, outer: Window) -> Window:
-    """Return ``window`` counted from the first row and column of ``outer``."""
+    """Return ``window`` relative to the first row and column of ``outer``."""
     rows, columns = (
         slice(part.start - whole.start, part.stop - whole.start)
         for part, whole in zip(window, outer, strict=True)

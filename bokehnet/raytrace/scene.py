@@ -1,4 +1,4 @@
-"""What stands before the lens: textured planes with alpha and one infinite background."""
+"""Scene of textured planes with alpha and one infinite background."""
 
 import itertools
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Plane:
-    """A textured parallelogram: the points ``centre + a * u_axis + b * v_axis`` with a, b in [-1, 1].
+    """Textured parallelogram: the points ``centre + a * u_axis + b * v_axis`` with a, b in [-1, 1].
 
     Attributes:
         texture: Scene-linear RGB times alpha, and alpha, (4, Ht, Wt); columns run along ``u_axis``, rows
-            along ``v_axis``. It fades over its outermost texel and is transparent outside.
+            along ``v_axis``. The texture fades over its outermost texel and is transparent outside.
         centre: Position, mm; x to the right and y down in the picture, z along the optical axis.
         u_axis: Half extent along the columns of the texture, mm.
         v_axis: Half extent along its rows, mm.
@@ -51,14 +51,14 @@ class Plane:
 
     @property
     def corners(self) -> np.ndarray:
-        """The four corners, mm, (4, 3)."""
+        """Corners, mm, (4, 3)."""
         centre, u, v = (np.array(vector, float) for vector in (self.centre, self.u_axis, self.v_axis))
         return np.stack([centre + a * u + b * v for a, b in itertools.product((-1, 1), repeat=2)])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Background:
-    """An opaque, endless plane that faces the lens; its texture is mirrored outside.
+    """Opaque infinite plane that faces the lens; its texture is mirrored outside.
 
     Attributes:
         texture: Scene-linear RGB, (3, Ht, Wt).
@@ -85,11 +85,11 @@ class Background:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scene:
-    """Planes in any order before a background; device and dtype are those of the textures.
+    """Planes in any order in front of a background; device and dtype are those of the textures.
 
     Attributes:
-        background: What rays meet that pass all planes.
-        planes: They may overlap and cross; every ray meets them in its own order.
+        background: Background for rays that pass all planes.
+        planes: Planes, which may overlap and intersect; they are sorted per ray.
     """
 
     background: Background
@@ -97,15 +97,15 @@ class Scene:
 
 
 def plane_texture(rgb: np.ndarray, alpha: np.ndarray | None = None) -> Tensor:
-    """Join colour (H, W, 3), scene-linear, and alpha (H, W) to a premultiplied float32 tensor (4, H, W)."""
-    opacity = np.ones(rgb.shape[:2], np.float32) if alpha is None else alpha
-    if opacity.shape != rgb.shape[:2]:
-        raise ShapeError(f"alpha has shape {opacity.shape} but colour has {rgb.shape}; they must agree")
-    joined = np.concatenate([rgb * opacity[..., None], opacity[..., None]], -1, dtype=np.float32)
+    """Return colour (H, W, 3), scene-linear, and alpha (H, W) as a premultiplied float32 tensor (4, H, W)."""
+    coverage = np.ones(rgb.shape[:2], np.float32) if alpha is None else alpha
+    if coverage.shape != rgb.shape[:2]:
+        raise ShapeError(f"alpha has shape {coverage.shape} but colour has {rgb.shape}; they must agree")
+    joined = np.concatenate([rgb * coverage[..., None], coverage[..., None]], -1, dtype=np.float32)
     return torch.from_numpy(np.ascontiguousarray(joined.transpose(2, 0, 1)))
 
 
 def background_from(rgb: np.ndarray, half_extent: tuple[float, float], disparity: float = 0.0) -> Background:
-    """Make a :class:`Background` from colour (H, W, 3), scene-linear."""
+    """Return a :class:`Background` from colour (H, W, 3), scene-linear."""
     texture = torch.from_numpy(np.ascontiguousarray(rgb.transpose(2, 0, 1), np.float32))
     return Background(texture=texture, half_extent=half_extent, disparity=disparity)

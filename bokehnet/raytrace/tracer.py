@@ -1,4 +1,4 @@
-"""Pictures of a world, sample by sample: what is there after some samples can be kept and carried on."""
+"""Progressive ray tracer of worlds: its state after any number of samples can be stored and continued."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from torch import Tensor
 
 from bokehnet.checks import check_at_least, check_choice
 from bokehnet.errors import ParameterError
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 from bokehnet.progress import Progress
 from bokehnet.raytrace.camera import Camera
 from bokehnet.raytrace.distribution import Distribution, LensSamples
@@ -19,22 +19,22 @@ from bokehnet.raytrace.world import World
 
 __all__ = ["METHODS", "Accumulation", "Maps", "Tracer", "lens_rays"]
 
-# Rays that are followed at once: few enough for a processor's cache, enough to keep a GPU busy.
-_RAYS_ON_CPU, _RAYS_ON_GPU = 1 << 15, 1 << 21
+# Maximum number of rays per block: few enough for a CPU cache, enough to occupy a GPU.
+_MAX_RAYS_CPU, _MAX_RAYS_GPU = 1 << 15, 1 << 21
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Accumulation:
-    """Means over the samples so far.
+    """Means over all samples so far.
 
     Attributes:
         bokeh: Scene-linear picture through the whole pupil, (H, W, 3).
-        all_in_focus: The same through the middle of the pupil, (H, W, 3).
-        coverage: Share of the pixel's light cone that meets a body, (H, W).
-        samples: How many there are of each pixel, in the mean.
-        counts: How many of each, (H, W) int64; None for as many of all.
-        variance: Of one sample of each pixel, see :mod:`bokehnet.raytrace.adaptive`, (H, W); None if that is
-            not known.
+        all_in_focus: Scene-linear picture through the pupil centre, (H, W, 3).
+        coverage: Fraction of the pixel's light cone that meets a body, (H, W).
+        samples: Mean number of samples per pixel.
+        counts: Number of samples of each pixel, (H, W) int64; None if it is the same for all.
+        variance: Variance of one sample of each pixel, see :mod:`bokehnet.raytrace.adaptive`, (H, W); None if
+            unknown.
     """
 
     bokeh: Tensor
@@ -45,14 +45,14 @@ class Accumulation:
     variance: Tensor | None = None
 
     def stacked(self) -> Tensor:
-        """All means, (H, W, 7)."""
+        """Return all means, (H, W, 7)."""
         return torch.cat([self.bokeh, self.all_in_focus, self.coverage[..., None]], -1)
 
     @classmethod
     def from_stacked(
         cls, means: Tensor, samples: int, counts: Tensor | None = None, variance: Tensor | None = None
     ) -> "Accumulation":
-        """The inverse of :meth:`stacked`."""
+        """Return the state of stacked means; the inverse of :meth:`stacked`."""
         return cls(
             bokeh=means[..., :3],
             all_in_focus=means[..., 3:6],
@@ -65,12 +65,12 @@ class Accumulation:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Maps:
-    """The first surface with alpha >= 0.5 at each pixel's centre, through the middle of the pupil.
+    """First surface with alpha >= 0.5 at each pixel centre, through the pupil centre.
 
     Attributes:
-        depth: mm, (H, W); infinite where there is nothing, or the depth of the backdrop.
-        normal: Of length 1, towards the camera, (H, W, 3); 0 where there is nothing.
-        body: Index of the body, (H, W) int64; -1 where there is nothing.
+        depth: Depth, mm, (H, W); without a surface infinite, or the depth of the backdrop.
+        normal: Unit normal towards the camera, (H, W, 3); 0 without a surface.
+        body: Index of the body, (H, W) int64; -1 without a surface.
     """
 
     depth: Tensor
@@ -87,28 +87,28 @@ METHODS = ("distribution", "accumulation")
 
 
 class Tracer:
-    """Cook's distribution ray tracer, or multi-view accumulation.
+    """Distribution ray tracer after Cook, or multi-view accumulation.
 
-    Each sample of a pixel has its own place in the pixel, in the pupil, in time, in the spectrum, on the
-    lights and in the lobes of the surfaces that it meets. With ``accumulation`` all pixels of a sample share
-    the first four: each sample is a whole picture, taken from one point of the pupil at one moment, so that
-    few of them show as so many ghosts instead of noise.
+    Each sample of a pixel has its own position in the pixel, in the pupil, in time, in the spectrum, on the
+    lights and in the lobes of the surfaces. With ``accumulation`` all pixels of a sample share the first
+    four: each sample is a pinhole picture from one pupil point at one time, so that too few samples show
+    ghosts instead of noise.
 
     Args:
         world: The scene.
         camera: Lens and sensor.
-        seed: Same seed, same picture.
-        bounces: How often light may be scattered on its way; 1 is direct light.
-        shutter: How long the shutter is open, s.
-        dispersion: Let each ray have one wavelength, for lenses that part them.
-        device: Where the rays are followed.
+        seed: Seed of the sample positions.
+        bounces: Maximum number of scattering events; 1 is direct light.
+        shutter: Exposure time, s.
+        dispersion: Give each ray a single wavelength, for lenses with dispersion.
+        device: Device that traces the rays.
         method: One of ``METHODS``.
-        antialiased: Send samples through all of a pixel; else through its centre.
-        rows: Rows of the picture that are traced; what comes out has these alone, and is as it would be in
-            the whole picture.
+        antialiased: Distribute samples over the pixel's area; otherwise all pass its centre.
+        rows: First row and end row to trace; the result has only these rows, equal to those of the whole
+            picture.
 
     Raises:
-        ParameterError: A number is negative, another method, or rows that the picture does not have.
+        ParameterError: A number is negative, the method is unknown, or the rows are outside the picture.
 
     Source:
         Cook, Porter and Carpenter, "Distributed ray tracing", SIGGRAPH 1984; Haeberli and Akeley, "The
@@ -151,10 +151,10 @@ class Tracer:
             window=slice(first * camera.width, stop * camera.width),
             shared_views=method == "accumulation",
         )
-        self._most = _RAYS_ON_CPU if self._device.type == "cpu" else _RAYS_ON_GPU
+        self._max_rays = _MAX_RAYS_CPU if self._device.type == "cpu" else _MAX_RAYS_GPU
 
     def begin(self) -> Accumulation:
-        """No samples yet."""
+        """Return the state before the first sample."""
         size = self._size
         black = torch.zeros(*size, 3, device=self._device)
         return Accumulation(
@@ -162,33 +162,33 @@ class Tracer:
         )
 
     @torch.no_grad()
-    def advance(self, so_far: Accumulation, samples: int) -> Accumulation:
-        """Return ``so_far`` with some more samples, at most ``samples`` in all.
+    def advance(self, state: Accumulation, samples: int) -> Accumulation:
+        """Return ``state`` with more samples, at most ``samples`` in total.
 
-        Steps end at fixed counts, so that a picture does not depend on where it was broken off.
+        Steps end at fixed counts, so that a picture does not depend on where it was interrupted.
         """
-        block = max(1, self._most // self._pixels)
-        stop = min(samples, (so_far.samples // block + 1) * block)
-        means = so_far.stacked().reshape(self._pixels, 7).clone()
-        everywhere = torch.arange(self._pixels, device=self._device)
-        for pixels, seen in self.trace(everywhere, so_far.samples, stop - so_far.samples):
-            for offset, values in enumerate(seen):
-                means[pixels] += (values - means[pixels]) / (so_far.samples + offset + 1)
+        block = max(1, self._max_rays // self._pixels)
+        stop = min(samples, (state.samples // block + 1) * block)
+        means = state.stacked().reshape(self._pixels, 7).clone()
+        all_pixels = torch.arange(self._pixels, device=self._device)
+        for pixels, samples_of_pixels in self.trace(all_pixels, state.samples, stop - state.samples):
+            for offset, values in enumerate(samples_of_pixels):
+                means[pixels] += (values - means[pixels]) / (state.samples + offset + 1)
         return Accumulation.from_stacked(means.reshape(*self._size, 7), stop)
 
     @torch.no_grad()
     def trace(self, pixels: Tensor, start: int, count: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Trace ``count`` samples of ``pixels`` (P,) from their sample ``start`` on.
+        """Trace ``count`` samples of ``pixels`` (P,), from sample ``start``.
 
         Yields:
-            Some of the pixels, (Q,), and bokeh, all-in-focus and coverage of their samples, (count, Q, 7).
+            A block of the pixels, (Q,), and bokeh, all-in-focus and coverage of their samples, (count, Q, 7).
         """
         points = self._distribution.points(start, count)
-        for part in pixels.split(self._most):
+        for part in pixels.split(self._max_rays):
             yield part, self._trace(points, part)
 
     def render(self, samples: int, progress: Progress | None = None) -> Accumulation:
-        """Return the means of ``samples`` samples; ``progress`` is told how many are done."""
+        """Return the means of ``samples`` samples; calls ``progress`` with the number done."""
         check_at_least("samples", samples, 1)
         state = self.begin()
         while state.samples < samples:
@@ -198,7 +198,7 @@ class Tracer:
         return state
 
     def _trace(self, points: Tensor, pixels: Tensor) -> Tensor:
-        """Bokeh, all-in-focus and coverage, (S, P, 7), of ``points`` (S, D) for P pixels."""
+        """Return bokeh, all-in-focus and coverage, (S, P, 7), of ``points`` (S, D) for P pixels."""
         samples = self._distribution.lens_samples(points, pixels)
         sharp = LensSamples(
             pupil_uv=torch.zeros_like(samples.pupil_uv),
@@ -206,18 +206,20 @@ class Tracer:
             time=samples.time,
             wavelength=samples.wavelength,
         )
-        color, coverage = self._see(points, pixels, samples, self._dispersion)
-        pinhole = self._see(points, pixels, sharp, False)[0]
+        color, coverage = self._trace_samples(points, pixels, samples, self._dispersion)
+        pinhole = self._trace_samples(points, pixels, sharp, False)[0]
         return torch.cat([color, pinhole, coverage[:, None]], -1).reshape(len(points), -1, 7)
 
-    def _see(
+    def _trace_samples(
         self, points: Tensor, pixels: Tensor, samples: LensSamples, dispersion: bool
     ) -> tuple[Tensor, Tensor]:
-        """Colour (M, 3) and coverage (M,) of samples, weighted by what the lens lets through."""
+        """Return colour (M, 3) and coverage (M,) of samples, weighted by the transmittance of the lens."""
         sensor = self._sensor[pixels].repeat(len(points), 1)
         if self._antialiased:
             sensor = sensor + self.camera.pixel_pitch * samples.jitter
-        wavelength = SHORTEST + (LONGEST - SHORTEST) * samples.wavelength if dispersion else None
+        wavelength = (
+            MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * samples.wavelength if dispersion else None
+        )
         rays, weight = lens_rays(
             self.camera, sensor, samples.pupil_uv, samples.time * self._shutter, wavelength
         )
@@ -236,35 +238,37 @@ class Tracer:
 
     @torch.no_grad()
     def maps(self) -> Maps:
-        """Geometry at the middle of the shutter's opening."""
-        still = torch.zeros_like(self._sensor[:, 0])
-        rays, _ = lens_rays(self.camera, self._sensor, torch.zeros_like(self._sensor), still)
+        """Return the geometry maps at mid-exposure."""
+        mid_exposure = torch.zeros_like(self._sensor[:, 0])
+        rays, _ = lens_rays(self.camera, self._sensor, torch.zeros_like(self._sensor), mid_exposure)
         size = self._size
         backdrop = self.world.backdrop
-        nothing = torch.inf if backdrop is None or backdrop.disparity == 0 else 1 / backdrop.disparity
-        depth = torch.full_like(still, nothing)
+        background_depth = (
+            torch.inf if backdrop is None or backdrop.disparity == 0 else 1 / backdrop.disparity
+        )
+        depth = torch.full_like(mid_exposure, background_depth)
         normal = torch.zeros_like(rays.origin)
-        body = torch.full_like(still, -1, dtype=torch.int64)
+        body = torch.full_like(mid_exposure, -1, dtype=torch.int64)
         row = torch.arange(self._pixels, device=self._device)
-        beyond, last = torch.zeros_like(still), body.clone()
+        min_distance, last_body = torch.zeros_like(mid_exposure), body.clone()
         while len(row):
-            hit = self.world.intersect(pick(rays, row), beyond, last)
-            there = hit.body >= 0
-            row, hit = row[there], pick(hit, there)
-            seen, texture = self.world.surfaces(pick(rays, row), hit)
+            hit = self.world.intersect(pick(rays, row), min_distance, last_body)
+            hits_body = hit.body >= 0
+            row, hit = row[hits_body], pick(hit, hits_body)
+            surface_normal, texture = self.world.surfaces(pick(rays, row), hit)
             solid = texture[:, 3] >= 0.5
             ends = row[solid]
             depth[ends], body[ends] = hit.hits.distance[solid], hit.body[solid]
-            towards = (seen * rays.direction[row]).sum(-1, keepdim=True) < 0
-            normal[ends] = torch.where(towards, seen, -seen)[solid]
-            row, beyond, last = row[~solid], hit.hits.distance[~solid], hit.body[~solid]
+            towards = (surface_normal * rays.direction[row]).sum(-1, keepdim=True) < 0
+            normal[ends] = torch.where(towards, surface_normal, -surface_normal)[solid]
+            row, min_distance, last_body = row[~solid], hit.hits.distance[~solid], hit.body[~solid]
         return Maps(depth=depth.reshape(size), normal=normal.reshape(*size, 3), body=body.reshape(size))
 
 
 def lens_rays(
     camera: Camera, sensor_xy: Tensor, pupil_uv: Tensor, time: Tensor, wavelength: Tensor | None = None
 ) -> tuple[SpaceRays, Tensor]:
-    """Rays from sensor points (M, 2), mm, into the world, and the light that the lens gives each, (M,)."""
+    """Return rays from sensor points (M, 2), mm, into the world, and their weights from the lens, (M,)."""
     rays = camera.lens.sample_rays(sensor_xy, pupil_uv, wavelength)
     weight = torch.ones_like(time) if rays.weight is None else rays.weight
     zero, one = torch.zeros_like(time)[:, None], torch.ones_like(time)[:, None]

@@ -1,4 +1,4 @@
-"""Multi-view accumulation: many pinhole pictures, each from one point of the pupil, averaged."""
+"""Multi-view accumulation: the average of pinhole pictures from points of the pupil."""
 
 from collections.abc import Iterator
 
@@ -25,16 +25,17 @@ def accumulate_views(
 ) -> Iterator[Tensor]:
     """Yield the mean (H, W, 3) of the first 1, 2, ... ``views`` pinhole pictures.
 
-    Any number of views fills the pupil evenly; see ``method`` of :class:`bokehnet.raytrace.tracer.Tracer`.
+    The views fill the pupil evenly for any number; see ``method`` of
+    :class:`bokehnet.raytrace.tracer.Tracer`.
 
     Args:
-        world: The scene, in the middle of the shutter's opening.
+        world: The scene at mid-exposure.
         camera: Lens and sensor.
-        views: How many.
-        seed: Of the points of the pupil, and of the noise of lights and gloss.
+        views: Number of views.
+        seed: Seed of the pupil points, and of the noise of lights and gloss.
         bounces: See :class:`bokehnet.raytrace.tracer.Tracer`.
-        antialiased: Move each view by a part of a pixel of its own; else rays go through pixels' centres.
-        device: Where rays are followed.
+        antialiased: Shift each view by a random fraction of a pixel; otherwise rays pass the pixel centres.
+        device: Device that traces the rays.
     """
     check_at_least("views", views, 1)
     tracer = Tracer(

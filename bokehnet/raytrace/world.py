@@ -1,4 +1,4 @@
-"""Everything that light can meet: shapes with their materials, lights, and what is far away."""
+"""World of the general ray tracer: shapes with materials, lights, environment and backdrop."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,13 +22,13 @@ __all__ = ["Body", "SurfaceHit", "World", "world_from_scene"]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Body:
-    """A shape of some material that may move.
+    """Shape with a material and a velocity.
 
     Attributes:
-        shape: Where it is in the middle of the shutter's opening.
-        material: What it does with light.
-        velocity: mm/s.
-        name: For messages and maps.
+        shape: Shape at its position at mid-exposure.
+        material: Material of its surface.
+        velocity: Velocity, mm/s.
+        name: Name for messages and maps.
     """
 
     shape: Shape
@@ -39,10 +39,10 @@ class Body:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SurfaceHit:
-    """What rays meet first.
+    """First hits of rays.
 
     Attributes:
-        hits: Where, (N,).
+        hits: Hits, (N,).
         body: Index of the body, (N,) int64; -1 for none.
     """
 
@@ -52,13 +52,14 @@ class SurfaceHit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class World:
-    """A scene of the general tracer.
+    """Scene of the general ray tracer.
 
     Attributes:
-        bodies: In any order.
-        lamps: Lights without size.
-        environment: What rays meet that pass all bodies.
-        backdrop: What rays from the camera meet instead that were never scattered; it lights nothing.
+        bodies: Bodies in any order.
+        lamps: Point lights.
+        environment: Light for rays that pass all bodies.
+        backdrop: Background that replaces the environment for camera rays that never scattered; it lights
+            nothing.
     """
 
     bodies: tuple[Body, ...] = ()
@@ -68,30 +69,30 @@ class World:
 
     @cached_property
     def lights(self) -> tuple[Light, ...]:
-        """All lights that shadow rays are sent to: lamps, and quads and spheres of even emission."""
-        shining = [
+        """Targets of shadow rays: lamps, and quads and spheres of uniform emission."""
+        area_lights = [
             AreaLight(shape=body.shape, body=index, emission=body.material.emission, velocity=body.velocity)
             for index, body in enumerate(self.bodies)
-            if body.material.shines_evenly and isinstance(body.shape, Quad | Sphere)
+            if body.material.emits_uniformly and isinstance(body.shape, Quad | Sphere)
         ]
-        return (*self.lamps, *shining)
+        return (*self.lamps, *area_lights)
 
-    def intersect(self, rays: SpaceRays, beyond: Tensor, last: Tensor) -> SurfaceHit:
-        """Return the first body of each ray.
+    def intersect(self, rays: SpaceRays, min_distance: Tensor, last_body: Tensor) -> SurfaceHit:
+        """Return the first body on each ray.
 
         Args:
             rays: N rays.
-            beyond: Only what is further than this counts, (N,).
-            last: At exactly that distance bodies of a higher index than this count too, (N,) int64, so that
-                rays pass bodies that lie in one another one by one.
+            min_distance: Only hits at larger distances count, (N,).
+            last_body: At exactly that distance, bodies with a higher index than this count as well, (N,)
+                int64, so that rays pass coincident bodies one by one.
         """
-        distance = torch.full_like(beyond, torch.inf)
-        element = torch.zeros_like(last)
-        index = torch.full_like(last, -1)
-        just_before = torch.nextafter(beyond, torch.full_like(beyond, -torch.inf))
+        distance = torch.full_like(min_distance, torch.inf)
+        element = torch.zeros_like(last_body)
+        index = torch.full_like(last_body, -1)
+        just_before = torch.nextafter(min_distance, torch.full_like(min_distance, -torch.inf))
         for number, body in enumerate(self.bodies):
-            least = torch.where(number > last, just_before, beyond).clamp_min(0)
-            hits = body.shape.intersect(rays.seen_from(body.velocity), least)
+            body_min_distance = torch.where(number > last_body, just_before, min_distance).clamp_min(0)
+            hits = body.shape.intersect(rays.relative_to(body.velocity), body_min_distance)
             nearer = hits.distance < distance
             distance = torch.where(nearer, hits.distance, distance)
             element = torch.where(nearer, hits.element, element)
@@ -99,43 +100,43 @@ class World:
         return SurfaceHit(hits=Hits(distance=distance, element=element), body=index)
 
     def surfaces(self, rays: SpaceRays, hit: SurfaceHit) -> tuple[Tensor, Tensor]:
-        """Normals (N, 3), to either side, and textures (N, 4), RGB times alpha and alpha, where rays end."""
+        """Return normals (N, 3), to either side, and textures (N, 4), premultiplied RGBA, at the hits."""
         normal = torch.zeros_like(rays.origin)
         texture = normal.new_zeros(len(normal), 4)
         for number in hit.body.unique().tolist():
             body = self.bodies[number]
             rows = (hit.body == number).nonzero()[:, 0]
-            surface = body.shape.surface(pick(rays, rows).seen_from(body.velocity), pick(hit.hits, rows))
+            surface = body.shape.surface(pick(rays, rows).relative_to(body.velocity), pick(hit.hits, rows))
             normal[rows] = surface.normal
             texture[rows] = body.material.texture_lookup(surface.uv)
         return normal, texture
 
-    def transmittance(self, rays: SpaceRays, own: int) -> Tensor:
-        """Share of light (N,) that goes from the start to distance 1 of each ray past all but one body.
+    def transmittance(self, rays: SpaceRays, emitter: int) -> Tensor:
+        """Return the transmittance (N,) from the start to distance 1 of each ray, without one body.
 
         Args:
-            rays: From surfaces to a light.
-            own: Index of the body that shines; -1 for none.
+            rays: Rays from surfaces to a light.
+            emitter: Index of the emitting body, which is ignored; -1 for none.
         """
-        share = torch.ones_like(rays.origin[:, 0])
-        start = torch.zeros_like(share)
+        transmittance = torch.ones_like(rays.origin[:, 0])
+        start = torch.zeros_like(transmittance)
         for number, body in enumerate(self.bodies):
-            if number == own:
+            if number == emitter:
                 continue
-            seen = rays.seen_from(body.velocity)
-            hits = body.shape.intersect(seen, start)
+            relative_rays = rays.relative_to(body.velocity)
+            hits = body.shape.intersect(relative_rays, start)
             between = hits.distance < 1
             if body.material.opaque:
-                share = torch.where(between, 0, share)
+                transmittance = torch.where(between, 0, transmittance)
             else:
                 rows = between.nonzero()[:, 0]
-                surface = body.shape.surface(pick(seen, rows), pick(hits, rows))
+                surface = body.shape.surface(pick(relative_rays, rows), pick(hits, rows))
                 alpha = body.material.texture_lookup(surface.uv)[:, 3]
-                share[rows] *= 1 - alpha
-        return share
+                transmittance[rows] *= 1 - alpha
+        return transmittance
 
     def sky(self, rays: SpaceRays, scattered: Tensor) -> Tensor:
-        """Radiance (N, 3) that rays find beyond all bodies; ``scattered`` (N,): those that left a body."""
+        """Return the radiance (N, 3) behind all bodies; ``scattered`` (N,) marks rays that left a body."""
         light = self.environment.texture_lookup(rays.direction)
         if self.backdrop is None:
             return light
@@ -144,13 +145,13 @@ class World:
 
 
 def world_from_scene(scene: Scene) -> World:
-    """Return the world in which the planes of ``scene`` shine as its own, faster renderer shows them."""
+    """Return the world of emissive planes that looks as ``scene`` does in its own, faster renderer."""
     bodies = tuple(_body_from(plane) for plane in scene.planes)
     return World(bodies=bodies, backdrop=scene.background)
 
 
 def _body_from(plane: Plane) -> Body:
-    """A plane fades to nothing over its outermost texel: a border of clear texels does the same."""
+    """Return the body of a plane; a border of clear texels reproduces the fade over its outermost texel."""
     height, width = plane.texture.shape[1:]
     u, v = (
         np.array(axis) * (size + 2) / (size + 1)

@@ -1,15 +1,15 @@
-"""Ending a rendering from outside."""
+"""Cancellation of a render."""
 
 from typing import Protocol
 
 from bokehnet.errors import RenderCancelled
 from bokehnet.progress import Progress
 
-__all__ = ["CancelSignal", "watched"]
+__all__ = ["CancelSignal", "cancellable"]
 
 
 class CancelSignal(Protocol):
-    """Says whether to stop, such as a ``threading.Event``.
+    """Cancellation signal, such as a ``threading.Event``.
 
     Examples:
         >>> from time import monotonic
@@ -28,16 +28,16 @@ class CancelSignal(Protocol):
     """
 
     def is_set(self) -> bool:
-        """Whether nobody wants the result any more."""
+        """Return whether the work must stop."""
         ...
 
 
-def watched(progress: Progress | None, cancel: CancelSignal | None) -> Progress:
-    """Return a progress callback that ends the work once it is cancelled.
+def cancellable(progress: Progress | None, cancel: CancelSignal | None) -> Progress:
+    """Return a progress callback that raises ``RenderCancelled`` once ``cancel`` is set.
 
     Examples:
         >>> from threading import Event
-        >>> report = watched(print, Event())  # which nobody has set
+        >>> report = cancellable(print, Event())
         >>> report(1, 4)
         1 4
     """

@@ -1,4 +1,4 @@
-"""The picture that a lens and a camera make of a scene in focus."""
+"""Exposure: blur of a focused scene by a lens, and the effects of the camera."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,31 +10,31 @@ from bokehnet.classical.base import Place
 from bokehnet.effects import CameraEffects, View
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.engines.engine import Engine
-from bokehnet.engines.expected_error import can_expect_error
+from bokehnet.engines.expected_error import supports_expected_error
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.progress import Progress
 from bokehnet.render import memory_bounds as memory
-from bokehnet.render.lamp_light import lamps_of, lit
+from bokehnet.render.lamp_light import add_lamp_light, lamps_of
 from bokehnet.render.look import make_highlights, picture_aberrations, picture_shading
 from bokehnet.render.result import RenderReport, RenderResult
 from bokehnet.render.supersampling import (
-    RAYS_SHARE,
+    RAY_FRACTION,
     reduced_defocus,
     reduced_result,
     reduced_scene,
 )
 from bokehnet.scene.scene import FocusedScene
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["Optics", "expose", "leaning"]
+__all__ = ["Optics", "expose", "tilt_parameter"]
 
 Array = npt.NDArray[np.float32]
 
-# Opening, lens and camera.
+# Aperture, lens and camera.
 Optics = tuple[Aperture, LensResponse, CameraEffects | None]
 
 
@@ -46,15 +46,15 @@ def expose(
     report: Progress,
     overwrite: bool,
 ) -> RenderResult:
-    """Blur, and let the camera take the picture.
+    """Blur a scene and apply the effects of the camera.
 
     Args:
-        scene: What :func:`bokehnet.render.preparation.prepare` gives.
-        settings: All that is asked for, checked.
-        engine: Of the settings.
-        optics: Of the settings.
-        report: Is told of the progress; what it raises ends the rendering.
-        overwrite: Whether the result may take the place of image and defocus.
+        scene: Result of :func:`bokehnet.render.preparation.prepare`.
+        settings: Checked settings of the render.
+        engine: Engine of the settings.
+        optics: Aperture, lens and camera of the settings.
+        report: Progress callback; an exception that it raises ends the render.
+        overwrite: True if the result may overwrite image and defocus.
 
     Examples:
         >>> from bokehnet.optics.aperture import Aperture
@@ -64,8 +64,8 @@ def expose(
         >>> radii = np.full((24, 32), 3, np.float32)  # pixels
         >>> scene = make_scene(np.ones((24, 32, 3), np.float32), DefocusMap(map=radii))
         >>> focused, optics = BokehRenderer().prepare(scene), (Aperture(), LensResponse(), None)
-        >>> told = lambda done, total: None
-        >>> expose(focused, RenderSettings(), Engine("scatter"), optics, told, False).report.largest_blur
+        >>> report = lambda done, total: None
+        >>> expose(focused, RenderSettings(), Engine("scatter"), optics, report, False).report.largest_blur
         3.0
     """
     aperture, lens_response, effects = optics
@@ -80,29 +80,29 @@ def expose(
     overwrite = overwrite and max_memory is not None
     defocus, image = scene.defocus, scene.image
     keep = not overwrite or settings.output.save_maps is not None
-    if keep and overwrite:  # the error map is not to take its place
+    if keep and overwrite:  # the error map must not overwrite it
         defocus = defocus.view()
         defocus.flags.writeable = False
     window = scene.window
     place = Place(window.x, window.y, window.display_width, window.display_height)
-    chosen = scene.pixel_filter
+    choice = scene.pixel_filter
     lens: dict[str, Any] = {"aperture": aperture, "lens_response": lens_response, "place": place}
-    lens["pixel_filter"] = None if chosen is None else chosen.pixel_filter
-    lens["rays_share"] = RAYS_SHARE if scene.supersampled > 1 else 1.0
+    lens["pixel_filter"] = None if choice is None else choice.pixel_filter
+    lens["rays_factor"] = RAY_FRACTION if scene.supersampled > 1 else 1.0
     alpha, known = scene.alpha, scene.known
     lamps = lamps_of(image, defocus, settings)
-    hiding = defocus.copy() if lamps is not None and overwrite and not keep else defocus
+    occluders = defocus.copy() if lamps is not None and overwrite and not keep else defocus
     names = {"gamma": "highlights.gamma", "engine": "name", "expected_error": "output.expected_error"}
-    names |= leaning(settings)
-    with about("engine", names):
+    names |= tilt_parameter(settings)
+    with errors_named_as("engine", names):
         if alpha is not None:
             spread = lens | {"known": known and known.without_colors()}
             alpha = _spread_coverage(engine, alpha, defocus, spread, max_memory, image.nbytes)
-        taken = memory.PROGRAM + image.nbytes + defocus.nbytes
-        taken += defocus.nbytes if keep and overwrite else 0
-        taken += 0 if overwrite else image.nbytes + defocus.nbytes
-        taken += 0 if scene.alpha is None else 2 * defocus.nbytes
-        taken += 0 if known is None else known.nbytes
+        memory_in_use = memory.PROGRAM + image.nbytes + defocus.nbytes
+        memory_in_use += defocus.nbytes if keep and overwrite else 0
+        memory_in_use += 0 if overwrite else image.nbytes + defocus.nbytes
+        memory_in_use += 0 if scene.alpha is None else 2 * defocus.nbytes
+        memory_in_use += 0 if known is None else known.nbytes
         rendered = engine.render(
             image,
             defocus,
@@ -111,7 +111,7 @@ def expose(
             gamma=settings.highlights.gamma,
             highlights=make_highlights(settings.highlights),
             max_memory=max_memory,
-            memory_taken=taken,
+            memory_in_use=memory_in_use,
             overwrite=overwrite,
             known=known,
             layers=scene.layers,
@@ -119,16 +119,16 @@ def expose(
         )
     factor = scene.supersampled
     if factor > 1:
-        told = DEFAULT_FILTER if chosen is None else chosen.of_any_size
-        rendered = reduced_result(rendered, factor, told)
-        alpha = None if alpha is None else reduce_fine(alpha, factor, told)
+        pixel_filter = DEFAULT_FILTER if choice is None else choice.specified_or_default
+        rendered = reduced_result(rendered, factor, pixel_filter)
+        alpha = None if alpha is None else downsample(alpha, factor, pixel_filter)
         defocus = reduced_defocus(defocus, factor) if keep else defocus
         scene = reduced_scene(scene, rendered.bokeh, alpha)
         if lamps is not None:
-            lamps, hiding = lamps.reduced(factor), reduced_defocus(hiding, factor)
-    bokeh = lit(rendered.bokeh, lamps, hiding, aperture, settings, scene.lens, scene.window)
-    bokeh, alpha = _taken(bokeh, alpha, effects, scene)
-    found = scene.lens
+            lamps, occluders = lamps.reduced(factor), reduced_defocus(occluders, factor)
+    bokeh = add_lamp_light(rendered.bokeh, lamps, occluders, aperture, settings, scene.lens, scene.window)
+    bokeh, alpha = _with_effects(bokeh, alpha, effects, scene)
+    focused = scene.lens
     return RenderResult(
         bokeh=bokeh,
         alpha=alpha,
@@ -146,58 +146,63 @@ def expose(
             largest_blur=rendered.largest_blur,
             repaired=scene.repaired,
             repair_reason=scene.repair_reason,
-            focus_disparity=None if found is None else found.near,
-            focus_distance=None if found is None else found.distance,
-            pixel_filter=chosen if engine.name in RAY_ENGINES else None,
+            focus_disparity=None if focused is None else focused.near,
+            focus_distance=None if focused is None else focused.distance,
+            pixel_filter=choice if engine.name in RAY_ENGINES else None,
             notes=scene.notes,
         ),
     )
 
 
 def _expects_error(settings: RenderSettings, engine: Engine, lens_response: LensResponse) -> bool:
-    """Whether errors are to be expected: asked for, or beside other maps where that can be."""
+    """Return whether to estimate errors: if requested, or together with other maps where possible."""
     output = settings.output
     if output.expected_error is not None:
         return output.expected_error == "on"
-    return output.save_maps is not None and can_expect_error(
+    return output.save_maps is not None and supports_expected_error(
         engine.classical_name, lens_response, settings.highlights.gamma
     )
 
 
-def leaning(settings: RenderSettings) -> dict[str, str]:
-    """Return what leans the plane of focus, for messages about its tilt.
+def tilt_parameter(settings: RenderSettings) -> dict[str, str]:
+    """Return the setting that tilts the plane of focus, for messages about its tilt.
 
     Examples:
-        >>> leaning(RenderSettings().updated({"focus": {"tilt_x": 5}}))
+        >>> tilt_parameter(RenderSettings().updated({"focus": {"tilt_x": 5}}))
         {'tilt': 'focus.tilt_x'}
     """
     focus = settings.focus
     if focus.plane is not None:
         return {"tilt": "focus.plane"}
-    leaning = next((name for name in ("tilt_x", "tilt_y") if getattr(focus, name)), None)
-    return {} if leaning is None else {"tilt": f"focus.{leaning}"}
+    tilted = next((name for name in ("tilt_x", "tilt_y") if getattr(focus, name)), None)
+    return {} if tilted is None else {"tilt": f"focus.{tilted}"}
 
 
 def _spread_coverage(
-    engine: Engine, alpha: Array, defocus: Array, lens: dict[str, Any], max_memory: int | None, taken: int
+    engine: Engine,
+    alpha: Array,
+    defocus: Array,
+    lens: dict[str, Any],
+    max_memory: int | None,
+    other_bytes: int,
 ) -> Array:
     """Spread the coverage (H, W) as the engine spreads the light of a grey picture."""
     grey = np.repeat(alpha[..., None], 3, axis=-1)
-    held = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + taken
-    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_taken=held).bokeh
+    in_use = memory.PROGRAM + alpha.nbytes + 2 * defocus.nbytes + 2 * grey.nbytes + other_bytes
+    spread = engine.render(grey, defocus, **lens, max_memory=max_memory, memory_in_use=in_use).bokeh
     coverage: Array = np.clip(spread.mean(axis=-1), 0, 1)
     return coverage
 
 
-def _taken(
+def _with_effects(
     bokeh: Array, alpha: Array | None, effects: CameraEffects | None, scene: FocusedScene
 ) -> tuple[Array, Array | None]:
-    """Light (H, W, 3), premultiplied where there is alpha, and coverage (H, W) as the camera takes them."""
+    """Return light (H, W, 3), premultiplied if there is alpha, and coverage (H, W), with camera effects."""
     if effects is None:
         return bokeh, alpha
     window = scene.window
     view = View(width=window.display_width, height=window.display_height, left=window.x, top=window.y)
     picture = bokeh if alpha is None else np.dstack([bokeh, alpha])
-    with about("effects", {"distortion": "brown"}):  # the division model never folds
-        taken = effects.apply(picture, view=view, frame=scene.number)
-    return taken[..., :3], None if alpha is None else taken[..., 3]
+    with errors_named_as("effects", {"distortion": "brown"}):  # the division model never folds
+        exposed = effects.apply(picture, view=view, frame=scene.number)
+    return exposed[..., :3], None if alpha is None else exposed[..., 3]

@@ -1,4 +1,4 @@
-"""What diffraction, reflections and scatter make of the lamps of a picture, by its settings."""
+"""Diffraction, ghosts and glare of the lamps of a picture, according to the settings."""
 
 import numpy as np
 import numpy.typing as npt
@@ -13,21 +13,21 @@ from bokehnet.render.look import lens_of_picture, make_highlights
 from bokehnet.scene.focus import FocusedLens
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["lamps_of", "lit"]
+__all__ = ["add_lamp_light", "lamps_of"]
 
 Array = npt.NDArray[np.float32]
 
-# Width of a sensor whose own is not known, mm.
-_SENSOR = 36.0
+# Default width of the sensor, mm.
+_DEFAULT_SENSOR_WIDTH = 36.0
 
 
 def lamps_of(image: Array, defocus: Array, settings: RenderSettings) -> Lamps | None:
-    """Return the lamps of a picture before it is blurred; None where nothing is made of them.
+    """Return the lamps of a picture before the blur; None if no setting uses them.
 
     Args:
-        image: Scene-linear, (H, W, 3).
+        image: Picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius, pixels, (H, W).
-        settings: All that is asked for.
+        settings: Settings of the render.
 
     Examples:
         >>> image, defocus = np.zeros((4, 5, 3), np.float32), np.zeros((4, 5), np.float32)
@@ -43,7 +43,7 @@ def lamps_of(image: Array, defocus: Array, settings: RenderSettings) -> Lamps | 
     return find_lamps(image if highlights is None else highlights.expand(image), defocus, light.lamps)
 
 
-def lit(
+def add_lamp_light(
     bokeh: Array,
     lamps: Lamps | None,
     defocus: Array | None,
@@ -52,39 +52,39 @@ def lit(
     lens: FocusedLens | None,
     window: Window,
 ) -> Array:
-    """Return the blurred picture with rings, stars, ghosts and glare; itself where none is asked for.
+    """Return the blurred picture with rings, stars, ghosts and glare; the picture itself without any.
 
     Args:
-        bokeh: Scene-linear, (H, W, 3).
-        lamps: What :func:`lamps_of` gave, in pixels of ``bokeh``.
+        bokeh: Blurred picture, scene-linear, (H, W, 3).
+        lamps: Result of :func:`lamps_of`, in pixels of ``bokeh``.
         defocus: Signed blur radius, pixels, (H, W); needed with lamps.
-        aperture: The opening.
-        settings: All that is asked for.
-        lens: The camera and its focus.
-        window: Where the pixels lie in the shown picture.
+        aperture: Aperture of the lens.
+        settings: Settings of the render.
+        lens: Camera with its focus.
+        window: Position of the pixels in the shown picture.
 
     Examples:
         >>> window, flat = Window.whole(5, 4), np.ones((4, 5, 3), np.float32)
-        >>> lit(flat, None, None, Aperture(), RenderSettings(), None, window) is flat
+        >>> add_lamp_light(flat, None, None, Aperture(), RenderSettings(), None, window) is flat
         True
     """
     light = settings.light
     if lamps is not None and len(lamps) and defocus is not None:
         camera = None if lens is None else lens.camera
-        sensor = _SENSOR if camera is None else camera.sensor_width
-        pitch = light.pixel_pitch or 1000 * sensor / window.display_width
+        sensor_width = _DEFAULT_SENSOR_WIDTH if camera is None else camera.sensor_width
+        pitch = light.pixel_pitch or 1000 * sensor_width / window.display_width
         if light.rings:
             bokeh = add_rings(bokeh, lamps, defocus, aperture, light.rings / pitch)
         if light.starburst:
             bokeh = add_stars(bokeh, lamps, aperture, light.starburst / pitch)
         if light.ghosts and lens is not None and (glass := lens_of_picture(settings.lens, lens, window)):
-            made, half_diagonal = glass
-            reach = made.prescription.image_radius if half_diagonal is None else half_diagonal
-            ghosts = Ghosts(lens=made, half_diagonal=reach, coating=light.ghosts)
+            prescription, half_diagonal = glass
+            image_radius = prescription.prescription.image_radius if half_diagonal is None else half_diagonal
+            ghosts = Ghosts(lens=prescription, half_diagonal=image_radius, coating=light.ghosts)
             bokeh = bokeh + ghosts.light(lamps, *bokeh.shape[:2]).astype(bokeh.dtype)
     if light.glare:
         core = {} if light.glare_core is None else {"core": light.glare_core}
         slope = {} if light.glare_slope is None else {"slope": light.glare_slope}
-        half = 0.5 * float(np.hypot(window.display_width, window.display_height))
-        bokeh = Glare(share=light.glare, **core, **slope).apply(bokeh, half)
+        half_diagonal_px = 0.5 * float(np.hypot(window.display_width, window.display_height))
+        bokeh = Glare(share=light.glare, **core, **slope).apply(bokeh, half_diagonal_px)
     return bokeh

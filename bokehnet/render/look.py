@@ -1,4 +1,4 @@
-"""From the settings of a look to what the rooms below take: aperture, lens, highlights, effects."""
+"""Conversion of look settings to aperture, lens response, highlights and camera effects."""
 
 import math
 from dataclasses import fields
@@ -29,7 +29,7 @@ from bokehnet.optics.aperture import Aperture
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 from bokehnet.optics.tone import Highlights
 from bokehnet.scene.focus import FocusedLens
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.fields import Group
 from bokehnet.settings.settings import (
     ApertureSettings,
@@ -40,7 +40,7 @@ from bokehnet.settings.settings import (
 )
 
 __all__ = [
-    "copy_lean",
+    "copy_tilt_gradient",
     "lens_of_picture",
     "make_aperture",
     "make_effects",
@@ -51,37 +51,37 @@ __all__ = [
     "prescription_lens",
 ]
 
-# Characters of a file with gains; nobody has more.
-_LONGEST_FILE, _LONGEST_TABLE = 10_000, 4_000_000
-# Light in corners that a lens does not reach, of that in the middle.
-_DARKEST = 1e-3
+# Maximum number of characters of a file with gains and of a table of aberrations.
+_MAX_GAINS_CHARACTERS, _MAX_TABLE_CHARACTERS = 10_000, 4_000_000
+# Minimum light in corners outside the image circle, relative to the centre.
+_MIN_CORNER_LIGHT = 1e-3
 
 
 def make_aperture(settings: ApertureSettings) -> Aperture:
-    """Return the lens opening.
+    """Return the aperture.
 
     Raises:
-        ParameterError: Nothing is left of the opening.
-        ImageFileError: Its picture cannot be read.
+        ParameterError: The aperture is empty.
+        ImageFileError: Its image cannot be read.
 
     Examples:
-        >>> opening = make_aperture(ApertureSettings(blades=7, squeeze=0.5))
-        >>> opening.blades, opening.squeeze, opening.curvature  # straight blades
+        >>> aperture = make_aperture(ApertureSettings(blades=7, squeeze=0.5))
+        >>> aperture.blades, aperture.squeeze, aperture.curvature  # straight blades
         (7, 0.5, 0.0)
     """
     picture = None if settings.image is None else luminance(read_image(settings.image))
-    with about("aperture", {"picture": "image"}):
-        return Aperture(picture=picture, **_given(settings, Aperture))
+    with errors_named_as("aperture", {"picture": "image"}):
+        return Aperture(picture=picture, **_matching_fields(settings, Aperture))
 
 
-def _given(settings: Group, kind: type, prefix: str = "") -> dict[str, Any]:
-    """The settings that are fields of ``kind`` as well, behind a prefix; what was left out is left to it."""
-    found = {item.name: getattr(settings, prefix + item.name, None) for item in fields(kind)}
-    return {name: value for name, value in found.items() if value is not None}
+def _matching_fields(settings: Group, kind: type, prefix: str = "") -> dict[str, Any]:
+    """Return the set values of settings with the names of fields of ``kind``, after a prefix."""
+    values = {item.name: getattr(settings, prefix + item.name, None) for item in fields(kind)}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def make_highlights(settings: HighlightSettings) -> Highlights | None:
-    """Return the expansion of clipped lights; None where none is asked for.
+    """Return the expansion of clipped lights; None without one.
 
     Examples:
         >>> import numpy as np
@@ -96,7 +96,7 @@ def make_highlights(settings: HighlightSettings) -> Highlights | None:
 
 
 def make_effects(settings: EffectSettings) -> CameraEffects | None:
-    """Return what the camera does to the blurred picture; None where that is nothing.
+    """Return the effects of the camera on the blurred picture; None without any.
 
     Raises:
         ParameterError: The distortion folds over itself.
@@ -104,8 +104,8 @@ def make_effects(settings: EffectSettings) -> CameraEffects | None:
     Examples:
         >>> import numpy as np
         >>> effects = make_effects(EffectSettings(vignette=1))  # stop
-        >>> taken = effects.apply(np.ones((24, 32, 3), np.float32))
-        >>> round(float(taken[12, 16, 0]), 1), round(float(taken[0, 0, 0]), 1)  # middle, corner
+        >>> exposed = effects.apply(np.ones((24, 32, 3), np.float32))
+        >>> round(float(exposed[12, 16, 0]), 1), round(float(exposed[0, 0, 0]), 1)  # centre, corner
         (1.0, 0.5)
     """
     division = DivisionModel(strength=settings.distortion) if settings.distortion else None
@@ -120,45 +120,45 @@ def make_effects(settings: EffectSettings) -> CameraEffects | None:
 
 
 def _brown_conrady(numbers: tuple[float, ...] | None) -> BrownConrady | None:
-    """The model of k1, k2, k3, p1, p2; None where all are 0."""
+    """Return the model with k1, k2, k3, p1, p2; None if all are 0."""
     if numbers is None or not any(numbers):
         return None
     k1, k2, k3, p1, p2 = [*numbers, *[0.0] * (5 - len(numbers))]
-    with about("effects", dict.fromkeys(("distortion", "radial", "decentring"), "brown")):
+    with errors_named_as("effects", dict.fromkeys(("distortion", "radial", "decentring"), "brown")):
         model = BrownConrady(radial=(k1, k2, k3), decentring=(p1, p2))
         Warp(distortion=model).check()
     return model
 
 
 def _vignette(settings: EffectSettings) -> Vignette:
-    given = _given(settings, Vignette, "vignette_")
-    with about("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in given}}):
-        return Vignette(stops=settings.vignette, **given)
+    options = _matching_fields(settings, Vignette, "vignette_")
+    with errors_named_as("effects", {"stops": "vignette", **{name: f"vignette_{name}" for name in options}}):
+        return Vignette(stops=settings.vignette, **options)
 
 
 def _grain(settings: EffectSettings) -> Grain:
     assert settings.grain is not None
-    given = _given(settings, Grain, "grain_")
-    with about("effects", {"iso": "grain", **{name: f"grain_{name}" for name in given}}):
-        return Grain(iso=settings.grain, monochrome=settings.grain_mono, **given)
+    options = _matching_fields(settings, Grain, "grain_")
+    with errors_named_as("effects", {"iso": "grain", **{name: f"grain_{name}" for name in options}}):
+        return Grain(iso=settings.grain, monochrome=settings.grain_mono, **options)
 
 
 def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse:
-    """Return what the lens of all pictures does; glass adds to it what :func:`picture_aberrations` gives.
+    """Return the lens response common to all pictures; :func:`picture_aberrations` adds that of the glass.
 
     Raises:
         ParameterError: A name is unknown, or a file of gains is missing.
-        ConfigError: A file holds no gains, or no table of aberrations.
+        ConfigError: A file contains no gains, or no table of aberrations.
 
     Examples:
         >>> response = make_lens_response(LensSettings(coma=2), ColorSettings(lateral=0.5))  # percent
         >>> response.aberration_map.is_perfect, response.chromatic_aberration.lateral
         (False, 0.5)
     """
-    with about("lens"):
-        aberrations = AberrationSliders(**_given(lens, AberrationSliders)).aberration_map()
+    with errors_named_as("lens"):
+        aberrations = AberrationSliders(**_matching_fields(lens, AberrationSliders)).aberration_map()
     if lens.table is not None:
-        text = read_text(lens.table, "aberrations", "a table", longest=_LONGEST_TABLE)
+        text = read_text(lens.table, "aberrations", "a table", max_characters=_MAX_TABLE_CHARACTERS)
         aberrations = aberrations + parse_aberration_table(text, lens.table)
     return LensResponse(
         aberration_map=aberrations,
@@ -168,30 +168,30 @@ def make_lens_response(lens: LensSettings, color: ColorSettings) -> LensResponse
 
 
 def _chromatic_aberration(color: ColorSettings) -> ChromaticAberration | None:
-    """Chromatic aberration by sliders; None where both strengths are 0."""
+    """Return the chromatic aberration of the sliders; None if both strengths are 0."""
     if color.axial == color.lateral == 0:
         return None
-    with about("color", {"field_map": "axial_map"}):
+    with errors_named_as("color", {"field_map": "axial_map"}):
         axial = make_field_map(color.axial_map or "constant")
-    with about("color", {"field_map": "lateral_map"}):
+    with errors_named_as("color", {"field_map": "lateral_map"}):
         lateral = make_field_map(color.lateral_map or "linear")
     try:
         curve = make_curve(color.glass or "N-BK7")
     except LensError as error:
         known = str(error).partition("; others")[0]
         raise ParameterError("color.glass", remedy=f"{known}; or achromat, linear") from error
-    with about("color"):
+    with errors_named_as("color"):
         return ChromaticAberration(
             axial=color.axial, lateral=color.lateral, axial_map=axial, lateral_map=lateral, curve=curve
         )
 
 
 def _wavelength_sampling(color: ColorSettings) -> WavelengthSampling:
-    """Which wavelengths stand for the light."""
+    """Return the wavelengths that sample the light."""
     gains = color.equaliser
     if isinstance(gains, Path):
         gains = _read_gains(gains)
-    with about("color"):
+    with errors_named_as("color"):
         return WavelengthSampling(
             dispersion=color.dispersion or "continuous", equaliser=(1.0,) if gains is None else gains
         )
@@ -200,10 +200,10 @@ def _wavelength_sampling(color: ColorSettings) -> WavelengthSampling:
 def _read_gains(path: Path) -> tuple[float, ...]:
     if not path.exists():
         raise ParameterError(
-            "color.equaliser", expected="numbers separated by commas, or a file of them", got=str(path)
+            "color.equaliser", expected="numbers separated by commas, or a file with them", got=str(path)
         )
     expected = "numbers separated by commas, spaces or line ends"
-    words = read_text(path, expected=expected, longest=_LONGEST_FILE).replace(",", " ").split()
+    words = read_text(path, expected=expected, max_characters=_MAX_GAINS_CHARACTERS).replace(",", " ").split()
     try:
         return tuple(float(word) for word in words)
     except ValueError as error:
@@ -217,17 +217,17 @@ def prescription_lens(
     f_number: float | None = None,
     distance: float = math.inf,
 ) -> PrescriptionLens | None:
-    """Return the lens at work that the settings name; None where they name none.
+    """Return the focused lens that the settings name; None without one.
 
     Args:
-        settings: Of the lens.
-        focal_length: mm; None is as designed.
-        f_number: Of the camera, which the lens's own in the settings replaces; None is fully open.
-        distance: Of the focus, mm.
+        settings: Lens settings.
+        focal_length: Focal length, mm; None for that of the design.
+        f_number: F-number of the camera, overridden by that of the settings; None for wide open.
+        distance: Focus distance, mm.
 
     Raises:
-        LensError: There is no such lens, or it cannot do this.
-        ConfigError: Its file is missing or wrong.
+        LensError: There is no such lens, or it cannot focus or stop down like this.
+        ConfigError: Its file is missing or invalid.
 
     Examples:
         >>> lens = prescription_lens(LensSettings(name="double_gauss"), focal_length=50, f_number=4)
@@ -247,24 +247,24 @@ def prescription_lens(
             copy_seed=settings.copy_seed or 0,
         )
     except LensError as error:
-        hint = "; `lens.f_number` sets it for the lens alone" if "f-number" in str(error) else ""
+        hint = "; `lens.f_number` sets that of the lens only" if "f-number" in str(error) else ""
         raise LensError(f"`lens.name`: {error}{hint if settings.f_number is None else ''}") from error
 
 
 def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Window) -> AberrationMap | None:
-    """Return what the glass of a lens, and a plane of focus that leans, do to the rays of one picture.
+    """Return the aberrations of one picture: those of the glass and of a tilted plane of focus.
 
-    With metric depth the lens is scaled to the camera's focal length, focused where the camera is, and its
-    sensor is the camera's. With relative disparity it is the lens as designed, focused at infinity.
+    With metric depth the lens is scaled to the camera's focal length, focused like the camera, and has the
+    camera's sensor. With relative disparity it has its designed focal length and is focused at infinity.
 
     Args:
-        settings: Of the lens.
-        focused: The camera and its focus.
-        window: Where the pixels lie in the shown picture.
+        settings: Lens settings.
+        focused: Camera with its focus.
+        window: Position of the pixels in the shown picture.
 
     Raises:
-        LensError: The lens cannot do what the camera does.
-        ConfigError: Its file is missing or wrong.
+        LensError: The lens cannot focus or stop down like the camera.
+        ConfigError: Its file is missing or invalid.
 
     Examples:
         >>> window = Window.whole(32, 24)
@@ -273,21 +273,21 @@ def picture_aberrations(settings: LensSettings, focused: FocusedLens, window: Wi
         >>> glass.is_perfect, picture_aberrations(LensSettings(), focused, window)
         (False, None)
     """
-    leaning = focused.aberration_map()
+    tilt = focused.aberration_map()
     glass = lens_of_picture(settings, focused, window)
     if glass is None:
-        return leaning
+        return tilt
     lens, half_diagonal = glass
     make = seidel_aberration_map if settings.aberrations == "seidel" else cached_aberration_map
     try:
-        found = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
+        aberrations = make(lens, half_diagonal=half_diagonal, distortion=settings.distortion)
     except LensError as error:
         raise LensError(f"`lens.name`: {error}") from error
-    return found if leaning is None else found + leaning
+    return aberrations if tilt is None else aberrations + tilt
 
 
 def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, ...]:
-    """Return the light that a lens leaves from the middle of one picture to its corner; empty without one.
+    """Return the relative illumination from the centre of one picture to its corner; empty without a lens.
 
     Arguments and errors are those of :func:`picture_aberrations`.
 
@@ -302,22 +302,22 @@ def picture_shading(settings: LensSettings, focused: FocusedLens, window: Window
     if glass is None:
         return ()
     lens, half_diagonal = glass
-    reach = lens.prescription.image_radius if half_diagonal is None else half_diagonal
-    light = relative_illumination(lens.centred, reach)
-    return tuple(float(share) for share in np.maximum(light, _DARKEST))
+    image_radius = lens.prescription.image_radius if half_diagonal is None else half_diagonal
+    light = relative_illumination(lens.centred, image_radius)
+    return tuple(float(value) for value in np.maximum(light, _MIN_CORNER_LIGHT))
 
 
-def copy_lean(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, float]:
-    """Return how the focus leans in one copy of a lens, blur per length to the right and down; 0 without one.
+def copy_tilt_gradient(settings: LensSettings, focused: FocusedLens, window: Window) -> tuple[float, float]:
+    """Return the tilt of the focus in one copy of a lens, blur per pixel to the right and down; 0 without.
 
     Arguments and errors are those of :func:`picture_aberrations`.
 
     Examples:
         >>> window = Window.whole(32, 24)
         >>> focused = FocusedLens(near=0.5, far=0.5, blur=8, camera=None, plane=None, window=window)
-        >>> copy_lean(LensSettings(name="petzval"), focused, window)
+        >>> copy_tilt_gradient(LensSettings(name="petzval"), focused, window)
         (0.0, 0.0)
-        >>> right, down = copy_lean(LensSettings(name="petzval", copy_to_copy=5), focused, window)
+        >>> right, down = copy_tilt_gradient(LensSettings(name="petzval", copy_to_copy=5), focused, window)
         >>> 1e-4 < abs(right) + abs(down) < 1e-2
         True
     """
@@ -328,7 +328,7 @@ def copy_lean(settings: LensSettings, focused: FocusedLens, window: Window) -> t
 def lens_of_picture(
     settings: LensSettings, focused: FocusedLens, window: Window
 ) -> tuple[PrescriptionLens, float | None] | None:
-    """Return the lens at work, and half the diagonal of its sensor, mm; None is that of the design.
+    """Return the focused lens and half the diagonal of its sensor, mm; None for that of the design.
 
     Arguments and errors are those of :func:`picture_aberrations`.
 

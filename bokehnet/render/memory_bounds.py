@@ -1,4 +1,4 @@
-"""What a rendering takes of the memory, known before any pixel is read."""
+"""Memory bounds of a render, checked before reading pixels."""
 
 import math
 from dataclasses import replace
@@ -7,9 +7,9 @@ from pathlib import Path
 from bokehnet.classical.base import Place
 from bokehnet.depth_repair.repair import network_memory
 from bokehnet.engine_registry import DEFAULT_ENGINE, ENGINES
-from bokehnet.engines.coarse_to_fine import ARNET_BYTES, LEAST_PIXELS
+from bokehnet.engines.coarse_to_fine import ARNET_BYTES, MIN_NETWORK_PIXELS
 from bokehnet.engines.engine import ray_reach
-from bokehnet.engines.strips import least_rows
+from bokehnet.engines.strips import min_strip_rows
 from bokehnet.errors import ParameterError
 from bokehnet.io.formats.heif import is_heif
 from bokehnet.io.picture import find_picture
@@ -19,79 +19,78 @@ from bokehnet.render.look import make_lens_response, picture_aberrations
 from bokehnet.scene.focus import FocusedLens
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["PROGRAM", "check_memory", "least_memory"]
+__all__ = ["PROGRAM", "check_memory", "min_memory"]
 
-# Bytes that the program takes beside its pictures: libraries, kernels, their compiler where no cache holds
-# them yet, buffers of the decoders, images of lights.
+# Memory of the program without pictures, bytes: libraries, kernels, their compiler if no cache has them yet,
+# buffers of decoders, images of lights.
 PROGRAM = 640 * 2**20
 
-# Those of them that only rendering takes.
+# Part of it that only rendering needs, bytes.
 _RENDERING = 400 * 2**20
 
-# Bytes of a pixel of the whole picture: light and map; and what is held beside them at most while they are
-# read, repaired or turned into defocus.
-_HELD, _READ, _REPAIRED, _FOCUSED = 16, 5, 14, 12
+# Bytes per pixel of the whole picture: light and map, and in addition while reading, repairing and focusing.
+_PICTURE_BYTES, _READ_BYTES, _REPAIR_BYTES, _FOCUS_BYTES = 16, 5, 14, 12
 
-# What is held of the expected error.
-_TOLD = 4
+# Bytes per pixel of the expected error.
+_EXPECTED_ERROR_BYTES = 4
 
-# The same of alpha: it and what is known of its edges beside the picture as it is rendered, and beside itself
-# as a grey picture that is rendered first.
-_ALPHA, _GREY = 10, 34
+# Bytes per pixel of alpha and its known edges while rendering the picture, and while rendering alpha itself
+# as a grey picture before.
+_ALPHA_BYTES, _GREY_BYTES = 10, 34
 
 
-def least_memory(settings: RenderSettings, engine: str, width: int, height: int, alpha: bool = False) -> int:
-    """Bytes that the program takes at the least for a picture of that size, about.
+def min_memory(settings: RenderSettings, engine: str, width: int, height: int, alpha: bool = False) -> int:
+    """Return the approximate minimum memory in bytes to render a picture of this size.
 
     Args:
-        settings: All that is asked for. Where they do not tell the largest blur, it is taken to be small.
-        engine: What renders.
-        width: Of the picture.
-        height: Of the picture.
-        alpha: Whether it has one.
+        settings: Settings of the render. If the largest blur does not follow from them, it counts as small.
+        engine: Name of the engine.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
+        alpha: True if the picture has alpha.
 
     Examples:
-        >>> small, large = (least_memory(RenderSettings(), "hybrid", n, n) for n in (400, 4000))
+        >>> small, large = (min_memory(RenderSettings(), "hybrid", n, n) for n in (400, 4000))
         >>> large > small
         True
     """
     spec = ENGINES.get(engine)
     if spec is None or not spec.in_strips:
-        able = ", ".join(name for name, other in ENGINES.items() if other.in_strips)
+        names = ", ".join(name for name, other in ENGINES.items() if other.in_strips)
         raise ParameterError(
-            "engine.max_memory", f"an engine that works in strips: {able}", shown=f"`{engine}`"
+            "engine.max_memory", f"an engine that works in strips: {names}", shown=f"`{engine}`"
         )
     pixels = width * height
-    started = max(0, PROGRAM - _RENDERING)
-    stages = [started + (_HELD + max(_READ, _FOCUSED)) * pixels]
+    program = max(0, PROGRAM - _RENDERING)
+    stages = [program + (_PICTURE_BYTES + max(_READ_BYTES, _FOCUS_BYTES)) * pixels]
     if settings.depth.repair != "off" and settings.input.defocus is None:
-        stages.append(started + (_HELD + _REPAIRED) * pixels + network_memory(height, width))
+        stages.append(program + (_PICTURE_BYTES + _REPAIR_BYTES) * pixels + network_memory(height, width))
     reads_defocus_again = spec.networks is not None and spec.sharp_foregrounds
-    held = _HELD + (4 if settings.output.save_maps is not None or reads_defocus_again else 0)
-    asked = settings.output.expected_error
-    tells = asked == "on" or (asked is None and settings.output.save_maps is not None)
-    held += _TOLD if tells and spec.traces_rays else 0
-    radius = _least_radius(settings)
-    reach = _reach(settings, radius, height, width) if radius and spec.traces_rays else radius
-    rows = least_rows(height, reach, spec.classical)
-    held += _ALPHA if alpha else 0
-    stages.append(PROGRAM + held * pixels + rows * width * spec.bytes_per_pixel)
+    per_pixel = _PICTURE_BYTES + (4 if settings.output.save_maps is not None or reads_defocus_again else 0)
+    expected_error = settings.output.expected_error
+    estimates = expected_error == "on" or (expected_error is None and settings.output.save_maps is not None)
+    per_pixel += _EXPECTED_ERROR_BYTES if estimates and spec.traces_rays else 0
+    radius = _largest_relative_blur(settings)
+    halo = _ray_reach(settings, radius, height, width) if radius and spec.traces_rays else radius
+    rows = min_strip_rows(height, halo, spec.classical)
+    per_pixel += _ALPHA_BYTES if alpha else 0
+    stages.append(PROGRAM + per_pixel * pixels + rows * width * spec.bytes_per_pixel)
     if alpha:
-        stages.append(PROGRAM + (_HELD + _GREY) * pixels + rows * width * spec.bytes_per_pixel)
+        stages.append(PROGRAM + (_PICTURE_BYTES + _GREY_BYTES) * pixels + rows * width * spec.bytes_per_pixel)
     if spec.networks is not None:
-        stages.append(PROGRAM + held * pixels + ARNET_BYTES * min(pixels, LEAST_PIXELS))
+        stages.append(PROGRAM + per_pixel * pixels + ARNET_BYTES * min(pixels, MIN_NETWORK_PIXELS))
     return max(stages)
 
 
 def check_memory(path: Path | str, settings: RenderSettings) -> None:
-    """Raise unless a picture can be rendered within ``engine.max_memory``; its header alone is read.
+    """Raise unless a picture can be rendered within ``engine.max_memory``; reads only its header.
 
     Raises:
-        ParameterError: The bound is too small; what it takes is told.
+        ParameterError: The bound is too small; the message contains the minimum.
         ImageFileError: The file cannot be read.
 
     Examples:
-        >>> check_memory("no/such/photo.jpg", RenderSettings())  # nothing is bounded, nothing is read
+        >>> check_memory("no/such/photo.jpg", RenderSettings())  # no bound, no reading
     """
     bound = settings.engine.max_memory
     if bound is None or is_heif(path):
@@ -99,20 +98,20 @@ def check_memory(path: Path | str, settings: RenderSettings) -> None:
     with ImageFile(path) as file:
         part = find_picture(file).part
     width, height = (part.height, part.width) if part.orientation >= 5 else (part.width, part.height)
-    least = least_memory(
+    minimum = min_memory(
         settings, settings.engine.name or DEFAULT_ENGINE, width, height, part.alpha is not None
     )
-    if bound < least:
+    if bound < minimum:
         raise ParameterError(
             "engine.max_memory",
-            f"at least {math.ceil(least / 1e6)} MB for {width}x{height} pixels",
+            f"at least {math.ceil(minimum / 1e6)} MB for {width}x{height} pixels",
             bound,
             shown=f"{bound / 1e6:.0f} MB",
         )
 
 
-def _reach(settings: RenderSettings, radius: int, height: int, width: int) -> int:
-    """Pixels within which rays stay behind the lens of the settings, where disparity is relative."""
+def _ray_reach(settings: RenderSettings, radius: int, height: int, width: int) -> int:
+    """Return the maximum offset of rays in pixels behind the lens of the settings, for relative disparity."""
     response = make_lens_response(settings.lens, settings.color)
     window = Window.whole(width, height)
     focused = FocusedLens(near=0.0, far=0.0, blur=1.0, camera=None, plane=None, window=window)
@@ -122,11 +121,11 @@ def _reach(settings: RenderSettings, radius: int, height: int, width: int) -> in
     return max(radius, ray_reach(response, Place.whole(height, width), radius))
 
 
-def _least_radius(settings: RenderSettings) -> int:
-    """Largest blur radius that a map from 0 to 1 has, pixels; 0 where it cannot be told."""
+def _largest_relative_blur(settings: RenderSettings) -> int:
+    """Return the largest blur radius of a map from 0 to 1, pixels; 0 if it is unknown."""
     focus, depth, blur = settings.focus, settings.depth, settings.camera.blur
-    leans = focus.plane is not None or focus.tilt_x or focus.tilt_y
+    tilted = focus.plane is not None or focus.tilt_x or focus.tilt_y
     own_range = depth.as_stored or depth.value_range is not None or settings.input.disparity is None
-    if blur is None or focus.value is None or focus.range is not None or leans or own_range:
+    if blur is None or focus.value is None or focus.range is not None or tilted or own_range:
         return 0
     return math.ceil(blur * max(abs(focus.value), abs(1 - focus.value)))

@@ -1,4 +1,4 @@
-"""A result as a notebook shows it: the picture, and what was decided."""
+"""HTML of a result for notebooks: picture and report."""
 
 import base64
 import html
@@ -12,11 +12,11 @@ from bokehnet.io.image import write_image
 
 __all__ = ["picture_url", "shown_html"]
 
-_MOST = 960  # columns of a picture in a page
+_MAX_WIDTH_PX = 960
 
 
 def picture_url(image: npt.NDArray[np.float32]) -> str:
-    """Return a picture as a ``data:`` address of a JPEG, by whole steps no wider than 960 pixels.
+    """Return a picture as a ``data:`` URL of a JPEG, reduced by an integer factor to at most 960 columns.
 
     Args:
         image: Scene-linear Rec.709, (H, W, 3).
@@ -25,10 +25,10 @@ def picture_url(image: npt.NDArray[np.float32]) -> str:
         >>> picture_url(np.ones((8, 8, 3), np.float32))[:23]
         'data:image/jpeg;base64,'
     """
-    step = -(-image.shape[1] // _MOST)
+    step = -(-image.shape[1] // _MAX_WIDTH_PX)
     height, width = (max(side // step, 1) for side in image.shape[:2])
-    cut = image[: height * step, : width * step]
-    small = cut.reshape(height, -1, width, cut.shape[1] // width, 3).mean((1, 3), dtype=np.float32)
+    cropped = image[: height * step, : width * step]
+    small = cropped.reshape(height, -1, width, cropped.shape[1] // width, 3).mean((1, 3), dtype=np.float32)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "shown.jpg"
         write_image(path, small, quality=92)
@@ -37,7 +37,7 @@ def picture_url(image: npt.NDArray[np.float32]) -> str:
 
 
 def shown_html(image: npt.NDArray[np.float32], lines: list[str]) -> str:
-    """Return a figure of a picture with lines of text below it.
+    """Return an HTML figure of a picture with lines of text below it.
 
     Args:
         image: Scene-linear Rec.709, (H, W, 3).

@@ -1,18 +1,18 @@
-"""From the settings of the output to what the files are to be like."""
+"""Conversion of output settings to the format of written files."""
 
 from pathlib import Path
 from typing import Any
 
 from bokehnet.io.frame import Frame, check_frame_format
 from bokehnet.io.output_format import OutputFormat, check_format
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import OutputSettings
 
 __all__ = ["check_output", "make_output_format"]
 
 
 def make_output_format(settings: OutputSettings) -> OutputFormat:
-    """Return what a written picture is to be like.
+    """Return the format of a written picture.
 
     Examples:
         >>> make_output_format(OutputSettings(bits="16", dither="off")).bits
@@ -29,16 +29,16 @@ def make_output_format(settings: OutputSettings) -> OutputFormat:
 
 
 def check_output(path: Path, settings: OutputSettings, frame: Frame | None = None) -> None:
-    """Raise unless a file can be as the settings say; nothing is touched.
+    """Raise unless a file can be written according to the settings; writes nothing.
 
     Args:
-        path: Where the picture goes.
-        settings: What it is to be like.
-        frame: The picture that it is made of, where it is read already.
+        path: Output file.
+        settings: Output settings.
+        frame: Input picture, if already read.
 
     Raises:
-        ImageFileError: The format is not written here, or cannot tell the picture's colours.
-        ParameterError: It has no such bits or colour space.
+        ImageFileError: The format is not supported, or cannot store the picture's colour space.
+        ParameterError: The format does not support the bit depth or the colour space.
 
     Examples:
         >>> check_output(Path("out.jpg"), OutputSettings(bits="16"))
@@ -46,8 +46,8 @@ def check_output(path: Path, settings: OutputSettings, frame: Frame | None = Non
             ...
         bokehnet.errors.ParameterError: output.bits: expected 8 for .jpg, got 16; write .png or .tif or ...
     """
-    with about("output"):
-        wanted = make_output_format(settings)
-        check_format(path, wanted)
+    with errors_named_as("output"):
+        output_format = make_output_format(settings)
+        check_format(path, output_format)
         if frame is not None:
-            check_frame_format(path, frame, wanted)
+            check_frame_format(path, frame, output_format)

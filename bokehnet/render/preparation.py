@@ -1,4 +1,4 @@
-"""All of a frame but the blur itself: the map repaired, the focus found."""
+"""Preparation of a frame before the blur: depth repair and focus."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,19 +10,19 @@ from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.engine_registry import RAY_ENGINES
 from bokehnet.progress import Progress
-from bokehnet.render.look import copy_lean
-from bokehnet.render.supersampling import at_rendered_size, in_fine_pixels, rendered_surfaces
-from bokehnet.scene.blur_warnings import odd_blur
+from bokehnet.render.look import copy_tilt_gradient
+from bokehnet.render.supersampling import at_rendered_size, rendered_surfaces, settings_in_fine_pixels
+from bokehnet.scene.blur_warnings import unexpected_blur
 from bokehnet.scene.focus import check_nothing_to_focus, focus_lens
 from bokehnet.scene.known_edges import focused_layers, focused_surfaces, matte_surfaces
 from bokehnet.scene.pixel_filter_choice import choose_filter
 from bokehnet.scene.scene import (
     FocusedScene,
     Scene,
-    check_nothing_to_mend,
-    fitted_map,
+    check_repair_allowed,
     is_exact,
     is_repaired,
+    map_at_picture_size,
 )
 from bokehnet.settings.settings import RenderSettings
 
@@ -37,15 +37,15 @@ def prepare(
     repairer: Callable[[], DisparityRepair],
     plan: RepairPlan | None = None,
 ) -> FocusedScene:
-    """Repair the map of a scene and find its focus; see :meth:`BokehRenderer.prepare`.
+    """Repair the map of a scene and focus it; see :meth:`BokehRenderer.prepare`.
 
     Args:
-        scene: The scene.
-        settings: All that is asked for, checked.
-        engine: Name of the one that will render.
-        report: Is told of the progress of the repair; what it raises ends it.
-        repairer: Gives what repairs, which is opened where it is needed.
-        plan: Of the repair, where the shot has decided it.
+        scene: Scene to prepare.
+        settings: Checked settings of the render.
+        engine: Name of the engine that will render.
+        report: Progress callback of the repair; an exception that it raises ends the repair.
+        repairer: Factory of the depth repair, called on demand.
+        plan: Repair plan of the shot, if there is one.
 
     Examples:
         >>> import numpy as np
@@ -53,22 +53,22 @@ def prepare(
         >>> from bokehnet.scene.scene import make_scene
         >>> disparity = np.tile(np.linspace(0, 1, 32, dtype=np.float32), (24, 1))
         >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=disparity))
-        >>> told = {"camera": {"blur": 8}, "focus": {"value": 1}, "depth": {"repair": "off"}}
-        >>> settings = RenderSettings().updated(told)
+        >>> changes = {"camera": {"blur": 8}, "focus": {"value": 1}, "depth": {"repair": "off"}}
+        >>> settings = RenderSettings().updated(changes)
         >>> float(prepare(scene, settings, "rays", lambda done, total: None, DisparityRepair).defocus.min())
         -8.0
     """
     report(0, 1)
-    given, scene = scene, at_rendered_size(scene)
-    check_nothing_to_mend(scene, settings.depth)
-    values = fitted_map(scene, settings.depth)
+    original, scene = scene, at_rendered_size(scene)
+    check_repair_allowed(scene, settings.depth)
+    values = map_at_picture_size(scene, settings.depth)
     ends = float(values.min()), float(values.max())
-    lens, repaired, reason, notes, found = None, None, "", scene.notes, None
+    lens, repaired, reason, notes, repair = None, None, "", scene.notes, None
     if scene.depth.kind == "defocus":
         check_nothing_to_focus(settings)
     elif is_repaired(scene, settings.depth):
-        found = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
-        values, repaired, reason = found.disparity, found.repaired, found.reason
+        repair = repairer().repair(scene.image, values, settings.depth.repair, report, plan)
+        values, repaired, reason = repair.disparity, repair.repaired, repair.reason
     known, matte = scene.known, scene.alpha if scene.matte is None else scene.matte
     if known is None and matte is not None and not is_exact(scene):
         known = matte_surfaces(matte, values)
@@ -76,18 +76,21 @@ def prepare(
         known = focused_surfaces(known, values, None, scene.supersampled)
         values = values if scene.supersampled == 1 else scene.supersampled * values
     else:
-        depth, fine = replace(scene.depth, values=values), in_fine_pixels(settings, scene.supersampled)
+        depth, fine = (
+            replace(scene.depth, values=values),
+            settings_in_fine_pixels(settings, scene.supersampled),
+        )
         lens = focus_lens(depth, scene.window, fine.focus, fine.camera)
-        lens = replace(lens, lean=copy_lean(settings.lens, lens, scene.window))
+        lens = replace(lens, tilt_gradient=copy_tilt_gradient(settings.lens, lens, scene.window))
         known = focused_surfaces(known, values, lens)
         values = lens.defocus(values)
-        notes += odd_blur(scene.depth, ends, lens, values)
-    chosen = choose_filter(given, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
+        notes += unexpected_blur(scene.depth, ends, lens, values)
+    choice = choose_filter(original, settings.depth.pixel_filter) if engine in RAY_ENGINES else None
     image = scene.image
-    if given.supersampled > scene.supersampled:
+    if original.supersampled > scene.supersampled:
         radii = lens.defocus if lens is not None else partial(np.multiply, np.float32(scene.supersampled))
-        told = None if chosen is None else chosen.of_any_size
-        image, values, known = rendered_surfaces(given, radii, told)
+        pixel_filter = None if choice is None else choice.specified_or_default
+        image, values, known = rendered_surfaces(original, radii, pixel_filter)
     return FocusedScene(
         image=image,
         defocus=values,
@@ -98,8 +101,8 @@ def prepare(
         lens=lens,
         repaired=repaired,
         repair_reason=reason,
-        repair_plan=None if found is None else found.plan,
-        pixel_filter=chosen,
+        repair_plan=None if repair is None else repair.plan,
+        pixel_filter=choice,
         notes=notes,
         known=known,
         supersampled=scene.supersampled,

@@ -1,4 +1,4 @@
-"""The renderer that people use: a scene and settings in, the picture out; without torch."""
+"""Public renderer: takes a scene and settings, returns the picture; does not need torch."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,8 +20,8 @@ from bokehnet.optics.coc import defocus_from_disparity
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.optics.tone import Highlights
 from bokehnet.progress import Progress
-from bokehnet.render.cancellation import CancelSignal, watched
-from bokehnet.render.exposure import Optics, expose, leaning
+from bokehnet.render.cancellation import CancelSignal, cancellable
+from bokehnet.render.exposure import Optics, expose, tilt_parameter
 from bokehnet.render.look import (
     make_aperture,
     make_effects,
@@ -31,7 +31,7 @@ from bokehnet.render.look import (
 from bokehnet.render.preparation import prepare
 from bokehnet.render.result import RenderReport, RenderResult
 from bokehnet.scene.scene import FocusedScene, Scene
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import (
     ApertureSettings,
     ColorSettings,
@@ -44,34 +44,34 @@ from bokehnet.settings.settings import (
 __all__ = ["BokehRenderer", "CancelSignal"]
 
 Array = npt.NDArray[np.float32]
-Made = TypeVar("Made")
+Cached = TypeVar("Cached")
 
-# Engines, networks and looks that a renderer keeps.
-_MOST_KEPT = 16
+# Maximum number of engines, networks and looks in the cache of a renderer.
+_MAX_CACHED = 16
 
 
 class BokehRenderer:
-    """Renders bokeh on the CPU, or a CUDA device; for several threads at once. It can be pickled.
+    """Renderer of bokeh on the CPU or a CUDA device, thread-safe and picklable.
 
-    What settings leave at their default is as the renderer was made.
+    Settings with default values fall back to the renderer's own arguments.
 
     Args:
-        engine: What renders: "rays" (the default), "scatter", "hybrid", "fast" or "neural".
-        aperture: Shape of the lens opening; default a plain disc. Networks were trained on discs; with other
-            shapes they correct what the classical half made of them.
-        lens_response: What the lens does beyond focusing: aberrations, vignetting, a leaning plane of focus;
-            default a perfect lens.
-        character: Earlier name of ``lens_response``, which prevails.
-        weights: Folder with the networks and their manifest; the package's own by default.
-        threads: Threads inside a network; 0 takes all cores.
+        engine: Name of the engine: "rays" (default), "scatter", "hybrid", "fast" or "neural".
+        aperture: Shape of the aperture. Default: a disc. Networks were trained on discs; for other shapes
+            they correct the classical render of that shape.
+        lens_response: Properties of the lens beyond focusing: aberrations, vignetting, a tilted plane of
+            focus. Default: a perfect lens.
+        character: Earlier name of ``lens_response``, which overrides it.
+        weights: Folder with the networks and their manifest. Default: those of the package.
+        threads: Threads inside a network; 0 uses all cores.
         providers: Execution providers of ONNX Runtime, the preferred one first.
-        session_options: An ``onnxruntime.SessionOptions`` to use in place of our own; ``threads`` is then
-            left to it. A renderer that has them cannot be pickled.
-        device: What computes: "cpu", "cuda" (a graphics card), or "auto": that where it can.
+        session_options: ``onnxruntime.SessionOptions`` to use instead of the default ones; ``threads`` is
+            then ignored, and the renderer cannot be pickled.
+        device: Device that renders: "cpu", "cuda" (a graphics card), or "auto" ("cuda" where possible).
 
     Raises:
-        ParameterError: Unknown engine, a provider that ONNX Runtime does not have here, or no CUDA device.
-        ModelFileError: The engine needs networks, and they are missing or damaged.
+        ParameterError: Unknown engine, unavailable provider of ONNX Runtime, or no CUDA device.
+        ModelFileError: The engine needs networks that are missing or damaged.
 
     Examples:
         >>> import numpy as np
@@ -118,10 +118,10 @@ class BokehRenderer:
         self._kept = {}
 
     def warm_up(self, settings: RenderSettings | None = None) -> None:
-        """Open the networks, load or compile the kernels and run them once, before the first picture.
+        """Open the networks, load or compile the kernels, and run them once before the first picture.
 
         Args:
-            settings: Of the pictures that come: their engine, opening and lens; default those of the
+            settings: Settings of the coming pictures: engine, aperture and lens. Default: those of the
                 renderer.
         """
         image = np.zeros((64, 64, 3), np.float32)
@@ -133,14 +133,14 @@ class BokehRenderer:
             self._repairer()
         aperture, lens_response, _ = self._look(settings)
         engine = self._engine(*self._engine_of(settings))
-        with about("engine", {"engine": "name"} | leaning(settings)):
+        with errors_named_as("engine", {"engine": "name"} | tilt_parameter(settings)):
             engine.render(image, defocus, aperture=aperture, lens_response=lens_response)
 
     def check(self, settings: RenderSettings) -> None:
-        """Raise unless all that settings name can be made: networks, a lens, files of a look. It is kept.
+        """Raise unless networks, lens and files of the settings can be loaded; caches them.
 
         Raises:
-            BokehnetError: A name is unknown, a file is missing or wrong, or a lens does not open so far.
+            BokehnetError: A name is unknown, a file is missing or invalid, or a lens does not open that wide.
 
         Examples:
             >>> from bokehnet.settings.settings import LensSettings
@@ -176,7 +176,7 @@ class BokehRenderer:
         gamma: float = 1.0,
         highlights: Highlights | None = None,
         max_memory: int | None = None,
-        memory_taken: int = 0,
+        memory_in_use: int = 0,
         pixel_filter: PixelFilter | None = None,
         known: KnownSurfaces | None = None,
         expected_error: bool = False,
@@ -194,37 +194,37 @@ class BokehRenderer:
         overwrite: bool = False,
         **options: Any,
     ) -> RenderResult:
-        """Render a scene by settings; or an array, from its defocus, or from disparity, blur and focus.
+        """Render a scene with settings; or an array with its defocus, or with disparity, blur and focus.
 
         Args:
-            image: A scene (from :func:`make_scene`, :func:`read_scene` or :meth:`prepare`); or the
-                all-in-focus picture, scene-linear, (H, W, 3), where values below 0 count as 0.
-            defocus: With a scene its settings; else the signed blur radius in pixels, (H, W), positive in
-                front of focus.
-            progress: Called with (steps done, steps in all).
-            cancel: Is asked between steps; once it is set, rendering ends.
-            overwrite: Whether the result may take the place of image and defocus, which are of no use
-                afterwards; in strips this saves their memory.
-            options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, the radius
-                in pixels per unit of it, and ``focus``, its value that stays sharp, in place of ``defocus``;
-                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_taken``, ``known`` and
+            image: Scene (from :func:`make_scene`, :func:`read_scene` or :meth:`prepare`); or the all-in-focus
+                picture, scene-linear, (H, W, 3), with values below 0 clipped to 0.
+            defocus: With a scene: its settings. With an array: signed blur radius in pixels, (H, W), positive
+                in front of focus.
+            progress: Called with (steps done, total steps).
+            cancel: Cancellation signal, checked between steps.
+            overwrite: True if the result may overwrite image and defocus, which are invalid afterwards; saves
+                their memory when rendering in strips.
+            options: With arrays: ``disparity``, relative, (H, W), near is large, with ``blur``, radius in
+                pixels per unit of disparity, and ``focus``, disparity in focus, in place of ``defocus``;
+                ``gamma``, ``highlights``, ``pixel_filter``, ``max_memory``, ``memory_in_use``, ``known`` and
                 ``expected_error`` of :meth:`bokehnet.engines.engine.Engine.render`.
 
         Raises:
-            ShapeError: Arrays are not of the shapes above, or map and picture differ in size.
-            ParameterError: What is given does not fit together, or is out of range; NaN or infinity; arrays
-                of anything but floats. Those of 16 and 64 bits are taken as float32.
+            ShapeError: Arrays do not have the shapes above, or map and picture differ in size.
+            ParameterError: Arguments are inconsistent or out of range; NaN or infinity; arrays of another
+                type than floats. Floats of 16 and 64 bits are converted to float32.
             LensError: The lens cannot focus there.
             RenderCancelled: ``cancel`` was set.
         """
-        watch = watched(progress, cancel)
+        watch = cancellable(progress, cancel)
         if isinstance(image, Scene | FocusedScene):
             settings = RenderSettings() if defocus is None else defocus
             check_kind("settings", settings, RenderSettings)
             if isinstance(image, Scene):
                 image = self.prepare(image, settings, cancel=cancel)
             name, weights, device = self._engine_of(settings)
-            check_engine(settings, name)  # may be others than those of `prepare`
+            check_engine(settings, name)  # settings may differ from those of `prepare`
             engine = self._engine(name, weights, device)
             return expose(image, settings, engine, self._look(settings), watch, overwrite)
         return self._render_arrays(image, defocus, watch, overwrite, **options)
@@ -238,14 +238,14 @@ class BokehRenderer:
         cancel: CancelSignal | None = None,
         plan: RepairPlan | None = None,
     ) -> FocusedScene:
-        """Repair the map of a scene and find its focus: all but the blur itself.
+        """Repair the map of a scene and focus it: all steps before the blur.
 
         Args:
-            scene: The scene.
-            settings: All that is asked for.
-            progress: Called with (steps done, steps in all) of the repair.
-            cancel: Is asked between steps; once it is set, the work ends.
-            plan: What the shot has decided about the repair; default: each frame for itself.
+            scene: Scene to prepare.
+            settings: Settings of the render.
+            progress: Called with (steps done, total steps) of the repair.
+            cancel: Cancellation signal, checked between steps.
+            plan: Repair plan of the shot. Default: each frame decides independently.
 
         Raises:
             BokehnetError: As :meth:`render`.
@@ -265,7 +265,7 @@ class BokehRenderer:
         check_kind("settings", settings, RenderSettings)
         engine, *_ = self._engine_of(settings)
         check_engine(settings, engine)
-        return prepare(scene, settings, engine, watched(progress, cancel), self._repairer, plan)
+        return prepare(scene, settings, engine, cancellable(progress, cancel), self._repairer, plan)
 
     def _render_arrays(
         self,
@@ -309,27 +309,27 @@ class BokehRenderer:
         )
 
     def _look(self, settings: RenderSettings) -> Optics:
-        """Aperture, lens and effects of the settings, made once."""
+        """Return aperture, lens and effects of the settings, cached."""
 
         def make() -> Optics:
             aperture, lens, color = settings.aperture, settings.lens, settings.color
-            plain = lens == LensSettings() and color == ColorSettings()
+            is_default = lens == LensSettings() and color == ColorSettings()
             return (
                 self.aperture if aperture == ApertureSettings() else make_aperture(aperture),
-                self.lens_response if plain else make_lens_response(lens, color),
+                self.lens_response if is_default else make_lens_response(lens, color),
                 make_effects(settings.effects),
             )
 
-        return self._keep((settings.aperture, settings.lens, settings.color, settings.effects), make)
+        return self._cached((settings.aperture, settings.lens, settings.color, settings.effects), make)
 
     def _engine_of(self, settings: RenderSettings) -> tuple[str, Path | None, str]:
-        """Name, weights and device of the engine that the settings ask for."""
-        asked = settings.engine
-        device = self.device if asked.device == "cpu" else asked.device
-        return asked.name or self.engine, asked.weights or self._weights, device
+        """Return name, weights and device of the engine of the settings."""
+        requested = settings.engine
+        device = self.device if requested.device == "cpu" else requested.device
+        return requested.name or self.engine, requested.weights or self._weights, device
 
     def _repairer(self) -> DisparityRepair:
-        return self._keep("repair", lambda: DisparityRepair(threads=self._threads))
+        return self._cached("repair", lambda: DisparityRepair(threads=self._threads))
 
     def _engine(self, name: str, weights: Path | None, device: str) -> Engine:
         def make() -> Engine:
@@ -342,33 +342,33 @@ class BokehRenderer:
                 device=device,
             )
 
-        return self._keep((name, weights, device), make)
+        return self._cached((name, weights, device), make)
 
-    def _keep(self, key: Any, make: Callable[[], Made]) -> Made:
-        """What ``make`` gave for a key, made once for all threads; what was asked for last is kept."""
+    def _cached(self, key: Any, make: Callable[[], Cached]) -> Cached:
+        """Return the result of ``make`` for a key from a thread-safe least-recently-used cache."""
         with self._lock:
-            made: Made = self._kept.pop(key) if key in self._kept else make()
-            self._kept[key] = made
-            if len(self._kept) > _MOST_KEPT:
+            value: Cached = self._kept.pop(key) if key in self._kept else make()
+            self._kept[key] = value
+            if len(self._kept) > _MAX_CACHED:
                 del self._kept[next(iter(self._kept))]
-            return made
+            return value
 
 
 def _from_disparity(
     disparity: npt.NDArray[np.floating] | None, blur: float | None, focus: float | None
 ) -> Array:
-    """Defocus of a disparity map."""
-    given = {"disparity": disparity, "blur": blur, "focus": focus}
-    missing = [name for name, value in given.items() if value is None]
+    """Return the defocus of a disparity map."""
+    arguments = {"disparity": disparity, "blur": blur, "focus": focus}
+    missing = [name for name, value in arguments.items() if value is None]
     if disparity is None or blur is None or focus is None:
         if len(missing) == 3:
             raise ParameterError("defocus", "either this, or `disparity`, `blur` and `focus`", None)
         needed = " and ".join(f"`{name}`" for name in missing)
-        expected = "a value beside `disparity`, `blur` and `focus`, which go together"
+        expected = "a value, as `disparity`, `blur` and `focus` go together"
         raise ParameterError(missing[0], expected, None, f"give {needed}, or `defocus` alone")
     check_at_least("blur", blur, 0)
     check_number("focus", focus)
     check_map("disparity", disparity)
-    check_floats("disparity", disparity, "divide it by the value that is to be 1, as 255")
+    check_floats("disparity", disparity, "divide it by the value that maps to 1, such as 255")
     defocus: Array = defocus_from_disparity(np.asarray(disparity), blur, focus)
     return defocus

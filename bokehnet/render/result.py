@@ -1,4 +1,4 @@
-"""What a rendering gives: the picture, the maps behind it, and what was decided on the way."""
+"""Result of a render: the picture, the intermediate maps, and a report."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,32 +15,32 @@ from bokehnet.optics.pixels.pixel_filter import FilterChoice
 from bokehnet.progress import Progress
 from bokehnet.render.notebook import shown_html
 from bokehnet.render.output import make_output_format
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import OutputSettings, RenderSettings
 from bokehnet.settings.settings_file import save_settings
 
-__all__ = ["LEVELS_SHOWN", "RenderReport", "RenderResult"]
+__all__ = ["MAX_SHOWN_LEVELS", "RenderReport", "RenderResult"]
 
 Array = npt.NDArray[np.float32]
 
-# Expected error that is white in its picture, 8-bit levels.
-LEVELS_SHOWN = 16.0
+# Expected error at white in its picture, 8-bit levels.
+MAX_SHOWN_LEVELS = 16.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RenderReport:
-    """What was decided.
+    """Report of a render.
 
     Attributes:
-        engine: What rendered.
+        engine: Name of the engine.
         largest_blur: Largest blur radius, pixels.
-        repaired: Whether edges of the map were moved; None where nobody looked.
-        repair_reason: Why, in a few words.
-        focus_disparity: What stays sharp, in the unit of the map, the near end of a range; None where defocus
-            was given.
-        focus_distance: The same in metres; None where distances are not known.
-        pixel_filter: By which pixels at edges were taken to mix both sides; None where none was parted.
-        notes: What was chosen, or looks odd, a line each.
+        repaired: True if edges of the map were moved; None if the repair did not run.
+        repair_reason: Reason of the repair or its absence, a few words.
+        focus_disparity: Disparity in focus, in the unit of the map, near end of a range; None for a defocus
+            map.
+        focus_distance: Distance in focus, metres; None for relative disparity.
+        pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
+        notes: Automatic choices and warnings, one line each.
 
     Examples:
         >>> report = RenderReport(engine="scatter", largest_blur=12.5, focus_distance=2.0)
@@ -60,30 +60,29 @@ class RenderReport:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RenderResult:
-    """A rendered picture and what it was made of; all scene-linear float32 in the primaries of its file.
+    """Rendered picture and intermediate maps; scene-linear float32 in the primaries of its file.
 
     Attributes:
-        bokeh: The result, (H, W, 3), after the effects of the camera.
-        alpha: Its coverage, (H, W); None where all is covered.
-        classical: The classical half, (H, W, 3), before the effects; None where a hybrid was rendered in
-            strips.
-        neural: The neural half, (H, W, 3); None for a classical engine, and in strips.
-        error_map: The blend, (H, W) in [0, 1], 1 = neural: the learned map within the reach of a depth
-            discontinuity, 0 elsewhere; for a classical engine, where it can be wrong.
-        defocus: Signed blur radius of each pixel, (H, W), pixels; None where its memory was used again.
-        mixed_pixels: Pixels that were rendered as two surfaces, with both; None for engines that part none.
-        expected_error: What is expected of the mean over colours of |sRGB value - truth|, 8-bit levels, (H,
-            W), before the effects; None where it was not asked for.
-        supersampled: How many times the size of the result the picture is in which these pixels lie.
-        report: What was decided.
-        frame: What the picture's file holds besides; None for arrays.
-        output: How the picture is written.
+        bokeh: Result, (H, W, 3), after the camera effects.
+        alpha: Coverage of the result, (H, W); None if all is covered.
+        classical: Classical half, (H, W, 3), before the camera effects; None for a hybrid in strips.
+        neural: Neural half, (H, W, 3); None for a classical engine, and in strips.
+        error_map: Blend, (H, W) in [0, 1], 1 = neural: the learned map within reach of a depth discontinuity,
+            0 elsewhere; for a classical engine the places where it can be wrong.
+        defocus: Signed blur radius of each pixel, (H, W), pixels; None if its memory was reused.
+        mixed_pixels: Pixels rendered as two surfaces, with both; None for engines without unmixing.
+        expected_error: Expected mean over colours of |sRGB value - truth|, 8-bit levels, (H, W), before the
+            camera effects; None if not requested.
+        supersampled: Size of the picture with ``mixed_pixels`` relative to the result.
+        report: Report of the render.
+        frame: Further content of the picture's file; None for arrays.
+        output: Output settings.
 
     Examples:
         >>> from bokehnet.render.renderer import BokehRenderer
         >>> picture, defocus = np.ones((24, 32, 3), np.float32), np.full((24, 32), 4, np.float32)
         >>> result = BokehRenderer("scatter").render(picture, defocus)
-        >>> result._repr_html_()[-59:]  # what a notebook shows below the picture
+        >>> result._repr_html_()[-59:]  # text below the picture in a notebook
         'scatter, 32x24, blur up to 4.0 pixels</figcaption></figure>'
         >>> result.save_maps("maps")
         >>> sorted(path.name for path in Path("maps").iterdir())
@@ -104,40 +103,40 @@ class RenderResult:
     output: OutputSettings = field(default_factory=OutputSettings)
 
     def save(self, path: Path | str, progress: Progress | None = None) -> None:
-        """Write the picture as ``output`` says, atomically; the extension picks the format.
+        """Write the picture according to ``output``, atomically; the extension sets the format.
 
-        In the place of the picture in an EXR file, all else in the file stays; see
-        :func:`bokehnet.io.frame.write_frame`. Where ``output.expected_error`` is on, EXR files have it as a
+        In an EXR file the result replaces the picture and everything else is kept; see
+        :func:`bokehnet.io.frame.write_frame`. With ``output.expected_error`` on, EXR files contain it as a
         channel of that name, in 8-bit levels.
 
         Args:
-            path: Where it goes.
-            progress: Called with (steps done, steps in all), by several threads.
+            path: Output file.
+            progress: Called with (steps done, total steps), by several threads.
 
         Raises:
             ImageFileError: Unknown extension, or the file cannot be written.
-            ParameterError: The format cannot be as ``output`` says.
+            ParameterError: The format does not support the settings of ``output``.
         """
-        wanted, beside = make_output_format(self.output), {}
+        output_format, extra = make_output_format(self.output), {}
         if self.output.expected_error == "on" and Path(path).suffix.lower() == ".exr":
-            beside = {} if self.expected_error is None else {"expected_error": self.expected_error}
-        with about("output"):
+            extra = {} if self.expected_error is None else {"expected_error": self.expected_error}
+        with errors_named_as("output"):
             if self.frame is None:
-                write_image(path, self.bokeh, alpha=self.alpha, **asdict(wanted), beside=beside)
+                write_image(path, self.bokeh, alpha=self.alpha, **asdict(output_format), extra_channels=extra)
             else:
-                write_frame(path, self.frame, self.bokeh, self.alpha, wanted, progress, beside)
+                write_frame(path, self.frame, self.bokeh, self.alpha, output_format, progress, extra)
 
     def save_maps(self, folder: Path | str, settings: RenderSettings | None = None) -> None:
-        """Write what the result was made of; defocus as a grey picture, 0.5 = sharp, and exact as EXR.
+        """Write the intermediate maps; defocus as a grey picture, 0.5 = sharp, and exactly as EXR.
 
-        So is the expected error: its picture is white from ``LEVELS_SHOWN`` 8-bit levels on.
+        The expected error is written likewise: its picture is white at ``MAX_SHOWN_LEVELS`` 8-bit levels.
 
-        Pixels that were rendered as two surfaces are shown by their coverage (1 where there is one), and by
-        the colours of the front and of the back, where all else is transparent.
+        Pixels rendered as two surfaces are shown by their coverage (1 elsewhere), and by the colours of
+        foreground and background, transparent elsewhere.
 
         Args:
-            folder: Made if it is not there.
-            settings: Written beside the maps, as ``settings.toml``.
+            folder: Output folder, created if missing.
+            settings: Settings to write to ``settings.toml`` in the folder.
 
         Raises:
             ImageFileError: A file cannot be written.
@@ -146,7 +145,7 @@ class RenderResult:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ImageFileError(f"cannot make the folder {folder}: {error.strerror}") from error
+            raise ImageFileError(f"cannot create the folder {folder}: {error.strerror}") from error
         if self.defocus is not None:
             largest = max(self.report.largest_blur, 1e-6)
             write_map(folder / "defocus.exr", self.defocus)
@@ -158,7 +157,7 @@ class RenderResult:
             write_image(folder / "neural.png", self._in_rec709(self.neural))
         if self.expected_error is not None:
             write_map(folder / "expected_error.exr", self.expected_error)
-            write_map(folder / "expected_error.png", np.minimum(self.expected_error / LEVELS_SHOWN, 1))
+            write_map(folder / "expected_error.png", np.minimum(self.expected_error / MAX_SHOWN_LEVELS, 1))
         if self.mixed_pixels is not None:
             self._save_surfaces(folder, self.mixed_pixels)
         if settings is not None:
@@ -166,17 +165,17 @@ class RenderResult:
 
     def _save_surfaces(self, folder: Path, mixed: KnownSurfaces) -> None:
         height, width = (self.supersampled * side for side in self.bokeh.shape[:2])
-        coverage, parted = np.ones((height, width), np.float32), np.zeros((height, width), np.float32)
-        coverage[mixed.rows, mixed.columns], parted[mixed.rows, mixed.columns] = mixed.coverage, 1.0
+        coverage, is_mixed = np.ones((height, width), np.float32), np.zeros((height, width), np.float32)
+        coverage[mixed.rows, mixed.columns], is_mixed[mixed.rows, mixed.columns] = mixed.coverage, 1.0
         write_map(folder / "coverage.png", coverage)
         for name, colors in (("front", mixed.front), ("back", mixed.back)):
             if colors is not None:
                 light = np.zeros((height, width, 3), np.float32)
                 light[mixed.rows, mixed.columns] = colors
-                write_image(folder / f"{name}.png", self._in_rec709(light), alpha=parted)
+                write_image(folder / f"{name}.png", self._in_rec709(light), alpha=is_mixed)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the picture, and below it what was decided."""
+        """Return the HTML for a notebook: the picture with the report below."""
         report = self.report
         height, width = self.bokeh.shape[:2]
         lines = [f"{report.engine}, {width}x{height}, blur up to {report.largest_blur:.1f} pixels"]

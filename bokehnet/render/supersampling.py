@@ -1,7 +1,7 @@
 """Supersampled scenes: picture and map at a multiple of the result's size.
 
-They are rendered at twice that size, where pixels at edges are two surfaces, and what comes out is filtered
-down. So an edge has its place within the pixel, at a part of the cost of rendering all fine pixels.
+They are rendered at twice the size of the result, with two surfaces in pixels at edges, and filtered down.
+Edges thus keep their subpixel positions at a fraction of the cost of rendering all fine pixels.
 """
 
 from collections.abc import Callable
@@ -19,30 +19,30 @@ from bokehnet.engines.engine import EngineResult
 from bokehnet.io.frame import Frame
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
-from bokehnet.optics.pixels.supersampling import reduce_fine
-from bokehnet.scene.scene import RENDERED, FocusedScene, Scene
+from bokehnet.optics.pixels.supersampling import downsample
+from bokehnet.scene.scene import RENDER_SUPERSAMPLING, FocusedScene, Scene
 from bokehnet.settings.settings import RenderSettings
 
 __all__ = [
-    "RAYS_SHARE",
+    "RAY_FRACTION",
     "at_rendered_size",
-    "in_fine_pixels",
     "reduced_defocus",
     "reduced_result",
     "reduced_scene",
     "rendered_surfaces",
+    "settings_in_fine_pixels",
 ]
 
-# Share of the usual rays that its pixels get then: twice as many for each pixel of the result.
-RAYS_SHARE = 0.5
+# Rays per pixel relative to the usual number; each pixel of the result still gets twice as many.
+RAY_FRACTION = 0.5
 
 Array = npt.NDArray[np.float32]
 
 
 def at_rendered_size(scene: Scene) -> Scene:
-    """The scene at the size at which it is rendered: twice that of the result where it is supersampled.
+    """Return the scene at the size of its render: twice that of the result if it is supersampled.
 
-    Its picture and map hold one of the samples of each pixel; :func:`rendered_surfaces` tells all of them.
+    Its picture and map contain one sample per pixel; :func:`rendered_surfaces` uses all samples.
 
     Raises:
         ShapeError: Map and picture differ in size.
@@ -54,7 +54,7 @@ def at_rendered_size(scene: Scene) -> Scene:
         >>> at_rendered_size(fine).image.shape  # of a result of 6x8 pixels
         (12, 16, 3)
     """
-    factor = scene.supersampled // RENDERED
+    factor = scene.supersampled // RENDER_SUPERSAMPLING
     if factor <= 1:
         return scene
     check_same_size("the picture", scene.image, "its map", scene.depth.values)
@@ -67,19 +67,19 @@ def at_rendered_size(scene: Scene) -> Scene:
         alpha=alpha,
         depth=replace(scene.depth, values=np.ascontiguousarray(scene.depth.values[one, one]), filtered=None),
         window=_divided(scene.window, factor),
-        supersampled=RENDERED,
+        supersampled=RENDER_SUPERSAMPLING,
     )
 
 
 def rendered_surfaces(
     scene: Scene, radii: Callable[[Array], Array], pixel_filter: PixelFilter | None
 ) -> tuple[Array, Array, KnownSurfaces]:
-    """Picture, defocus and both surfaces of pixels at edges at the size at which a scene is rendered.
+    """Return picture, defocus and both surfaces of pixels at edges, at the size of the render.
 
     Args:
-        scene: Supersampled by more than that size.
-        radii: Turns a map of that size into blur radii in its pixels.
-        pixel_filter: Of the fine picture; None where pixels are taken as one surface each.
+        scene: Scene with a higher supersampling than the render.
+        radii: Function from a map of that size to blur radii in its pixels.
+        pixel_filter: Pixel filter of the fine picture; None if its pixels are single surfaces.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import DefocusMap
@@ -90,10 +90,10 @@ def rendered_surfaces(
         >>> defocus[0].tolist(), known.columns.tolist(), known.coverage.tolist()
         ([2.0, 2.0, 16.0, 16.0], [2, 2], [0.5, 0.5])
     """
-    factor, values = scene.supersampled // RENDERED, scene.depth.values
+    factor, values = scene.supersampled // RENDER_SUPERSAMPLING, scene.depth.values
     fine = np.empty(values.shape, np.float32)
     for i in range(factor):
-        for j in range(factor):  # a map of that size each: what leans is told by its pixels
+        for j in range(factor):  # one map of the render's size each: a tilted focus depends on the pixel
             fine[i::factor, j::factor] = factor * radii(np.ascontiguousarray(values[i::factor, j::factor]))
     return reduce_supersampled(scene.image, fine, factor, pixel_filter)
 
@@ -109,12 +109,12 @@ def _divided(window: Window, factor: int) -> Window:
     )
 
 
-def in_fine_pixels(settings: RenderSettings, factor: int) -> RenderSettings:
-    """The same settings where what they tell in pixels of the result is told in those of the scene.
+def settings_in_fine_pixels(settings: RenderSettings, factor: int) -> RenderSettings:
+    """Return the settings with lengths and positions in pixels of the scene instead of the result.
 
     Examples:
         >>> from bokehnet.settings.settings import CameraSettings
-        >>> in_fine_pixels(RenderSettings(camera=CameraSettings(blur=20)), 2).camera.blur
+        >>> settings_in_fine_pixels(RenderSettings(camera=CameraSettings(blur=20)), 2).camera.blur
         40.0
     """
     if factor == 1:
@@ -122,20 +122,20 @@ def in_fine_pixels(settings: RenderSettings, factor: int) -> RenderSettings:
     focus, blur = settings.focus, settings.camera.blur
     changes: dict[str, dict[str, Any]] = {"focus": {}, "camera": {}}
     if focus.at is not None:
-        changes["focus"]["at"] = _inside(focus.at, factor)
+        changes["focus"]["at"] = _centre_of(focus.at, factor)
     if focus.plane is not None:
-        changes["focus"]["plane"] = tuple(_inside(pixel, factor) for pixel in focus.plane)
+        changes["focus"]["plane"] = tuple(_centre_of(pixel, factor) for pixel in focus.plane)
     if blur is not None:
         changes["camera"]["blur"] = factor * blur
     return settings.updated(changes)
 
 
-def _inside(pixel: tuple[int, int], factor: int) -> tuple[int, int]:
+def _centre_of(pixel: tuple[int, int], factor: int) -> tuple[int, int]:
     return pixel[0] * factor + factor // 2, pixel[1] * factor + factor // 2
 
 
 def reduced_scene(scene: FocusedScene, bokeh: Array, alpha: Array | None) -> FocusedScene:
-    """The scene of a reduced result, for what is done with that.
+    """Return the scene with window and frame of the reduced result.
 
     Examples:
         >>> image, window = np.ones((4, 6, 3), np.float32), Window.whole(6, 4)
@@ -154,7 +154,7 @@ def reduced_scene(scene: FocusedScene, bokeh: Array, alpha: Array | None) -> Foc
 
 
 def reduced_result(rendered: EngineResult, factor: int, pixel_filter: PixelFilter) -> EngineResult:
-    """What an engine gave, filtered down to the size of the result.
+    """Return the result of an engine, filtered down to the size of the result.
 
     Examples:
         >>> from bokehnet.engines.engine import Engine
@@ -163,24 +163,26 @@ def reduced_result(rendered: EngineResult, factor: int, pixel_filter: PixelFilte
         >>> small.bokeh.shape, small.largest_blur
         ((4, 4, 3), 2.0)
     """
-    bokeh = reduce_fine(rendered.bokeh, factor, pixel_filter)
+    bokeh = downsample(rendered.bokeh, factor, pixel_filter)
     classical = rendered.classical
     if classical is not None:
-        classical = bokeh if classical is rendered.bokeh else reduce_fine(classical, factor, pixel_filter)
-    neural, told = rendered.neural, rendered.expected_error
+        classical = bokeh if classical is rendered.bokeh else downsample(classical, factor, pixel_filter)
+    neural, expected = rendered.neural, rendered.expected_error
     return replace(
         rendered,
         bokeh=bokeh,
         classical=classical,
-        neural=None if neural is None else reduce_fine(neural, factor, pixel_filter),
-        error_map=reduce_fine(rendered.error_map, factor, pixel_filter),
-        expected_error=None if told is None else np.maximum(reduce_fine(told, factor, pixel_filter), 0),
+        neural=None if neural is None else downsample(neural, factor, pixel_filter),
+        error_map=downsample(rendered.error_map, factor, pixel_filter),
+        expected_error=None
+        if expected is None
+        else np.maximum(downsample(expected, factor, pixel_filter), 0),
         largest_blur=rendered.largest_blur / factor,
     )
 
 
 def reduced_defocus(defocus: Array, factor: int) -> Array:
-    """Blur radius in pixels of the result, (H, W), at one of the fine pixels of each.
+    """Return blur radii in pixels of the result, (H, W), sampled at one fine pixel each.
 
     Examples:
         >>> reduced_defocus(np.array([[1, 2], [3, 4]], np.float32), 2).tolist()

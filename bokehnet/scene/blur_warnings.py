@@ -1,4 +1,4 @@
-"""Blur that nobody means: all of a picture sharp, or nothing of it. Mostly a unit is wrong."""
+"""Warnings about unintended blur: a picture entirely sharp or entirely blurred, often by a wrong unit."""
 
 import math
 
@@ -8,29 +8,29 @@ import numpy.typing as npt
 from bokehnet.scene.depth.depth_source import DepthMap
 from bokehnet.scene.focus import FocusedLens
 
-__all__ = ["odd_blur"]
+__all__ = ["unexpected_blur"]
 
-# Blur radius over the diagonal of the picture below which all counts as sharp: half the circle of confusion
-# of the common depth-of-field tables, 1/1500 of the diagonal.
-_UNSEEN = 1 / 3000
+# Maximum blur radius, relative to the picture's diagonal, of a sharp picture: half the circle of confusion of
+# common depth-of-field tables, 1/1500 of the diagonal.
+_MAX_SHARP_RADIUS = 1 / 3000
 
-# Blur radius, pixels, above which nobody calls a pixel sharp.
-_SEEN = 1.5
+# Minimum blur radius of an unsharp pixel, pixels.
+_MIN_BLURRED_RADIUS_PX = 1.5
 
-_ROWS = 256  # at a time
+_ROWS_PER_BLOCK = 256
 
 Array = npt.NDArray[np.float32]
 
 
-def odd_blur(
+def unexpected_blur(
     depth: DepthMap, ends: tuple[float, float], lens: FocusedLens, defocus: Array
 ) -> tuple[str, ...]:
-    """Return a line where all is sharp, or nothing and the focus lies beyond the scene; most leave none.
+    """Return a warning if everything is sharp, or if nothing is and the focus lies outside the scene.
 
     Args:
-        depth: The map as it came.
-        ends: Smallest and largest disparity, before the map was repaired.
-        lens: Lens and focus.
+        depth: Depth map of the source.
+        ends: Smallest and largest disparity before the repair.
+        lens: Lens with its focus.
         defocus: Blur radius of each pixel, (H, W), pixels.
 
     Examples:
@@ -40,27 +40,29 @@ def odd_blur(
         >>> values = np.full((4, 6), 0.25, np.float32)
         >>> depth = DepthMap(values=values, kind="relative", origin="input.disparity")
         >>> lens = focus_lens(depth, Window.whole(6, 4), FocusSettings(value=0.75), CameraSettings(blur=8))
-        >>> odd_blur(depth, (0.25, 0.25), lens, lens.defocus(values))
+        >>> unexpected_blur(depth, (0.25, 0.25), lens, lens.defocus(values))
         ('nothing is sharp: focus is at 0.75, disparity 0.25 to 0.25, blur radius 4 to 4 pixels',)
     """
     if depth.origin == "input.constant_disparity":
         return ()
-    blocks = [np.abs(defocus[first : first + _ROWS]) for first in range(0, len(defocus), _ROWS)]
-    least, most = min(float(b.min()) for b in blocks), max(float(b.max()) for b in blocks)
+    starts = range(0, len(defocus), _ROWS_PER_BLOCK)
+    blocks = [np.abs(defocus[start : start + _ROWS_PER_BLOCK]) for start in starts]
+    smallest, largest = min(float(b.min()) for b in blocks), max(float(b.max()) for b in blocks)
     low, high = ends
-    if depth.kind == "metric" and most < _UNSEEN * math.hypot(*defocus.shape):
-        what = "all is sharp"
-    elif least > _SEEN and lens.plane is None and (lens.far > high or lens.near < low):
-        what = "nothing is sharp"
+    if depth.kind == "metric" and largest < _MAX_SHARP_RADIUS * math.hypot(*defocus.shape):
+        warning = "everything is sharp"
+    elif smallest > _MIN_BLURRED_RADIUS_PX and lens.plane is None and (lens.far > high or lens.near < low):
+        warning = "nothing is sharp"
     else:
         return ()
     focus, remedy = f"{lens.near:g}", ""
-    found = f"disparity {low:g} to {high:g}"
+    scene_range = f"disparity {low:g} to {high:g}"
     if lens.distance is not None:
         focus = f"{lens.distance:g} m"
-        found = f"depth {_metres(high)} to {_metres(low)} m"
-        remedy = "; if that is not so, `depth.unit` or the camera is wrong, or the map holds 1/z (unit 1/m)"
-    return (f"{what}: focus is at {focus}, {found}, blur radius {least:.3g} to {most:.3g} pixels{remedy}",)
+        scene_range = f"depth {_metres(high)} to {_metres(low)} m"
+        remedy = "; if this is unintended, check `depth.unit` (1/m for a map of 1/z) and the camera"
+    radii = f"blur radius {smallest:.3g} to {largest:.3g} pixels"
+    return (f"{warning}: focus is at {focus}, {scene_range}, {radii}{remedy}",)
 
 
 def _metres(disparity: float) -> str:

@@ -1,4 +1,4 @@
-"""The camera behind a picture: as given, as files tell, and the full-frame one that a phone imitates."""
+"""Camera of a picture: from settings, from file metadata, and the full-frame equivalent of a phone."""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -7,22 +7,22 @@ from bokehnet.errors import ParameterError
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.settings.settings import CameraSettings
 
-__all__ = ["LensNumbers", "complete_camera", "full_frame_camera", "joined"]
+__all__ = ["LensNumbers", "complete_camera", "full_frame_camera", "merged_camera"]
 
 _FILM_DIAGONAL = math.hypot(36, 24)  # mm
 
-# Focal length in mm on that film where the file tells none: the main camera of most phones.
-_USUAL_FOCAL_LENGTH = 26.0
+# Default full-frame focal length, mm, without metadata: the main camera of most phones.
+_DEFAULT_FOCAL_LENGTH = 26.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LensNumbers:
-    """A camera of which all is known that blur depends on.
+    """Complete data of a camera that the blur depends on.
 
     Attributes:
-        focal_length: mm.
+        focal_length: Focal length, mm.
         f_number: Focal length over the diameter of the entrance pupil.
-        sensor_width: What the width of the shown picture covers on the sensor, mm.
+        sensor_width: Width of the shown picture on the sensor, mm.
 
     Examples:
         >>> lens = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -36,15 +36,15 @@ class LensNumbers:
 
 
 def complete_camera(settings: CameraSettings, camera: Camera | None, origin: str) -> LensNumbers:
-    """Return the numbers that were given, and those of the picture's files where none was.
+    """Return the camera data of the settings, completed by those of the picture's files.
 
     Args:
-        settings: As given.
-        camera: What the files say.
-        origin: What needs them, for the message.
+        settings: Camera settings.
+        camera: Camera data of the files.
+        origin: Setting that needs them, for the message.
 
     Raises:
-        ParameterError: Some are missing.
+        ParameterError: Some data are missing.
 
     Examples:
         >>> from bokehnet.io.metadata.camera import Camera
@@ -53,31 +53,31 @@ def complete_camera(settings: CameraSettings, camera: Camera | None, origin: str
         >>> complete_camera(CameraSettings(f_number=2), file, "input.depth")
         LensNumbers(focal_length=50.0, f_number=2.0, sensor_width=36.0)
     """
-    found = {}
+    numbers = {}
     for item in fields(LensNumbers):
-        given = getattr(settings, item.name)
-        found[item.name] = getattr(camera, item.name, None) if given is None else given
-    if missing := [f"`camera.{name}`" for name, value in found.items() if value is None]:
+        value = getattr(settings, item.name)
+        numbers[item.name] = getattr(camera, item.name, None) if value is None else value
+    if missing := [f"`camera.{name}`" for name, value in numbers.items() if value is None]:
         *first, last = missing
         names = f"{', '.join(first)} and {last}" if first else last
         needs = f"`{origin}`" if "." in origin else origin
         raise ParameterError(
             missing[0].strip("`"),
-            expected=f"numbers of the camera: {needs} needs {names}",
-            shown="none; the picture's file tells none",
+            expected=f"camera data: {needs} needs {names}",
+            shown="none; the picture's file has none",
         )
-    return LensNumbers(**{name: float(value) for name, value in found.items() if value is not None})
+    return LensNumbers(**{name: float(value) for name, value in numbers.items() if value is not None})
 
 
 def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
-    """Return the full-frame camera with the view of a phone's, at the f-number that its file tells.
+    """Return the full-frame camera with a phone's field of view, at the f-number of the photo's file.
 
-    Equal diagonals make equal views, as for the focal lengths "in 35 mm" that files tell.
+    Equal diagonals define equal views, as for the 35 mm equivalent focal lengths in files.
 
     Args:
-        camera: As the photo tells; None where it does not.
-        width: Of the picture, pixels.
-        height: Of the picture, pixels.
+        camera: Camera data of the photo's file; None if it has none.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
 
     Examples:
         >>> phone = Camera(focal_length=6.86, f_number=1.8, sensor_width=9.8)
@@ -86,22 +86,22 @@ def full_frame_camera(camera: Camera | None, width: int, height: int) -> Camera:
         (24.2, 1.8, 34.6)
     """
     sensor_width = _FILM_DIAGONAL * width / math.hypot(width, height)
-    focal_length = _USUAL_FOCAL_LENGTH
+    focal_length = _DEFAULT_FOCAL_LENGTH
     if camera is not None and camera.focal_length is not None and camera.sensor_width is not None:
         focal_length = camera.focal_length * sensor_width / camera.sensor_width
     f_number = None if camera is None else camera.f_number
     return Camera(focal_length=focal_length, f_number=f_number, sensor_width=sensor_width)
 
 
-def joined(first: Camera | None, second: Camera | None) -> Camera | None:
-    """What the first one says, and the second where the first is silent.
+def merged_camera(first: Camera | None, second: Camera | None) -> Camera | None:
+    """Return the first camera, with its unknown fields taken from the second.
 
     Examples:
         >>> picture, depth = Camera(focal_length=35), Camera(focal_length=50, sensor_width=36)
-        >>> joined(picture, depth)
+        >>> merged_camera(picture, depth)
         Camera(focal_length=35, f_number=None, focus_distance=None, sensor_width=36)
     """
     if first is None or second is None:
         return first or second
-    silent = [item.name for item in fields(first) if getattr(first, item.name) is None]
-    return replace(first, **{name: getattr(second, name) for name in silent})
+    unknown = [item.name for item in fields(first) if getattr(first, item.name) is None]
+    return replace(first, **{name: getattr(second, name) for name in unknown})

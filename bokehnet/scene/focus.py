@@ -1,7 +1,7 @@
-"""What stays sharp, and how strongly the rest is blurred: from settings and the map of a scene to defocus.
+"""Focus and blur strength: conversion of settings and the depth map of a scene to defocus.
 
-Behind a lens the signed blur radius is linear in disparity, so whatever is asked for (a value, a distance, a
-pixel, a range, a plane that leans) becomes a disparity, or a plane of them, and a factor.
+The signed blur radius of a lens is linear in disparity. Any focus (a value, a distance, a pixel, a range, a
+tilted plane) thus becomes a disparity, or a plane of disparities, and a factor.
 """
 
 import math
@@ -29,7 +29,7 @@ from bokehnet.optics.focus_plane import (
 from bokehnet.optics.focus_range import defocus_outside_range
 from bokehnet.scene.camera import LensNumbers, complete_camera
 from bokehnet.scene.depth.depth_source import DepthMap, EmbeddedDepth, depth_source
-from bokehnet.settings.error_names import about
+from bokehnet.settings.error_names import errors_named_as
 from bokehnet.settings.settings import CameraSettings, FocusSettings, RenderSettings
 
 __all__ = ["FocusedLens", "check_focus", "disparity_at_pixel", "disparity_of_distance", "focus_lens"]
@@ -42,18 +42,18 @@ _METRIC = ("focus.distance", "camera.focal_length", "camera.f_number", "camera.s
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FocusedLens:
-    """A lens whose focus is found.
+    """Lens with its focus.
 
     Attributes:
-        near: Largest disparity that stays sharp, in the unit of the map.
-        far: Smallest one; between both all is sharp.
-        blur: Radius in pixels per unit of relative disparity; None where distances are known.
-        camera: The camera; None for relative disparity.
-        plane: From a disparity, where it turns, to the plane that stays sharp and the blur; None where it
-            does not lean.
-        window: Where the map's pixels lie in the shown picture.
-        lean: Signed blur per length of the picture from its middle, to the right and down, that one copy of a
-            lens adds, as :func:`bokehnet.lenses.assembly.misalignment.focus_lean` has it.
+        near: Largest disparity in focus, in the unit of the map.
+        far: Smallest disparity in focus; everything between both is sharp.
+        blur: Blur radius in pixels per unit of relative disparity; None for metric depth.
+        camera: Camera; None for relative disparity.
+        plane: Function from the disparity at the pivot to the plane in focus and the blur in pixels per
+            does not tilt_gradient.
+        window: Position of the map's pixels in the shown picture.
+        tilt_gradient: Signed blur radius per pixel from the middle of the picture, to the right and down,
+            that a misaligned copy of a lens adds; see :mod:`bokehnet.lenses.assembly.misalignment`.
 
     Examples:
         >>> camera = LensNumbers(focal_length=50, f_number=2, sensor_width=36)
@@ -69,11 +69,11 @@ class FocusedLens:
     camera: LensNumbers | None
     plane: Callable[[float], tuple[FocusPlane, float]] | None
     window: Window
-    lean: tuple[float, float] = (0.0, 0.0)
+    tilt_gradient: tuple[float, float] = (0.0, 0.0)
 
     @property
     def distance(self) -> float | None:
-        """What stays sharp, metres, the near end of a range; None where distances are not known."""
+        """Distance in focus, metres; the near end of a range; None for relative disparity."""
         if self.camera is None:
             return None
         return 1 / (1000 * self.near) if self.near > 0 else math.inf
@@ -82,7 +82,7 @@ class FocusedLens:
         """Return the signed blur radius of each pixel, (H, W), pixels, positive in front of focus.
 
         Args:
-            disparity: Of each pixel, (H, W), in the unit in which the focus was found.
+            disparity: Disparity of each pixel, (H, W), in the unit of the focus.
 
         Raises:
             LensError: The lens cannot focus there.
@@ -94,17 +94,17 @@ class FocusedLens:
         return defocus
 
     def aberration_map(self) -> AberrationMap | None:
-        """Return what a plane of focus that leans does to the rays; None where it does not lean."""
-        leaning = self._plane_aberrations()
-        if not any(self.lean):
-            return leaning
-        own = plane_aberration_map(self._own_plane, 1.0)
-        return own if leaning is None else leaning + own
+        """Return the effect of a tilted plane of focus on the rays; None without tilt."""
+        tilted = self._plane_aberrations()
+        if not any(self.tilt_gradient):
+            return tilted
+        misaligned = plane_aberration_map(self._misalignment_plane, 1.0)
+        return misaligned if tilted is None else tilted + misaligned
 
     @property
-    def _own_plane(self) -> FocusPlane:
-        """Of a copy of a lens, in pixels of blur."""
-        return FocusPlane.around(_middle(self.window), 0.0, (-self.lean[0], -self.lean[1]))
+    def _misalignment_plane(self) -> FocusPlane:
+        """Plane of focus of a misaligned copy of a lens, in pixels of blur."""
+        return FocusPlane.around(_middle(self.window), 0.0, (-self.tilt_gradient[0], -self.tilt_gradient[1]))
 
     def _plane_aberrations(self) -> AberrationMap | None:
         if self.plane is None:
@@ -124,9 +124,9 @@ class FocusedLens:
         )
 
     def _focused(self, disparity: Array, focus: float) -> Array:
-        """Defocus with the focus at one disparity."""
+        """Return the defocus with the focus at one disparity."""
         defocus: Array
-        with np.errstate(over="ignore"):  # a blur beyond float32 is told by the renderer's check
+        with np.errstate(over="ignore"):  # the renderer checks for blur beyond float32
             if self.plane is not None:
                 plane, blur = self.plane(focus)
                 defocus = plane_defocus(disparity, blur, plane, (self.window.x, self.window.y))
@@ -136,23 +136,24 @@ class FocusedLens:
             else:
                 pitch = self.camera.sensor_width / self.window.display_width
                 defocus = defocus_map(disparity, _thin_lens(self.camera, focus), pitch)
-            if any(self.lean):
+            if any(self.tilt_gradient):
                 corner = (self.window.x, self.window.y)
-                defocus = defocus + plane_defocus(np.zeros_like(disparity), 1.0, self._own_plane, corner)
+                plane = self._misalignment_plane
+                defocus = defocus + plane_defocus(np.zeros_like(disparity), 1.0, plane, corner)
         return defocus
 
 
 def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: CameraSettings) -> FocusedLens:
-    """Find what stays sharp in a scene, and how strongly the rest is blurred.
+    """Return the lens of a scene with its focus and blur strength.
 
     Args:
-        depth: Map of the scene in the size of its picture, relative or metric.
-        window: Where its pixels lie in the shown picture.
-        focus: What shall stay sharp.
-        camera: What blurs.
+        depth: Depth map of the scene in the size of its picture, relative or metric.
+        window: Position of its pixels in the shown picture.
+        focus: Focus settings.
+        camera: Camera settings.
 
     Raises:
-        ParameterError: Something is missing, does not go with such a map, or a pixel lies outside.
+        ParameterError: A setting is missing or does not apply to such a map, or a pixel lies outside.
         LensError: The lens cannot focus there.
 
     Examples:
@@ -166,7 +167,7 @@ def focus_lens(depth: DepthMap, window: Window, focus: FocusSettings, camera: Ca
     metric = depth.kind == "metric"
     check_kind(focus, camera, metric=metric, origin=depth.origin)
     numbers = complete_camera(camera, depth.camera, depth.origin) if metric else None
-    plane = _leaning(depth, window, focus, camera, numbers)
+    plane = _tilted_plane(depth, window, focus, camera, numbers)
     if focus.range is not None:
         ends = [disparity_of_distance(end) if metric else end for end in focus.range]
         near, far = max(ends), min(ends)
@@ -182,13 +183,13 @@ def disparity_at_pixel(
     """Return the value of a map at a pixel of the shown picture.
 
     Args:
-        pixel: Column and row, from the upper left.
-        depth: Map in the size of the picture.
-        window: Where its pixels lie in the shown picture.
-        name: Setting that told the pixel, for the message.
+        pixel: Column and row, from the upper left corner.
+        depth: Depth map in the size of the picture.
+        window: Position of its pixels in the shown picture.
+        name: Setting that names the pixel, for the message.
 
     Raises:
-        ParameterError: Nothing is stored there.
+        ParameterError: The file stores no such pixel.
 
     Examples:
         >>> values = np.array([[0, 0.25, 1]], np.float32)
@@ -222,7 +223,7 @@ def disparity_of_distance(metres: float) -> float:
 
 
 def check_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` unless focus and camera go with what tells the depth; nothing is read.
+    """Raise ``ParameterError`` unless focus and camera apply to the depth source; reads no file.
 
     Examples:
         >>> from bokehnet.settings.settings import InputSettings
@@ -231,7 +232,7 @@ def check_focus(settings: RenderSettings) -> None:
         >>> check_focus(RenderSettings(input=disparity, camera=blur, focus=FocusSettings(distance=2)))
         Traceback (most recent call last):
             ...
-        bokehnet.errors.ParameterError: focus.distance: expected nothing: it cannot go with ...
+        bokehnet.errors.ParameterError: focus.distance: expected nothing: it does not apply to ...
     """
     source = depth_source(settings)
     if source.kind == "defocus":
@@ -239,21 +240,21 @@ def check_focus(settings: RenderSettings) -> None:
         return
     metric, origin = source.kind == "metric", source.origin
     if metric and isinstance(source, EmbeddedDepth):
-        origin += " (no `input.disparity`, `input.depth` or `camera.blur` is given)"
+        origin += " (without `input.disparity`, `input.depth` and `camera.blur`)"
     check_kind(settings.focus, settings.camera, metric=metric, origin=origin, complete=not source.tells_focus)
 
 
 def check_nothing_to_focus(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` where a ready defocus map is to be focused again."""
-    for path in ("value", "distance", "at", "range", "plane"):
-        if getattr(settings.focus, path) is not None:
+    """Raise ``ParameterError`` if the settings would focus a defocus map again."""
+    for name in ("value", "distance", "at", "range", "plane"):
+        if getattr(settings.focus, name) is not None:
             raise ParameterError(
-                f"focus.{path}", expected="nothing: `input.defocus` is focused already", remedy="leave it out"
+                f"focus.{name}", expected="nothing: `input.defocus` is already focused", remedy="leave it out"
             )
     if settings.focus.tilt_x or settings.focus.tilt_y or settings.camera != CameraSettings():
         raise ParameterError(
             "input.defocus",
-            expected="no camera and no tilt beside it: its blur radii are final",
+            expected="no camera and no tilt with it: its blur radii are final",
             remedy="leave them out",
         )
 
@@ -261,14 +262,14 @@ def check_nothing_to_focus(settings: RenderSettings) -> None:
 def check_kind(
     focus: FocusSettings, camera: CameraSettings, *, metric: bool, origin: str, complete: bool = False
 ) -> None:
-    """Raise ``ParameterError`` unless what is given can go with a map of this kind.
+    """Raise ``ParameterError`` unless focus and camera apply to a map of this kind.
 
     Args:
-        focus: What shall stay sharp.
-        camera: What blurs.
-        metric: Whether the map tells distances; else relative disparity.
-        origin: What made it so: a setting, or words.
-        complete: Whether no file can tell what stays sharp.
+        focus: Focus settings.
+        camera: Camera settings.
+        metric: True for metric depth, False for relative disparity.
+        origin: Origin of the map for messages: a setting, or words.
+        complete: True if the settings must contain the focus, as no file does.
     """
     holder = f"`{origin}`" if origin.partition(".")[2].isidentifier() else origin
     values = {"focus": focus, "camera": camera}
@@ -277,7 +278,7 @@ def check_kind(
         value = getattr(values[group], name)
         if value is not None:
             raise ParameterError(
-                path, expected=f"nothing: it cannot go with {holder}", got=value, remedy="leave it out"
+                path, expected=f"nothing: it does not apply to {holder}", got=value, remedy="leave it out"
             )
     if not metric and camera.blur is None:
         raise ParameterError(
@@ -285,26 +286,28 @@ def check_kind(
             expected=f"pixels per unit of disparity: {holder} needs `camera.blur`",
             shown="none",
         )
-    if complete and all(getattr(focus, way) is None for way in _ways(metric)):
+    if complete and all(getattr(focus, name) is None for name in _focus_fields(metric)):
         raise _no_focus(metric)
     if not metric and focus.range is not None and max(focus.range) > 1:
         raise ParameterError("focus.range", expected="relative disparities in 0..1", got=focus.range)
     if metric and focus.range is not None and not min(focus.range) > 0:
         raise ParameterError("focus.range", expected="metres above 0", got=min(focus.range))
     if focus.plane is not None:
-        with about("focus", {"pixels": "plane"}):
+        with errors_named_as("focus", {"pixels": "plane"}):
             FocusPlane.through(focus.plane, (0, 0, 0))
 
 
 def _no_focus(metric: bool, why: str = "") -> ParameterError:
-    *first, last = (f"`focus.{way}`" for way in _ways(metric))
+    *first, last = (f"`focus.{name}`" for name in _focus_fields(metric))
     return ParameterError(
-        f"focus.{_ways(metric)[0]}", expected=f"one of {', '.join(first)} and {last}", shown=f"none{why}"
+        f"focus.{_focus_fields(metric)[0]}",
+        expected=f"one of {', '.join(first)} and {last}",
+        shown=f"none{why}",
     )
 
 
-def _ways(metric: bool) -> tuple[str, ...]:
-    """The ways to say what stays sharp."""
+def _focus_fields(metric: bool) -> tuple[str, ...]:
+    """Return the settings that can define the focus."""
     return ("distance" if metric else "value", "at", "range", "plane")
 
 
@@ -314,7 +317,7 @@ def _focus_disparity(
     focus: FocusSettings,
     plane: Callable[[float], tuple[FocusPlane, float]] | None,
 ) -> float:
-    """What stays sharp, in the unit of the map; where a plane leans, in its pixel or in the middle."""
+    """Return the disparity in focus; of a tilted plane, at its pivot or in the middle."""
     if focus.plane is not None:
         assert plane is not None
         return float(plane(0.0)[0].at(*_middle(window)))
@@ -328,17 +331,17 @@ def _focus_disparity(
         return disparity_of_distance(depth.camera.focus_distance / 1000)
     if depth.focus is not None:
         return depth.focus
-    raise _no_focus(depth.kind == "metric", "; the picture's file tells no focus")
+    raise _no_focus(depth.kind == "metric", "; the picture's file contains no focus")
 
 
-def _leaning(
+def _tilted_plane(
     depth: DepthMap,
     window: Window,
     focus: FocusSettings,
     camera: CameraSettings,
     numbers: LensNumbers | None,
 ) -> Callable[[float], tuple[FocusPlane, float]] | None:
-    """From a disparity, where the plane turns, to the plane in focus and the blur, pixels per unit."""
+    """Return the function from the pivot's disparity to the plane in focus and the blur, pixels per unit."""
     tilt = (focus.tilt_x, focus.tilt_y)
     if focus.plane is None and not any(tilt):
         return None
@@ -370,7 +373,7 @@ def _leaning(
 
 
 def _thin_lens(camera: LensNumbers, focus: float) -> ThinLens:
-    """The lens focused at a disparity in 1/mm."""
+    """Return the lens focused at a disparity in 1/mm."""
     distance = 1 / focus if focus > 0 else math.inf
     try:
         return ThinLens(focal_length=camera.focal_length, f_number=camera.f_number, focus_distance=distance)

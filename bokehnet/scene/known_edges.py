@@ -1,4 +1,4 @@
-"""What a scene tells of its edges besides colours and depth: by deep samples, or by a matte or alpha."""
+"""Exact edges of a scene, from deep samples, layers or a matte."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from bokehnet.checks import check_finite, check_map, check_same_size
 from bokehnet.classical.known_layers import Layers
-from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.depth_repair.stages.edge_sharpening import extremes
 from bokehnet.errors import ImageFileError, ParameterError
 from bokehnet.io.exr.deep import FlatPixels, two_surfaces
@@ -31,37 +31,38 @@ __all__ = [
     "read_matte",
 ]
 
-# Coverage that is as good as none.
-_LEAST = 1e-4
+# Minimum coverage that counts.
+_MIN_COVERAGE = 1e-4
 
-# From here on, and up to here, a matte says that a pixel is all front, and all back.
-_FRONT, _BACK = 0.95, 0.05
+# Minimum coverage of a pixel that is all foreground, and maximum coverage of one that is all background.
+_MIN_FRONT, _MAX_BACK = 0.95, 0.05
 
-# Pixels by which the edges of the map may lie beside those of the matte.
-_MARGIN = 3
+# Maximum offset between the edges of the map and those of the matte, pixels.
+_MAX_EDGE_OFFSET_PX = 3
 
-# Standard deviation of what a window shows of a side, over the step to the other side, up to which it is one
-# surface: the mean of a fence and of the grass behind it lies where nothing is.
-_ONE_SURFACE = 0.2
+# Maximum standard deviation of one side within a window, relative to the difference of both sides, for which
+# the side counts as one surface: the mean of a fence and the grass behind it is no surface at all.
+_MAX_RELATIVE_DEVIATION = 0.2
 
-# Share of that step, and beside it what the other side deviates, by which a pixel of the map has to lie off
-# the other side to be on its own: grass close before a wall is not the wall, whatever else the matte holds.
-_OFF = 0.02
+# Minimum distance of a map value from the other side, relative to the difference of both sides and in
+# addition to the deviation of the other side, to belong to its own side: grass close to a wall is not the
+# wall, whatever the matte contains.
+_MIN_RELATIVE_DISTANCE = 0.02
 
-# Half the widths of the windows in which a mixed pixel of a matte looks for both surfaces, pixels.
-_REACHES = (2, 4, 8, 16, 32)
+# Radii of the search windows for both surfaces of a mixed pixel, pixels.
+_SEARCH_RADII_PX = (2, 4, 8, 16, 32)
 
 Array = npt.NDArray[np.float32]
 
 
 def deep_surfaces(path: Path | str, unit: str = "m") -> KnownSurfaces | None:
-    """Both surfaces of the pixels of a deep picture that show two; None where the picture is flat.
+    """Return both surfaces of the pixels of a deep picture that show two; None for a flat picture.
 
-    Where the samples of a pixel do not cover it, nothing stands behind them: black, infinitely far.
+    Behind samples that do not cover a pixel the scene is black and infinitely far.
 
     Args:
-        path: An EXR file whose picture is in a deep part.
-        unit: Of its Z, a unit of length.
+        path: EXR file with the picture in a deep part.
+        unit: Unit of length of its Z.
 
     Returns:
         Surfaces whose ``near`` and ``far`` are disparities, 1/mm.
@@ -82,15 +83,15 @@ def deep_surfaces(path: Path | str, unit: str = "m") -> KnownSurfaces | None:
         for rows in file.bands(picture.part):
             samples = file.read_deep(picture.part, list(picture.colours), rows)
             layers = two_surfaces(samples, list(picture.colours))
-            parts.append(_parted(layers.front, layers.back, unit).below(rows.start))
-    return joined_surfaces(parts)
+            parts.append(_known_surfaces(layers.front, layers.back, unit).below(rows.start))
+    return concatenate_surfaces(parts)
 
 
-def _parted(front: FlatPixels, back: FlatPixels, unit: str) -> KnownSurfaces:
-    y, x = np.nonzero((front.coverage > _LEAST) & (front.coverage < 1 - _LEAST))
+def _known_surfaces(front: FlatPixels, back: FlatPixels, unit: str) -> KnownSurfaces:
+    y, x = np.nonzero((front.coverage > _MIN_COVERAGE) & (front.coverage < 1 - _MIN_COVERAGE))
     coverage = front.coverage[y, x]
     near, far = (disparity_from_depth(depth_to_mm(side.depth[y, x][None], unit))[0] for side in (front, back))
-    shape = (len(y), 3)  # of one colour channel, too
+    shape = (len(y), 3)  # also for one colour channel
     return KnownSurfaces(
         rows=y,
         columns=x,
@@ -104,14 +105,14 @@ def _parted(front: FlatPixels, back: FlatPixels, unit: str) -> KnownSurfaces:
 
 
 def read_matte(path: Path | str, window: Window) -> Array:
-    """Read the coverage of the front, (H, W): the alpha of a file that has one, else its only channel.
+    """Read the coverage of the foreground, (H, W): alpha of a file that has one, else its only channel.
 
     Args:
-        path: An image file.
-        window: Where the pixels of the picture lie.
+        path: Image file.
+        window: Position of the picture's pixels in the shown picture.
 
     Raises:
-        ImageFileError: The file cannot be read, or holds NaN or values outside 0 to 1.
+        ImageFileError: The file cannot be read, or contains NaN or values outside 0 to 1.
 
     Examples:
         >>> from bokehnet.io.image import write_map
@@ -124,8 +125,8 @@ def read_matte(path: Path | str, window: Window) -> Array:
     values = read_map(path, names[0] if names else None, window=window)
     bad = int((~np.isfinite(values)).sum())
     if bad or values.min() < 0 or values.max() > 1:
-        found = f"{bad} values that are NaN or infinite" if bad else f"{values.min():g} to {values.max():g}"
-        raise ImageFileError(f"{path}: expected a matte of 0 to 1, found {found}; clip it first")
+        actual = f"{bad} values that are NaN or infinite" if bad else f"{values.min():g} to {values.max():g}"
+        raise ImageFileError(f"{path}: expected a matte of 0 to 1, found {actual}; clip it first")
     return values
 
 
@@ -133,8 +134,8 @@ def check_matte(matte: npt.NDArray[np.floating], image: Array, name: str = "matt
     """Return a matte (H, W) as float32.
 
     Raises:
-        ShapeError: It has another size than its picture.
-        ParameterError: NaN, or values outside 0 to 1.
+        ShapeError: Its size differs from that of the picture.
+        ParameterError: It contains NaN, or values outside 0 to 1.
 
     Examples:
         >>> check_matte(np.array([[0, 255]]), np.ones((1, 2, 3), np.float32))
@@ -152,94 +153,94 @@ def check_matte(matte: npt.NDArray[np.floating], image: Array, name: str = "matt
 
 
 def matte_surfaces(matte: Array, disparity: Array) -> KnownSurfaces:
-    """Surfaces of the pixels along the edges of a matte, of which only the colours are not known.
+    """Return the surfaces of the pixels along the edges of a matte, without their colours.
 
-    Their disparities are means over the nearest pixels that are all front and all back, if there are any
-    farther than three pixels from the edge: so far the edges of the map may lie beside it, and so far what
-    is all front or all back is told as well. Where these show several surfaces, the matte tells nothing and
-    the pixel is left to be unmixed as any other. Where the map has a pixel on the side that fills most of it,
-    its own disparity is that side's, and a pixel that is all of that side is left alone. Where the front is
-    not the nearer of both, the matte is of no edge in depth.
+    Their disparities are means over the nearest pixels that are all foreground and all background, preferably
+    farther than three pixels from the edge, the maximum offset of the map's edges. Where these pixels show
+    several surfaces, the matte is ignored and the pixel is unmixed like any other. Where the map puts a pixel
+    on the side that covers most of it, its own disparity is used for that side, and a pixel entirely of that
+    side is skipped. Where the foreground is not the nearer side, the matte marks no depth edge.
 
     Args:
-        matte: Coverage of the front, (H, W), 0 to 1.
-        disparity: Or anything that grows with it, (H, W).
+        matte: Coverage of the foreground, (H, W), 0 to 1.
+        disparity: Disparity, or anything that increases with it, (H, W).
 
     Examples:
         >>> matte = np.array([[0, 0, 0.25, 1, 1]], np.float32)
-        >>> found = matte_surfaces(matte, np.array([[0.1, 0.1, 0.1, 0.9, 0.9]], np.float32))
-        >>> found.columns.tolist(), found.coverage.tolist(), found.near[0].round(2), found.far[0].round(2)
+        >>> known = matte_surfaces(matte, np.array([[0.1, 0.1, 0.1, 0.9, 0.9]], np.float32))
+        >>> known.columns.tolist(), known.coverage.tolist(), known.near[0].round(2), known.far[0].round(2)
         ([2], [0.25], np.float32(0.9), np.float32(0.1))
     """
-    low, high = extremes(matte, _MARGIN)
+    low, high = extremes(matte, _MAX_EDGE_OFFSET_PX)
     y, x = np.nonzero((low < high) | ((matte > 0) & (matte < 1)))
-    near, spread = _nearest_mean(disparity, (low >= _FRONT, matte >= _FRONT), y, x)
-    far, far_spread = _nearest_mean(disparity, (high <= _BACK, matte <= _BACK), y, x)
-    own, share = disparity[y, x], matte[y, x]
-    is_front, step = share >= 0.5, _OFF * (near - far)
-    agrees = np.where(is_front, own - far > step + far_spread, near - own > step + spread)
-    by_map, by_map_far = agrees & is_front, agrees & ~is_front
-    near, spread = np.where(by_map, own, near), np.where(by_map, 0, spread)
-    far, far_spread = np.where(by_map_far, own, far), np.where(by_map_far, 0, far_spread)
-    known = spread + far_spread <= _ONE_SURFACE * (near - far)  # not where either is NaN
-    whole = (share <= _BACK) | (share >= _FRONT)
+    near, spread = _nearest_mean(disparity, (low >= _MIN_FRONT, matte >= _MIN_FRONT), y, x)
+    far, far_spread = _nearest_mean(disparity, (high <= _MAX_BACK, matte <= _MAX_BACK), y, x)
+    own, coverage = disparity[y, x], matte[y, x]
+    is_front, min_distance = coverage >= 0.5, _MIN_RELATIVE_DISTANCE * (near - far)
+    agrees = np.where(is_front, own - far > min_distance + far_spread, near - own > min_distance + spread)
+    use_own_near, use_own_far = agrees & is_front, agrees & ~is_front
+    near, spread = np.where(use_own_near, own, near), np.where(use_own_near, 0, spread)
+    far, far_spread = np.where(use_own_far, own, far), np.where(use_own_far, 0, far_spread)
+    known = spread + far_spread <= _MAX_RELATIVE_DEVIATION * (near - far)  # False where either is NaN
+    whole = (coverage <= _MAX_BACK) | (coverage >= _MIN_FRONT)
     kept = known & (near > far) & ~(agrees & whole)
     return KnownSurfaces(
         rows=y[kept],
         columns=x[kept],
         near=near[kept].astype(np.float32),
         far=far[kept].astype(np.float32),
-        coverage=share[kept],
+        coverage=coverage[kept],
     )
 
 
 def _nearest_mean(
     values: Array,
-    wanted: Iterable[npt.NDArray[np.bool_]],
+    masks: Iterable[npt.NDArray[np.bool_]],
     y: npt.NDArray[np.intp],
     x: npt.NDArray[np.intp],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Mean and deviation of the wanted values in the smallest window around each pixel that holds any.
+    """Return mean and deviation of masked values in the smallest window around each pixel with any.
 
-    ``wanted`` are masks (H, W), the next one for pixels around which the last one holds none; NaN for none.
+    ``masks``, (H, W) each, are tried in order: the next one serves pixels without any masked value so far.
+    The result is NaN where all masks fail.
     """
     mean, deviation = np.full(len(y), np.nan), np.full(len(y), np.nan)
-    for mask in wanted:
+    for mask in masks:
         missing = np.flatnonzero(np.isnan(mean))
         if not len(missing):
             break
-        there, corners, count = _first_windows(mask, y[missing], x[missing])
-        found = missing[there]
-        mean[found] = _window_sums(_table(np.where(mask, values, 0)), corners) / count
+        has_any, corners, count = _first_windows(mask, y[missing], x[missing])
+        filled = missing[has_any]
+        mean[filled] = _window_sums(_table(np.where(mask, values, 0)), corners) / count
         squares = _window_sums(_table(np.where(mask, np.square(values, dtype=np.float64), 0)), corners)
-        deviation[found] = np.sqrt(np.maximum(squares / count - mean[found] ** 2, 0))
+        deviation[filled] = np.sqrt(np.maximum(squares / count - mean[filled] ** 2, 0))
     return mean, deviation
 
 
 def _first_windows(
     mask: npt.NDArray[np.bool_], y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp], npt.NDArray[np.float64]]:
-    """Which pixels (N,) see any of the mask, the smallest windows (4, M) in which they do, and how many."""
+    """Return a flag per pixel (N,) near the mask, the smallest windows (4, M) that reach it, and counts."""
     height, width = mask.shape
     table = _table(mask)
-    there, corners, count = np.zeros(len(y), bool), np.zeros((4, len(y)), np.intp), np.zeros(len(y))
-    for reach in _REACHES:
-        still = np.flatnonzero(~there)
-        top, bottom = np.maximum(y[still] - reach, 0), np.minimum(y[still] + reach + 1, height)
-        left, right = np.maximum(x[still] - reach, 0), np.minimum(x[still] + reach + 1, width)
-        corners[:, still] = top, bottom, left, right
-        count[still] = _window_sums(table, corners[:, still])
-        there = count > 0.5
-    return there, corners[:, there], count[there]
+    has_any, corners, count = np.zeros(len(y), bool), np.zeros((4, len(y)), np.intp), np.zeros(len(y))
+    for radius in _SEARCH_RADII_PX:
+        pending = np.flatnonzero(~has_any)
+        top, bottom = np.maximum(y[pending] - radius, 0), np.minimum(y[pending] + radius + 1, height)
+        left, right = np.maximum(x[pending] - radius, 0), np.minimum(x[pending] + radius + 1, width)
+        corners[:, pending] = top, bottom, left, right
+        count[pending] = _window_sums(table, corners[:, pending])
+        has_any = count > 0.5
+    return has_any, corners[:, has_any], count[has_any]
 
 
 def _table(values: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-    """Sums of all values (H, W) above and left of every corner, (H+1, W+1)."""
+    """Return the summed-area table of values (H, W), (H+1, W+1)."""
     return np.pad(values.cumsum(0, dtype=np.float64).cumsum(1), ((1, 0), (1, 0)))
 
 
 def _window_sums(table: npt.NDArray[np.float64], corners: npt.NDArray[np.intp]) -> npt.NDArray[np.float64]:
-    """Sums of a table over windows, from their top, bottom, left and right."""
+    """Return the sums over windows from a summed-area table, given top, bottom, left and right."""
     top, bottom, left, right = corners
     return table[bottom, right] - table[top, right] - table[bottom, left] + table[top, left]
 
@@ -247,13 +248,13 @@ def _window_sums(table: npt.NDArray[np.float64], corners: npt.NDArray[np.intp]) 
 def focused_surfaces(
     known: KnownSurfaces | None, values: Array, lens: FocusedLens | None, factor: int = 1
 ) -> KnownSurfaces | None:
-    """The same surfaces with their blur radii, pixels.
+    """Return the surfaces with blur radii in pixels in place of disparities.
 
     Args:
         known: Surfaces in the unit of the map.
-        values: The map, (H, W).
-        lens: Lens and focus; None where the map is of blur radii.
-        factor: By which such radii are multiplied.
+        values: Depth map, (H, W).
+        lens: Lens with its focus; None if the map contains blur radii.
+        factor: Factor on such blur radii.
 
     Examples:
         >>> edge = matte_surfaces(np.array([[0, 0.5, 1]], np.float32), np.array([[-2, 3, 3]], np.float32))
@@ -264,16 +265,16 @@ def focused_surfaces(
         return known
     if lens is None:
         return replace(known, near=known.near * factor, far=known.far * factor)
-    near, far = (lens.defocus(side)[known.rows, known.columns] for side in known.laid_over(values))
+    near, far = (lens.defocus(side)[known.rows, known.columns] for side in known.near_and_far_maps(values))
     return replace(known, near=near, far=np.minimum(near, far))
 
 
 def focused_layers(layers: SceneLayers | None, lens: FocusedLens | None) -> Layers | None:
-    """The same layers with their blur radii, for the rays.
+    """Return the layers with blur radii in pixels, for engine rays.
 
     Args:
-        layers: In the unit of the map.
-        lens: Lens and focus.
+        layers: Layers in the unit of the map.
+        lens: Lens with its focus.
 
     Examples:
         >>> focused_layers(None, None) is None

@@ -1,4 +1,4 @@
-"""What is rendered: a picture, the map of its depth, and what its file says besides."""
+"""Scene: a picture, its depth map, and further information of its file."""
 
 import math
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from bokehnet.depth_repair.repair_plan import RepairPlan
 from bokehnet.depth_repair.stages.mixed_pixels import repair_mixed, share_of_mixed
 from bokehnet.depth_repair.stages.repeated_pixels import unrepeated
 from bokehnet.errors import ParameterError, ShapeError
-from bokehnet.io.frame import Frame, detached, read_frame
+from bokehnet.io.frame import Frame, read_frame, without_origin
 from bokehnet.io.maps import resize_map
 from bokehnet.io.metadata.camera import Camera
 from bokehnet.io.window import Window
@@ -26,51 +26,51 @@ from bokehnet.scene.depth.depth_source import (
     DepthSource,
     Photo,
     depth_source,
-    unit_of_own_depth,
+    unit_of_picture_depth,
 )
 from bokehnet.scene.focus import FocusedLens, check_focus
 from bokehnet.scene.known_edges import check_matte, deep_surfaces, read_matte
 from bokehnet.settings.settings import DepthSettings, RenderSettings
 
 __all__ = [
-    "RENDERED",
+    "RENDER_SUPERSAMPLING",
     "FocusedScene",
     "Scene",
-    "check_nothing_to_mend",
-    "fitted_map",
+    "check_repair_allowed",
     "is_exact",
     "is_repaired",
     "make_scene",
+    "map_at_picture_size",
     "read_scene",
 ]
 
-# Logarithm of the ratio of two ratios of width to height up to which they are alike.
-_ALIKE = 0.05
+# Maximum difference of the logarithms of two aspect ratios that count as equal.
+_ASPECT_TOLERANCE = 0.05
 
-# Share of mixed pixels beside depth edges from which on the map was filtered as its picture was.
-_MIXED = 0.05
+# Minimum fraction of mixed pixels at depth edges of a map that was filtered like its picture.
+_MIN_MIXED_FRACTION = 0.05
 
-# Times the result's size at which supersampled scenes are rendered.
-RENDERED = 2
+# Size at which supersampled scenes are rendered, relative to the result.
+RENDER_SUPERSAMPLING = 2
 
 Array = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scene:
-    """A picture and its depth; :func:`make_scene` and :func:`read_scene` make one.
+    """Picture and depth, created by :func:`make_scene` or :func:`read_scene`.
 
     Attributes:
-        image: All-in-focus, scene-linear light over black, (H, W, 3).
-        depth: The map of its depth, as its source gave it.
-        alpha: Coverage, (H, W); None where all is covered.
-        window: Where the pixels lie in the shown picture, whose width that of the sensor spans.
-        number: Of the frame in its sequence.
-        frame: What the picture's file holds besides, for writing back; None for arrays.
-        notes: What was chosen, or is odd about picture and map, a line each.
-        matte: How much of each pixel a foreground covers, (H, W), 0 to 1; None where nothing tells it.
-        known: Both surfaces of pixels at edges, in the unit of the map, where they need not be estimated.
-        supersampled: How many times the size of the result picture, map and window are: 1, 2 or 4.
+        image: All-in-focus picture, scene-linear light over black, (H, W, 3).
+        depth: Depth map as returned by its source.
+        alpha: Coverage, (H, W); None if all is covered.
+        window: Position of the pixels in the shown picture, whose width spans the sensor.
+        number: Frame number in its sequence.
+        frame: Further content of the picture's file, for writing it back; None for arrays.
+        notes: Automatic choices and warnings about picture and map, one line each.
+        matte: Coverage of each pixel by a foreground, (H, W), 0 to 1; None if unknown.
+        known: Both surfaces of pixels at edges, in the unit of the map, where they are known.
+        supersampled: Size of picture, map and window relative to the result: 1, 2 or 4.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -93,7 +93,7 @@ class Scene:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FocusedScene:
-    """A scene whose focus is found: all that blur depends on.
+    """Scene with its focus: everything that the blur depends on.
 
     Attributes:
         image: As in :class:`Scene`.
@@ -102,23 +102,23 @@ class FocusedScene:
         window: As in the scene.
         number: As in the scene.
         frame: As in the scene.
-        lens: The lens and its focus; None where defocus was given.
-        repaired: Whether edges of the map were moved; None where nobody looked.
-        repair_reason: Why.
-        repair_plan: What the repair has decided, which the other frames of a shot may follow.
-        pixel_filter: By which pixels at edges mix both sides; None where the engine parts none.
-        notes: As in the scene, and what is odd about the blur.
-        known: Both surfaces of pixels at edges, with their blur radii, where they need not be estimated.
-        supersampled: How many times the size of the result the arrays and the window are: 1 or 2. Blur radii
-            are in pixels of these arrays.
-        layers: What stands behind one another, with its blur radii, where that is known.
+        lens: Lens with its focus; None for a defocus map.
+        repaired: True if edges of the map were moved; None if the repair did not run.
+        repair_reason: Reason of the repair or its absence.
+        repair_plan: Decisions of the repair, which the other frames of a shot may follow.
+        pixel_filter: Pixel filter for unmixing at edges; None if the engine does no unmixing.
+        notes: Notes of the scene, and warnings about the blur.
+        known: Both surfaces of pixels at edges, with their blur radii, where they are known.
+        supersampled: Size of the arrays and the window relative to the result: 1 or 2. Blur radii are in
+            pixels of these arrays.
+        layers: Successive surfaces with their blur radii, where they are known.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
         >>> from bokehnet.render.renderer import BokehRenderer
         >>> flat = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.75))
-        >>> told = {"camera": {"blur": 8}, "focus": {"value": 0.5}, "depth": {"repair": "off"}}
-        >>> focused = BokehRenderer("scatter").prepare(flat, RenderSettings().updated(told))
+        >>> changes = {"camera": {"blur": 8}, "focus": {"value": 0.5}, "depth": {"repair": "off"}}
+        >>> focused = BokehRenderer("scatter").prepare(flat, RenderSettings().updated(changes))
         >>> focused.lens.near, float(focused.defocus.max())  # disparity in focus, blur radius in pixels
         (0.5, 2.0)
     """
@@ -152,22 +152,22 @@ def make_scene(
     known: KnownSurfaces | None = None,
     supersampled: int = 1,
 ) -> Scene:
-    """Make a scene of arrays.
+    """Return a scene made of arrays.
 
     Args:
-        image: All-in-focus, scene-linear light over black, (H, W, 3).
-        source: What tells its depth.
+        image: All-in-focus picture, scene-linear light over black, (H, W, 3).
+        source: Depth source.
         alpha: Coverage, (H, W).
-        camera: What is known of the camera.
-        window: Where the pixels lie in the shown picture; by default all of it is there.
-        number: Of the frame in its sequence.
-        matte: How much of each pixel a foreground covers, (H, W), 0 to 1.
-        known: Both surfaces of pixels at edges, in the unit in which the source's map has its values:
-            relative disparity, 1/mm or pixels of blur.
-        supersampled: How many times the size of the result picture, map and window are: 1, 2 or 4.
+        camera: Known data of the camera.
+        window: Position of the pixels in the shown picture. Default: they are the whole picture.
+        number: Frame number in its sequence.
+        matte: Coverage of each pixel by a foreground, (H, W), 0 to 1.
+        known: Both surfaces of pixels at edges, in the unit of the source's map: relative disparity, 1/mm or
+            pixels of blur.
+        supersampled: Size of picture, map and window relative to the result: 1, 2 or 4.
 
     Raises:
-        ShapeError, ParameterError: The arrays are not as described.
+        ShapeError, ParameterError: An array has the wrong shape or invalid values.
         BokehnetError: The source has no map.
 
     Examples:
@@ -182,7 +182,7 @@ def make_scene(
     image = np.asarray(image, np.float32)
     if alpha is not None:
         check_map("alpha", alpha)
-        check_floats("alpha", alpha, "divide it by the value that covers all, as 255")
+        check_floats("alpha", alpha, "divide it by the value of full coverage, such as 255")
         check_same_size("image", image, "alpha", alpha)
         alpha = np.asarray(alpha, np.float32)
     height, width = image.shape[:2]
@@ -214,24 +214,24 @@ def read_scene(
     number: int = 0,
     progress: Progress | None = None,
 ) -> Scene:
-    """Read a picture and what tells its depth.
+    """Read a picture and its depth.
 
     Args:
-        path: The picture.
-        settings: Say where its depth comes from, and how it is read.
-        source: Tells the depth in place of the settings.
-        number: Of the frame in its sequence.
-        progress: Called with (steps done, steps in all).
+        path: File of the picture.
+        settings: Settings that name the depth source and its reading.
+        source: Depth source; overrides the settings.
+        number: Frame number in its sequence.
+        progress: Called with (steps done, total steps).
 
     Raises:
-        ParameterError: The settings do not fit to what tells the depth; nothing is read then.
+        ParameterError: The settings do not apply to the depth source; raised before reading.
         BokehnetError: A file cannot be read.
 
     Examples:
         >>> from bokehnet.io.image import write_image
         >>> write_image("photo.png", np.full((24, 32, 3), 0.5, np.float32))
-        >>> told = {"input": {"constant_disparity": 0.25}, "camera": {"blur": 8}, "focus": {"value": 0.5}}
-        >>> scene = read_scene("photo.png", RenderSettings().updated(told))
+        >>> changes = {"input": {"constant_disparity": 0.25}, "camera": {"blur": 8}, "focus": {"value": 0.5}}
+        >>> scene = read_scene("photo.png", RenderSettings().updated(changes))
         >>> scene.image.shape, scene.depth.kind
         ((24, 32, 3), 'relative')
     """
@@ -241,9 +241,9 @@ def read_scene(
         source = depth_source(settings)
     frame = read_frame(path, part_of(progress, 0, 2))
     matte, factor = settings.input.matte, settings.input.supersampled
-    unit = unit_of_own_depth(source, path)
+    unit = unit_of_picture_depth(source, path)
     if factor > 1:
-        frame = detached(frame)
+        frame = without_origin(frame)
     photo = Photo(
         image=frame.image,
         window=frame.window,
@@ -268,63 +268,63 @@ def read_scene(
 
 
 def _checked(scene: Scene) -> Scene:
-    """The same scene, or ``ParameterError`` where what is known of its edges does not go together."""
-    if scene.known is not None and (scene.matte is not None or scene.supersampled > RENDERED):
+    """Return the scene, or raise ``ParameterError`` if its information about edges is contradictory."""
+    if scene.known is not None and (scene.matte is not None or scene.supersampled > RENDER_SUPERSAMPLING):
         name = "input.matte" if scene.matte is not None else "input.supersampled"
         raise ParameterError(name, "nothing for a picture whose edges are known", shown="both")
     if scene.depth.layers is not None and (scene.known is not None or scene.supersampled > 1):
         raise ParameterError("layers", "none for a picture whose edges are known", shown="both")
     if scene.matte is not None and scene.supersampled > 1:
-        raise ParameterError("input.matte", "none beside `input.supersampled`", shown="both")
+        raise ParameterError("input.matte", "no `input.supersampled`", shown="both")
     window, factor = scene.window, scene.supersampled
     sizes = (window.width, window.height, window.display_width, window.display_height)
     if any(size % factor for size in (*sizes, window.x, window.y)):
-        found = f"{window.width}x{window.height} pixels"
+        actual = f"{window.width}x{window.height} pixels"
         if sizes[:2] != sizes[2:] or window.x or window.y:
-            found += f" at {window.x},{window.y} of {window.display_width}x{window.display_height}"
+            actual += f" at {window.x},{window.y} of {window.display_width}x{window.display_height}"
         raise ParameterError(
             "input.supersampled",
-            f"a picture whose sides {factor} divides",
-            shown=found,
-            remedy="crop it, or render it in such a size",
+            f"a picture with sides divisible by {factor}",
+            shown=actual,
+            remedy="crop it, or render it at such a size",
         )
     return scene
 
 
 def _unblurred(scene: Scene) -> Scene:
-    """The same scene with the picture that a phone kept from before it blurred it, if it did."""
+    """Return the scene with the phone's original picture before its portrait blur, if there is one."""
     image = scene.depth.all_in_focus
     if image is None:
         return scene
     window = Window.whole(image.shape[1], image.shape[0])
     if scene.matte is not None:
-        check_same_size("the picture from before it was blurred", image, "its matte", scene.matte)
+        check_same_size("the picture before the phone's blur", image, "its matte", scene.matte)
     frame = scene.frame and replace(scene.frame, image=image, alpha=None, window=window)
     depth = replace(scene.depth, all_in_focus=None)
     return replace(scene, image=image, depth=depth, alpha=None, window=window, frame=frame)
 
 
-def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]:
-    """Return the map of a scene in the size of its picture, without pixels between two surfaces.
+def map_at_picture_size(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]:
+    """Return the map of a scene at the size of its picture, with mixed pixels repaired.
 
     Args:
-        scene: The scene.
-        settings: How it is resized, and what is mended.
+        scene: Scene with the map.
+        settings: Settings of resizing and repair.
 
     Raises:
-        ShapeError: The map has another size and may not be brought to the picture's.
+        ShapeError: The map has another size and the settings do not allow resizing.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import RelativeDisparity
         >>> half = np.tile(np.linspace(0, 1, 16, dtype=np.float32), (12, 1))
         >>> scene = make_scene(np.ones((24, 32, 3), np.float32), RelativeDisparity(map=half))
-        >>> fitted_map(scene, DepthSettings(resize=True)).shape
+        >>> map_at_picture_size(scene, DepthSettings(resize=True)).shape
         (24, 32)
     """
     depth, (height, width) = scene.depth, scene.image.shape[:2]
-    what = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
+    kind = "depth" if depth.kind == "metric" else "defocus" if depth.kind == "defocus" else "disparity"
     if not depth.fits_any_size:
-        _check_upright(depth.values.shape, (height, width), what)
+        _check_upright(depth.values.shape, (height, width), kind)
     may_resize = settings.resize or depth.fits_any_size or depth.values.shape == (height, width)
     if is_repaired(scene, settings) and may_resize:
         depth = replace(depth, values=unrepeated(depth.values))
@@ -332,15 +332,15 @@ def fitted_map(scene: Scene, settings: DepthSettings) -> npt.NDArray[np.float32]
     if values.shape != (height, width) and may_resize:
         smaller = values.shape[0] < height or values.shape[1] < width
         if is_repaired(scene, settings) and (smaller or depth.fits_any_size):
-            values = resample(values, height, width)  # soft edges, which the repair knows how to sharpen
+            values = resample(values, height, width)  # soft edges, which the repair sharpens
         else:
             values = resize_map(values, height, width)
-    check_same_size("the picture", scene.image, f"its {what}", values, "`depth.resize` brings them together")
+    check_same_size("the picture", scene.image, f"its {kind}", values, "`depth.resize` resizes the map")
     return values
 
 
 def is_exact(scene: Scene) -> bool:
-    """Whether edges of the map are where those of the picture are, and not to be mended.
+    """Return whether the edges of the map are exact and must not be repaired.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -352,7 +352,7 @@ def is_exact(scene: Scene) -> bool:
 
 
 def is_repaired(scene: Scene, settings: DepthSettings) -> bool:
-    """Whether the repair looks at the map of a scene.
+    """Return whether depth repair runs for a scene.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -363,13 +363,13 @@ def is_repaired(scene: Scene, settings: DepthSettings) -> bool:
     return settings.repair != "off" and scene.depth.kind != "defocus" and not is_exact(scene)
 
 
-def check_nothing_to_mend(scene: Scene, settings: DepthSettings) -> None:
-    """Raise ``ParameterError`` where a map is to be mended whose edges are known to be right.
+def check_repair_allowed(scene: Scene, settings: DepthSettings) -> None:
+    """Raise ``ParameterError`` if the settings demand a repair of a map with exact edges.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
         >>> fine = make_scene(np.ones((24, 32, 3)), ConstantDisparity(value=0.25), supersampled=2)
-        >>> check_nothing_to_mend(fine, DepthSettings(repair="on"))
+        >>> check_repair_allowed(fine, DepthSettings(repair="on"))
         Traceback (most recent call last):
             ...
         bokehnet.errors.ParameterError: depth.repair: expected auto or off for a scene whose edges ...
@@ -380,26 +380,27 @@ def check_nothing_to_mend(scene: Scene, settings: DepthSettings) -> None:
             raise ParameterError(f"depth.{name}", expected, "on", "leave it out")
 
 
-def _check_upright(found: tuple[int, ...], wanted: tuple[int, int], what: str) -> None:
-    """Raise ``ShapeError`` for a map that fits its picture only when it is turned by 90 degrees."""
-    turned = math.log(found[1] / found[0] * wanted[1] / wanted[0])
-    upright = math.log(found[0] / found[1] * wanted[1] / wanted[0])
-    if abs(turned) < _ALIKE < abs(upright):
+def _check_upright(map_size: tuple[int, ...], size: tuple[int, int], kind: str) -> None:
+    """Raise ``ShapeError`` for a map that fits its picture only after a rotation by 90 degrees."""
+    turned = math.log(map_size[1] / map_size[0] * size[1] / size[0])
+    upright = math.log(map_size[0] / map_size[1] * size[1] / size[0])
+    if abs(turned) < _ASPECT_TOLERANCE < abs(upright):
         raise ShapeError(
-            f"the picture is {wanted[1]}x{wanted[0]} pixels but its {what} is {found[1]}x{found[0]}, turned "
-            "by 90 degrees, as where only one of both has an EXIF orientation; turn the map"
+            f"the picture is {size[1]}x{size[0]} pixels but its {kind} is {map_size[1]}x{map_size[0]}, "
+            "turned "
+            "by 90 degrees, as if only one of both has an EXIF orientation; rotate the map"
         )
 
 
 def _unmixed(depth: DepthMap, settings: DepthSettings) -> npt.NDArray[np.float32]:
-    """Return the map with its mixed pixels repaired, as the settings say.
+    """Return the map with its mixed pixels repaired, according to the settings.
 
-    Without being asked only depth is touched, which renderers filter; the soft edges of estimated disparity
-    are wider than pixels, and left to the repair that looks at the picture.
+    The default repairs only depth, which renderers filter. The soft edges of estimated disparity are wider
+    than pixels; the repair that uses the picture handles them.
     """
     if settings.mixed == "off" or (settings.mixed == "auto" and depth.filtered is None):
         return depth.values
     filtered = depth.filtered or "disparity"
-    if settings.mixed == "auto" and share_of_mixed(depth.values, filtered=filtered) < _MIXED:
+    if settings.mixed == "auto" and share_of_mixed(depth.values, filtered=filtered) < _MIN_MIXED_FRACTION:
         return depth.values
     return repair_mixed(depth.values, filtered=filtered)

@@ -1,4 +1,4 @@
-"""Scene files for the ray tracer, and the files that it leaves."""
+"""Scene files for the ray tracer, and the files that it writes."""
 
 from bokehnet.checks import require_extra
 

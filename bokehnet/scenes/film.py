@@ -1,4 +1,4 @@
-"""Traced pictures in one EXR file each, from which tracing can go on."""
+"""Films: traced pictures as EXR files from which tracing can resume."""
 
 import json
 from pathlib import Path
@@ -18,19 +18,19 @@ _SAMPLES, _SCENE, _BODIES = "bokehnet:samples", "bokehnet:scene", "bokehnet:bodi
 
 
 def save_film(path: Path, film: Accumulation, maps: Maps, digest: str, names: list[str]) -> None:
-    """Write what was traced so far.
+    """Write the state of a traced picture.
 
     ``R``, ``G``, ``B`` are the bokeh, ``all_in_focus.*`` the sharp picture, ``Z`` depth in m, ``disparity``
     in 1/m, ``normal.X``, ``.Y``, ``.Z`` normals in the axes of the scene, ``id`` the number of the body from
-    1 on, 0 for none, and ``coverage``. Attributes tell the number of samples and the names of the bodies;
-    where pixels have samples of their own number, ``samples`` and ``variance`` hold those of the film.
+    1, 0 for none, and ``coverage``. Attributes hold the number of samples and the names of the bodies; after
+    adaptive sampling, ``samples`` and ``variance`` hold those of the film.
 
     Args:
-        path: An EXR file; replaced atomically.
-        film: Means so far.
-        maps: Geometry, with depths along the normal of the sensor (:meth:`SceneJob.sensor_depth`).
-        digest: Tells scenes apart.
-        names: Of the bodies.
+        path: EXR file; replaced atomically.
+        film: Means over the samples so far.
+        maps: Geometry maps, with depths along the normal of the sensor (:meth:`SceneJob.sensor_depth`).
+        digest: Digest that identifies the scene.
+        names: Names of the bodies.
 
     Raises:
         ImageFileError: The file cannot be written.
@@ -52,41 +52,41 @@ def save_film(path: Path, film: Accumulation, maps: Maps, digest: str, names: li
 
 
 def load_film(path: Path, digest: str, device: torch.device | str = "cpu") -> Accumulation:
-    """Read what was traced so far.
+    """Read the state of a traced picture.
 
     Args:
-        path: A file of :func:`save_film`.
-        digest: Of the scene that shall go on.
-        device: Where it goes on.
+        path: File of :func:`save_film`.
+        digest: Digest of the scene to resume.
+        device: Device that resumes.
 
     Raises:
         ImageFileError: The file cannot be read, or is of another scene.
     """
-    found = read_channels(path)
-    if found.attributes.get(_SCENE) != digest:
+    file = read_channels(path)
+    if file.attributes.get(_SCENE) != digest:
         raise ImageFileError(
-            f"{path}: exists and is not of this scene, size and seed; remove it, or start anew with --fresh"
+            f"{path}: exists and is not of this scene, size and seed; remove it, or restart with --fresh"
         )
 
     def load(prefix: str, names: str) -> Tensor:
-        stack = np.stack([found.channels[prefix + name] for name in names], -1)
+        stack = np.stack([file.channels[prefix + name] for name in names], -1)
         return torch.from_numpy(stack).to(device)
 
-    own = {
-        name: torch.from_numpy(found.channels[name]).to(device)
+    adaptive = {
+        name: torch.from_numpy(file.channels[name]).to(device)
         for name in ("samples", "variance")
-        if name in found.channels
+        if name in file.channels
     }
     return Accumulation(
         bokeh=load("", "RGB"),
         all_in_focus=load("all_in_focus.", "RGB"),
-        coverage=torch.from_numpy(found.channels["coverage"]).to(device),
-        samples=int(found.attributes[_SAMPLES]),
-        counts=own["samples"].long() if own else None,
-        variance=own.get("variance"),
+        coverage=torch.from_numpy(file.channels["coverage"]).to(device),
+        samples=int(file.attributes[_SAMPLES]),
+        counts=adaptive["samples"].long() if adaptive else None,
+        variance=adaptive.get("variance"),
     )
 
 
 def _split(prefix: str, values: Tensor, names: str) -> dict[str, np.ndarray]:
-    """Channels of a picture (H, W, 3) by name."""
+    """Return the channels of a picture (H, W, 3) by name."""
     return {prefix + name: values[..., index].cpu().numpy() for index, name in enumerate(names)}

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bokehnet.io.channels import write_channels
-from bokehnet.optics.over import light_through
+from bokehnet.optics.over import transmittance
 from bokehnet.raytrace.peeling import Peeled
 
 __all__ = ["save_layers"]
@@ -14,18 +14,18 @@ _MM_PER_M = 1000.0
 def save_layers(path: Path, peeled: Peeled) -> None:
     """Write ``layer1.R``, ``.G``, ``.B``, ``.Z`` (m) and ``.coverage``, ``layer2.R`` ... as EXR, atomically.
 
-    ``R``, ``G`` and ``B`` are the layers over one another: the picture that they are layers of.
+    ``R``, ``G`` and ``B`` are the composite of all layers.
 
     Raises:
         ImageFileError: The file cannot be written.
     """
-    seen = light_through(peeled.coverage)[1] * peeled.coverage
-    flat = (seen[..., None] * peeled.colors).sum(2).cpu().numpy()
-    channels = {name: flat[:, :, place] for place, name in enumerate("RGB")}
+    visibility = transmittance(peeled.coverage)[1] * peeled.coverage
+    flat = (visibility[..., None] * peeled.colors).sum(2).cpu().numpy()
+    channels = {name: flat[:, :, channel] for channel, name in enumerate("RGB")}
     for index in range(peeled.depth.shape[2]):
         prefix = f"layer{index + 1}."
-        for place, name in enumerate("RGB"):
-            channels[prefix + name] = peeled.colors[:, :, index, place].cpu().numpy()
+        for channel, name in enumerate("RGB"):
+            channels[prefix + name] = peeled.colors[:, :, index, channel].cpu().numpy()
         channels[prefix + "Z"] = peeled.depth[:, :, index].cpu().numpy() / _MM_PER_M
         channels[prefix + "coverage"] = peeled.coverage[:, :, index].cpu().numpy()
     write_channels(path, channels)

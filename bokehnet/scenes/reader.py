@@ -1,4 +1,4 @@
-"""Scene files made into worlds and cameras."""
+"""Reader of scene files into worlds and cameras."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -51,14 +51,14 @@ _MM_PER_M = 1000.0
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SceneJob:
-    """A scene ready to be traced.
+    """Scene ready for tracing.
 
     Attributes:
-        world: What is there.
-        camera: What sees it.
-        shutter: Seconds.
-        render: How it is traced.
-        digest: Tells scenes apart: of all that the picture depends on but the number of samples.
+        world: World to trace.
+        camera: Camera.
+        shutter: Exposure time, s.
+        render: Settings of the tracer.
+        digest: Digest of everything that determines the picture, except the number of samples.
     """
 
     world: World
@@ -68,11 +68,11 @@ class SceneJob:
     digest: str
 
     def sensor_depth(self, depth: Tensor) -> Tensor:
-        """Depths (H, W, ...) of pixels along the axis of the lens, mm, along the normal of the sensor."""
+        """Return depths (H, W, ...), mm, along the lens axis as depths along the sensor normal."""
         return depth_along_sensor(self.camera, depth)
 
     def tracer(self, device: torch.device | str = "cpu", rows: tuple[int, int] | None = None) -> Tracer:
-        """The tracer that the scene file asks for, of all rows or some."""
+        """Return the tracer of the scene file, for all rows or a range."""
         return Tracer(
             self.world,
             self.camera,
@@ -89,15 +89,15 @@ class SceneJob:
 def read_scene(
     path: Path | str, overrides: Mapping[str, Any] | None = None, device: torch.device | str = "cpu"
 ) -> SceneJob:
-    """Read a scene file, with everything that it names.
+    """Read a scene file and all files that it names.
 
     Args:
-        path: TOML; see :mod:`bokehnet.scenes.tables`.
-        overrides: Values that replace those of the file, such as ``{"camera.width": 64}``.
-        device: Where textures are kept.
+        path: TOML file; see :mod:`bokehnet.scenes.tables`.
+        overrides: Values that override those of the file, such as ``{"camera.width": 64}``.
+        device: Device of the textures.
 
     Raises:
-        ConfigError: With file and key, whatever is wrong.
+        ConfigError: Anything in the scene is wrong; names file and key.
         MissingExtraError: The scene has meshes, and trimesh or Embree is not installed.
     """
     path = Path(path)
@@ -105,7 +105,7 @@ def read_scene(
 
 
 class _Reader:
-    """Reads one file; remembers the files that it names for the digest."""
+    """Reader of one file; includes the files that it names in the digest."""
 
     def __init__(self, path: Path, table: SceneTable, device: torch.device) -> None:
         self._path, self._table, self._device = path, table, device
@@ -116,35 +116,37 @@ class _Reader:
     def read(self) -> SceneJob:
         camera = self._camera()
         table = self._table
-        with self._named("environment"):
+        with self._errors_prefixed("environment"):
             texture = self._picture("environment.texture", table.environment.texture)[:3]
             environment = Environment(texture=texture * self._color(table.environment.color))
-        with self._named("background"):
+        with self._errors_prefixed("background"):
             backdrop = None if table.background is None else self._backdrop(table.background, camera)
         bodies: list[Body] = []
         for index, quad in enumerate(table.quads):
             key = f"quads[{index}]"
-            with self._named(key):
+            with self._errors_prefixed(key):
                 shape = Quad(centre=_mm(quad.centre), u_axis=_mm(quad.u_axis), v_axis=_mm(quad.v_axis))
             bodies.append(self._body(key, shape, quad.material, quad.velocity, quad.name))
-        for index, ball in enumerate(table.spheres):
+        for index, sphere_table in enumerate(table.spheres):
             key = f"spheres[{index}]"
-            with self._named(key):
-                sphere = Sphere(centre=_mm(ball.centre), radius=ball.radius * _MM_PER_M)
-            bodies.append(self._body(key, sphere, ball.material, ball.velocity, ball.name))
-        for index, knot in enumerate(table.meshes):
+            with self._errors_prefixed(key):
+                sphere = Sphere(centre=_mm(sphere_table.centre), radius=sphere_table.radius * _MM_PER_M)
+            bodies.append(
+                self._body(key, sphere, sphere_table.material, sphere_table.velocity, sphere_table.name)
+            )
+        for index, mesh_table in enumerate(table.meshes):
             key = f"meshes[{index}]"
-            mesh = self._mesh(key, knot)
-            bodies.append(self._body(key, mesh, knot.material, knot.velocity, knot.name))
+            mesh = self._mesh(key, mesh_table)
+            bodies.append(self._body(key, mesh, mesh_table.material, mesh_table.velocity, mesh_table.name))
         lamps = []
-        for index, lamp in enumerate(table.lamps):
-            with self._named(f"lamps[{index}]"):
-                red, green, blue = (value * _MM_PER_M**2 for value in lamp.intensity)
-                lamps.append(PointLight(position=_mm(lamp.position), intensity=(red, green, blue)))
+        for index, lamp_table in enumerate(table.lamps):
+            with self._errors_prefixed(f"lamps[{index}]"):
+                red, green, blue = (value * _MM_PER_M**2 for value in lamp_table.intensity)
+                lamps.append(PointLight(position=_mm(lamp_table.position), intensity=(red, green, blue)))
         world = World(bodies=tuple(bodies), lamps=tuple(lamps), environment=environment, backdrop=backdrop)
-        with self._named("camera"):
+        with self._errors_prefixed("camera"):
             check_at_least("shutter", table.camera.shutter, 0)
-        with self._named("render"):
+        with self._errors_prefixed("render"):
             check_at_least("samples", table.render.samples, 1)
             check_at_least("bounces", table.render.bounces, 0)
             check_choice("method", table.render.method, METHODS)
@@ -159,8 +161,8 @@ class _Reader:
         )
 
     @contextmanager
-    def _named(self, key: str) -> Iterator[None]:
-        """Let errors name file and key."""
+    def _errors_prefixed(self, key: str) -> Iterator[None]:
+        """Prefix errors with file and key."""
         try:
             yield
         except ConfigError:
@@ -170,36 +172,36 @@ class _Reader:
 
     def _camera(self) -> Camera:
         table = self._table.camera
-        with self._named("camera"):
+        with self._errors_prefixed("camera"):
             check_above("sensor_width", table.sensor_width, 0, "mm")
             camera = Camera(
-                lens=self._moved(self._lens(self._table.lens), table),
+                lens=self._with_tilt_shift(self._lens(self._table.lens), table),
                 width=table.width,
                 height=table.height,
                 pixel_pitch=table.sensor_width / max(table.width, 1),
             )
-        with self._named("lens"):
-            _check_light(camera)
+        with self._errors_prefixed("lens"):
+            _check_transmission(camera)
         return camera
 
-    def _moved(self, lens: ThinLens | PrescriptionLens, table: CameraTable) -> LensModel:
-        """The lens with its sensor tilted and shifted, if it is."""
+    def _with_tilt_shift(self, lens: ThinLens | PrescriptionLens, table: CameraTable) -> LensModel:
+        """Return the lens with a tilted and shifted sensor, if the table has tilt or shift."""
         if table.focus_points is not None:
             if any(table.tilt):
                 expected = "either these or `tilt`"
                 raise ParameterError("focus_points", expected, shown="both", remedy="leave one of them out")
-            with self._named("camera.focus_points"):
+            with self._errors_prefixed("camera.focus_points"):
                 points = np.array([_mm(point) for point in table.focus_points])
                 return TiltShift.focused_on(lens, points, table.shift)
         if not (any(table.tilt) or any(table.shift)):
             return lens
-        with self._named("camera"):
+        with self._errors_prefixed("camera"):
             return TiltShift(lens=lens, tilt=table.tilt, shift=table.shift)
 
     def _lens(self, table: LensTable) -> ThinLens | PrescriptionLens:
-        with self._named("lens"):
+        with self._errors_prefixed("lens"):
             lens = self._thin(table) if table.name == "thin" else self._glass(table)
-        with self._named("lens.focus_distance"):
+        with self._errors_prefixed("lens.focus_distance"):
             return replace(lens, focus_distance=table.focus_distance * _MM_PER_M)
 
     def _thin(self, table: LensTable) -> ThinLens | PrescriptionLens:
@@ -232,7 +234,7 @@ class _Reader:
     def _body(
         self, key: str, shape: Quad | Sphere | Mesh, table: MaterialTable, velocity: Vector, name: str
     ) -> Body:
-        with self._named(f"{key}.material"):
+        with self._errors_prefixed(f"{key}.material"):
             material = Material(
                 color=table.color,
                 specular=table.specular,
@@ -249,7 +251,7 @@ class _Reader:
 
     def _mesh(self, key: str, table: MeshTable) -> Mesh:
         file = self._path.parent / table.file
-        with self._named(f"{key}.file"):
+        with self._errors_prefixed(f"{key}.file"):
             mesh = read_mesh(
                 file,
                 smooth=table.smooth,
@@ -261,11 +263,11 @@ class _Reader:
         return mesh
 
     def _picture(self, key: str, name: str | None) -> Tensor:
-        """RGB times alpha, and alpha, (4, H, W); one white texel where there is no file."""
+        """Return premultiplied RGB and alpha, (4, H, W); one white texel without a file."""
         if name is None:
             return torch.ones(4, 1, 1, device=self._device)
         file = self._path.parent / name
-        with self._named(key):
+        with self._errors_prefixed(key):
             light = read_image(file)
             with ImageFile(file) as opened:
                 part = opened.parts[0]
@@ -287,10 +289,10 @@ def _mm(vector: Vector) -> Vector:
     return x, y, z
 
 
-def _check_light(camera: Camera) -> None:
-    """Raise ``LensError`` unless some light gets through the lens to the middle of the picture."""
+def _check_transmission(camera: Camera) -> None:
+    """Raise ``LensError`` unless some light passes the lens to the picture centre."""
     side = torch.linspace(-0.7, 0.7, 15)
     pupil = torch.stack(torch.meshgrid(side, side, indexing="ij"), -1).reshape(-1, 2)
     _, weight = lens_rays(camera, torch.zeros_like(pupil), pupil, torch.zeros(len(pupil)))
     if not bool((weight > 0).any()):
-        raise LensError("no light gets through the lens to the middle of the picture")
+        raise LensError("no light passes the lens to the picture centre")

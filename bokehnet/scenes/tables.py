@@ -1,8 +1,7 @@
-"""Scenes from TOML files.
+"""Tables of scene files in TOML.
 
-Places and sizes are in metres, x to the right, y down, z along the optical axis from the lens; focal
-length and sensor are in millimetres. Files are named relative to the scene file. See
-``configs/scene_*.toml``.
+Positions and sizes are in metres, x to the right, y down, z along the optical axis from the lens; focal
+length and sensor are in millimetres. File names are relative to the scene file. See ``configs/scene_*.toml``.
 """
 
 import math
@@ -31,19 +30,20 @@ _ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraTable:
-    """The sensor, and how long it sees.
+    """Sensor and exposure.
 
     Attributes:
-        width: Pixels.
-        height: Pixels.
-        sensor_width: mm.
-        shutter: For how many seconds it is open.
-        tilt: Of the sensor, about x and about y, degrees: above 0 its lower side, and its left side, moves
-            away from the lens, so that the upper side of the picture, and its right, focuses nearer.
-        shift: Of the sensor's middle, (x, y), mm: to the right and down, which shows more of the left and
+        width: Width, pixels.
+        height: Height, pixels.
+        sensor_width: Sensor width, mm.
+        shutter: Exposure time, s.
+        tilt: Tilt of the sensor about x and about y, degrees: positive values move its lower side, and its
+            left side, away from the lens, so that the upper side of the picture, and its right side, focuses
+            nearer.
+        shift: Shift of the sensor centre (x, y), mm: to the right and down, which shows more of the left and
             of the upper side of the scene.
-        focus_points: Three points of the scene, m; the sensor is tilted so that the plane through them is
-            sharp. In place of ``tilt``.
+        focus_points: Three points of the scene, m; replaces ``tilt`` by the tilt that brings their plane into
+            focus.
     """
 
     width: int
@@ -57,13 +57,13 @@ class CameraTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LensTable:
-    """A lens: thin, one of the catalog (:mod:`bokehnet.lenses.catalog`), or a prescription file.
+    """Lens: thin, one of the catalog (:mod:`bokehnet.lenses.catalog`), or a prescription file.
 
     Attributes:
-        name: ``thin``, a name of the catalog, or the path of a lens file or of a transfer table.
-        focal_length: mm; a thin lens needs it, others are scaled to it.
-        f_number: A thin lens needs it; others are fully open without.
-        focus_distance: m from the entrance pupil.
+        name: ``thin``, a catalog name, or the path of a lens file or transfer table.
+        focal_length: Focal length, mm; required for a thin lens; others are scaled to it.
+        f_number: F-number; required for a thin lens; default of others: fully open.
+        focus_distance: Focus distance from the entrance pupil, m.
     """
 
     name: str = "thin"
@@ -74,15 +74,15 @@ class LensTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RenderTable:
-    """How rays are sent.
+    """Settings of the tracer.
 
     Attributes:
-        samples: Of each pixel; the views of an accumulation.
-        seed: Of their noise.
-        bounces: How often light is scattered.
-        dispersion: Whether each ray has one wavelength.
+        samples: Samples per pixel, or views of an accumulation.
+        seed: Seed of the samples.
+        bounces: Maximum number of scattering events.
+        dispersion: True if each ray has a single wavelength.
         method: ``distribution`` or ``accumulation``, see :class:`bokehnet.raytrace.tracer.Tracer`.
-        adaptive: Whether pixels get the more samples the more theirs differ; ``samples`` is then the mean.
+        adaptive: True if pixels with larger variance receive more samples; ``samples`` is then the mean.
     """
 
     samples: int = 256
@@ -95,7 +95,7 @@ class RenderTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EnvironmentTable:
-    """Light from all around: a colour, times a map of longitude and latitude."""
+    """Environment light: a colour, times a latitude-longitude map."""
 
     color: Color = _BLACK
     texture: str | None = None
@@ -103,7 +103,7 @@ class EnvironmentTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BackgroundTable:
-    """A picture that fills the frame behind everything and lights nothing; its depth is in m."""
+    """Picture that fills the frame behind all bodies and lights nothing; its depth is in m."""
 
     color: Color = (1.0, 1.0, 1.0)
     texture: str | None = None
@@ -124,7 +124,7 @@ class MaterialTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class QuadTable:
-    """The parallelogram ``centre + a * u_axis + b * v_axis``, a and b from -1 to 1; velocity in m/s."""
+    """Parallelogram ``centre + a * u_axis + b * v_axis``, a and b from -1 to 1; velocity in m/s."""
 
     centre: Vector
     u_axis: Vector
@@ -136,7 +136,7 @@ class QuadTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SphereTable:
-    """A sphere."""
+    """Sphere; lengths in m, velocity in m/s."""
 
     centre: Vector
     radius: float
@@ -147,7 +147,7 @@ class SphereTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MeshTable:
-    """A mesh from a file whose y axis points up: scaled, turned about x, y and z in degrees, then moved."""
+    """Mesh from a file with y up: scaled, rotated about x, y and z in degrees, then translated."""
 
     file: str
     material: MaterialTable
@@ -161,7 +161,7 @@ class MeshTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LampTable:
-    """A light without size; irradiance is intensity / (distance in m)^2."""
+    """Point light; irradiance is intensity / (distance in m)^2."""
 
     position: Vector
     intensity: Color
@@ -169,7 +169,7 @@ class LampTable:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SceneTable:
-    """All that a scene file may say."""
+    """Content of a scene file."""
 
     camera: CameraTable
     lens: LensTable

@@ -1,4 +1,4 @@
-"""A large picture in tiles, strips of rows, that can be traced anywhere: pixels are those of the whole."""
+"""Tiles: strips of rows of a large picture that other processes can trace, with identical pixels."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,27 +15,27 @@ from bokehnet.scenes.reader import SceneJob, read_scene
 
 __all__ = ["RunTiles", "TileTask", "advance_tiles", "run_tile", "tile_rows"]
 
-# Samples of a pixel that a tile gets at a time; what is there can be kept after each such round.
-_ROUND = 64
+# Samples per pixel and round; the picture can be saved after each round.
+_SAMPLES_PER_ROUND = 64
 
-# Scene and tracers of this process, by scene, device and rows: a worker traces one picture.
+# Cached scene and tracers of this process, by scene, device and rows: a worker traces one picture.
 _scenes: dict[tuple[str, str], SceneJob] = {}
 _tracers: dict[tuple[str, str, tuple[int, int]], Tracer] = {}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TileTask:
-    """Some samples of some rows; can be sent to another process.
+    """Task to trace samples of a range of rows; picklable.
 
     Attributes:
-        scene: Scene file, a path that every process sees.
+        scene: Scene file, at a path that every process can read.
         overrides: See :func:`bokehnet.scenes.reader.read_scene`.
-        digest: Of the scene as it was read where the picture is put together.
-        device: Where rays are followed.
-        rows: First row, and the row after the last.
-        means: So far, (rows, W, 7), see ``Accumulation.stacked``.
-        samples: So far.
-        stop: How many there shall be.
+        digest: Digest of the scene in the process that assembles the picture.
+        device: Device that traces the rays.
+        rows: First row and end row.
+        means: Means so far, (rows, W, 7), see ``Accumulation.stacked``.
+        samples: Samples per pixel so far.
+        stop: Samples per pixel after the task.
     """
 
     scene: Path
@@ -48,21 +48,21 @@ class TileTask:
     stop: int
 
 
-# Runs tasks anywhere, and yields the index of each and what came out, in any order.
+# Function that runs tasks and yields the index and the result of each, in any order.
 RunTiles = Callable[[list[TileTask]], Iterable[tuple[int, np.ndarray]]]
 
 
 def tile_rows(height: int, tiles: int) -> list[tuple[int, int]]:
-    """Rows of each of ``tiles`` strips of nearly one height, 1 to ``height`` of them."""
+    """Return the rows of each of ``tiles`` strips of nearly equal height; ``tiles`` is 1 to ``height``."""
     edges = [height * tile // tiles for tile in range(tiles + 1)]
     return list(itertools.pairwise(edges))
 
 
 def run_tile(task: TileTask) -> np.ndarray:
-    """Means (rows, W, 7) after the samples of a task; the scene stays ready for the next one.
+    """Return the means (rows, W, 7) after the samples of a task; caches the scene for the next task.
 
     Raises:
-        ConfigError: The scene cannot be read here, or is another one here.
+        ConfigError: This process cannot read the scene, or reads a different one.
     """
     key = (task.digest, task.device)
     if key not in _scenes:
@@ -70,7 +70,7 @@ def run_tile(task: TileTask) -> np.ndarray:
         _tracers.clear()
         job = read_scene(task.scene, task.overrides, task.device)
         if job.digest != task.digest:
-            raise ConfigError(f"{task.scene}: is another scene here than where the picture was begun")
+            raise ConfigError(f"{task.scene}: differs from the scene of the process that started the picture")
         _scenes[key] = job
     if (*key, task.rows) not in _tracers:
         _tracers.clear()
@@ -89,21 +89,21 @@ def advance_tiles(
     run: RunTiles,
     samples: int,
 ) -> Iterator[Accumulation]:
-    """Yield the picture after each round of samples, up to ``samples`` in all.
+    """Yield the picture after each round of samples, up to ``samples`` in total.
 
     Args:
-        film: So far.
-        rows: Of each tile, from top to bottom.
-        task: Makes a task of rows, their means, their samples and where to stop.
-        run: Runs tasks.
-        samples: How many there shall be.
+        film: State of the picture.
+        rows: Rows of each tile, from top to bottom.
+        task: Function that makes a task of rows, their means, their samples and the final samples.
+        run: Function that runs tasks.
+        samples: Final samples per pixel.
     """
     while film.samples < samples:
-        stop = min(samples, (film.samples // _ROUND + 1) * _ROUND)
+        stop = min(samples, (film.samples // _SAMPLES_PER_ROUND + 1) * _SAMPLES_PER_ROUND)
         means = film.stacked().cpu().numpy()
         tasks = [task(part, means[part[0] : part[1]], film.samples, stop) for part in rows]
-        after = means.copy()
-        for index, found in run(tasks):
-            after[slice(*rows[index])] = found
-        film = Accumulation.from_stacked(torch.from_numpy(after).to(film.bokeh.device), stop)
+        updated = means.copy()
+        for index, tile_means in run(tasks):
+            updated[slice(*rows[index])] = tile_means
+        film = Accumulation.from_stacked(torch.from_numpy(updated).to(film.bokeh.device), stop)
         yield film

@@ -1,4 +1,4 @@
-"""How close two pictures are, in NumPy alone; in go pictures as they are shown, sRGB in [0, 1].
+"""Similarity scores of two pictures in NumPy; inputs are display pictures, sRGB in [0, 1].
 
 Open first: :mod:`bokehnet.scores.flip`.
 """

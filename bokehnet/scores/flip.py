@@ -1,4 +1,4 @@
-"""FLIP: how visible the differences are when one picture takes the place of the other."""
+"""FLIP: visibility of the differences between alternating pictures."""
 
 import math
 
@@ -25,8 +25,8 @@ _SENSITIVITY = (
     ((34.1, 0.04), (13.5, 0.025)),
 )
 
-# Powers of colour and feature differences; where colour errors bend, and up to which value.
-_COLOUR_POWER, _FEATURE_POWER, _BEND, _BEND_VALUE = 0.7, 0.5, 0.4, 0.95
+# Exponents of colour and feature differences; position and value of the knee of colour errors.
+_COLOUR_POWER, _FEATURE_POWER, _KNEE, _KNEE_VALUE = 0.7, 0.5, 0.4, 0.95
 
 _FEATURE_WIDTH = 0.082  # degrees
 
@@ -36,7 +36,7 @@ def _linear(srgb: np.ndarray) -> np.ndarray:
 
 
 def _to_opponent(linear: np.ndarray) -> np.ndarray:
-    """Linear RGB to YCxCz, a linear L*a*b*."""
+    """Convert linear RGB to YCxCz, a linear L*a*b*."""
     x, y, z = np.moveaxis(linear @ _TO_XYZ.T / _WHITE, -1, 0)
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
@@ -48,17 +48,17 @@ def _from_opponent(values: np.ndarray) -> np.ndarray:
 
 
 def _to_hunt_lab(linear: np.ndarray) -> np.ndarray:
-    """Linear RGB to L*a*b* whose colours fade with darkness."""
-    share = linear @ _TO_XYZ.T / _WHITE
+    """Convert linear RGB to L*a*b* with the Hunt effect: chroma decreases with lightness."""
+    relative = linear @ _TO_XYZ.T / _WHITE
     delta = 6 / 29
-    root = np.where(share > delta**3, np.cbrt(np.maximum(share, 0)), share / (3 * delta**2) + 4 / 29)
+    root = np.where(relative > delta**3, np.cbrt(np.maximum(relative, 0)), relative / (3 * delta**2) + 4 / 29)
     lightness = 116 * root[..., 1] - 16
     a, b = 500 * (root[..., 0] - root[..., 1]), 200 * (root[..., 1] - root[..., 2])
     return np.stack([lightness, 0.01 * lightness * a, 0.01 * lightness * b], axis=-1)
 
 
-def _along(values: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
-    """Correlation of (H, W) with a row of weights along an axis, the border repeated."""
+def _correlate(values: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
+    """Return the correlation of (H, W) with weights along an axis, border repeated."""
     half = len(weights) // 2
     edges = [(half, half) if k == axis else (0, 0) for k in range(2)]
     padded = np.pad(values, edges, mode="edge")
@@ -68,22 +68,24 @@ def _along(values: np.ndarray, weights: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _blurred(values: np.ndarray, pixels_per_degree: float) -> np.ndarray:
-    """YCxCz as the eye resolves it."""
+    """Return YCxCz filtered by the contrast sensitivity of the eye."""
     widest = max(width for pair in _SENSITIVITY for _, width in pair)
     half = math.ceil(3 * math.sqrt(widest / (2 * math.pi**2)) * pixels_per_degree)
-    at = np.arange(-half, half + 1) / pixels_per_degree
-    found = np.zeros_like(values)
+    position = np.arange(-half, half + 1) / pixels_per_degree
+    result = np.zeros_like(values)
     for channel, pair in enumerate(_SENSITIVITY):
         total = 0.0
         for weight, width in pair:
             if weight == 0:
                 continue
-            bell = np.exp(-(math.pi**2) * at**2 / width)
+            gaussian = np.exp(-(math.pi**2) * position**2 / width)
             scale = weight * math.sqrt(math.pi / width)
-            total += scale * bell.sum() ** 2
-            found[..., channel] += scale * _along(_along(values[..., channel], bell, 0), bell, 1)
-        found[..., channel] /= total
-    return found
+            total += scale * gaussian.sum() ** 2
+            result[..., channel] += scale * _correlate(
+                _correlate(values[..., channel], gaussian, 0), gaussian, 1
+            )
+        result[..., channel] /= total
+    return result
 
 
 def _hyab(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -92,45 +94,45 @@ def _hyab(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _colour_errors(reference: np.ndarray, test: np.ndarray, pixels_per_degree: float) -> np.ndarray:
-    seen = [
+    filtered = [
         _to_hunt_lab(np.clip(_from_opponent(_blurred(x, pixels_per_degree)), 0, 1)) for x in (reference, test)
     ]
-    error = _hyab(*seen) ** _COLOUR_POWER
+    error = _hyab(*filtered) ** _COLOUR_POWER
     green, blue = (_to_hunt_lab(np.array(colour)) for colour in ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
     largest = _hyab(green, blue) ** _COLOUR_POWER
-    bend = _BEND * largest
-    above = _BEND_VALUE + (error - bend) / (largest - bend) * (1 - _BEND_VALUE)
-    return np.where(error < bend, _BEND_VALUE / bend * error, above)
+    knee = _KNEE * largest
+    above = _KNEE_VALUE + (error - knee) / (largest - knee) * (1 - _KNEE_VALUE)
+    return np.where(error < knee, _KNEE_VALUE / knee * error, above)
 
 
 def _features(lightness: np.ndarray, pixels_per_degree: float) -> list[np.ndarray]:
-    """How strong edges and points are."""
+    """Return the strengths of edges and of points."""
     deviation = 0.5 * _FEATURE_WIDTH * pixels_per_degree
     half = math.ceil(3 * deviation)
-    at = np.arange(-half, half + 1)
-    bell = np.exp(-(at**2) / (2 * deviation**2))
-    found = []
-    for shape in (-at * bell, (at**2 / deviation**2 - 1) * bell):
-        # Of the two-dimensional filter all that is above 0 sums to 1, all that is below to -1.
-        above, below = shape[shape > 0].sum() * bell.sum(), -shape[shape < 0].sum() * bell.sum()
+    position = np.arange(-half, half + 1)
+    gaussian = np.exp(-(position**2) / (2 * deviation**2))
+    result = []
+    for shape in (-position * gaussian, (position**2 / deviation**2 - 1) * gaussian):
+        # Positive weights of the two-dimensional filter sum to 1, negative weights to -1.
+        above, below = shape[shape > 0].sum() * gaussian.sum(), -shape[shape < 0].sum() * gaussian.sum()
         shape = np.where(shape > 0, shape / above, shape / below)
-        across = _along(_along(lightness, shape, 1), bell, 0)
-        down = _along(_along(lightness, shape, 0), bell, 1)
-        found.append(np.hypot(across, down))
-    return found
+        across = _correlate(_correlate(lightness, shape, 1), gaussian, 0)
+        down = _correlate(_correlate(lightness, shape, 0), gaussian, 1)
+        result.append(np.hypot(across, down))
+    return result
 
 
 def flip_map(reference: np.ndarray, test: np.ndarray, pixels_per_degree: float = 67.0) -> np.ndarray:
-    """How visible the difference is at each pixel, (H, W) in [0, 1]; its mean is the usual score, 0 is best.
+    """Return the visibility of the difference at each pixel, (H, W) in [0, 1]; 0 is best.
 
     Args:
-        reference: As it is shown, sRGB in [0, 1], (H, W, 3).
-        test: The same size.
-        pixels_per_degree: Of the field of view; 67 is a 0.7 m wide 4K screen at 0.7 m.
+        reference: Display picture, sRGB in [0, 1], (H, W, 3).
+        test: Display picture of the same size.
+        pixels_per_degree: Pixels per degree of visual angle; 67 is a 0.7 m wide 4K screen at 0.7 m.
 
     Raises:
-        ShapeError: Not (H, W, 3) of one size.
-        ParameterError: NaN or infinity, or ``pixels_per_degree`` is not above 0.
+        ShapeError: The pictures are not (H, W, 3) of one size.
+        ParameterError: A picture has NaN or infinity, or ``pixels_per_degree`` is not above 0.
 
     Examples:
         >>> import numpy as np
@@ -148,7 +150,7 @@ def flip_map(reference: np.ndarray, test: np.ndarray, pixels_per_degree: float =
     check_above("pixels_per_degree", pixels_per_degree, 0)
     a, b = (_to_opponent(_linear(np.clip(x, 0, 1).astype(np.float64))) for x in (reference, test))
     colour = _colour_errors(a, b, pixels_per_degree)
-    wanted, got = (_features((x[..., 0] + 16) / 116, pixels_per_degree) for x in (a, b))
-    apart = np.maximum(*(np.abs(p - q) for p, q in zip(wanted, got, strict=True)))
-    feature = (apart / math.sqrt(2)) ** _FEATURE_POWER
+    reference_features, test_features = (_features((x[..., 0] + 16) / 116, pixels_per_degree) for x in (a, b))
+    difference = np.maximum(*(np.abs(p - q) for p, q in zip(reference_features, test_features, strict=True)))
+    feature = (difference / math.sqrt(2)) ** _FEATURE_POWER
     return np.asarray(np.clip(colour, 0, 1) ** (1 - np.clip(feature, 0, 1)), np.float32)

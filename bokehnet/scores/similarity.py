@@ -1,4 +1,4 @@
-"""PSNR and SSIM of pictures as they are shown."""
+"""PSNR and SSIM of display pictures."""
 
 import math
 
@@ -8,18 +8,18 @@ from bokehnet.checks import check_image, check_same_size
 
 __all__ = ["psnr", "ssim_map"]
 
-_MOST = 100.0  # dB, of equal pictures
-_WIDTH, _HALF = 1.5, 5  # of the Gaussian window, pixels
+_MAX_PSNR_DB = 100.0  # of equal pictures
+_SIGMA_PX, _HALF_WINDOW_PX = 1.5, 5  # of the Gaussian window
 _C1, _C2 = 0.01**2, 0.03**2
 
 
 def psnr(reference: np.ndarray, test: np.ndarray, where: np.ndarray | None = None) -> float:
-    """Peak signal over noise of values in [0, 1], dB, at most 100; NaN where no pixel counts.
+    """Return the peak signal-to-noise ratio of values in [0, 1], dB, at most 100; NaN without pixels.
 
     Args:
-        reference: (H, W, 3).
-        test: The same size.
-        where: Pixels that count, (H, W) bool; default all.
+        reference: Picture in [0, 1], (H, W, 3).
+        test: Picture of the same size.
+        where: Mask of the pixels to compare, (H, W) bool; default: all.
 
     Examples:
         >>> import numpy as np
@@ -32,29 +32,29 @@ def psnr(reference: np.ndarray, test: np.ndarray, where: np.ndarray | None = Non
         squared = squared[where]
     if squared.size == 0:
         return math.nan
-    return min(_MOST, -10 * math.log10(max(float(squared.mean()), 1e-12)))
+    return min(_MAX_PSNR_DB, -10 * math.log10(max(float(squared.mean()), 1e-12)))
 
 
 def _smoothed(values: np.ndarray) -> np.ndarray:
-    """Gaussian means where the whole window lies inside, (H - 10, W - 10, C)."""
-    at = np.arange(-_HALF, _HALF + 1)
-    bell = np.exp(-0.5 * (at / _WIDTH) ** 2)
-    bell /= bell.sum()
+    """Return Gaussian means over windows inside the picture, (H - 10, W - 10, C)."""
+    position = np.arange(-_HALF_WINDOW_PX, _HALF_WINDOW_PX + 1)
+    gaussian = np.exp(-0.5 * (position / _SIGMA_PX) ** 2)
+    gaussian /= gaussian.sum()
     for axis in (0, 1):
-        size = values.shape[axis] - 2 * _HALF
-        values = sum(np.take(values, np.arange(k, k + size), axis) * w for k, w in enumerate(bell))
+        size = values.shape[axis] - 2 * _HALF_WINDOW_PX
+        values = sum(np.take(values, np.arange(k, k + size), axis) * w for k, w in enumerate(gaussian))
     return values
 
 
 def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-    """Structural similarity around each pixel that is at least five from the border; 1 is best.
+    """Return the structural similarity at each pixel at least five from the border; 1 is best.
 
     Args:
-        reference: As it is shown, [0, 1], (H, W, 3), at least 11 pixels high and wide.
-        test: The same size.
+        reference: Display picture in [0, 1], (H, W, 3), at least 11 pixels high and wide.
+        test: Display picture of the same size.
 
     Returns:
-        (H - 10, W - 10, 3) float64; its mean is the usual score.
+        Similarity map (H - 10, W - 10, 3) float64; its mean is the usual score.
 
     Source:
         Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment: From error visibility to structural

@@ -1,4 +1,4 @@
-"""The steady maps of a whole shot, kept in a folder from the first pass to the last picture."""
+"""Temporally filtered maps of a shot, stored in a folder until the last frame is rendered."""
 
 import json
 from collections.abc import Iterable
@@ -13,31 +13,31 @@ from bokehnet.depth_repair.stages.weighted_median import settle_soft_steps
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import write_text
 from bokehnet.io.color.srgb import linear_to_srgb, srgb_to_linear
-from bokehnet.progress import Progress
-from bokehnet.sequence.temporal_filter import Gathered, gather, joined
+from bokehnet.progress import Progress, ignore_progress
+from bokehnet.sequence.temporal_filter import TemporalStatistics, accumulate, filtered_map
 
-__all__ = ["SteadyShot"]
+__all__ = ["FilteredShot"]
 
 Array = npt.NDArray[np.float32]
 
-# Frames of which one is looked at for whether the maps' edges are sharp, and the share of soft steps up to
-# which they are.
-_LOOK, _SHARP = 8, 0.3
+# Sharpness of the edges is measured in every eighth frame; edges count as sharp up to this fraction of soft
+# edge pixels.
+_SHARPNESS_INTERVAL_FRAMES, _MAX_SOFT_FRACTION = 8, 0.3
 
-# Pixels from a step within which a map follows the picture's colours.
-_NEAR = 2
+# Distance from a depth edge within which a map follows the picture's colours.
+_EDGE_RADIUS_PX = 2
 
-_DONE = "steady.json"
+_DONE_FILE = "steady.json"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Values:
-    """What the maps of a shot hold.
+class _MapStatistics:
+    """Value range and sharpness of the maps of a shot.
 
     Attributes:
-        scale: Largest value of the first one.
-        span: Of all of them over it.
-        sharp: Whether their edges are.
+        scale: Largest absolute value of the first map.
+        span: Value range of all maps, in units of ``scale``.
+        sharp: True if the edges of the maps are sharp.
     """
 
     scale: float
@@ -45,13 +45,13 @@ class _Values:
     sharp: bool
 
 
-class SteadyShot:
-    """Maps of a shot, made steady along its motion (:mod:`bokehnet.sequence.temporal_filter`).
+class FilteredShot:
+    """Maps of a shot, filtered along its motion (:mod:`bokehnet.sequence.temporal_filter`).
 
-    While it is made, the folder holds 23 bytes for each pixel of the shot, afterwards 4.
+    During filtering the folder holds 23 bytes for each pixel of the shot, afterwards 4.
 
     Args:
-        folder: Where they are kept; made if it is not there.
+        folder: Folder of the maps; created if absent.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -59,45 +59,46 @@ class SteadyShot:
 
     @property
     def is_done(self) -> bool:
-        """Whether all maps are there."""
-        return (self.folder / _DONE).exists()
+        """True if all maps are filtered."""
+        return (self.folder / _DONE_FILE).exists()
 
-    def make(
+    def filter(
         self, frames: Iterable[tuple[Array, Array] | None], count: int, progress: Progress | None = None
     ) -> None:
-        """Read all frames once and keep their steady maps; what has been made stays as it is.
+        """Read all frames once and store their filtered maps; does nothing if they exist.
 
         Args:
-            frames: In the order of time: scene-linear picture (H, W, 3) and map (H, W). None for one that
-                cannot be read, which gets no map. Where the size changes another shot begins.
-            count: How many there are.
-            progress: Called with (steps done, steps in all).
+            frames: Frames in time order: scene-linear picture (H, W, 3) and map (H, W); None for an
+                unreadable frame, which gets no map. A change of size starts another shot.
+            count: Number of frames.
+            progress: Called with (steps done, total steps).
 
         Raises:
             ImageFileError: The folder cannot be written.
         """
         if self.is_done:
             return
-        report = progress or _untold
+        report = progress or ignore_progress
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            values = self._look(frames, count, report)
-            found = [index for index in range(count) if self._file("map", index).exists()]
-            self._settle(found, values, count, report)
-            write_text(self.folder / _DONE, json.dumps({"frames": len(found), "sharp": values.sharp}))
+            statistics = self._accumulate_forward(frames, count, report)
+            present = [index for index in range(count) if self._file("map", index).exists()]
+            self._filter_backward(present, statistics, count, report)
+            summary = {"frames": len(present), "sharp": statistics.sharp}
+            write_text(self.folder / _DONE_FILE, json.dumps(summary))
         except OSError as error:
             reason = error.strerror or str(error)
-            raise ImageFileError(f"{self.folder}: steady maps cannot be kept there: {reason}") from error
+            raise ImageFileError(f"{self.folder}: steady maps cannot be stored there: {reason}") from error
 
     def has(self, index: int) -> bool:
-        """Whether a frame has a map."""
+        """Return whether a frame has a map."""
         return self._file("map", index).exists()
 
     def read(self, index: int) -> Array:
-        """Return the steady map of a frame, (H, W), in the unit of the maps.
+        """Return the filtered map of a frame, (H, W), in the unit of the maps.
 
         Raises:
-            ImageFileError: It is not there.
+            ImageFileError: The map does not exist.
         """
         try:
             values: Array = np.load(self._file("map", index)).astype(np.float32)
@@ -107,8 +108,10 @@ class SteadyShot:
             ) from error
         return values
 
-    def _look(self, frames: Iterable[tuple[Array, Array] | None], count: int, report: Progress) -> _Values:
-        """Keep all maps and pictures with what is gathered from the first frame on."""
+    def _accumulate_forward(
+        self, frames: Iterable[tuple[Array, Array] | None], count: int, report: Progress
+    ) -> _MapStatistics:
+        """Store all maps and pictures with the statistics accumulated from the first frame on."""
         past, scale, low, high = None, 0.0, np.inf, -np.inf
         softness: list[float] = []
         for index, frame in enumerate(frames):
@@ -121,27 +124,31 @@ class SteadyShot:
             scale = scale or float(np.abs(values).max()) or 1.0
             values = values / np.float32(scale)
             low, high = min(low, float(values.min())), max(high, float(values.max()))
-            if len(softness) <= index / _LOOK:
+            if len(softness) <= index / _SHARPNESS_INTERVAL_FRAMES:
                 softness.append(soft_edge_fraction(values, by_size=False))
             picture = np.round(255 * linear_to_srgb(np.clip(image, 0, 1))).astype(np.uint8)
-            past = gather(values, _light(picture), _of_size(past, values))
+            past = accumulate(values, _light(picture), _if_same_size(past, values))
             np.save(self._file("picture", index), picture)
-            np.save(self._file("past", index), past.told)
+            np.save(self._file("past", index), past.moments)
             np.save(self._file("map", index), values.astype(np.float32))
-        sharp = bool(softness) and float(np.median(softness)) <= _SHARP
-        return _Values(scale=scale, span=max(0.0, high - low), sharp=sharp)
+        sharp = bool(softness) and float(np.median(softness)) <= _MAX_SOFT_FRACTION
+        return _MapStatistics(scale=scale, span=max(0.0, high - low), sharp=sharp)
 
-    def _settle(self, found: list[int], shot: _Values, count: int, report: Progress) -> None:
-        """Put the fitted maps in place of the maps, from the last frame back to the first."""
+    def _filter_backward(
+        self, indices: list[int], statistics: _MapStatistics, count: int, report: Progress
+    ) -> None:
+        """Replace the maps by the filtered ones, from the last frame back to the first."""
         future = None
-        for index in reversed(found):
+        for index in reversed(indices):
             picture = _light(np.load(self._file("picture", index)))
-            future = gather(np.load(self._file("map", index)), picture, _of_size(future, picture))
-            past = Gathered(told=np.load(self._file("past", index)), values=future.values, picture=picture)
-            steady = joined(past, future)
-            if shot.sharp:
-                steady = _sharpened(steady, picture, shot.span)
-            np.save(self._file("map", index), np.float32(shot.scale) * steady)
+            future = accumulate(np.load(self._file("map", index)), picture, _if_same_size(future, picture))
+            past = TemporalStatistics(
+                moments=np.load(self._file("past", index)), values=future.values, picture=picture
+            )
+            filtered = filtered_map(past, future)
+            if statistics.sharp:
+                filtered = _sharpened(filtered, picture, statistics.span)
+            np.save(self._file("map", index), np.float32(statistics.scale) * filtered)
             for name in ("picture", "past"):
                 self._file(name, index).unlink()
             report(2 * count - index, 2 * count)
@@ -150,22 +157,18 @@ class SteadyShot:
         return self.folder / f"{name}_{index:06d}.npy"
 
 
-def _of_size(before: Gathered | None, values: Array) -> Gathered | None:
-    """What was gathered, unless the size has changed since."""
+def _if_same_size(before: TemporalStatistics | None, values: Array) -> TemporalStatistics | None:
+    """Return the statistics of the neighbour, or None if the size has changed."""
     return before if before is not None and before.values.shape == values.shape[:2] else None
 
 
-def _sharpened(steady: Array, picture: Array, span: float) -> Array:
-    """A map whose edges, the mean of many, are sharp again, where the picture's colours part."""
-    sharp = repair_soft_edges(steady, span)
-    low, high = extremes(sharp, _NEAR)
+def _sharpened(filtered: Array, picture: Array, span: float) -> Array:
+    """Return the map with edges, softened by averaging, snapped to the picture's colour edges."""
+    sharp = repair_soft_edges(filtered, span)
+    low, high = extremes(sharp, _EDGE_RADIUS_PX)
     light = np.asarray(srgb_to_linear(picture), np.float32)
     return np.asarray(settle_soft_steps(light, sharp, high - low > STEP * span, span), np.float32)
 
 
 def _light(picture: npt.NDArray[np.uint8]) -> Array:
     return np.asarray(picture / np.float32(255), np.float32)
-
-
-def _untold(done: int, total: int) -> None:
-    """Progress that nobody follows."""

@@ -8,19 +8,19 @@ from bokehnet.errors import ParameterError
 
 __all__ = ["format_frames", "frame_path", "is_pattern", "parse_frames"]
 
-# The number of a frame in the name of a file: #### or %04d, one # or digit for each place.
+# Frame number in a file name: #### or %04d, one # or digit for each digit.
 _NUMBER = re.compile(r"#+|%(?:0(\d{1,2}))?d")
 
 _PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?:x(\d{1,9}))?)?")
 
-_MOST_FRAMES = 1_000_000
+_MAX_FRAMES = 1_000_000
 
 
 def parse_frames(text: str) -> tuple[int, ...]:
-    """Return the frames of ``1001-1100``, ``1001-1100x2`` (every second) or ``1,5,10-20``, rising.
+    """Return the frames of ``1001-1100``, ``1001-1100x2`` (every second) or ``1,5,10-20``, ascending.
 
     Raises:
-        ParameterError: ``text`` says something else, or names more than a million frames.
+        ParameterError: ``text`` has another form, or names more than a million frames.
 
     Examples:
         >>> parse_frames("1001-1007x2,1010")
@@ -37,14 +37,14 @@ def parse_frames(text: str) -> tuple[int, ...]:
         if last < first or step < 1:
             raise ParameterError("frames", expected="FIRST-LAST or FIRST-LASTxSTEP that rises", got=part)
         steps = range(first, last + 1, step)
-        if len(frames) + len(steps) > _MOST_FRAMES:
-            raise ParameterError("frames", expected=f"at most {_MOST_FRAMES} frames", got=text)
+        if len(frames) + len(steps) > _MAX_FRAMES:
+            raise ParameterError("frames", expected=f"at most {_MAX_FRAMES} frames", got=text)
         frames.update(steps)
     return tuple(sorted(frames))
 
 
 def format_frames(frames: Iterable[int]) -> str:
-    """Return frames as :func:`parse_frames` reads them, runs of neighbours as ranges.
+    """Return the text that :func:`parse_frames` reads as these frames, with consecutive frames as ranges.
 
     Examples:
         >>> format_frames([1001, 1002, 1003, 1010])
@@ -60,7 +60,7 @@ def format_frames(frames: Iterable[int]) -> str:
 
 
 def is_pattern(path: Path) -> bool:
-    """Whether the name of ``path`` has a place for a frame number.
+    """Return whether the name of ``path`` has a placeholder for a frame number.
 
     Examples:
         >>> is_pattern(Path("shot.####.exr")), is_pattern(Path("shot.%04d.exr")), is_pattern(Path("shot.exr"))
@@ -70,17 +70,17 @@ def is_pattern(path: Path) -> bool:
 
 
 def frame_path(path: Path, frame: int) -> Path:
-    """Return ``path`` with the last ``####`` or ``%04d`` of its name replaced by ``frame``, zeros in front.
+    """Return ``path`` with the last ``####`` or ``%04d`` of its name replaced by ``frame``, zero-padded.
 
-    A path without one is every frame's, and comes back as it is.
+    A path without placeholder belongs to every frame and is returned unchanged.
 
     Examples:
         >>> frame_path(Path("shot.####.exr"), 7).name
         'shot.0007.exr'
     """
-    places = list(_NUMBER.finditer(path.name))
-    if not places:
+    placeholders = list(_NUMBER.finditer(path.name))
+    if not placeholders:
         return path
-    place = places[-1]
-    width = len(place[0]) if place[0][0] == "#" else int(place[1] or 1)
-    return path.with_name(f"{path.name[: place.start()]}{frame:0{width}d}{path.name[place.end() :]}")
+    last = placeholders[-1]
+    width = len(last[0]) if last[0][0] == "#" else int(last[1] or 1)
+    return path.with_name(f"{path.name[: last.start()]}{frame:0{width}d}{path.name[last.end() :]}")

@@ -1,4 +1,4 @@
-"""Where the pixels of one picture are in the next: dense motion by least squares, coarse to fine."""
+"""Dense motion between two pictures by least squares, coarse to fine."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,42 +6,41 @@ import numpy.typing as npt
 from bokehnet.arrays.pyramid import crop_to, downsample2, pad_to_multiple, upsample2
 from bokehnet.checks import check_image, check_same_size
 
-__all__ = ["box_mean", "follow", "optical_flow"]
+__all__ = ["box_mean", "optical_flow", "warp"]
 
 Array = npt.NDArray[np.float32]
 
-# Longest side at which motion is sought; it is enlarged from there.
-_FINEST = 640
+# Longest side at which motion is estimated; it is upsampled from there.
+_MAX_SIDE_PX = 640
 
 # Shorter side below which pictures are not halved further.
-_COARSEST = 16
+_MIN_SIDE_PX = 16
 
-# Half the width of the windows in which motion is one, pixels, and the rounds at each size.
-_WINDOW, _ROUNDS = 4, 3
+# Radius of the windows of constant motion, and the iterations at each size.
+_WINDOW_RADIUS_PX, _ITERATIONS = 4, 3
 
-# Squared slope, of encoded light, below which a window has nothing to hold on to.
-_FLAT = 1e-5
+# Regularisation: squared gradient of encoded light below which a window has no texture to track.
+_MIN_SQUARED_GRADIENT = 1e-5
 
-# No round moves further, pixels.
-_FARTHEST_STEP = 1.5
+_MAX_UPDATE_PX = 1.5  # per iteration
 
-# By how much motion must explain a window better than a simpler one does, squared encoded light.
-_REST = 1e-5
+# Reduction of the squared error of encoded light that a flow must gain over a simpler one.
+_MIN_ERROR_REDUCTION = 1e-5
 
 
 def optical_flow(first: Array, second: Array) -> Array:
-    """Return how far each pixel of one picture has moved in another, (H, W, 2), pixels right and down.
+    """Return the motion of each pixel from one picture to another, (H, W, 2), pixels right and down.
 
-    What is at (x, y) in ``first`` is at (x + u, y + v) in ``second``. Equal pictures have no motion, exactly.
-    Motion is sought at a longest side of 640 pixels; that of things smaller than a window of 9 pixels there,
-    or across a flat surface, is that of their surroundings.
+    A point at (x, y) in ``first`` is at (x + u, y + v) in ``second``. Equal pictures have exactly no motion.
+    Motion is estimated at a longest side of 640 pixels; objects smaller than a window of 9 pixels at that
+    size, and flat surfaces, get the motion of their surroundings.
 
     Args:
-        first: Encoded light (about evenly spaced to the eye), (H, W, 3).
-        second: Likewise, of the same size.
+        first: Encoded (perceptually uniform) light, (H, W, 3).
+        second: Encoded light of the same size.
 
     Raises:
-        ShapeError: Not two pictures of one size.
+        ShapeError: The arrays are not two pictures of one size.
 
     Source:
         Lucas and Kanade, "An iterative image registration technique with an application to stereo vision",
@@ -58,29 +57,29 @@ def optical_flow(first: Array, second: Array) -> Array:
         check_image(name, picture)
     check_same_size("first", first, "second", second)
     sizes = [(_grey(first), _grey(second))]
-    while max(sizes[0][0].shape) > _FINEST:
+    while max(sizes[0][0].shape) > _MAX_SIDE_PX:
         sizes[0] = _halves(sizes[0])
-    while min(sizes[-1][0].shape) >= 2 * _COARSEST:
+    while min(sizes[-1][0].shape) >= 2 * _MIN_SIDE_PX:
         sizes.append(_halves(sizes[-1]))
     flow = np.zeros((*sizes[-1][0].shape, 2), np.float32)
-    for here, there in reversed(sizes):
-        flow = _fitted(flow, here.shape)
-        for _ in range(_ROUNDS):
-            flow = _improved(here, there, flow)
-        flow = _simplest(here, there, flow)
+    for source, target in reversed(sizes):
+        flow = _upsampled(flow, source.shape)
+        for _ in range(_ITERATIONS):
+            flow = _updated(source, target, flow)
+        flow = _simplified(source, target, flow)
     while flow.shape[:2] != first.shape[:2]:
         above = tuple(-(-side // _factor(first.shape, flow.shape)) for side in first.shape[:2])
-        flow = _fitted(flow, above)
+        flow = _upsampled(flow, above)
     return flow
 
 
-def follow(values: npt.NDArray[np.floating], flow: Array, first: int = 0) -> Array:
-    """Return what of ``values``, (H, W) or (H, W, C), is where pixels have moved; bilinear.
+def warp(values: npt.NDArray[np.floating], flow: Array, first: int = 0) -> Array:
+    """Return ``values``, (H, W) or (H, W, C), sampled at the moved pixel positions; bilinear.
 
     Args:
-        values: Of the whole picture.
-        flow: Of some of its rows, (h, W, 2).
-        first: Of these rows.
+        values: Values of the entire picture.
+        flow: Motion of some of its rows, (h, W, 2), pixels.
+        first: Index of the first of these rows.
     """
     height, width = values.shape[:2]
     rows, columns = np.mgrid[first : first + len(flow), :width].astype(np.float32)
@@ -100,7 +99,7 @@ def follow(values: npt.NDArray[np.floating], flow: Array, first: int = 0) -> Arr
 
 
 def box_mean(values: Array, radius: int) -> Array:
-    """Mean over the square window around each pixel of (H, W), the border repeated."""
+    """Return the mean over the square window around each pixel of (H, W), with repeated border."""
     size = 2 * radius + 1
     for axis in (0, 1):
         around = [(radius + 1, radius) if a == axis else (0, 0) for a in (0, 1)]
@@ -121,47 +120,50 @@ def _halves(pair: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def _factor(above: tuple[int, ...], below: tuple[int, ...]) -> int:
-    """Half the whole number of times that one size is the other: the size one doubling below the first."""
+    """Return half the integer ratio of two sizes: the size one doubling below the first."""
     factor = 1
     while -(-above[0] // (2 * factor)) > below[0] or -(-above[1] // (2 * factor)) > below[1]:
         factor *= 2
     return factor
 
 
-def _fitted(flow: Array, size: tuple[int, ...]) -> Array:
-    """Motion found at half the size, or at this one."""
+def _upsampled(flow: Array, size: tuple[int, ...]) -> Array:
+    """Return flow of half the size, or of this size, at this size."""
     if flow.shape[:2] == tuple(size):
         return flow
     doubled = 2 * upsample2(np.moveaxis(flow, 2, 0))
     return np.ascontiguousarray(np.moveaxis(crop_to(doubled, *size), 0, 2))
 
 
-def _improved(here: Array, there: Array, flow: Array) -> Array:
-    """One round of Lucas and Kanade, and the median of each 3x3 pixels."""
-    moved = follow(there, flow)
-    down, right = np.gradient(0.5 * (here + moved))
-    change = here - moved
+def _updated(source: Array, target: Array, flow: Array) -> Array:
+    """Return the flow after one iteration of Lucas and Kanade and a 3x3 median."""
+    warped = warp(target, flow)
+    down, right = np.gradient(0.5 * (source + warped))
+    change = source - warped
     products = (right * right, right * down, down * down, right * change, down * change)
-    xx, xy, yy, xt, yt = (box_mean(np.asarray(product, np.float32), _WINDOW) for product in products)
-    xx, yy = xx + _FLAT, yy + _FLAT
+    xx, xy, yy, xt, yt = (
+        box_mean(np.asarray(product, np.float32), _WINDOW_RADIUS_PX) for product in products
+    )
+    xx, yy = xx + _MIN_SQUARED_GRADIENT, yy + _MIN_SQUARED_GRADIENT
     determinant = xx * yy - xy * xy
     step = np.stack([yy * xt - xy * yt, xx * yt - xy * xt], 2) / determinant[..., None]
-    return _median(flow + np.clip(step, -_FARTHEST_STEP, _FARTHEST_STEP))
+    return _median(flow + np.clip(step, -_MAX_UPDATE_PX, _MAX_UPDATE_PX))
 
 
 def _median(flow: Array) -> Array:
     height, width = flow.shape[:2]
     padded = np.pad(flow, [(1, 1), (1, 1), (0, 0)], "edge")
-    around = [padded[v : v + height, u : u + width] for v in range(3) for u in range(3)]
-    return np.asarray(np.median(around, 0), np.float32)
+    neighbours = [padded[v : v + height, u : u + width] for v in range(3) for u in range(3)]
+    return np.asarray(np.median(neighbours, 0), np.float32)
 
 
-def _simplest(here: Array, there: Array, flow: Array) -> Array:
-    """Where a window is explained as well, none, or better that of most of the picture."""
-    seen = box_mean((here - follow(there, flow)) ** 2, _WINDOW)
-    most = np.median(flow, (0, 1)).astype(np.float32)
-    for simpler in (np.zeros(2, np.float32), most):
-        uniform = np.broadcast_to(simpler, flow.shape)
-        plain = box_mean((here - follow(there, uniform)) ** 2, _WINDOW) <= seen + _REST
-        flow = np.where(plain[..., None], uniform, flow)
+def _simplified(source: Array, target: Array, flow: Array) -> Array:
+    """Replace the flow by zero or by the median flow in windows that these explain as well, or better."""
+    error = box_mean((source - warp(target, flow)) ** 2, _WINDOW_RADIUS_PX)
+    median = np.median(flow, (0, 1)).astype(np.float32)
+    for candidate in (np.zeros(2, np.float32), median):
+        uniform = np.broadcast_to(candidate, flow.shape)
+        uniform_error = box_mean((source - warp(target, uniform)) ** 2, _WINDOW_RADIUS_PX)
+        simple = uniform_error <= error + _MIN_ERROR_REDUCTION
+        flow = np.where(simple[..., None], uniform, flow)
     return flow

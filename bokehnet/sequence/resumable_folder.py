@@ -1,4 +1,4 @@
-"""Folders in which a run keeps what it has made until all is done, for the same command to go on with."""
+"""Folders for the intermediate results of a run, so that the same command can resume it."""
 
 import contextlib
 import hashlib
@@ -14,29 +14,29 @@ from typing import IO, Any
 from bokehnet.errors import ImageFileError
 from bokehnet.io.atomic import remove_leftovers, write_text
 
-__all__ = ["claim_folder", "own_folder", "stamp"]
+__all__ = ["claim_folder", "exclusive_folder", "file_signature"]
 
-_MARK, _LOCK = "job.txt", "lock"
+_JOB_FILE, _LOCK_FILE = "job.txt", "lock"
 
 
-def stamp(path: Path) -> list[Any]:
-    """What tells a file from another one, or from itself before it was changed."""
+def file_signature(path: Path) -> list[Any]:
+    """Return path, size and modification time, which identify a version of a file."""
     state = path.stat()
     return [str(path.resolve()), state.st_size, state.st_mtime_ns]
 
 
-def claim_folder(folder: Path, told: Mapping[str, Any]) -> None:
-    """Make a folder, empty unless it was made for the very same work.
+def claim_folder(folder: Path, job: Mapping[str, Any]) -> None:
+    """Create a folder, and empty it unless it belongs to the same job.
 
     Args:
-        folder: Nobody else may use it now.
-        told: All that the work depends on, in plain values.
+        folder: Folder that no other process uses.
+        job: All inputs that the results depend on, as plain values.
 
     Raises:
-        ImageFileError: It cannot be made.
+        ImageFileError: The folder cannot be created.
     """
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()
-    mark = folder / _MARK
+    digest = hashlib.sha256(json.dumps(job, sort_keys=True, default=str).encode()).hexdigest()
+    mark = folder / _JOB_FILE
     try:
         if mark.exists() and mark.read_text(encoding="utf-8") == digest:
             remove_leftovers(folder)
@@ -49,36 +49,36 @@ def claim_folder(folder: Path, told: Mapping[str, Any]) -> None:
 
 
 @contextlib.contextmanager
-def own_folder(folder: Path) -> Iterator[Path]:
-    """Give a folder that no other process has: this one, or the first free one with a number behind its name.
+def exclusive_folder(folder: Path) -> Iterator[Path]:
+    """Yield a locked folder: this one, or the first free one with a number appended to its name.
 
-    It is kept for the next process; ``shutil.rmtree`` within the block removes it.
+    The folder remains for the next process; the block may remove it with ``shutil.rmtree``.
 
     Raises:
-        ImageFileError: It cannot be made.
+        ImageFileError: The folder cannot be created.
     """
     for number in itertools.count(1):
         path = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         try:
             path.mkdir(parents=True, exist_ok=True)
-            held = _locked(path / _LOCK)
+            lock = _lock(path / _LOCK_FILE)
         except OSError as error:
             raise _unusable(path, error) from error
-        if held is not None:
-            with held:
+        if lock is not None:
+            with lock:
                 yield path
             return
 
 
-def _locked(path: Path) -> IO[str] | None:
-    """A file that this process alone has locked, until it is closed; None if another one has it."""
+def _lock(path: Path) -> IO[str] | None:
+    """Return a file that is locked by this process until closed; None if another process holds the lock."""
     try:
         fcntl: Any = importlib.import_module("fcntl")
     except ImportError:  # Windows
         return path.open("a", encoding="utf-8")
     try:
         file = path.open("a", encoding="utf-8")
-    except FileNotFoundError:  # its folder was removed meanwhile
+    except FileNotFoundError:  # the folder was removed in the meantime
         return None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -91,7 +91,7 @@ def _locked(path: Path) -> IO[str] | None:
         same = path.stat().st_ino == os.fstat(file.fileno()).st_ino
     except FileNotFoundError:
         same = False
-    if not same:  # who had it has removed it
+    if not same:  # the previous owner has removed it
         file.close()
         return None
     return file
@@ -99,4 +99,4 @@ def _locked(path: Path) -> IO[str] | None:
 
 def _unusable(folder: Path, error: OSError) -> ImageFileError:
     reason = error.strerror or str(error)
-    return ImageFileError(f"{folder}: expected a folder to keep work in, found: {reason}")
+    return ImageFileError(f"{folder}: expected a folder for intermediate results, found: {reason}")

@@ -1,7 +1,7 @@
-"""Sequences: what changes from frame to frame, and what depends on what between frames.
+"""Settings that change from frame to frame, and the rules that keep the frames of a sequence consistent.
 
-A pull moves focus, f-number or blur from key to key. Maps of a sequence are treated alike: their values count
-as they are stored, never stretched frame by frame, and noise is another one in each frame.
+A pull moves focus, f-number or blur from key to key. All maps of a sequence are read in the same
+way: their stored values are used, without normalisation per frame, and each frame has its own noise.
 """
 
 import csv
@@ -19,9 +19,17 @@ from bokehnet.sequence.frame_names import frame_path, is_pattern, parse_frames
 from bokehnet.settings.fields import Group, field_settings, setting
 from bokehnet.settings.settings import RenderSettings
 
-__all__ = ["PULLED", "Pull", "SequenceSettings", "input_files", "make_pull", "read_pull", "settings_at_frame"]
+__all__ = [
+    "PULL_PARAMETERS",
+    "Pull",
+    "SequenceSettings",
+    "input_files",
+    "make_pull",
+    "read_pull",
+    "settings_at_frame",
+]
 
-# Name in files to the setting that is pulled.
+# Name in pull files, and path of the setting.
 _PATHS = {
     "focus": "focus.value",
     "focus_distance": "focus.distance",
@@ -29,14 +37,14 @@ _PATHS = {
     "blur": "camera.blur",
 }
 
-# What can be pulled, and whether it moves evenly by its inverse: blur radii are linear in disparity, which is
-# inverse distance, and in the pupil's diameter, which is inverse to the f-number.
-PULLED = {"focus": False, "focus_distance": True, "f_number": True, "blur": False}
+# Parameters of a pull; True if interpolated linearly in the inverse: blur radii are linear in disparity, the
+# inverse distance, and in the pupil diameter, which is inverse to the f-number.
+PULL_PARAMETERS = {"focus": False, "focus_distance": True, "f_number": True, "blur": False}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SequenceSettings(Group):
-    """Which frames, and what is pulled over them: by its ends or by a file of keys.
+    """Frames to render, and a pull over them, defined by its ends or by a file of keys.
 
     Examples:
         >>> shot = SequenceSettings(frames=parse_frames("1001-1003"), blur_from=20, blur_to=60)
@@ -60,15 +68,15 @@ class SequenceSettings(Group):
         infinite=True,
     )
     focus_to: float | None = setting(
-        None, "Focus of the last frame; even in disparity between.", infinite=True
+        None, "Focus of the last frame; linear in disparity between.", infinite=True
     )
     f_number_from: float | None = setting(None, "With --frames: f-number of the first frame.")
-    f_number_to: float | None = setting(None, "F-number of the last frame; even in blur between.")
+    f_number_to: float | None = setting(None, "F-number of the last frame; linear in blur between.")
     blur_from: float | None = setting(None, "With --frames: --blur of the first frame.")
     blur_to: float | None = setting(None, "Blur of the last frame.")
     file: Path | None = setting(
         None,
-        "With --frames: columns frame and focus, focus_distance, f_number, blur; even between its rows.",
+        "With --frames: columns frame and focus, focus_distance, f_number, blur; linear between its rows.",
         flag="pull",
         metavar="FILE.csv",
     )
@@ -76,14 +84,14 @@ class SequenceSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Pull:
-    """Keys of what changes over a sequence.
+    """Keys of the settings that change over a sequence.
 
     Between two keys each pixel's blur radius changes by the same amount from frame to frame: focus moves
     linearly in disparity (a pull from 1 m to infinity passes 2 m half-way), the f-number linearly in its
-    inverse. Before the first and behind the last key the value stays.
+    inverse. Before the first and after the last key the value is constant.
 
     Attributes:
-        keys: Name, one of ``PULLED``, to (frame, value), frames rising.
+        keys: (frame, value) pairs in ascending frame order, by name from ``PULL_PARAMETERS``.
 
     Examples:
         >>> pull = Pull(keys={"focus_distance": [(1, 1.0), (11, math.inf)]})
@@ -95,20 +103,20 @@ class Pull:
 
     def at(self, frame: int) -> dict[str, float]:
         """Return the value of each name at ``frame``."""
-        return {name: _value_at(frame, keys, PULLED[name]) for name, keys in self.keys.items()}
+        return {name: _value_at(frame, keys, PULL_PARAMETERS[name]) for name, keys in self.keys.items()}
 
 
 def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool) -> Pull:
-    """Return what changes over the frames.
+    """Return the pull over the frames.
 
     Args:
-        frames: Rising.
-        settings: Ends, or a file of keys.
-        metric: Whether focus is told in metres; else in relative disparity.
+        frames: Frames in ascending order.
+        settings: Ends of the pull, or a file of keys.
+        metric: True if focus is in metres, False for relative disparity.
 
     Raises:
-        ParameterError: One end without the other, or ends beside a file.
-        ConfigError: As :func:`read_pull`.
+        ParameterError: Only one end is set, or ends as well as a file.
+        ConfigError: As for :func:`read_pull`.
 
     Examples:
         >>> pull = make_pull([1, 2, 3], SequenceSettings(focus_from=0.0, focus_to=1.0), metric=False)
@@ -127,7 +135,7 @@ def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool
         if settings.file is not None:
             raise ParameterError(
                 "sequence.file",
-                expected="one of `sequence.file` and ends that are pulled between",
+                expected="either `sequence.file` or the ends of a pull",
                 shown="both",
             )
         if first is None or last is None:
@@ -141,15 +149,15 @@ def make_pull(frames: Sequence[int], settings: SequenceSettings, *, metric: bool
 
 
 def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = None) -> RenderSettings:
-    """Return the settings of one frame: its files, and what is pulled.
+    """Return the settings of one frame, with its files and the values of the pull.
 
     Args:
-        settings: Of all frames; names of files may have a place for the number, such as ``z.####.exr``.
-        frame: Its number.
-        pull: What changes over the frames.
+        settings: Settings of all frames; file names may contain a placeholder, such as ``z.####.exr``.
+        frame: Frame number.
+        pull: Settings that change over the frames.
 
     Raises:
-        ParameterError: What is pulled is told by the settings as well, or is out of range.
+        ParameterError: A pulled value is also set, or is out of range.
 
     Examples:
         >>> from bokehnet.settings.settings import InputSettings
@@ -174,7 +182,7 @@ def settings_at_frame(settings: RenderSettings, frame: int, pull: Pull | None = 
 
 
 def input_files(settings: RenderSettings) -> dict[str, Path]:
-    """The files beside the picture, by their fields.
+    """Return the input files other than the picture, by field.
 
     Examples:
         >>> from bokehnet.settings.settings import InputSettings
@@ -183,15 +191,17 @@ def input_files(settings: RenderSettings) -> dict[str, Path]:
         {'depth': 'z.####.exr'}
     """
     known = field_settings(settings.input).values()
-    found = {item.name: getattr(settings.input, item.name) for item in known if item.type is Path}
-    return {name: path for name, path in found.items() if path is not None}
+    paths = {item.name: getattr(settings.input, item.name) for item in known if item.type is Path}
+    return {name: path for name, path in paths.items() if path is not None}
 
 
 def read_pull(path: Path) -> Pull:
-    """Read a CSV file with the column ``frame`` and some of ``PULLED``; a row is a key, empty cells are none.
+    """Read a CSV file with the column ``frame`` and some of ``PULL_PARAMETERS``; each row is a key.
+
+    Empty cells are no keys.
 
     Raises:
-        ConfigError: The file cannot be read or holds something else.
+        ConfigError: The file cannot be read or has other content.
 
     Examples:
         >>> with open("pull.csv", "w", newline="") as file:
@@ -208,17 +218,17 @@ def read_pull(path: Path) -> Pull:
         keys = _read_keys(path, rows, names)
     except csv.Error as error:
         raise ConfigError(f"{path}: expected a CSV file, found an error: {error}") from error
-    empty = [name for name, of_name in keys.items() if not of_name]
+    empty = [name for name, values in keys.items() if not values]
     if empty or not keys:
         raise ConfigError(f"{path}: expected a value in each column, found none for {', '.join(empty)}")
-    return Pull(keys={name: sorted(of_name.items()) for name, of_name in keys.items()})
+    return Pull(keys={name: sorted(values.items()) for name, values in keys.items()})
 
 
 def _check_columns(path: Path, names: list[str]) -> None:
-    known = ("frame", *PULLED)
+    known = ("frame", *PULL_PARAMETERS)
     if "frame" not in names or len(names) < 2 or len(set(names)) < len(names) or set(names) - set(known):
         raise ConfigError(
-            f"{path}: expected the column frame and some of {', '.join(PULLED)}, "
+            f"{path}: expected the column frame and some of {', '.join(PULL_PARAMETERS)}, "
             f"found {', '.join(names) or 'nothing'}"
         )
 
@@ -227,16 +237,16 @@ def _read_keys(path: Path, rows: "csv.DictReader[str]", names: list[str]) -> dic
     keys: dict[str, dict[int, float]] = {name: {} for name in names if name != "frame"}
     seen: set[int] = set()
     for row in rows:
-        place = f"{path}, line {rows.line_num}"
+        location = f"{path}, line {rows.line_num}"
         try:
             frame = int(row["frame"] or "")
             values = {name: float(row[name]) for name in keys if (row[name] or "").strip()}
         except ValueError as error:
-            raise ConfigError(f"{place}: expected a whole frame and numbers: {error}") from error
+            raise ConfigError(f"{location}: expected a whole frame and numbers: {error}") from error
         if None in row or any(math.isnan(value) for value in values.values()):
-            raise ConfigError(f"{place}: expected one number a column, found more, or NaN")
+            raise ConfigError(f"{location}: expected one number a column, found more, or NaN")
         if frame in seen:
-            raise ConfigError(f"{place}: frame {frame} stands there twice; keep one")
+            raise ConfigError(f"{location}: frame {frame} occurs twice; keep one")
         seen.add(frame)
         for name, value in values.items():
             keys[name][frame] = value
@@ -251,10 +261,10 @@ def _value_at(frame: int, keys: Sequence[tuple[int, float]], by_inverse: bool) -
     if index == 0 or after == frame:
         return second
     before, first = keys[index - 1]
-    share = (frame - before) / (after - before)
+    weight = (frame - before) / (after - before)
     if not by_inverse:
-        return (1 - share) * first + share * second
+        return (1 - weight) * first + weight * second
     if min(first, second) <= 0:
         raise ParameterError(f"a pull: expected distances and f-numbers above 0, got {min(first, second):g}")
-    inverse = (1 - share) / first + share / second
+    inverse = (1 - weight) / first + weight / second
     return 1 / inverse if inverse else math.inf

@@ -1,4 +1,4 @@
-"""A video rendered: its shot looked through once, its frames in segments, what is done kept until all is."""
+"""Rendering of videos: the shot is analysed once, its frames are rendered in segments and can be resumed."""
 
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -22,14 +22,14 @@ from bokehnet.io.video.frames import (
     write_segment,
 )
 from bokehnet.io.window import Window
-from bokehnet.progress import Progress
+from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth, RelativeDisparity
 from bokehnet.scene.focus import check_focus
 from bokehnet.scene.scene import Scene, make_scene
-from bokehnet.sequence.resumable_folder import claim_folder, stamp
+from bokehnet.sequence.resumable_folder import claim_folder, file_signature
 from bokehnet.sequence.sequence import Pull, input_files, settings_at_frame
-from bokehnet.sequence.shot import Shot, decide_shot, gets_steady, open_source
+from bokehnet.sequence.shot import Shot, analyse_shot, can_filter_maps, open_source
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.version import __version__
 
@@ -37,26 +37,26 @@ __all__ = ["VideoJob", "VideoReport"]
 
 Array = npt.NDArray[np.float32]
 
-# Frames of a segment: what a stop loses at most.
-SEGMENT = 24
+# Frames of a segment, the most that an interruption loses.
+SEGMENT_FRAMES = 24
 
-_MAPS = (".png", ".exr", ".tif", ".tiff", ".pfm", ".jpg", ".jpeg", ".webp")
+_MAP_EXTENSIONS = (".png", ".exr", ".tif", ".tiff", ".pfm", ".jpg", ".jpeg", ".webp")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VideoReport:
-    """What was done.
+    """Summary of a rendered video.
 
     Attributes:
-        frames: Of the video.
-        rendered: Of these, in this run.
-        plan: What was decided about the repair of the maps; None where they are left alone.
-        steady: Whether the maps were made steady.
+        frames: Number of frames of the video.
+        rendered: Number of frames rendered in this run.
+        plan: Plan of the repair of the maps; None if they are not repaired.
+        steady: True if the maps were filtered over time.
 
     Examples:
         >>> report = VideoReport(frames=240, rendered=48, plan=None, steady=True)
-        >>> f"{report.frames - report.rendered} frames were there already"
-        '192 frames were there already'
+        >>> f"{report.frames - report.rendered} frames existed already"
+        '192 frames existed already'
     """
 
     frames: int
@@ -67,16 +67,16 @@ class VideoReport:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VideoJob:
-    """A video to render.
+    """Video to render.
 
     Attributes:
-        info: Of the video.
-        output: Where the result goes.
-        settings: All else; ``input.disparity`` may be a folder of maps, one for each frame in the order of
-            their names, or a video.
-        codec: Of the result, one of :data:`bokehnet.io.video.frames.CODECS`.
-        pull: What changes over the frames, of which the first is 1.
-        steady: Whether relative maps are made steady along the motion of the shot.
+        info: Header data of the video.
+        output: File to write.
+        settings: Settings of all frames; ``input.disparity`` may be a folder of maps, one for each frame in
+            the order of their names, or a video.
+        codec: Codec of the result, one of :data:`bokehnet.io.video.frames.CODECS`.
+        pull: Settings that change over the frames, the first of which is 1.
+        steady: True filters relative maps along the motion of the shot.
 
     Examples:
         >>> from fractions import Fraction
@@ -85,7 +85,7 @@ class VideoJob:
         >>> rate = {"times": (0, 1, 2), "time_base": Fraction(1, 25), "rate": Fraction(25)}
         >>> info = VideoInfo(path=Path("clip.mp4"), space=SRGB, **shape, **rate)
         >>> job = VideoJob(info=info, output=Path("out.mp4"), settings=RenderSettings(), codec="h264")
-        >>> job.folder.name  # what is done is kept there until all is
+        >>> job.folder.name  # holds the segments until the video is complete
         '.bokehnet-video-out.mp4'
     """
 
@@ -98,61 +98,67 @@ class VideoJob:
 
     @property
     def count(self) -> int:
-        """Frames of the video."""
+        """Number of frames of the video."""
         return len(self.info.times)
 
     @property
     def folder(self) -> Path:
-        """Where segments and maps are kept until all is done."""
+        """Folder of segments and maps until the video is complete."""
         return self.output.with_name(f".bokehnet-video-{self.output.name}")
 
     def run(
         self,
         renderer: BokehRenderer,
-        begin: Callable[[str], Progress] = lambda label: _untold,
+        begin: Callable[[str], Progress] = lambda label: ignore_progress,
     ) -> VideoReport:
-        """Render what is not rendered yet, and join it.
+        """Render the missing segments, and join all segments.
 
-        A run that is stopped leaves what it has done in :attr:`folder`; the same job goes on from there. The
-        folder of another job, as with other settings or another file, is emptied first.
+        An interrupted run leaves its results in :attr:`folder`; the same job resumes from there. The folder
+        of another job, such as one with other settings or another file, is emptied first.
 
         Args:
-            renderer: Fit for the settings.
-            begin: Is told of every stage; gives what its progress is reported to.
+            renderer: Renderer for the settings.
+            begin: Called at the start of each stage with its label; returns its progress callback.
 
         Raises:
-            BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
+            BokehnetError: A file cannot be read or written, or frame counts do not match.
         """
         folder, count = self.folder, self.count
         self._claim()
-        shot = decide_shot(self, renderer, folder=folder, steady=self._gets_steady(), begin=begin)
-        names = [folder / f"{first:06d}.npz" for first in range(0, count, SEGMENT)]
+        shot = analyse_shot(self, renderer, folder=folder, steady=self._can_filter_maps(), begin=begin)
+        names = [folder / f"{first:06d}.npz" for first in range(0, count, SEGMENT_FRAMES)]
         missing = [index for index, name in enumerate(names) if not name.exists()]
-        wanted = [n for part in missing for n in range(part * SEGMENT, min(count, (part + 1) * SEGMENT))]
-        report, scenes = begin("rendering frames"), self.scenes(wanted, shot)
+        indices = [
+            index
+            for part in missing
+            for index in range(part * SEGMENT_FRAMES, min(count, (part + 1) * SEGMENT_FRAMES))
+        ]
+        report, scenes = begin("rendering frames"), self.scenes(indices, shot)
 
         def pictures(first: int) -> Iterator[tuple[int, Array]]:
-            for number in range(first, min(count, first + SEGMENT)):
+            for number in range(first, min(count, first + SEGMENT_FRAMES)):
                 report(number, count)
                 settings = self.settings_of(number)
                 focused = renderer.prepare(next(scenes), settings, plan=shot.plan)
                 yield self.info.times[number], renderer.render(focused, settings).bokeh
 
         for part in missing:
-            write_segment(names[part], self.info, pictures(part * SEGMENT), self.codec)
+            write_segment(names[part], self.info, pictures(part * SEGMENT_FRAMES), self.codec)
         report(count, count)
         join_segments(self.output, self.info, names, self.codec)
         shutil.rmtree(folder, ignore_errors=True)
-        return VideoReport(frames=count, rendered=len(wanted), plan=shot.plan, steady=shot.steady is not None)
+        return VideoReport(
+            frames=count, rendered=len(indices), plan=shot.plan, steady=shot.steady is not None
+        )
 
     def check(self) -> None:
-        """Raise unless the settings fit together and the result can be written; no frame is read."""
-        given = self.settings
-        if given.output.save_maps is not None:
+        """Raise unless the settings are consistent and the result can be written; reads no frame."""
+        settings = self.settings
+        if settings.output.save_maps is not None:
             raise ParameterError("output.save_maps", expected="none for a video", shown="a folder")
-        if given.input.supersampled > 1 or given.input.matte is not None:
+        if settings.input.supersampled > 1 or settings.input.matte is not None:
             raise ParameterError(
-                "input.matte" if given.input.matte is not None else "input.supersampled",
+                "input.matte" if settings.input.matte is not None else "input.supersampled",
                 expected="none for a video",
                 shown="one",
             )
@@ -169,42 +175,42 @@ class VideoJob:
                 check_focus(settings)
 
     def _claim(self) -> None:
-        """Make the folder, empty unless it is of this very job."""
-        told = {
+        """Create the folder, empty unless it belongs to the same job."""
+        job = {
             "settings": self.settings.to_table(),
-            "video": stamp(self.info.path),
+            "video": file_signature(self.info.path),
             "codec": self.codec,
             "pull": {name: [list(key) for key in keys] for name, keys in self.pull.keys.items()},
             "steady": self.steady,
             "version": __version__,
-            "maps": [stamp(path) for path in self._map_files()],
+            "maps": [file_signature(path) for path in self._map_files()],
         }
-        claim_folder(self.folder, told)
+        claim_folder(self.folder, job)
 
     def _map_files(self) -> list[Path]:
-        """The files that tell the depth, of all frames."""
-        given = self.settings.input.disparity
-        if given is not None and given.is_dir():
-            return _maps_in(given, self.count)
+        """Return the depth files of all frames."""
+        disparity = self.settings.input.disparity
+        if disparity is not None and disparity.is_dir():
+            return _maps_in(disparity, self.count)
         frames = (settings_at_frame(self.settings, n) for n in range(1, self.count + 1))
         files = [path for one in frames for path in input_files(one).values()]
         return [path for path in dict.fromkeys(files) if path.exists()]
 
     def settings_of(self, index: int) -> RenderSettings:
-        """Return all that is asked for of a frame, counted from 0."""
+        """Return the settings of a frame, counted from 0."""
         return settings_at_frame(self._unpulled(index), index + 1, self.pull)
 
-    def scenes(self, wanted: Sequence[int], shot: Shot) -> Iterator[Scene]:
-        """Give those frames, rising, with the steady maps of ``shot``; see :class:`ShotFrames`."""
-        if not wanted:
+    def scenes(self, indices: Sequence[int], shot: Shot) -> Iterator[Scene]:
+        """Yield these frames, ascending, with the filtered maps of ``shot``; see :class:`ShotFrames`."""
+        if not indices:
             return
         window = Window.whole(self.info.width, self.info.height)
-        picked, first = set(wanted), wanted[0]
+        selected, first = set(indices), indices[0]
         lumas = None if shot.steady is not None else self._lumas(first)
         network: DepthSource | None = None
         for index, image in enumerate(read_video(self.info, first), first):
             luma = None if lumas is None else next(lumas)
-            if index not in picked:
+            if index not in selected:
                 continue
             settings = settings_at_frame(self._unpulled(index), index + 1)
             source = shot.source(index, settings) or network
@@ -219,46 +225,44 @@ class VideoJob:
             yield make_scene(image, source, window=window, number=index + 1)
 
     def _unpulled(self, index: int) -> RenderSettings:
-        """The settings of a frame, without what is pulled."""
-        given = self.settings.input.disparity
-        if given is None or not given.is_dir():
+        """Return the settings of a frame, without the values of the pull."""
+        disparity = self.settings.input.disparity
+        if disparity is None or not disparity.is_dir():
             return self.settings
-        one = replace(self.settings.input, disparity=_maps_in(given, self.count)[index])
+        inputs = replace(self.settings.input, disparity=_maps_in(disparity, self.count)[index])
         depth = replace(self.settings.depth, as_stored=True)
-        return replace(self.settings, input=one, depth=depth)
+        return replace(self.settings, input=inputs, depth=depth)
 
     def _lumas(self, first: int) -> Iterator[Array] | None:
-        """Maps of a video of depth, from a frame on; None where there is no such video."""
-        given = self.settings.input.disparity
-        if given is None or not is_video(given):
+        """Yield the maps of a depth video, from a frame on; None if the maps are no video."""
+        disparity = self.settings.input.disparity
+        if disparity is None or not is_video(disparity):
             return None
-        info = video_info(given)
+        info = video_info(disparity)
         if len(info.times) != self.count:
             raise ParameterError(
                 "input.disparity",
                 expected=f"as many frames as {self.info.path} has, {self.count}",
-                shown=f"{len(info.times)} in {given}",
+                shown=f"{len(info.times)} in {disparity}",
             )
         return read_luma(info, first)
 
-    def _gets_steady(self) -> bool:
-        given = self.settings.input
-        many = given.depth_model is not None or len(self._map_files()) > 1
-        many = many or (given.disparity is not None and is_video(given.disparity))
-        return self.steady and gets_steady(self.settings, many=many)
+    def _can_filter_maps(self) -> bool:
+        inputs = self.settings.input
+        many = inputs.depth_model is not None or len(self._map_files()) > 1
+        many = many or (inputs.disparity is not None and is_video(inputs.disparity))
+        return self.steady and can_filter_maps(self.settings, many=many)
 
 
 def _maps_in(folder: Path, count: int) -> list[Path]:
-    """The maps in a folder, in the order of their names, one for each of so many frames."""
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in _MAPS and path.name[0] != ".")
-    if len(found) != count:
+    """Return the maps in a folder, in the order of their names, one for each of ``count`` frames."""
+    maps = sorted(
+        path for path in folder.iterdir() if path.suffix.lower() in _MAP_EXTENSIONS and path.name[0] != "."
+    )
+    if len(maps) != count:
         raise ParameterError(
             "input.disparity",
             expected=f"a folder with a map for each of {count} frames",
-            shown=f"{len(found)} in {folder}",
+            shown=f"{len(maps)} in {folder}",
         )
-    return found
-
-
-def _untold(done: int, total: int) -> None:
-    """Progress that nobody follows."""
+    return maps

@@ -1,7 +1,7 @@
-"""Rendering as a service: jobs by HTTP, done by worker processes, kept in a folder.
+"""Rendering as a service: HTTP jobs, rendered by worker processes, stored in a folder.
 
-In goes a picture, what tells its depth, and settings by groups as TOML files hold them; out comes the
-picture that the command line would have written. The folder is the only truth: what was accepted there has
-one outcome, whatever dies meanwhile, and several services may share it. Open first: ``store.py`` (what a job
-is on the disk), ``pool.py`` (who renders it), ``app.py`` (what HTTP sees). POSIX only.
+In: a picture, its depth, and settings in groups as in TOML files. Out: the picture that the command line
+would write. The folder is the only state: an accepted job has exactly one outcome, even if processes die, and
+several services may share the folder. Open first: ``store.py`` (jobs on disk), ``pool.py`` (workers),
+``app.py`` (HTTP interface). POSIX only.
 """

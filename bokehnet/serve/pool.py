@@ -1,4 +1,4 @@
-"""Who renders: a thread for each worker process, which claims jobs and watches over their limits."""
+"""Worker pool: one thread per worker process, which claims jobs and enforces their limits."""
 
 import contextlib
 import logging
@@ -20,20 +20,21 @@ __all__ = ["Pool"]
 
 _log = logging.getLogger(__name__)
 
-# Seconds: between looks at the folder, at a running job, and at what is old; and for a cancelled job to end.
-_LOOK, _BEAT, _CLEAN, _GRACE = 0.25, 0.5, 30.0, 5.0
+# Seconds between polls of the folder, between heartbeats of a running job, and between removals of old files;
+# and seconds for a cancelled job to end.
+_POLL_INTERVAL_S, _HEARTBEAT_S, _CLEANUP_INTERVAL_S, _CANCEL_TIMEOUT_S = 0.25, 0.5, 30.0, 5.0
 
-# Workers that may die of a job before it counts as its fault.
-_ATTEMPTS = 10
+# Workers that may die on a job before the job fails.
+_MAX_ATTEMPTS = 10
 
 
 class Pool:
-    """The workers of a service.
+    """Workers of a service.
 
     Args:
-        store: Where jobs are.
-        settings: How many, and the limits of a job.
-        metrics: What happens is counted there.
+        store: Job store.
+        settings: Number of workers, and the limits of a job.
+        metrics: Metrics of the service.
     """
 
     def __init__(self, store: JobStore, settings: ServiceSettings, metrics: Metrics) -> None:
@@ -47,17 +48,17 @@ class Pool:
         self.draining = False
 
     def start(self) -> None:
-        """Begin to take jobs."""
+        """Start to claim jobs."""
         for thread in self._threads:
             thread.start()
 
     def wake(self) -> None:
-        """Say that a job has come."""
+        """Notify the workers of a new job."""
         with self._work:
             self._work.notify()
 
     def drain(self, seconds: float) -> None:
-        """Take no further job, let the running ones end for so long, then end the workers."""
+        """Claim no further job, give running ones this time to end, then end the workers."""
         self.draining = True
         end = time.monotonic() + seconds
         with self._work:
@@ -66,7 +67,7 @@ class Pool:
         self._stop.set()
         for thread in self._threads:
             if thread.ident is not None:
-                thread.join(2 * _GRACE)
+                thread.join(2 * _CANCEL_TIMEOUT_S)
 
     def _slot(self, number: int) -> None:
         worker, cleaned = _Worker(self._settings), time.monotonic()
@@ -76,24 +77,24 @@ class Pool:
                     worker.end()
                     worker = _Worker(self._settings)
                 try:
-                    if number == 0 and time.monotonic() - cleaned > _CLEAN:
+                    if number == 0 and time.monotonic() - cleaned > _CLEANUP_INTERVAL_S:
                         cleaned = time.monotonic()
                         self._store.clean()
-                    claim = self._next() if worker.ready(_LOOK) else None
-                except OSError:  # a full disk, or one that is away: looked at again
+                    claim = self._next() if worker.ready(_POLL_INTERVAL_S) else None
+                except OSError:  # a full or unmounted disk: try again later
                     _log.exception("the store")
-                    time.sleep(_LOOK)
+                    time.sleep(_POLL_INTERVAL_S)
                     continue
                 if claim is None:
                     continue
                 try:
                     self._render(worker, claim, str(number))
-                except Exception:  # a bug, or a full disk: the job is tried again, the worker goes on
+                except Exception:  # a bug, or a full disk: release the job for another attempt
                     _log.exception("job %s", claim.job)
                     worker.end()
-                    with contextlib.suppress(OSError):  # else its claim grows old
+                    with contextlib.suppress(OSError):  # otherwise its claim expires
                         self._store.release(claim)
-                    time.sleep(_LOOK)
+                    time.sleep(_POLL_INTERVAL_S)
                 finally:
                     with self._work:
                         self._busy -= 1
@@ -102,24 +103,24 @@ class Pool:
             worker.end()
 
     def _next(self) -> Claim | None:
-        """Take a job, or wait a little for one; ``_busy`` counts it."""
+        """Claim a job, or wait briefly for one; ``_busy`` counts claimed jobs."""
         with self._work:
             claim = None if self.draining else self._store.claim()
             if claim is None:
-                self._work.wait(_LOOK)
+                self._work.wait(_POLL_INTERVAL_S)
             else:
                 self._busy += 1
             return claim
 
     def _render(self, worker: "_Worker", claim: Claim, label: str) -> None:
-        begun = time.monotonic()
-        if claim.number > _ATTEMPTS:
-            detail = f"{_ATTEMPTS} workers died of it; send a smaller picture"
-            self._ended(claim, {"state": "failed", "problem": Problem("died", detail).document()}, begun)
+        start = time.monotonic()
+        if claim.number > _MAX_ATTEMPTS:
+            detail = f"{_MAX_ATTEMPTS} workers died on it; send a smaller picture"
+            self._finish(claim, {"state": "failed", "problem": Problem("died", detail).document()}, start)
             return
         try:
             worker.pipe.send((str(claim.folder), f"result-{claim.number}"))
-            self._ended(claim, self._watched(worker, claim, begun, label), begun)
+            self._finish(claim, self._wait_for_outcome(worker, claim, start, label), start)
         except (EOFError, BrokenPipeError, ConnectionResetError):
             worker.end()
             if not self._stop.is_set():
@@ -127,23 +128,23 @@ class Pool:
             self._store.release(claim)
             self.wake()
 
-    def _watched(self, worker: "_Worker", claim: Claim, begun: float, label: str) -> dict[str, Any]:
-        """Wait for the outcome of a job, and see to its limits."""
+    def _wait_for_outcome(self, worker: "_Worker", claim: Claim, start: float, label: str) -> dict[str, Any]:
+        """Wait for the outcome of a job, and enforce its limits."""
         limits, cancelled, progress = self._settings, 0.0, None
         while not self._stop.is_set():
-            if worker.pipe.poll(_BEAT):
-                kind, *told = worker.pipe.recv()
+            if worker.pipe.poll(_HEARTBEAT_S):
+                kind, *message = worker.pipe.recv()
                 if kind == "outcome":
-                    outcome: dict[str, Any] = told[0]
+                    outcome: dict[str, Any] = message[0]
                     return outcome
                 if kind == "progress":
-                    progress = {"stage": told[0], "share": told[1]}
-            wanted = self._store.beat(claim, progress)
+                    progress = {"stage": message[0], "share": message[1]}
+            active = self._store.heartbeat(claim, progress)
             progress = None
             now, memory = time.monotonic(), worker.memory()
             self._metrics.memory.labels(label).set(memory)
             problem = None
-            if now - begun > limits.time_limit:
+            if now - start > limits.time_limit:
                 problem = Problem("time", f"expected at most {limits.time_limit:g} s; send a smaller picture")
             elif memory > limits.memory_limit:
                 detail = (
@@ -153,57 +154,58 @@ class Pool:
             if problem is not None:
                 worker.kill()
                 return {"state": "failed", "problem": problem.document()}
-            if not wanted and not cancelled:
+            if not active and not cancelled:
                 cancelled = now
                 worker.pipe.send("cancel")
-            if cancelled and now - cancelled > _GRACE:
+            if cancelled and now - cancelled > _CANCEL_TIMEOUT_S:
                 worker.kill()
                 return {"state": "cancelled"}
-        raise EOFError  # the service ends: another one will take the job
+        raise EOFError  # the service is stopping: another one will claim the job
 
-    def _ended(self, claim: Claim, outcome: dict[str, Any], begun: float) -> None:
+    def _finish(self, claim: Claim, outcome: dict[str, Any], start: float) -> None:
         now = time.monotonic()
         if self._store.finish(claim, outcome):
             self._metrics.finished.labels(outcome["state"]).inc()
-            self._metrics.render.observe(now - begun)
-            self._metrics.whole.observe(max(0.0, time.time() - claim.created))
+            self._metrics.render.observe(now - start)
+            self._metrics.total.observe(max(0.0, time.time() - claim.created))
             return
-        if "result" in outcome:  # too late: the job was cancelled, or another worker has done it, too
-            told = self._store.view(claim.job)
-            if told is not None and told["state"] == "done":
-                self._metrics.doubled.inc()
+        if "result" in outcome:  # too late: the job was cancelled, or finished by another worker
+            view = self._store.view(claim.job)
+            if view is not None and view["state"] == "done":
+                self._metrics.duplicates.inc()
             with contextlib.suppress(FileNotFoundError):
                 (claim.folder / outcome["result"]).unlink()
 
 
 class _Worker:
-    """A process that renders."""
+    """A render process."""
 
     def __init__(self, settings: ServiceSettings) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe: Connection
-        self.pipe, theirs = context.Pipe()
+        self.pipe, child_pipe = context.Pipe()
         threads = max(1, (os.cpu_count() or 1) // max(1, settings.workers))
-        self._process = context.Process(target=work, args=(theirs, threads, settings.max_pixels), daemon=True)
+        arguments = (child_pipe, threads, settings.max_pixels)
+        self._process = context.Process(target=work, args=arguments, daemon=True)
         self._process.start()
         self._ready = False
-        theirs.close()  # so that the pipe ends with the process
+        child_pipe.close()  # so that the pipe closes with the process
 
     def alive(self) -> bool:
-        """Whether it can be given a job."""
+        """Return whether the process can accept a job."""
         return not self.pipe.closed and self._process.is_alive()
 
     def ready(self, seconds: float) -> bool:
-        """Whether its renderer is there; waited for so long. No job is in its hands before."""
+        """Return whether its renderer is loaded, after waiting up to ``seconds``; only then send a job."""
         try:
             if not self._ready and self.pipe.poll(seconds):
                 self._ready = self.pipe.recv() == ("ready",)
-        except (EOFError, ConnectionResetError):  # it died; alive() will tell
+        except (EOFError, ConnectionResetError):  # it died; alive() reports it
             self._process.join()
         return self._ready
 
     def memory(self) -> int:
-        """Resident bytes; 0 where the system does not tell."""
+        """Return resident memory, bytes; 0 if the system does not report it."""
         try:
             pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
         except (OSError, IndexError):
@@ -211,12 +213,12 @@ class _Worker:
         return pages * os.sysconf("SC_PAGE_SIZE")
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the process."""
         self._process.kill()
         self.end()
 
     def end(self) -> None:
-        """Let it end."""
+        """Terminate the process."""
         if not self.pipe.closed:
             self.pipe.close()
         self._process.terminate()

@@ -1,4 +1,4 @@
-"""Errors as problem documents, RFC 9457: what went wrong, in one line and in its parts."""
+"""Errors as problem documents, RFC 9457."""
 
 from typing import Any
 
@@ -8,17 +8,17 @@ __all__ = ["CANCELLED", "MEDIA_TYPE", "Problem", "problem_of"]
 
 MEDIA_TYPE = "application/problem+json"
 
-# Kind of a problem: its status and its title.
+# Status and title by kind of problem.
 _KINDS = {
     "parameter": (422, "A parameter is wrong"),
     "input": (422, "The files cannot be rendered"),
     "request": (422, "The request is not as described"),
-    "idempotency": (422, "The idempotency key stands for another request"),
+    "idempotency": (422, "The idempotency key belongs to another request"),
     "too-many-pixels": (413, "The picture is too large"),
     "too-large": (413, "The request is too large"),
-    "too-slow": (408, "The upload stood still"),
-    "unauthorized": (401, "A token is needed"),
-    "not-found": (404, "There is no such thing"),
+    "too-slow": (408, "The upload stalled"),
+    "unauthorized": (401, "A token is required"),
+    "not-found": (404, "Not found"),
     "not-done": (409, "There is no result yet"),
     "queue-full": (429, "The queue is full"),
     "draining": (503, "The service is stopping"),
@@ -30,14 +30,14 @@ _KINDS = {
 }
 
 
-class Problem(Exception):  # noqa: N818  # it is called so where it comes from
-    """What a client did that cannot be, or what befell its job.
+class Problem(Exception):  # noqa: N818  # named after RFC 9457
+    """Invalid request of a client, or failure of its job.
 
     Args:
         kind: One of the kinds above.
-        detail: One line: what, expected, found, way out.
-        parts: Further members of the document.
-        headers: Of the answer.
+        detail: One line: subject, expected, found, way out.
+        parts: Additional members of the document.
+        headers: HTTP headers of the response.
     """
 
     def __init__(
@@ -53,20 +53,20 @@ class Problem(Exception):  # noqa: N818  # it is called so where it comes from
 
     def document(self, instance: str = "") -> dict[str, Any]:
         """Return the members of the document."""
-        told = {
+        members = {
             "type": f"urn:bokehnet:problem:{self.kind}",
             "title": self.title,
             "status": self.status,
             "detail": self.detail,
         }
-        return told | ({"instance": instance} if instance else {}) | self.parts
+        return members | ({"instance": instance} if instance else {}) | self.parts
 
 
 CANCELLED = Problem("cancelled", "cancelled by its client")
 
 
 def problem_of(error: BaseException) -> Problem:
-    """Return what an error of the package is to a client; fields keep their paths."""
+    """Return the problem for an error of the package; fields keep their paths."""
     detail = " ".join(str(error).split())
     if isinstance(error, ParameterError):
         parts = {"parameter": error.parameter, "expected": error.expected, "remedy": error.remedy}

@@ -1,7 +1,7 @@
-"""The same application behind Ray Serve, on more than one machine.
+"""The application of the service behind Ray Serve, on several machines.
 
-Replicas share the folder of jobs, which must be one that all machines see: any of them answers for any job,
-and the jobs of one that dies are taken by the others. ``serve build bokehnet.serve.ray_app:app`` writes a
+Replicas share the folder of jobs, which must be visible to all machines: each replica answers for every job,
+and the others resume the jobs of one that dies. ``serve build bokehnet.serve.ray_app:app`` writes a
 configuration; variables ``BOKEHNET_SERVE_FOLDER``, ``_WORKERS``, ``_TOKENS`` and so on are the fields of
 :class:`~bokehnet.serve.service_settings.ServiceSettings`.
 """
@@ -14,25 +14,25 @@ from bokehnet.checks import require_extra
 from bokehnet.serve.service_settings import ServiceSettings
 from bokehnet.settings.fields import field_settings
 
-__all__ = ["application", "settings_of_environment"]
+__all__ = ["application", "settings_from_environment"]
 
 _PREFIX = "BOKEHNET_SERVE_"
 
 
-def settings_of_environment(variables: Mapping[str, str] = os.environ) -> ServiceSettings:
-    """Return what the variables of a process say.
+def settings_from_environment(variables: Mapping[str, str] = os.environ) -> ServiceSettings:
+    """Return the service settings in environment variables.
 
     Raises:
         ParameterError: A value is out of range.
 
     Examples:
-        >>> settings_of_environment({"BOKEHNET_SERVE_WORKERS": "2"}).workers
+        >>> settings_from_environment({"BOKEHNET_SERVE_WORKERS": "2"}).workers
         2
     """
     known = field_settings(ServiceSettings)
-    said = {name: variables.get(_PREFIX + name.upper()) for name in known}
+    texts = {name: variables.get(_PREFIX + name.upper()) for name in known}
     return ServiceSettings(
-        **{name: known[name].parsed(text) for name, text in said.items() if text is not None}
+        **{name: known[name].parsed(text) for name, text in texts.items() if text is not None}
     )
 
 
@@ -40,8 +40,8 @@ def application(settings: ServiceSettings, replicas: int = 1) -> Any:
     """Return the application for ``ray.serve.run``.
 
     Args:
-        settings: Of each replica; ``folder`` must be an absolute path that all machines see.
-        replicas: How many begin; a configuration of Ray Serve can say more, autoscaling too.
+        settings: Settings of each replica; ``folder`` must be an absolute path visible to all machines.
+        replicas: Initial number; a configuration of Ray Serve can override it, including autoscaling.
 
     Raises:
         MissingExtraError: Ray Serve is not installed.
@@ -65,6 +65,6 @@ def application(settings: ServiceSettings, replicas: int = 1) -> Any:
 
 
 def __getattr__(name: str) -> Any:
-    if name == "app":  # made when it is asked for: importing this module needs no Ray
-        return application(settings_of_environment())
+    if name == "app":  # lazy: importing this module does not require Ray
+        return application(settings_from_environment())
     raise AttributeError(name)

@@ -1,4 +1,4 @@
-"""What a client may ask for: settings by groups, whose files are those that came with the request."""
+"""Validation of requests: settings by groups, whose files must be uploads of the same request."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from bokehnet.settings.settings_file import settings_from_table
 
 __all__ = ["FILES", "FORMATS", "check_request", "file_name", "job_settings"]
 
-# Files of a request beside the picture, and the settings that they stand for.
+# Files of a request other than the picture, and the settings they define.
 FILES = {
     "disparity": ("input", "disparity"),
     "depth": ("input", "depth"),
@@ -28,7 +28,7 @@ FILES = {
     "aperture_image": ("aperture", "image"),
 }
 
-# Of results, and their media types.
+# Formats of results, and their media types.
 FORMATS = {
     "png": "image/png",
     "jpg": "image/jpeg",
@@ -41,24 +41,24 @@ _EXTENSION = re.compile(r"\.[A-Za-z0-9]{1,5}")
 
 
 def file_name(field: str, sent: str | None) -> str:
-    """Return under what name a sent file is kept: that of its field, with the extension that it came with."""
+    """Return the stored name of an uploaded file: its field with the original extension."""
     suffix = Path(sent or "").suffix
     if not _EXTENSION.fullmatch(suffix):
-        raise ParameterError(field, "a file name with an extension, which tells its format", sent)
+        raise ParameterError(field, "a file name with an extension, which defines its format", sent)
     return f"{field}{suffix.lower()}"
 
 
 def check_request(settings: str, preset: str | None, output: str, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return a request as it is kept, or raise unless it can be rendered as far as is known before.
+    """Return a request in stored form, or raise if it cannot be rendered, as far as is known in advance.
 
     Args:
         settings: JSON object: group to fields and their values, or flags of the command line.
-        preset: A look by its name; what ``settings`` says prevails.
+        preset: Name of a look; ``settings`` override it.
         output: Format of the result.
-        files: Names of the files that came, by their fields.
+        files: Names of the uploaded files, by field.
 
     Raises:
-        BokehnetError: A name is unknown, a value out of range, or something would be read from the machine of
+        BokehnetError: A name is unknown, a value is out of range, or a setting names a file on the machine of
             the service.
     """
     try:
@@ -79,30 +79,30 @@ def check_request(settings: str, preset: str | None, output: str, files: Mapping
 
 
 def job_settings(request: Mapping[str, Any], folder: Path) -> RenderSettings:
-    """Return the settings of a kept request whose files lie in ``folder``.
+    """Return the settings of a stored request whose files are in ``folder``.
 
     Args:
-        request: As :func:`check_request` returned it; ``memory`` in it, bytes, bounds that of engines that
-            can work in strips.
-        folder: Of the job.
+        request: Return value of :func:`check_request`; its ``memory``, bytes, limits engines that can render
+            in strips.
+        folder: Folder of the job.
     """
     look = {} if request["preset"] is None else load_preset(request["preset"]).values
-    sent: dict[str, dict[str, Any]] = {}
+    uploads: dict[str, dict[str, Any]] = {}
     for field, name in request["files"].items():
         if field in FILES:
             group, key = FILES[field]
-            sent.setdefault(group, {})[key] = str(folder / name)
-    settings = RenderSettings().updated(merged(look, request["settings"], sent))
-    bound, asked = request.get("memory"), settings.engine.max_memory
+            uploads.setdefault(group, {})[key] = str(folder / name)
+    settings = RenderSettings().updated(merged(look, request["settings"], uploads))
+    limit, requested = request.get("memory"), settings.engine.max_memory
     strips = ENGINES[settings.engine.name or DEFAULT_ENGINE].in_strips
-    if bound is not None and strips and (asked is None or asked > bound):
-        settings = replace(settings, engine=replace(settings.engine, max_memory=bound))
+    if limit is not None and strips and (requested is None or requested > limit):
+        settings = replace(settings, engine=replace(settings.engine, max_memory=limit))
     return settings
 
 
 def _check_own_files(settings: RenderSettings) -> None:
-    """Raise where settings name a file: it would be one of the service's machine."""
-    fields = {place: field for field, place in FILES.items()}
+    """Raise if a setting names a file: it would be one on the machine of the service."""
+    fields = {setting: field for field, setting in FILES.items()}
     for path, known in all_settings().items():
         value = getattr(getattr(settings, known.group), known.name)
         if not isinstance(value, Path) or path == "input.depth_model":
@@ -118,6 +118,6 @@ def _check_own_files(settings: RenderSettings) -> None:
         ),
         "lens.name": (settings.lens.name, settings.lens.name in catalog_names()),
     }
-    for path, (value, found) in named.items():
-        if value is not None and not found:
+    for path, (value, is_known) in named.items():
+        if value is not None and not is_known:
             raise ParameterError(path, "a name that comes with the package", str(value))

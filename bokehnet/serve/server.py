@@ -1,4 +1,4 @@
-"""The service in one process: uvicorn around the application, which ends gently."""
+"""The service in one process: uvicorn with a graceful shutdown."""
 
 import ipaddress
 import signal
@@ -13,16 +13,16 @@ __all__ = ["run_service"]
 
 
 def run_service(settings: ServiceSettings) -> None:
-    """Serve until SIGTERM or Ctrl-C: then no job is taken any more, running ones end, others stay for later.
+    """Serve until SIGTERM or Ctrl-C; then finish running jobs and leave the others in the queue.
 
     Raises:
         MissingExtraError: The extra "serve" is not installed.
-        ParameterError: Anybody on the network could ask, and no tokens are given.
-        ConfigError: The file of tokens is wrong.
+        ParameterError: Other machines can connect, and no tokens are set.
+        ConfigError: The token file is invalid.
     """
     for module in ("fastapi", "uvicorn", "prometheus_client", "python_multipart"):
         require_extra(module, "serve")
-    if settings.tokens is None and not _own(settings.host):
+    if settings.tokens is None and not _is_local(settings.host):
         raise ParameterError(
             "serve.tokens", f"a file, since {settings.host} is open to other machines", shown="none"
         )
@@ -33,7 +33,7 @@ def run_service(settings: ServiceSettings) -> None:
     app = make_app(settings)
 
     class Server(uvicorn.Server):
-        """Drains before it closes its socket, so that clients can still fetch what is done."""
+        """Server that drains before it closes its socket, so that clients can still fetch results."""
 
         def handle_exit(self, sig: int, frame: FrameType | None) -> None:
             if app.state.pool.draining or sig == signal.SIGINT:
@@ -51,8 +51,8 @@ def run_service(settings: ServiceSettings) -> None:
     Server(config).run()
 
 
-def _own(host: str) -> bool:
-    """Whether an address is of this machine alone."""
+def _is_local(host: str) -> bool:
+    """Return whether an address belongs to this machine only."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:

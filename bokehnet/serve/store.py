@@ -2,18 +2,18 @@
 
 ::
 
-    queue/ID            marks a job that is not finished
-    keys/HASH           the job of an idempotency key
+    queue/ID            marks an unfinished job
+    keys/HASH           name of the job of an idempotency key
     jobs/ID/request.json, input files
-    jobs/ID/claim-N     the N-th worker that took it; its time is a heartbeat
-    jobs/ID/free-N      that worker is dead: another may take it
+    jobs/ID/claim-N     N-th claim by a worker; its modification time is the heartbeat
+    jobs/ID/free-N      the worker of claim N is dead: another may claim the job
     jobs/ID/progress.json
     jobs/ID/result-N.EXT
     jobs/ID/outcome.json
 
-Every step is one atomic operation of the file system: a job appears by a rename, is claimed by making a file
-that must not exist, and is finished by a link that must not exist. So whatever is killed in between, of
-several services that share the folder, too, no job is lost and none has two outcomes.
+Every step is one atomic operation of the file system: a rename creates a job, creation of a new file claims
+it, and creation of a new link finishes it. So no job is lost and none has two outcomes, whichever process is
+killed in between, even if several services share the folder.
 """
 
 import contextlib
@@ -31,17 +31,17 @@ from typing import Any
 
 __all__ = ["Claim", "JobStore", "QueueFull"]
 
-# Seconds without a heartbeat after which a claim's service is taken for dead.
-STALE = 15.0
+# Seconds without a heartbeat after which the service of a claim counts as dead.
+STALE_SECONDS = 15.0
 
 
 class QueueFull(Exception):  # noqa: N818
-    """As many jobs are unfinished as may be."""
+    """Raised if the maximum number of unfinished jobs is reached."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Claim:
-    """A job in the hands of a worker: its folder, and the number of this claim on it, from 1 up."""
+    """A claimed job: its folder, and the number of the claim, from 1."""
 
     job: str
     folder: Path
@@ -49,48 +49,48 @@ class Claim:
 
     @property
     def mark(self) -> Path:
-        """The file that says so."""
+        """File that marks the claim."""
         return self.folder / f"claim-{self.number}"
 
     @property
     def created(self) -> float:
-        """When the job was accepted, seconds since the epoch."""
+        """Time of acceptance, seconds since the epoch."""
         return int(self.job.partition("-")[0], 16) / 1e9
 
 
 class JobStore:
-    """The jobs of a folder.
+    """Jobs of a folder.
 
     Args:
-        folder: Made if it is not there.
-        most: Unfinished jobs at most.
-        keep: Seconds for which finished jobs stay.
+        folder: Folder of the jobs; created if absent.
+        max_unfinished: Maximum number of unfinished jobs.
+        keep: Time for which finished jobs are kept, s.
     """
 
-    def __init__(self, folder: Path, most: int, keep: float) -> None:
-        self.folder, self._most, self._keep = folder, most, keep
+    def __init__(self, folder: Path, max_unfinished: int, keep: float) -> None:
+        self.folder, self._max_unfinished, self._keep = folder, max_unfinished, keep
         for name in ("queue", "keys", "jobs", "incoming"):
             (folder / name).mkdir(parents=True, exist_ok=True)
 
     def incoming(self) -> Path:
-        """Return a new folder for the files of a request that is still coming."""
+        """Create and return a folder for the files of an incoming request."""
         folder = self.folder / "incoming" / secrets.token_hex(8)
         folder.mkdir()
         return folder
 
     def submit(self, incoming: Path, request: dict[str, Any], key: str | None) -> tuple[str, bool]:
-        """Accept a job, or find the one that the same key has brought before.
+        """Accept a job, or return the existing job of the same key.
 
         Args:
-            incoming: Its files; moved, or removed where the job is known.
-            request: What is asked for, with ``owner`` and ``fingerprint``.
-            key: Idempotency key of the client; None for none.
+            incoming: Folder of its files; moved, or removed if the job exists.
+            request: Request with ``owner`` and ``fingerprint``.
+            key: Idempotency key of the client, or None.
 
         Returns:
-            The job's name, and whether it is new.
+            Name of the job, and whether it is new.
 
         Raises:
-            QueueFull: Too many are unfinished.
+            QueueFull: Too many jobs are unfinished.
         """
         mark = None
         if key is not None:
@@ -102,7 +102,7 @@ class JobStore:
                 if (self.folder / "jobs" / job).is_dir():
                     shutil.rmtree(incoming)
                     return job, False
-            if len(os.listdir(self.folder / "queue")) >= self._most:
+            if len(os.listdir(self.folder / "queue")) >= self._max_unfinished:
                 raise QueueFull
             job = job or f"{time.time_ns():016x}-{secrets.token_hex(12)}"
             if mark is not None:
@@ -113,13 +113,13 @@ class JobStore:
         return job, True
 
     def claim(self) -> Claim | None:
-        """Take the oldest job that nobody has, or whose worker is dead; None where there is none."""
+        """Claim the oldest job that is unclaimed, or whose worker is dead; return None if there is none."""
         for job in sorted(os.listdir(self.folder / "queue")):
             folder = self.folder / "jobs" / job
             if (folder / "outcome.json").exists() or not folder.exists():
                 self._forget(job, folder)
                 continue
-            number = claims_of(folder)
+            number = _claim_count(folder)
             if number and not (folder / f"free-{number}").exists() and not _stale(folder / f"claim-{number}"):
                 continue
             claim = Claim(job=job, folder=folder, number=number + 1)
@@ -130,8 +130,8 @@ class JobStore:
             return claim
         return None
 
-    def beat(self, claim: Claim, progress: dict[str, Any] | None = None) -> bool:
-        """Say that a claim lives, and how far it is; return whether its client still wants it."""
+    def heartbeat(self, claim: Claim, progress: dict[str, Any] | None = None) -> bool:
+        """Renew a claim and store its progress; return whether the job is still unfinished."""
         with contextlib.suppress(OSError):
             os.utime(claim.mark)
             if progress is not None:
@@ -139,12 +139,12 @@ class JobStore:
         return not (claim.folder / "outcome.json").exists()
 
     def release(self, claim: Claim) -> None:
-        """Give a job back whose worker has died."""
-        with contextlib.suppress(FileNotFoundError):  # cancelled and removed meanwhile
+        """Release the job of a dead worker."""
+        with contextlib.suppress(FileNotFoundError):  # cancelled and removed in the meantime
             (claim.folder / f"free-{claim.number}").touch()
 
     def finish(self, claim: Claim | str, outcome: dict[str, Any]) -> bool:
-        """Write how a job ended; False where it had ended before, and nothing changes then."""
+        """Store the outcome of a job; return False without changes if it had one already."""
         job = claim if isinstance(claim, str) else claim.job
         folder = self.folder / "jobs" / job
         draft = folder / f"outcome-{secrets.token_hex(4)}"
@@ -159,13 +159,13 @@ class JobStore:
         return True
 
     def view(self, job: str) -> dict[str, Any] | None:
-        """Return what is known of a job; None where there is none of that name."""
+        """Return the state of a job; None if it does not exist."""
         folder = self.folder / "jobs" / job
         if "/" in job or job.startswith(".") or not (folder / "request.json").is_file():
             return None
         request = json.loads((folder / "request.json").read_text())
-        claims = claims_of(folder)
-        told: dict[str, Any] = {
+        claims = _claim_count(folder)
+        state: dict[str, Any] = {
             "id": job,
             "state": "running" if claims and not (folder / f"free-{claims}").exists() else "queued",
             "owner": request["owner"],
@@ -174,14 +174,14 @@ class JobStore:
             "attempts": claims,
             "progress": _read(folder / "progress.json") or {"stage": "waiting", "share": 0.0},
         }
-        return told | (_read(folder / "outcome.json") or {})
+        return state | (_read(folder / "outcome.json") or {})
 
     def file(self, job: str, name: str) -> Path:
         """Return the path of a job's file."""
         return self.folder / "jobs" / job / name
 
     def unfinished(self) -> tuple[int, int]:
-        """Return how many jobs wait and how many are in hand."""
+        """Return the numbers of waiting and running jobs."""
         states = [view["state"] for job in os.listdir(self.folder / "queue") if (view := self.view(job))]
         return states.count("queued"), states.count("running")
 
@@ -190,16 +190,16 @@ class JobStore:
         shutil.rmtree(self.folder / "jobs" / job, ignore_errors=True)
 
     def clean(self) -> None:
-        """Remove what was finished long ago, and uploads that nobody goes on with."""
+        """Remove expired finished jobs, and abandoned uploads."""
         now = time.time()
         for entry in os.scandir(self.folder / "jobs"):
             with contextlib.suppress(OSError):
                 if now - (Path(entry.path) / "outcome.json").stat().st_mtime > self._keep:
                     self.remove(entry.name)
-        for name, old in (("keys", 2 * self._keep), ("incoming", 3600.0)):
+        for name, max_age in (("keys", 2 * self._keep), ("incoming", 3600.0)):
             for entry in os.scandir(self.folder / name):
                 with contextlib.suppress(OSError):
-                    if now - entry.stat().st_mtime > old:
+                    if now - entry.stat().st_mtime > max_age:
                         if entry.is_dir():
                             shutil.rmtree(entry.path, ignore_errors=True)
                         elif not (self.folder / "jobs" / Path(entry.path).read_text()).exists():
@@ -207,21 +207,21 @@ class JobStore:
 
     @contextlib.contextmanager
     def _locked(self) -> Iterator[None]:
-        """One at a time, of all processes; a killed one lets go."""
+        """Hold the lock of the folder, across processes; the system releases it if the process is killed."""
         with (self.folder / "lock").open("a") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             yield
 
     def _forget(self, job: str, folder: Path) -> None:
-        """Take away the mark of a job that is finished, or whose service died before it was there."""
+        """Remove the queue mark of a job that is finished, or whose service died while creating it."""
         mark = self.folder / "queue" / job
         with contextlib.suppress(OSError):
-            if folder.exists() or time.time() - mark.stat().st_mtime > STALE:
+            if folder.exists() or time.time() - mark.stat().st_mtime > STALE_SECONDS:
                 mark.unlink()
 
 
-def claims_of(folder: Path) -> int:
-    """How often a job was taken."""
+def _claim_count(folder: Path) -> int:
+    """Return the number of claims on a job."""
     with contextlib.suppress(FileNotFoundError):
         return max((int(name[6:]) for name in os.listdir(folder) if name.startswith("claim-")), default=0)
     return 0
@@ -229,13 +229,13 @@ def claims_of(folder: Path) -> int:
 
 def _stale(mark: Path) -> bool:
     try:
-        return time.time() - mark.stat().st_mtime > STALE
+        return time.time() - mark.stat().st_mtime > STALE_SECONDS
     except FileNotFoundError:
         return False
 
 
 def _write(path: Path, text: str, *, durable: bool = True) -> None:
-    """Write a small file in one step."""
+    """Write a small file atomically."""
     draft = path.with_name(f".{secrets.token_hex(6)}")
     with draft.open("w") as file:
         file.write(text)
@@ -247,7 +247,7 @@ def _write(path: Path, text: str, *, durable: bool = True) -> None:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        told: dict[str, Any] = json.loads(path.read_text())
+        table: dict[str, Any] = json.loads(path.read_text())
     except FileNotFoundError:
         return None
-    return told
+    return table

@@ -1,4 +1,4 @@
-"""Who may ask: bearer tokens, each with the name of a client."""
+"""Authentication by bearer tokens, each with the name of a client."""
 
 import hashlib
 import hmac
@@ -10,17 +10,17 @@ from bokehnet.serve.problems import Problem
 
 __all__ = ["Tokens"]
 
-_SHORTEST = 16  # characters
+_MIN_TOKEN_LENGTH = 16  # characters
 
 
 class Tokens:
-    """The clients of a service; without a file anybody is one, all of one name.
+    """Clients of a service; without a file all requests belong to one anonymous client.
 
     Args:
-        path: A file with a line NAME:TOKEN for each; # begins a comment.
+        path: File with a line NAME:TOKEN for each client; # begins a comment.
 
     Raises:
-        ConfigError: The file cannot be read, or a line is none of these.
+        ConfigError: The file cannot be read, or a line has another form.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -33,9 +33,10 @@ class Tokens:
             if not line:
                 continue
             name, _, token = (part.strip() for part in line.partition(":"))
-            if not name or len(token) < _SHORTEST:
+            if not name or len(token) < _MIN_TOKEN_LENGTH:
                 raise ConfigError(
-                    f"{path}: line {number}: expected NAME:TOKEN, a token of at least {_SHORTEST} characters"
+                    f"{path}: line {number}: expected NAME:TOKEN, "
+                    f"a token of at least {_MIN_TOKEN_LENGTH} characters"
                 )
             self._names[_digest(token)] = name
         if not self._names:
@@ -43,22 +44,22 @@ class Tokens:
 
     @property
     def needed(self) -> bool:
-        """Whether a token must be shown."""
+        """True if requests need a token."""
         return self._names is not None
 
     def client(self, authorization: str | None) -> str:
-        """Return the client's name, or raise ``Problem`` where its token is unknown."""
+        """Return the client's name, or raise ``Problem`` if its token is unknown."""
         if self._names is None:
             return ""
         kind, _, token = (authorization or "").partition(" ")
-        shown, found = _digest(token.strip()), None
-        for known, name in self._names.items():  # all of them, so that time tells nothing
-            if hmac.compare_digest(known, shown):
-                found = name
-        if kind.lower() != "bearer" or found is None:
+        digest, client = _digest(token.strip()), None
+        for known, name in self._names.items():  # always all of them: constant time
+            if hmac.compare_digest(known, digest):
+                client = name
+        if kind.lower() != "bearer" or client is None:
             detail = "expected the header Authorization: Bearer TOKEN with a token of this service"
             raise Problem("unauthorized", detail, headers={"WWW-Authenticate": "Bearer"})
-        return found
+        return client
 
 
 def _digest(token: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Bodies of requests: bounded in size and in patience, streamed to the disk and hashed on the way."""
+"""Request bodies: limited in size and in idle time, streamed to disk and hashed."""
 
 import asyncio
 import hashlib
@@ -11,87 +11,89 @@ from typing import Any
 from bokehnet.errors import ParameterError
 from bokehnet.serve.problems import Problem
 
-__all__ = ["BoundedBody", "fetch", "keep"]
+__all__ = ["BoundedBody", "fetch_url", "save_upload"]
 
-_BLOCK = 2**20
+_BLOCK_BYTES = 2**20
 
 
 class BoundedBody:
-    """ASGI middleware: no body is larger than allowed, and none stands still for longer than allowed.
+    """ASGI middleware that limits the size of request bodies and the pauses in them.
 
     Args:
-        app: What it stands before.
-        most: Bytes of a body.
-        patience: Seconds between two parts of it.
-        admit: Is given the headers before anything of the body is read; raises ``Problem``.
-        answer: Makes an ASGI answer of a problem.
+        app: Application behind the middleware.
+        max_bytes: Maximum size of a body.
+        timeout: Maximum time between two parts of a body, s.
+        authenticate: Called with the headers before the body is read; raises ``Problem``.
+        respond: Returns the ASGI response for a problem.
     """
 
-    def __init__(self, app: Any, most: int, patience: float, admit: Any, answer: Any) -> None:
-        self._app, self._most, self._patience = app, most, patience
-        self._admit, self._answer = admit, answer
+    def __init__(self, app: Any, max_bytes: int, timeout: float, authenticate: Any, respond: Any) -> None:
+        self._app, self._max_bytes, self._timeout = app, max_bytes, timeout
+        self._authenticate, self._respond = authenticate, respond
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        """See ASGI."""
+        """Handle an ASGI connection."""
         if scope["type"] != "http" or scope["method"] != "POST":
             await self._app(scope, receive, send)
             return
-        taken, begun, problem = 0, False, None
+        received, started, problem = 0, False, None
 
         async def bounded() -> Any:
-            nonlocal taken, problem
+            nonlocal received, problem
             try:
-                message = await asyncio.wait_for(receive(), self._patience)
+                message = await asyncio.wait_for(receive(), self._timeout)
             except TimeoutError:
-                problem = Problem("too-slow", f"expected a part of the body within {self._patience:g} s")
+                problem = Problem("too-slow", f"expected a part of the body within {self._timeout:g} s")
                 raise problem from None
-            taken += len(message.get("body", b""))
-            if taken > self._most:
-                problem = Problem("too-large", f"expected at most {self._most} bytes; send smaller files")
+            received += len(message.get("body", b""))
+            if received > self._max_bytes:
+                problem = Problem(
+                    "too-large", f"expected at most {self._max_bytes} bytes; send smaller files"
+                )
                 raise problem
             return message
 
-        async def noticed(message: Any) -> None:
-            nonlocal begun
-            if problem is None:  # what the application makes of our own exception is not sent
-                begun = True
+        async def forwarded(message: Any) -> None:
+            nonlocal started
+            if problem is None:  # the application's response to our own exception is discarded
+                started = True
                 await send(message)
 
         headers = dict(scope["headers"])
         length = headers.get(b"content-length", b"0")
         try:
-            self._admit(headers)
-            if length.isdigit() and int(length) > self._most:
-                raise Problem("too-large", f"expected at most {self._most} bytes, found {int(length)}")
-            await self._app(scope, bounded, noticed)
-        except Problem as found:
-            problem = found
+            self._authenticate(headers)
+            if length.isdigit() and int(length) > self._max_bytes:
+                raise Problem("too-large", f"expected at most {self._max_bytes} bytes, found {int(length)}")
+            await self._app(scope, bounded, forwarded)
+        except Problem as error:
+            problem = error
         except Exception:
             if problem is None:
                 raise
-        if problem is not None and not begun:
+        if problem is not None and not started:
             problem.headers["Connection"] = "close"
-            await self._answer(problem)(scope, receive, send)
+            await self._respond(problem)(scope, receive, send)
 
 
-def keep(source: Any, target: Path) -> str:
-    """Write a file that came to ``target``; return its SHA-256."""
+def save_upload(source: Any, target: Path) -> str:
+    """Write an uploaded file to ``target``; return its SHA-256."""
     digest = hashlib.sha256()
     with target.open("wb") as file:
-        while block := source.read(_BLOCK):
+        while block := source.read(_BLOCK_BYTES):
             digest.update(block)
             file.write(block)
     return digest.hexdigest()
 
 
-def fetch(address: str, hosts: tuple[str, ...], target: Path, most: int, patience: float) -> str:
-    """Fetch a signed address to ``target``; return its SHA-256.
+def fetch_url(address: str, hosts: tuple[str, ...], target: Path, max_bytes: int, timeout: float) -> str:
+    """Download a signed address to ``target``; return its SHA-256.
 
-    Only https, only hosts that the service was told of, and no redirection away from them.
+    Only https, only allowed hosts, and no redirections.
 
     Raises:
-        ParameterError: The address is none of these.
-        Problem: It cannot be read, or is too large.
+        ParameterError: The address is not allowed.
+        Problem: The address cannot be read, or its content is too large.
     """
     parts = urllib.parse.urlsplit(address)
     if parts.scheme != "https" or (parts.hostname or "").lower() not in hosts:
@@ -99,13 +101,13 @@ def fetch(address: str, hosts: tuple[str, ...], target: Path, most: int, patienc
         raise ParameterError("image_url", f"an address that begins with one of: {allowed}", address)
     opener = urllib.request.build_opener(_NoRedirection())
     try:
-        with opener.open(address, timeout=patience) as answer, target.open("wb") as file:
-            taken, digest = 0, hashlib.sha256()
-            while block := answer.read(_BLOCK):
-                taken += len(block)
-                if taken > most:
+        with opener.open(address, timeout=timeout) as response, target.open("wb") as file:
+            received, digest = 0, hashlib.sha256()
+            while block := response.read(_BLOCK_BYTES):
+                received += len(block)
+                if received > max_bytes:
                     raise Problem(
-                        "too-large", f"image_url: expected at most {most} bytes; send a smaller file"
+                        "too-large", f"image_url: expected at most {max_bytes} bytes; send a smaller file"
                     )
                 digest.update(block)
                 file.write(block)
@@ -116,4 +118,4 @@ def fetch(address: str, hosts: tuple[str, ...], target: Path, most: int, patienc
 
 class _NoRedirection(urllib.request.HTTPRedirectHandler):
     def redirect_request(self, *words: Any, **more: Any) -> None:
-        """Follow none: it could lead to the service's own network."""
+        """Follow no redirection: it could lead into the internal network of the service."""

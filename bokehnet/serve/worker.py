@@ -1,4 +1,4 @@
-"""The process that renders the jobs of a service, one after the other, with a renderer that stays warm."""
+"""Worker process of a service: renders jobs in sequence, with a renderer that stays loaded."""
 
 import contextlib
 import json
@@ -17,18 +17,17 @@ from bokehnet.serve.problems import CANCELLED, Problem, problem_of
 
 __all__ = ["work"]
 
-# Seconds between two words about progress.
-_OFTEN = 0.2
+_PROGRESS_INTERVAL_S = 0.2
 
 
 def work(pipe: Connection, threads: int, max_pixels: int) -> None:
-    """Render what comes through a pipe until it closes; the main function of a worker.
+    """Render the jobs received from a pipe until it closes; main function of a worker.
 
-    In come ``(job folder, name of the result without its extension)``, and "cancel" at any time; out go
+    Receives ``(job folder, name of the result without its extension)``, and "cancel" at any time; sends
     ``("progress", stage, share)`` and, once for each job, ``("outcome", ...)``.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the service decides
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers clean up behind themselves
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the service handles it
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers remove their temporary files
     import numba
     import OpenImageIO as oiio  # noqa: N813
 
@@ -41,14 +40,14 @@ def work(pipe: Connection, threads: int, max_pixels: int) -> None:
         pipe.send(("ready",))
         while True:
             task = pipe.recv()
-            if task == "cancel":  # of a job that ended meanwhile
+            if task == "cancel":  # for a job that has just ended
                 continue
             folder, name = task
             pipe.send(("outcome", _outcome(pipe, renderer, Path(folder), name, max_pixels)))
 
 
 def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixels: int) -> dict[str, Any]:
-    """What became of a job, as its store keeps it."""
+    """Return the outcome of a job in the form of its store."""
     try:
         return _rendered(pipe, renderer, folder, name, max_pixels)
     except RenderCancelled:
@@ -62,13 +61,13 @@ def _outcome(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixel
             import traceback
 
             traceback.print_exc()
-        found = problem_of(error)
-        found.detail = found.detail.replace(f"{folder}{os.sep}", "")
-        return {"state": "failed", "problem": found.document()}
+        failure = problem_of(error)
+        failure.detail = failure.detail.replace(f"{folder}{os.sep}", "")
+        return {"state": "failed", "problem": failure.document()}
 
 
 def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixels: int) -> dict[str, Any]:
-    from bokehnet.render.cancellation import watched
+    from bokehnet.render.cancellation import cancellable
     from bokehnet.render.memory_bounds import check_memory
     from bokehnet.scene.scene import read_scene
     from bokehnet.serve.requests import job_settings
@@ -86,7 +85,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
                 {"parameter": field, "max_pixels": max_pixels},
             )
     check_memory(image, settings)
-    scene = read_scene(image, settings, progress=watched(watch.stage("reading", 0.0, 0.1), watch))
+    scene = read_scene(image, settings, progress=cancellable(watch.stage("reading", 0.0, 0.1), watch))
     focused = renderer.prepare(scene, settings, watch.stage("depth", 0.1, 0.35), cancel=watch)
     del scene
     result = renderer.render(
@@ -113,7 +112,7 @@ def _rendered(pipe: Connection, renderer: Any, folder: Path, name: str, max_pixe
 
 
 def _size(path: Path) -> tuple[int, int]:
-    """Height and width of a picture or a map, by its header."""
+    """Return height and width of a picture or a map, from its header."""
     from bokehnet.io.formats.heif import heif_size, is_heif
     from bokehnet.io.pixels import ImageFile
 
@@ -124,28 +123,28 @@ def _size(path: Path) -> tuple[int, int]:
 
 
 class _Watch:
-    """Tells progress through the pipe and hears from it whether to stop."""
+    """Sends progress through the pipe and receives cancellation from it."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe, self._last, self._cancelled = pipe, 0.0, False
         self._lock = threading.Lock()  # writers report from several threads
 
     def is_set(self) -> bool:
-        """Whether the job was cancelled."""
+        """Return whether the job was cancelled."""
         with self._lock:
             while not self._cancelled and self._pipe.poll():
                 self._cancelled = self._pipe.recv() == "cancel"
             return self._cancelled
 
     def stage(self, label: str, begin: float, end: float) -> Any:
-        """Return the callback of a stage, which is this share of the whole."""
+        """Return the progress callback of a stage, from the fraction ``begin`` to ``end`` of the job."""
 
         def report(done: int, total: int) -> None:
             now = time.monotonic()
             with self._lock:
-                if now - self._last >= _OFTEN:
+                if now - self._last >= _PROGRESS_INTERVAL_S:
                     self._last = now
-                    share = begin + (end - begin) * done / max(total, 1)
-                    self._pipe.send(("progress", label, round(share, 3)))
+                    fraction = begin + (end - begin) * done / max(total, 1)
+                    self._pipe.send(("progress", label, round(fraction, 3)))
 
         return report

@@ -1,4 +1,4 @@
-"""Errors of the rooms below in the words of the settings."""
+"""Errors of lower layers, renamed to fields of the settings."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -6,19 +6,19 @@ from contextlib import contextmanager
 from bokehnet.errors import ParameterError
 from bokehnet.settings.settings import all_settings
 
-__all__ = ["about"]
+__all__ = ["errors_named_as"]
 
 
 @contextmanager
-def about(group: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Let a ``ParameterError`` of a room below name the field of the settings.
+def errors_named_as(group: str, names: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Rename a ``ParameterError`` of a lower layer to a field of the settings.
 
     Args:
-        group: Of the settings.
-        names: Parameter to field, where they differ.
+        group: Group of the settings.
+        names: Parameter name to field name, where they differ.
 
     Examples:
-        >>> with about("aperture", {"picture": "image"}):
+        >>> with errors_named_as("aperture", {"picture": "image"}):
         ...     raise ParameterError("picture", expected="some light", shown="none")
         Traceback (most recent call last):
             ...

@@ -1,4 +1,4 @@
-"""Groups of settings, and what is known of each field: unit, range, help, how it is told as text."""
+"""Groups of settings, and the description of each field: unit, range, default, help, parser."""
 
 import dataclasses
 import math
@@ -31,35 +31,35 @@ _KEY = "setting"
 _SIZE = re.compile(r"(\d{1,15}(?:\.\d{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 _BYTES = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 
-# How types are called in messages.
+# Names of types in messages.
 _WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a text", Path: "a path"}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Setting:
-    """One field of a group of settings.
+    """Description of one field of a group of settings.
 
     Attributes:
         group: Name of the group in ``RenderSettings``.
-        name: Of the field.
-        type: Of its values, without ``None``.
-        default: Value that it has when nothing is said.
-        help: What it does, in a line.
-        unit: Of its numbers, such as "mm"; empty where they have none.
-        low: Smallest value.
-        high: Largest value.
-        above: Bound that values must exceed, in place of ``low``.
-        below: Bound that values must stay under, in place of ``high``.
-        infinite: Whether infinity is a value.
-        expected: What is expected, where a range does not say it.
-        accepts: Whether a value of the right type within the range is accepted; None accepts all.
-        advice: From a refused value to a remedy, empty where there is none; None gives none.
-        flag: Name in flat tables, and of the option on a command line without its dashes; None has none.
-        aliases: Earlier flags, which still work.
-        metavar: What stands for the value in a help text.
-        parse: From a text to the value, where the type does not tell how; it raises ``ValueError``.
-        parts: How many words on a command line make one value.
-        of_a_look: Whether a preset may set it; the rest says what is rendered, from what and where to.
+        name: Name of the field.
+        type: Type of its values, without ``None``.
+        default: Default value.
+        help: Help text, one or two sentences.
+        unit: Unit of its numbers, such as "mm"; empty if dimensionless.
+        low: Lower bound, inclusive.
+        high: Upper bound, inclusive.
+        above: Lower bound, exclusive; replaces ``low``.
+        below: Upper bound, exclusive; replaces ``high``.
+        infinite: True if infinity is a valid value.
+        expected: Expectation in error messages, where the range does not express it.
+        accepts: Predicate on values of the right type within the range; None accepts all.
+        advice: Function from a rejected value to a remedy, or to an empty text.
+        flag: Key in flat tables and name of the option without its dashes; None for no option.
+        aliases: Flags of earlier versions, which still work.
+        metavar: Placeholder of the value in a help text.
+        parse: Parser from text to value, where the type has none; raises ``ValueError``.
+        parts: Number of command-line words that form one value.
+        allowed_in_preset: True if a preset may set it; other fields describe scene, input or output.
 
     Examples:
         >>> from bokehnet.settings.look_settings import ApertureSettings
@@ -87,7 +87,7 @@ class Setting:
     metavar: str | None = None
     parse: Callable[[str], Any] | None = None
     parts: int = 1
-    of_a_look: bool = False
+    allowed_in_preset: bool = False
 
     @property
     def path(self) -> str:
@@ -96,12 +96,12 @@ class Setting:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words that it accepts; empty where it is no choice of words."""
+        """Accepted words; empty if the field is not a choice."""
         return typing.get_args(self.type) if typing.get_origin(self.type) is typing.Literal else ()
 
     @property
     def expectation(self) -> str:
-        """What a message says was expected."""
+        """Expectation in error messages."""
         if self.expected:
             return self.expected
         if self.choices:
@@ -135,13 +135,13 @@ class Setting:
         return fitted
 
     def parsed(self, text: str | Sequence[str]) -> Any:
-        """Return the value that a text tells, or raise ``ParameterError`` naming the field."""
+        """Parse a text, or raise ``ParameterError`` naming the field."""
         try:
             if self.parse is not None:
                 value = self.parse(text) if isinstance(text, str) else tuple(map(self.parse, text))
                 try:
                     return self.checked(value)
-                except ParameterError as error:  # the text is what was given
+                except ParameterError as error:  # show the text that the user wrote
                     raise ParameterError(self.path, error.expected, text) from error
             if self.type in (int, float, Path):
                 return self.checked(self.type(text))
@@ -170,7 +170,7 @@ class Setting:
 
 
 def setting(default: Any, help: str, **known: Any) -> Any:
-    """Declare a field of a group: its default, its help, and what else :class:`Setting` knows.
+    """Declare a field of a group: its default, its help, and further attributes of :class:`Setting`.
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def setting(default: Any, help: str, **known: Any) -> Any:
 
 
 def field_settings(group: Any) -> Mapping[str, Setting]:
-    """What is known of each field of a group, an object or its class, by its name.
+    """Return the description of each field of a group, an instance or its class, by name.
 
     Examples:
         >>> from bokehnet.settings.look_settings import HighlightSettings
@@ -197,20 +197,20 @@ def field_settings(group: Any) -> Mapping[str, Setting]:
 @cache
 def _read_fields(group: Any) -> Mapping[str, Setting]:
     hints = typing.get_type_hints(group)
-    found = {}
+    settings = {}
     for item in dataclasses.fields(group):
         known = dict(item.metadata[_KEY])
         flag = known.pop("flag", item.name.replace("_", "-"))
-        found[item.name] = Setting(
+        settings[item.name] = Setting(
             group=group.GROUP,
             name=item.name,
             type=_without_none(hints[item.name]),
             default=item.default,
             flag=flag,
-            of_a_look=known.pop("of_a_look", group.OF_A_LOOK),
+            allowed_in_preset=known.pop("allowed_in_preset", group.ALLOWED_IN_PRESET),
             **known,
         )
-    return found
+    return settings
 
 
 def _check_fields(group: Any) -> None:
@@ -221,7 +221,7 @@ def _check_fields(group: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Group:
-    """Settings that belong together; each field is checked when the group is made.
+    """Settings that belong together; the constructor checks each field.
 
     Examples:
         >>> @dataclass(frozen=True)
@@ -236,58 +236,65 @@ class Group:
 
     GROUP: ClassVar[str]
     TITLE: ClassVar[str]
-    OF_A_LOOK: ClassVar[bool] = False
-    ONE_OF: ClassVar[tuple[str, ...]] = ()  # of these fields one may be given
+    ALLOWED_IN_PRESET: ClassVar[bool] = False
+    ONE_OF: ClassVar[tuple[str, ...]] = ()  # mutually exclusive fields
 
     def __post_init__(self) -> None:
         _check_fields(self)
-        given = [name for name in self.ONE_OF if getattr(self, name) is not None]
-        if len(given) > 1:
-            two = len(given) == 2
+        conflicting = [name for name in self.ONE_OF if getattr(self, name) is not None]
+        if len(conflicting) > 1:
+            two = len(conflicting) == 2
             raise ParameterError(
-                f"{self.GROUP}.{given[1]}",
-                expected=f"one of {' and '.join(f'`{self.GROUP}.{name}`' for name in given)}",
+                f"{self.GROUP}.{conflicting[1]}",
+                expected=f"one of {' and '.join(f'`{self.GROUP}.{name}`' for name in conflicting)}",
                 shown="both" if two else "all",
                 remedy="leave one out" if two else "keep one",
             )
         self.check()
 
     def check(self) -> None:
-        """Raise ``ParameterError`` unless the fields fit together."""
+        """Raise ``ParameterError`` unless the fields are consistent."""
 
 
 def check_needed(group: "Group", name: str, needed: str, also: str | None = None, why: str = "") -> None:
-    """Raise unless the field ``needed``, or ``also``, is there for the field ``name`` to act on.
+    """Raise ``ParameterError`` if ``name`` is set but the field that it modifies is not.
+
+    Args:
+        group: Group to check.
+        name: Field that has no effect alone.
+        needed: Field that it modifies.
+        also: Alternative to ``needed``.
+        why: Explanation for the message.
 
     Examples:
         >>> from bokehnet.settings.look_settings import LensSettings
         >>> check_needed(LensSettings(name="petzval", f_number=4), "f_number", "name")
-        >>> LensSettings(f_number=4)  # its `check` asks the same
+        >>> LensSettings(f_number=4)  # its `check` calls this
         Traceback (most recent call last):
             ...
         bokehnet.errors.ParameterError: lens.f_number: expected `lens.name` for it to act on, ...
     """
     value = getattr(group, name)
-    if value is None or value is False or _acts(group, needed) or (also and _acts(group, also)):
+    if value is None or value is False or _is_set(group, needed) or (also and _is_set(group, also)):
         return
-    wanted = f"`{group.GROUP}.{needed}`" + (f" or `{group.GROUP}.{also}`" if also else "")
+    alternatives = f"`{group.GROUP}.{needed}`" + (f" or `{group.GROUP}.{also}`" if also else "")
     raise ParameterError(
         f"{group.GROUP}.{name}",
-        expected=f"{wanted} for it to act on{f'; {why}' if why else ''}",
+        expected=f"{alternatives} for it to act on{f'; {why}' if why else ''}",
         got=value,
         remedy="give that, or leave this out",
         shown="it alone" if value is True else None,
     )
 
 
-def _acts(group: "Group", name: str) -> bool:
-    """Whether another field can act on this one; 0 is something where the default is None."""
+def _is_set(group: "Group", name: str) -> bool:
+    """Return whether a field has an effect; 0 counts where the default is None."""
     value = getattr(group, name)
     return bool(value) or (value == 0 and field_settings(group)[name].default is None)
 
 
 def from_plain(known: Setting, value: Any) -> Any:
-    """Return the value of a field from a number, a text, a truth value or a list, as files hold them.
+    """Convert a number, text, boolean or list of a file to the value of a field.
 
     Examples:
         >>> from bokehnet.settings.scene_settings import EngineSettings, FocusSettings
@@ -302,7 +309,7 @@ def from_plain(known: Setting, value: Any) -> Any:
 
 
 def to_plain(value: Any) -> Any:
-    """Return a value as files hold it: tuples are lists, paths texts.
+    """Convert a value to the types of files: tuples become lists, paths texts.
 
     Examples:
         >>> to_plain((0.5, 2.0)), to_plain(Path("maps"))
@@ -327,7 +334,7 @@ def parse_bytes(text: str) -> int:
     """Return the bytes of a text such as ``500M`` or ``1.5G``, powers of 1024.
 
     Raises:
-        ValueError: It is none.
+        ValueError: The text is no size.
 
     Examples:
         >>> parse_bytes("1.5k"), parse_bytes("2 GiB")
@@ -340,17 +347,17 @@ def parse_bytes(text: str) -> int:
 
 
 class _Unfit:
-    """Stands for a value of another type."""
+    """Sentinel for a value of the wrong type."""
 
 
 _UNFIT = _Unfit()
 
 
-def _fit(value: Any, wanted: Any) -> Any:
-    """``value`` as the type ``wanted``: whole numbers become floats, lists tuples; else ``_UNFIT``."""
-    origin, arguments = typing.get_origin(wanted), typing.get_args(wanted)
+def _fit(value: Any, kind: Any) -> Any:
+    """Convert ``value`` to type ``kind``: integers to floats, lists to tuples; otherwise ``_UNFIT``."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
-        fitted = [_fit(value, kind) for kind in arguments if kind is not type(None)]
+        fitted = [_fit(value, option) for option in arguments if option is not type(None)]
         return next((one for one in fitted if one is not _UNFIT), _UNFIT)
     if origin is typing.Literal:
         word = str(value) if type(value) is int else value  # a number may be one of the words
@@ -362,32 +369,32 @@ def _fit(value: Any, wanted: Any) -> Any:
         kinds = [arguments[0]] * len(value) if repeated else list(arguments)
         if len(kinds) != len(value) or not kinds:
             return _UNFIT
-        parts = tuple(_fit(item, kind) for item, kind in zip(value, kinds, strict=True))
+        parts = tuple(_fit(item, item_kind) for item, item_kind in zip(value, kinds, strict=True))
         return _UNFIT if _UNFIT in parts else parts
     if isinstance(value, bool):
-        return value if wanted is bool else _UNFIT
-    if wanted is Path:
+        return value if kind is bool else _UNFIT
+    if kind is Path:
         return Path(value) if isinstance(value, str | Path) else _UNFIT
-    if wanted is str:
+    if kind is str:
         return value if isinstance(value, str) else _UNFIT
-    return _fit_number(value, wanted) if wanted in (int, float) else _UNFIT
+    return _fit_number(value, kind) if kind in (int, float) else _UNFIT
 
 
-def _fit_number(value: Any, wanted: Any) -> Any:
-    """A number of Python's or NumPy's own as ``int`` or ``float``; none that is too large for a float."""
+def _fit_number(value: Any, kind: Any) -> Any:
+    """Convert a Python or NumPy number to ``int`` or ``float``; ``_UNFIT`` if too large for a float."""
     if getattr(value, "ndim", None) == 0:
         value = value.item()
-    if isinstance(value, bool) or not isinstance(value, Integral if wanted is int else Real):
+    if isinstance(value, bool) or not isinstance(value, Integral if kind is int else Real):
         return _UNFIT
     try:
         number = float(value)
     except OverflowError:
         return _UNFIT
-    return int(value) if isinstance(value, Integral) and wanted is int else number
+    return int(value) if isinstance(value, Integral) and kind is int else number
 
 
 def _without_none(hint: Any) -> Any:
-    """``X`` of ``X | None``."""
+    """Return ``X`` of ``X | None``."""
     arguments = [kind for kind in typing.get_args(hint) if kind is not type(None)]
     if typing.get_origin(hint) in (typing.Union, types.UnionType) and len(arguments) == 1:
         return arguments[0]

@@ -1,4 +1,4 @@
-"""Settings of what only light does: diffraction, reflections between surfaces, scatter."""
+"""Settings of diffraction, ghosts (reflections between lens surfaces) and glare (scatter in the lens)."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -11,7 +11,7 @@ __all__ = ["LightSettings"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LightSettings(Group):
-    """What waves, reflections and dust make of lamps.
+    """Diffraction, ghosts and glare of bright lights.
 
     Examples:
         >>> LightSettings(starburst=16).starburst  # f-number
@@ -23,58 +23,61 @@ class LightSettings(Group):
     """
 
     GROUP: ClassVar[str] = "light"
-    TITLE: ClassVar[str] = "Light, what waves and glass make of lamps"
-    OF_A_LOOK: ClassVar[bool] = True
+    TITLE: ClassVar[str] = "Diffraction, ghosts and glare"
+    ALLOWED_IN_PRESET: ClassVar[bool] = True
 
     rings: float | None = setting(
         None,
-        "Fresnel rings in discs of lamps: diffraction at this f-number, such as 2.8.",
+        "Fresnel rings in the discs of lights: diffraction at this f-number, such as 2.8.",
         metavar="F-NUMBER",
         low=0.5,
         high=64,
     )
     starburst: float | None = setting(
         None,
-        "Stars around lamps: diffraction by the blades at this f-number, such as 16.",
+        "Stars around lights: diffraction by the blades at this f-number, such as 16.",
         metavar="F-NUMBER",
         low=0.5,
         high=64,
     )
     pixel_pitch: float | None = setting(
         None,
-        "With --rings or --starburst: width of a pixel; default from --sensor-width, else 36 mm across.",
+        "With --rings or --starburst: pixel pitch in micrometres. Default: from --sensor-width, else for a "
+        "sensor 36 mm wide.",
         unit="micrometres",
         low=0.3,
         high=100,
     )
     ghosts: Literal["none", "single", "ideal"] | None = setting(
         None,
-        "With --lens: ghosts of lamps, reflected twice by glass without coating (none), with one layer "
-        "(single) or with the best one (ideal).",
+        "With --lens: ghosts of lights, reflected by two lens surfaces. Coating of the surfaces: none, "
+        "single "
+        "(one layer) or ideal.",
     )
     lamps: float = setting(
         0.9,
-        "With --rings, --starburst or --ghosts: pixels from this light up are lamps, after --highlights.",
+        "With --rings, --starburst or --ghosts: linear light from which pixels count as lights, after "
+        "--highlights. Default: 0.9.",
         low=0,
         high=1e6,
     )
     glare: float = setting(
         0.0,
-        "Share of all light that the lens scatters into a veil, 0 to 0.5; real lenses 0.01 to 0.05.",
+        "Fraction of the light that the lens scatters as veiling glare, 0 to 0.5; real lenses 0.01 to 0.05.",
         low=0,
         high=0.5,
     )
     glare_core: float | None = setting(
         None,
-        "With --glare: radius within which the veil of a lamp is flat, percent of half the picture's "
-        "diagonal; default 0.2.",
+        "With --glare: radius of the flat core of the glare, percent of half the picture's diagonal. "
+        "Default: 0.2.",
         metavar="PERCENT",
         unit="percent",
         low=0.01,
         high=20,
     )
     glare_slope: float | None = setting(
-        None, "With --glare: power by which it falls farther out, 1 to 4; default 2.", low=1, high=4
+        None, "With --glare: exponent of its falloff outside the core, 1 to 4. Default: 2.", low=1, high=4
     )
 
     def check(self) -> None:
@@ -82,8 +85,8 @@ class LightSettings(Group):
         check_needed(self, "pixel_pitch", "rings", "starburst")
         for name in ("glare_core", "glare_slope"):
             check_needed(self, name, "glare")
-        said = self.lamps != field_settings(self)["lamps"].default
-        if said and not (self.rings or self.starburst or self.ghosts):
+        changed = self.lamps != field_settings(self)["lamps"].default
+        if changed and not (self.rings or self.starburst or self.ghosts):
             raise ParameterError(
                 "light.lamps",
                 expected="`light.rings`, `light.starburst` or `light.ghosts` for it to act on",

@@ -1,4 +1,4 @@
-"""Settings of a look: the shape of the blur, the lens, its colours, highlights, effects of the camera."""
+"""Settings of a look: aperture shape, lens aberrations, colour fringes, highlights, camera effects."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ __all__ = ["ApertureSettings", "ColorSettings", "EffectSettings", "HighlightSett
 
 
 def _gains(text: str) -> tuple[float, ...] | Path:
-    """Numbers separated by commas, else the path of a file of them."""
+    """Return the numbers of a comma-separated text, or else the path of a file with such numbers."""
     try:
         return parse_numbers(text)
     except ValueError:
@@ -20,7 +20,7 @@ def _gains(text: str) -> tuple[float, ...] | Path:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ApertureSettings(Group):
-    """The shape of the lens opening.
+    """Shape of the aperture, which is the shape of blurred lights.
 
     Examples:
         >>> ApertureSettings(blades=7, rotation=15).rotation  # degrees
@@ -32,57 +32,79 @@ class ApertureSettings(Group):
     """
 
     GROUP: ClassVar[str] = "aperture"
-    TITLE: ClassVar[str] = "Aperture, or the shape of the blur"
-    OF_A_LOOK: ClassVar[bool] = True
+    TITLE: ClassVar[str] = "Aperture shape"
+    ALLOWED_IN_PRESET: ClassVar[bool] = True
 
     blades: int = setting(
         0,
-        "Blades of the aperture, 3 to 16; 0 is a disc.",
+        "Number of aperture blades, 3 to 16. Default: 0, a round aperture.",
         expected="0 (disc) or 3 to 16",
         accepts=lambda count: count == 0 or 3 <= count <= 16,
     )
     curvature: float | None = setting(
-        None, "With --blades: 0 (straight, the default) to 1 (disc).", flag="blade-curvature", low=0, high=1
+        None,
+        "With --blades: curvature of the blades, 0 (straight, default) to 1 (round aperture).",
+        flag="blade-curvature",
+        low=0,
+        high=1,
     )
     rotation: float | None = setting(
         None,
-        "Turn of blades or aperture image, degrees counter-clockwise.",
+        "Rotation of the blades or the aperture image, degrees counter-clockwise.",
         flag="aperture-rotation",
         unit="degrees",
     )
     squeeze: float = setting(
-        1.0, "Width over height of the blur disc, 0.1 to 10; below 1 for anamorphic ovals.", low=0.1, high=10
+        1.0,
+        "Aspect ratio (width over height) of the blur disc, 0.1 to 10. Below 1: upright ovals, as of "
+        "anamorphic "
+        "lenses.",
+        low=0.1,
+        high=10,
     )
     cats_eye: float = setting(
-        0.0, "Clipping of the blur disc in the corners of the picture, 0 to 1.5.", low=0, high=1.5
+        0.0,
+        "Cat's-eye clipping of the blur disc towards the corners, 0 (none) to 1.5 (strongest).",
+        low=0,
+        high=1.5,
     )
     image: Path | None = setting(
         None,
-        "Picture of the opening as seen from behind the camera, bright where light passes; any size. Lights "
-        "behind focus show it upright, in front of focus turned by half a turn.",
+        "Image of the aperture seen from behind the camera, any size; bright pixels transmit light. Lights "
+        "behind focus show it upright, lights in front of focus rotated by 180 degrees.",
         flag="aperture-image",
     )
     spherical_profile: float = setting(
         0.0,
-        "Light at the rim of discs behind focus, -1 (dark) to 1 (bright); else reversed.",
+        "Brightness of the rim of discs behind focus, -1 (dark) to 1 (bright). Reversed in front of focus.",
         flag="rim",
         low=-1,
         high=1,
     )
     obstruction: float = setting(
-        0.0, "Radius of the dark core of a mirror lens, 0 to 0.95 of the disc.", low=0, high=0.95
+        0.0, "Central obstruction of a mirror lens, 0 to 0.95 of the disc's radius.", low=0, high=0.95
     )
     onion: float = setting(
-        0.0, "Rings inside discs, as machined lenses draw them, 0 to 1 (strongest).", low=0, high=1
+        0.0,
+        "Onion rings inside discs, as of moulded aspherical lenses, 0 (none) to 1 (strongest).",
+        low=0,
+        high=1,
     )
     onion_rings: float | None = setting(
-        None, "With --onion: rings from middle to rim, 1 to 40; default 12.", low=1, high=40
+        None, "With --onion: number of rings from centre to rim, 1 to 40. Default: 12.", low=1, high=40
     )
     grain: float = setting(
-        0.0, "Dust and uneven coating inside discs, 0 to 1 (strongest).", flag="disc-grain", low=0, high=1
+        0.0,
+        "Texture inside discs, as of dust and uneven coating, 0 (none) to 1 (strongest).",
+        flag="disc-grain",
+        low=0,
+        high=1,
     )
     grain_seed: int | None = setting(
-        None, "With --disc-grain: which grain, a whole number from 0 up.", flag="disc-grain-seed", low=0
+        None,
+        "With --disc-grain: random seed, a whole number from 0. Default: 0.",
+        flag="disc-grain-seed",
+        low=0,
     )
 
     def check(self) -> None:
@@ -95,7 +117,7 @@ class ApertureSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LensSettings(Group):
-    """The look of a lens: glass that is traced, and aberrations by hand.
+    """Lens: a prescription to trace, and aberrations set by hand.
 
     Examples:
         >>> LensSettings(name="petzval", f_number=5.6).f_number
@@ -107,56 +129,63 @@ class LensSettings(Group):
     """
 
     GROUP: ClassVar[str] = "lens"
-    TITLE: ClassVar[str] = "Lens look, glass and aberrations"
-    OF_A_LOOK: ClassVar[bool] = True
+    TITLE: ClassVar[str] = "Lens and aberrations"
+    ALLOWED_IN_PRESET: ClassVar[bool] = True
 
     name: str | None = setting(
         None,
-        "Render through this lens, with all its aberrations; bokehnet lens lists them. Files of Zemax, "
-        "CODE V, OSLO, optiland and ray-optics are taken as they are.",
+        "Lens to render through, with all its aberrations: a name listed by `bokehnet lens`, or a lens file "
+        "of bokehnet, Zemax, CODE V, OSLO, optiland or ray-optics.",
         flag="lens",
         metavar="NAME|FILE",
     )
     aberrations: Literal["traced", "seidel"] | None = setting(
-        None, "With --lens: traced through its glass (default), or by third-order theory."
+        None,
+        "With --lens: aberrations traced through the glass (traced, default) or by third-order theory "
+        "(seidel).",
     )
     f_number: float | None = setting(
         None,
-        "With --lens: stop it down to this; default: --f-number, else fully open.",
+        "With --lens: f-number to stop down to. Default: --f-number, else wide open.",
         flag="lens-f-number",
         above=0,
     )
     distortion: bool = setting(
-        False, "With --lens: bend a picture without distortion as it does.", flag="lens-distortion"
+        False,
+        "With --lens: apply the lens's distortion, for a picture without distortion.",
+        flag="lens-distortion",
     )
     vignetting: bool = setting(
         True,
-        "With --lens: darken towards the corners as it does, by its rims and by the slant of light.",
+        "With --lens: apply the lens's vignetting, mechanical and natural (on by default).",
         flag="lens-vignetting",
     )
     focusing: Literal["sharpest", "paraxial"] | None = setting(
         None,
-        "With --lens or --spherical: focus where blur is least (sharpest, default), or where rays near the "
+        "With --lens or --spherical: focus at the smallest blur (sharpest, default) or where rays near the "
         "axis meet (paraxial).",
     )
     copy_to_copy: float | None = setting(
         None,
-        "With --lens: elements off their places, as in one copy of a lens, 0 (as designed) to 10; at 1 by up "
-        "to 0.02 mm and degrees. The focus leans and gaps change; bokehnet lens copy tells more.",
+        "With --lens: random misalignment of the elements as in one manufactured copy, 0 (as designed) to "
+        "10. "
+        "At 1: up to 0.02 mm and 0.02 degrees. `bokehnet lens copy` prints its effects.",
         low=0,
         high=10,
     )
-    copy_seed: int | None = setting(None, "With --copy-to-copy: which copy, a whole number from 0 up.", low=0)
+    copy_seed: int | None = setting(
+        None, "With --copy-to-copy: number of the copy, from 0. Default: 0.", low=0
+    )
     table: Path | None = setting(
         None,
-        "Aberrations by wavelength: a CSV file, as bokehnet lens aberrations writes it of a lens.",
+        "Table of aberrations by wavelength: a CSV file as written by `bokehnet lens aberrations`.",
         flag="aberration-table",
         metavar="FILE.csv",
     )
     spherical: float = setting(
         0.0,
-        "Blur by the rim of the lens: above 0 discs behind focus get a bright rim (soap bubbles), "
-        "below 0 they fade out. These four in percent of half the picture's diagonal.",
+        "Spherical aberration, percent of half the picture's diagonal: positive gives discs behind focus a "
+        "bright rim (soap bubbles), negative a soft one.",
         metavar="PERCENT",
         unit="percent",
         low=-100,
@@ -164,7 +193,8 @@ class LensSettings(Group):
     )
     coma: float = setting(
         0.0,
-        "Tails in the corners: above 0 outwards, below 0 inwards.",
+        "Coma, percent of half the diagonal: tails in the corners, outwards if positive, inwards if "
+        "negative.",
         metavar="PERCENT",
         unit="percent",
         low=-100,
@@ -172,7 +202,8 @@ class LensSettings(Group):
     )
     astigmatism: float = setting(
         0.0,
-        "Above 0 discs behind focus swirl around the middle, below 0 they point to it.",
+        "Astigmatism, percent of half the diagonal: discs behind focus swirl around the centre if positive, "
+        "point to it if negative.",
         metavar="PERCENT",
         unit="percent",
         low=-100,
@@ -180,7 +211,8 @@ class LensSettings(Group):
     )
     field_curvature: float = setting(
         0.0,
-        "Above 0 the corners focus farther away than the middle, below 0 nearer.",
+        "Field curvature, percent of half the diagonal: corners focus farther than the centre if positive, "
+        "nearer if negative.",
         metavar="PERCENT",
         unit="percent",
         low=-100,
@@ -197,7 +229,7 @@ class LensSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ColorSettings(Group):
-    """Colours that part: chromatic aberration.
+    """Chromatic aberration: axial and lateral colour fringes.
 
     Examples:
         >>> ColorSettings(axial=0.3, glass="achromat").axial  # percent of the half-diagonal
@@ -209,13 +241,14 @@ class ColorSettings(Group):
     """
 
     GROUP: ClassVar[str] = "color"
-    TITLE: ClassVar[str] = "Colour, chromatic aberration"
-    OF_A_LOOK: ClassVar[bool] = True
+    TITLE: ClassVar[str] = "Chromatic aberration"
+    ALLOWED_IN_PRESET: ClassVar[bool] = True
 
     axial: float = setting(
         0.0,
-        "Blur that colours differ by, violet to red, percent of the half-diagonal; "
-        "above 0 as in a simple lens: red rims in front of focus, blue rims behind it.",
+        "Axial chromatic aberration: difference in blur between violet and red, percent of half the "
+        "diagonal. "
+        "Positive, as of a simple lens: red rims in front of focus, blue rims behind it.",
         flag="axial-fringe",
         metavar="PERCENT",
         unit="percent",
@@ -224,7 +257,8 @@ class ColorSettings(Group):
     )
     lateral: float = setting(
         0.0,
-        "How far violet lies outwards of red in the corners, percent of the half-diagonal.",
+        "Lateral chromatic aberration: outward shift of violet against red in the corners, percent of half "
+        "the diagonal.",
         flag="lateral-fringe",
         metavar="PERCENT",
         unit="percent",
@@ -233,29 +267,33 @@ class ColorSettings(Group):
     )
     axial_map: str | None = setting(
         None,
-        "With --axial-fringe: its factor over the picture, names joined by commas: constant (default), "
-        "linear, square, cube, exponential, inversion, reciprocal, cosine, angular, power:N, angular:N.",
+        "With --axial-fringe: strength over the picture, one or more of these joined by commas: constant "
+        "(default), linear, square, cube, exponential, inversion, reciprocal, cosine, angular, power:N, "
+        "angular:N.",
         metavar="NAMES",
     )
     lateral_map: str | None = setting(
-        None, "With --lateral-fringe: the same; default linear.", metavar="NAMES"
+        None,
+        "With --lateral-fringe: strength over the picture, as in --axial-map. Default: linear.",
+        metavar="NAMES",
     )
     glass: str | None = setting(
         None,
-        "What parts the colours: a glass (default N-BK7), achromat (green from purple) or linear.",
+        "With a fringe: dispersion curve of a glass (default N-BK7), achromat (green against purple) or "
+        "linear.",
         flag="fringe-glass",
         metavar="NAME",
     )
     dispersion: Literal["continuous", "rgb"] | None = setting(
-        None, "Colours of fringes: continuous (default), or rgb: three alone."
+        None, "Spectrum of fringes: continuous (default) or rgb (three wavelengths)."
     )
     equaliser: tuple[float, ...] | Path | None = setting(
         None,
-        "Weights of the colours in fringes, violet to red, such as 1,1,0,0,3,1,1; or a file of them.",
+        "Weights of the wavelengths in fringes, violet to red, such as 1,1,0,0,3,1,1, or a file with them.",
         metavar="GAINS",
         parse=_gains,
         low=0,
-        expected="numbers from 0 up separated by commas, or a file of them",
+        expected="numbers from 0 up separated by commas, or a file with them",
     )
 
     def check(self) -> None:
@@ -267,7 +305,7 @@ class ColorSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HighlightSettings(Group):
-    """How light is weighed before it is blurred.
+    """Treatment of bright light before the blur.
 
     Examples:
         >>> HighlightSettings(threshold=0.8, gain=6).gain  # what white becomes
@@ -279,12 +317,12 @@ class HighlightSettings(Group):
     """
 
     GROUP: ClassVar[str] = "highlights"
-    TITLE: ClassVar[str] = "Highlights, how light is weighed"
-    OF_A_LOOK: ClassVar[bool] = True
+    TITLE: ClassVar[str] = "Highlights"
+    ALLOWED_IN_PRESET: ClassVar[bool] = True
 
     threshold: float | None = setting(
         None,
-        "Brighten clipped lights before blurring: linear light above this, 0 to below 1, is expanded.",
+        "Threshold in linear light, 0 to below 1, above which clipped lights are brightened before the blur.",
         flag="highlights",
         metavar="THRESHOLD",
         low=0,
@@ -292,13 +330,17 @@ class HighlightSettings(Group):
     )
     gain: float | None = setting(
         None,
-        "With --highlights: what white becomes; default 8.",
+        "With --highlights: linear light that white is expanded to, at least 1. Default: 8.",
         flag="highlight-gain",
         metavar="GAIN",
         low=1,
     )
     gamma: float = setting(
-        1.0, "Above 1 bright pixels prevail where light mixes, 0.2 to 5; 1 is a real lens.", low=0.2, high=5
+        1.0,
+        "Exponent applied to light before blurring and undone after, 0.2 to 5. Above 1 emphasises bright "
+        "pixels; 1 (default) is physically correct.",
+        low=0.2,
+        high=5,
     )
 
     def check(self) -> None:
@@ -308,7 +350,7 @@ class HighlightSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EffectSettings(Group):
-    """What the camera does to the blurred picture.
+    """Camera effects on the blurred picture: distortion, vignetting, grain.
 
     Examples:
         >>> EffectSettings(vignette=0.7, grain=1600).vignette  # stops
@@ -320,18 +362,19 @@ class EffectSettings(Group):
     """
 
     GROUP: ClassVar[str] = "effects"
-    TITLE: ClassVar[str] = "Effects of the camera on the blurred picture"
-    OF_A_LOOK: ClassVar[bool] = True
+    TITLE: ClassVar[str] = "Camera effects on the blurred picture"
+    ALLOWED_IN_PRESET: ClassVar[bool] = True
 
     distortion: float = setting(
         0.0,
-        "How far the corner moves: -0.1 inwards by 10 % (barrel), above 0 outwards.",
+        "Distortion as the relative shift of the corners: -0.1 moves them inwards by 10 % (barrel), positive "
+        "values outwards (pincushion).",
         low=-0.9,
         high=0.9,
     )
     brown: tuple[float, ...] | None = setting(
         None,
-        "Distortion by Brown and Conrady, for radii in half-diagonals of the picture.",
+        "Distortion coefficients of the Brown-Conrady model, for radii in units of half the diagonal.",
         flag="distortion-brown",
         metavar="K1[,K2[,K3[,P1,P2]]]",
         parse=parse_numbers,
@@ -340,50 +383,53 @@ class EffectSettings(Group):
     )
     cos4: float = setting(
         0.0,
-        "Darken by the cos^4 law; half the view across the diagonal, 0 to 80.",
+        "Natural vignetting by the cos^4 law: half the diagonal angle of view, degrees, 0 to 80.",
         metavar="DEGREES",
         unit="degrees",
         low=0,
         high=80,
     )
     optical_vignetting: float = setting(
-        0.0, "Darken by what the barrel cuts off in the corners, 0 to 1.5, as --cats-eye.", low=0, high=1.5
+        0.0,
+        "Vignetting by the lens barrel, 0 (none) to 1.5: light that --cats-eye of the same value removes.",
+        low=0,
+        high=1.5,
     )
     vignette: float | None = setting(
         None,
-        "Darken the corners by so many stops; below 0 brighten.",
+        "Darkening of the corners in stops; negative brightens.",
         metavar="STOPS",
         unit="stops",
         low=-10,
         high=10,
     )
     vignette_radius: float | None = setting(
-        None, "With --vignette: where it begins; the corner is 1. Default 0.3.", low=0, high=2
+        None, "With --vignette: radius at which it begins; the corner is at 1. Default: 0.3.", low=0, high=2
     )
     vignette_softness: float | None = setting(
-        None, "With --vignette: how much farther out it is full. Default 0.7.", low=0.01, high=2
+        None, "With --vignette: width of the transition to full strength. Default: 0.7.", low=0.01, high=2
     )
     vignette_roundness: float | None = setting(
-        None, "With --vignette: 1 (the default) a circle, 0 the picture's ellipse.", low=0, high=1
+        None, "With --vignette: shape, 1 (circle, default) to 0 (ellipse of the frame).", low=0, high=1
     )
     vignette_color_loss: float | None = setting(
         None,
-        "With --vignette, which may be 0: colour that it takes from the corners, 0 to 1 (grey).",
+        "With --vignette (0 is allowed): desaturation of the corners, 0 (none, default) to 1 (grey).",
         low=0,
         high=1,
     )
     grain: float | None = setting(
         None,
-        "Noise of a sensor of this sensitivity, such as 3200; 0 is none.",
+        "Noise of a sensor at this ISO sensitivity, such as 3200; 0 is none.",
         metavar="ISO",
         unit="ISO",
         low=0,
     )
     grain_size: float | None = setting(
-        None, "With --grain: size in pixels, 0 to 50. Default 1.", unit="pixels", low=0, high=50
+        None, "With --grain: grain size in pixels, 0 to 50. Default: 1.", unit="pixels", low=0, high=50
     )
-    grain_mono: bool = setting(False, "With --grain: grey, as in film.")
-    grain_seed: int | None = setting(None, "With --grain: another number, another noise. Default 0.", low=0)
+    grain_mono: bool = setting(False, "With --grain: monochrome grain, as of film.")
+    grain_seed: int | None = setting(None, "With --grain: random seed. Default: 0.", low=0)
 
     def check(self) -> None:
         """See :class:`Group`."""

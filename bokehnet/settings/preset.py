@@ -1,4 +1,4 @@
-"""Looks: partial settings in TOML files, those that come with the package and anybody's own."""
+"""Presets: partial settings for a look in TOML files, shipped with the package or written by users."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +15,12 @@ _FOLDER = Path(__file__).parent / "presets"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Preset:
-    """A look: some of the settings, none of the scene.
+    """Look: a subset of the settings, none of which describes the scene.
 
     Attributes:
-        name: Its name, or the path of its file.
-        description: What it looks like, one line.
-        values: Group to field to value.
+        name: Name of the preset, or path of its file.
+        description: Appearance, one line.
+        values: Group name to field name to value.
 
     Examples:
         >>> glow = Preset(name="glow", description="Bright rims", values={"lens": {"spherical": 0.5}})
@@ -33,13 +33,13 @@ class Preset:
     values: dict[str, dict[str, Any]]
 
     def over(self, settings: RenderSettings | None = None) -> RenderSettings:
-        """Return settings with this look; what the look does not name stays.
+        """Return settings with the fields of this look replaced.
 
         Args:
-            settings: By default the plain ones.
+            settings: Settings to change. Default: default settings.
 
         Raises:
-            ParameterError: A value is out of range, or does not fit to the settings.
+            ParameterError: A value is out of range or contradicts the settings.
 
         Examples:
             >>> from bokehnet.settings.preset import load_preset
@@ -50,7 +50,7 @@ class Preset:
 
 
 def presets() -> list[str]:
-    """Names of the presets that come with the package, in alphabetical order.
+    """Return the names of the shipped presets in alphabetical order.
 
     Examples:
         >>> from bokehnet.settings.preset import presets
@@ -61,10 +61,10 @@ def presets() -> list[str]:
 
 
 def preset_file(name: str | Path) -> Path:
-    """File of a preset, by its name or as the path of a TOML file.
+    """Return the file of a preset, given its name or the path of a TOML file.
 
     Raises:
-        ConfigError: It is neither.
+        ConfigError: The name is neither a preset nor a TOML file.
 
     Examples:
         >>> preset_file("portrait-85").name, preset_file("mine.toml").name
@@ -82,12 +82,13 @@ def preset_file(name: str | Path) -> Path:
 def load_preset(name: str | Path) -> Preset:
     """Read a preset by its name, or from a TOML file.
 
-    It has a ``description``, and settings: in tables by group, as of ``[aperture]``, or by the names of the
-    command line's options, such as ``cats-eye = 0.5``. Files that it names are looked for beside it first.
+    The file has a ``description`` and settings: in tables by group, such as ``[aperture]``, or by the names
+    of command-line options, such as ``cats-eye = 0.5``. Relative file names are searched in the preset's
+    folder first.
 
     Raises:
-        ConfigError: The file is missing or not TOML, a setting is unknown or is none of a look, or a value
-            is not a number, a text, a truth value or a list.
+        ConfigError: The file is missing or not TOML, a setting is unknown or not allowed in a preset, or a
+            value is not a number, a text, a boolean or a list.
 
     Examples:
         >>> load_preset("portrait-85").values["effects"]  # stops
@@ -98,9 +99,9 @@ def load_preset(name: str | Path) -> Preset:
     description = table.pop("description", "")
     if not isinstance(description, str):
         raise ConfigError(f"{path}: description: expected a text, got {description!r}")
-    values = settings_from_table(table, str(path), of_a_look=True)
+    values = settings_from_table(table, str(path), allowed_in_preset=True)
     for group, field in (("lens", "table"), ("aperture", "image")):
         file = values.get(group, {}).get(field)
-        if isinstance(file, str) and (path.parent / file).exists():  # beside the preset
+        if isinstance(file, str) and (path.parent / file).exists():
             values[group][field] = str(path.parent / file)
     return Preset(name=str(name), description=description, values=values)

@@ -1,4 +1,4 @@
-"""Settings of the scene: where its depth comes from, what stays sharp, how strong the blur is."""
+"""Settings of the scene: depth sources, focus, blur strength, engine and output."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,12 +25,12 @@ Mode = Literal["auto", "on", "off"]
 Switch = Literal["on", "off"]
 Pixel = tuple[int, int]
 
-# As bokehnet.io.output_format has them.
+# Same names as in bokehnet.io.output_format.
 ColorSpaceName = Literal["keep", "srgb", "display-p3", "adobe-rgb", "prophoto", "rec2020"]
 BitsName = Literal["8", "10", "16", "half", "float"]
 SubsamplingName = Literal["4:4:4", "4:2:2", "4:2:0"]
 
-# As bokehnet.optics.pixels.pixel_filter has them; that one loads NumPy, which help does without.
+# Same names as in bokehnet.optics.pixels.pixel_filter, which imports NumPy: too slow for a help text.
 FILTERS = ("box", "blackman-harris", "gaussian", "mitchell", "arnold", "blender", "cycles", "renderman")
 
 
@@ -38,8 +38,8 @@ assert set(get_args(EngineName)) == set(ENGINES)
 
 
 def _moved_engine(name: Any) -> str:
-    """Return where a method of the literature went, which earlier versions offered as an engine."""
-    from bokehnet.baselines.registry import BASELINES  # loads NumPy, which help does without
+    """Return a hint for a method of the literature that earlier versions offered as an engine."""
+    from bokehnet.baselines.registry import BASELINES  # imports NumPy: too slow for a help text
 
     if not isinstance(name, str) or name not in BASELINES:
         return ""
@@ -47,7 +47,7 @@ def _moved_engine(name: Any) -> str:
 
 
 def _names_filter(text: str) -> bool:
-    """Whether it is a pixel filter, or ``auto``."""
+    """Return whether a text names a pixel filter or is ``auto``."""
     from bokehnet.optics.pixels.pixel_filter import parse_pixel_filter
 
     try:
@@ -62,7 +62,7 @@ def _pixel(text: str) -> tuple[int, ...]:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class InputSettings(Group):
-    """Files beside the picture that tell its depth and its edges; without depth, what a phone's photo holds.
+    """Files with the depth and the edges of the picture. Default: the depth map in a phone's photo.
 
     Examples:
         >>> InputSettings(depth="z.exr", channel="Z").channel
@@ -74,7 +74,7 @@ class InputSettings(Group):
     """
 
     GROUP: ClassVar[str] = "input"
-    TITLE: ClassVar[str] = "Depth of the picture"
+    TITLE: ClassVar[str] = "Depth sources"
     ONE_OF: ClassVar[tuple[str, ...]] = (
         "disparity",
         "depth",
@@ -84,38 +84,52 @@ class InputSettings(Group):
         "constant_disparity",
     )
 
-    disparity: Path | None = setting(None, "Disparity map, near is bright; normalised to 0..1.")
+    disparity: Path | None = setting(
+        None, "Disparity map: bright is near. Its values are normalised to 0..1, 1 being nearest."
+    )
     depth: Path | None = setting(
-        None, "EXR with metric depth. Without any of these: the map that a phone's photo holds."
+        None,
+        "Depth map with metric depth, EXR. Default without any depth source: the depth map stored in the "
+        "picture's file, as phones write it.",
     )
     layers: Path | None = setting(
-        None, "EXR with what stands behind things: that of `trace --layers`, or a deep one."
+        None,
+        "EXR with several surfaces per pixel, those hidden by others included: written by `trace --layers`, "
+        "or a deep EXR.",
     )
     defocus: Path | None = setting(
         None,
-        "Defocus map, EXR: signed blur radius of each pixel, above 0 in front of focus.",
+        "Defocus map, EXR: signed blur radius of each pixel in pixels, positive in front of focus.",
         flag="defocus-map",
     )
     depth_model: Path | None = setting(
         None,
-        "Network that guesses the depth of the picture: a file, or a name that bokehnet models lists.",
+        "Depth network that estimates the depth of the picture: an ONNX file, or a name listed by `bokehnet "
+        "models`.",
         metavar="NAME|FILE.onnx",
     )
     depth_convention: str | None = setting(
         None,
-        "With a file as --depth-model: what the network sees and returns; default depth-anything-v2.",
+        "With an ONNX file as --depth-model: input and output format of the network. Default: "
+        "depth-anything-v2.",
         metavar="NAME|FILE.toml",
     )
     constant_disparity: float | None = setting(
-        None, "One disparity for the whole picture, 0..1: all is equally blurred.", low=0, high=1
+        None,
+        "Single disparity, 0..1, of the whole picture: every pixel is blurred equally.",
+        low=0,
+        high=1,
     )
-    channel: str | None = setting(None, "Channel of the map in its EXR; default: Z.")
+    channel: str | None = setting(None, "Channel of the depth map in an EXR file. Default: Z.")
     matte: Path | None = setting(
-        None, "How much of each pixel a foreground covers: alpha or grey, 0 to 1; its edges are parted so."
+        None,
+        "Coverage of each pixel by the foreground, 0 to 1: alpha channel or grey values of an image. Used to "
+        "separate foreground and background at edges.",
     )
     supersampled: int = setting(
         1,
-        "Picture and map are 2 or 4 times the size of the result: edges inside its pixels are known.",
+        "Size of picture and map relative to the result, 2 or 4: each output pixel then has exact edge "
+        "coverage. Default: 1.",
         metavar="2|4",
         expected="1, 2 or 4",
         accepts=lambda factor: factor in (1, 2, 4),
@@ -134,14 +148,14 @@ class InputSettings(Group):
         if self.layers is not None and (self.matte is not None or self.supersampled > 1):
             raise ParameterError(
                 "input.layers",
-                expected="none beside `input.matte` and `input.supersampled`, as they tell all edges",
+                expected="neither `input.matte` nor `input.supersampled`, as layers contain all edges",
                 shown="both",
                 remedy="leave one out",
             )
         if self.matte is not None and self.supersampled > 1:
             raise ParameterError(
                 "input.matte",
-                expected="none beside `input.supersampled`, which tells as much",
+                expected="no `input.supersampled`, which has the same information",
                 shown="both",
                 remedy="leave one out",
             )
@@ -149,7 +163,7 @@ class InputSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthSettings(Group):
-    """How the map of the scene is read, and what is mended in it.
+    """Reading and repair of the depth map.
 
     Examples:
         >>> from bokehnet.settings.settings import RenderSettings
@@ -159,16 +173,16 @@ class DepthSettings(Group):
     """
 
     GROUP: ClassVar[str] = "depth"
-    TITLE: ClassVar[str] = "Reading and repairing the map"
+    TITLE: ClassVar[str] = "Depth map reading and repair"
 
     unit: Literal["m", "cm", "mm", "in", "ft", "1/m"] | None = setting(
-        None, "With --depth: m (default), cm, mm, in, ft or 1/m.", flag="depth-unit", metavar="UNIT"
+        None, "With --depth: unit, m (default), cm, mm, in, ft or 1/m.", flag="depth-unit", metavar="UNIT"
     )
-    invert: bool = setting(False, "With --disparity: far is bright, as in 0..1 depth.")
+    invert: bool = setting(False, "With --disparity: bright is far, as in a depth map of 0..1.")
     value_range: tuple[float, float] | None = setting(
         None,
-        "With --disparity: values that count as 0 and 1; default: the lowest and the highest, "
-        "of a sequence 0 and 1.",
+        "With --disparity: stored values that map to 0 and 1. Default: lowest and highest value of the map; "
+        "for sequences 0 and 1.",
         flag="disparity-range",
         metavar="A,B",
         parse=parse_numbers,
@@ -177,26 +191,27 @@ class DepthSettings(Group):
     )
     as_stored: bool = setting(
         False,
-        "Disparity is taken as it is stored, 0 to 1: one map of a sequence is treated as the others.",
+        "Use disparity as stored, 0 to 1, so that all maps of a sequence have one scale.",
         flag=None,
     )
-    resize: bool = setting(False, "Bring a map of another size to the picture's.", flag="resize-disparity")
+    resize: bool = setting(False, "Resize the map to the size of the picture.", flag="resize-disparity")
     mixed: Mode = setting(
         "auto",
-        "Mend values between two surfaces at edges; auto: in --depth, where there are many.",
+        "Repair edge pixels whose depth mixes two surfaces. auto (default): with --depth, if there are many.",
         flag="mixed-depth",
     )
     pixel_filter: str = setting(
         "auto",
-        "How pixels at edges mix both sides: auto (default) by the picture's file, else by its edges; "
-        f"{', '.join(FILTERS)}; with a width in pixels, as gaussian:2.",
+        "Pixel filter of the renderer that made the picture: auto (default: from file metadata, else "
+        "measured "
+        f"at edges), {', '.join(FILTERS)}. A width in pixels may follow, as in gaussian:2.",
         metavar="NAME[:WIDTH]",
-        expected=f"auto, or one of {', '.join(FILTERS)}, if need be with a width, as gaussian:2",
+        expected=f"auto, or one of {', '.join(FILTERS)}, optionally with a width, such as gaussian:2",
         accepts=_names_filter,
     )
     repair: Mode = setting(
         "auto",
-        "Move the map's edges to the picture's; auto: where they are out of place.",
+        "Align edges of the map with edges of the picture. auto (default): where they are misaligned.",
         flag="repair-disparity",
         aliases=("refine-disparity",),
     )
@@ -204,7 +219,7 @@ class DepthSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FocusSettings(Group):
-    """What stays sharp.
+    """Focus: a disparity, a distance, a pixel, a range or a tilted plane.
 
     Examples:
         >>> FocusSettings(range=(1.5, 3)).range  # metres, with metric depth
@@ -216,12 +231,12 @@ class FocusSettings(Group):
     """
 
     GROUP: ClassVar[str] = "focus"
-    TITLE: ClassVar[str] = "Focus, or what stays sharp"
+    TITLE: ClassVar[str] = "Focus"
     ONE_OF: ClassVar[tuple[str, ...]] = ("value", "distance", "at", "range", "plane")
 
     value: float | None = setting(
         None,
-        "With --disparity: the relative disparity that stays sharp, 0..1.",
+        "With --disparity: disparity in focus, 0 (farthest) to 1 (nearest).",
         flag="focus",
         low=0,
         high=1,
@@ -229,7 +244,7 @@ class FocusSettings(Group):
     )
     distance: float | None = setting(
         None,
-        "With --depth: what stays sharp, metres.",
+        "With --depth: distance in focus, metres.",
         flag="focus-distance",
         unit="m",
         expected="metres above 0",
@@ -238,7 +253,7 @@ class FocusSettings(Group):
     )
     at: Pixel | None = setting(
         None,
-        "Focus on this pixel, from the upper left.",
+        "Pixel in focus, counted from the upper left corner, starting at 0,0.",
         flag="focus-at",
         metavar="X,Y",
         parse=_pixel,
@@ -246,7 +261,7 @@ class FocusSettings(Group):
     )
     range: tuple[float, float] | None = setting(
         None,
-        "All between stays sharp, blur grows from both ends; metres with --depth, else 0..1.",
+        "Range in focus; blur grows beyond both ends. Metres with --depth, else disparities 0..1.",
         flag="focus-range",
         metavar="NEAR,FAR",
         parse=parse_numbers,
@@ -256,32 +271,34 @@ class FocusSettings(Group):
     )
     plane: tuple[Pixel, Pixel, Pixel] | None = setting(
         None,
-        "Lean the plane of focus through what these three pixels show.",
+        "Tilt the plane of focus so that these three pixels are sharp.",
         flag="focus-plane",
         metavar="X1,Y1 X2,Y2 X3,Y3",
         parse=_pixel,
         parts=3,
         expected="two whole numbers X,Y of each of three pixels",
-        of_a_look=False,
+        allowed_in_preset=False,
     )
     tilt_x: float = setting(
         0.0,
-        "Lean the plane of focus: above 0 the upper side focuses nearer, below 0 the lower side, as a "
-        "lens tilted down. With --depth the lens's tilt; with --disparity 45 leads from far to near.",
+        "Tilt of the plane of focus, degrees, -80 to 80: positive focuses nearer at the top, negative nearer "
+        "at the bottom, like a lens tilted down. With --depth: tilt of the lens. With --disparity: 45 spans "
+        "disparity 0 to 1 over the picture.",
         metavar="DEG",
         unit="degrees",
         low=-80,
         high=80,
-        of_a_look=True,
+        allowed_in_preset=True,
     )
     tilt_y: float = setting(
         0.0,
-        "Likewise: above 0 the right focuses nearer, below 0 the left.",
+        "Tilt of the plane of focus, degrees, -80 to 80: positive focuses nearer at the right, negative "
+        "nearer at the left.",
         metavar="DEG",
         unit="degrees",
         low=-80,
         high=80,
-        of_a_look=True,
+        allowed_in_preset=True,
     )
 
     def check(self) -> None:
@@ -297,7 +314,7 @@ class FocusSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CameraSettings(Group):
-    """How strongly the rest is blurred.
+    """Blur strength: a blur radius in pixels, or the camera's data.
 
     Examples:
         >>> CameraSettings(focal_length=50, f_number=1.8, sensor_width=36).focal_length  # mm
@@ -309,24 +326,37 @@ class CameraSettings(Group):
     """
 
     GROUP: ClassVar[str] = "camera"
-    TITLE: ClassVar[str] = "Camera, or how strong the blur is"
+    TITLE: ClassVar[str] = "Camera and blur strength"
 
     blur: float | None = setting(
-        None, "With --disparity: blur radius in pixels per unit of disparity.", unit="pixels", low=0
+        None,
+        "With --disparity: blur radius in pixels per unit of disparity, i.e. at the nearest point when the "
+        "farthest is in focus.",
+        unit="pixels",
+        low=0,
     )
     focal_length: float | None = setting(
         None,
-        "With --depth, mm. These three: default, what the picture's file says.",
+        "With --depth: focal length, mm. Default: metadata of the picture's file.",
         unit="mm",
         above=0,
     )
-    f_number: float | None = setting(None, "With --depth or a phone's photo.", above=0)
-    sensor_width: float | None = setting(None, "With --depth, mm.", unit="mm", above=0)
+    f_number: float | None = setting(
+        None,
+        "With --depth or a phone's photo: f-number, such as 1.8. Default: metadata of the picture's file.",
+        above=0,
+    )
+    sensor_width: float | None = setting(
+        None,
+        "With --depth: width of the sensor, mm. Default: metadata of the picture's file.",
+        unit="mm",
+        above=0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EngineSettings(Group):
-    """What renders.
+    """Engine, networks, device and memory bound.
 
     Examples:
         >>> from bokehnet.settings.settings import RenderSettings
@@ -344,16 +374,16 @@ class EngineSettings(Group):
         advice=_moved_engine,
         flag="engine",
         metavar="NAME",
-        of_a_look=True,
+        allowed_in_preset=True,
     )
-    weights: Path | None = setting(None, "Folder with other networks.")
+    weights: Path | None = setting(None, "Folder with networks to use in place of the shipped ones.")
     device: DeviceName = setting(
         "cpu",
-        "What computes: cpu (the default), cuda (a graphics card), or auto: that where it can.",
+        "Device that renders: cpu (default), cuda (an NVIDIA graphics card), or auto (cuda where possible).",
     )
     max_memory: int | None = setting(
         None,
-        "Memory for all, pictures included, such as 4G; what does not fit is rendered in strips.",
+        "Upper bound of the memory, pictures included, such as 4G. Larger pictures are rendered in strips.",
         metavar="SIZE",
         unit="bytes",
         parse=parse_bytes,
@@ -364,7 +394,7 @@ class EngineSettings(Group):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OutputSettings(Group):
-    """How the picture is written, and what besides it.
+    """File format of the result, and additional outputs.
 
     Examples:
         >>> OutputSettings(save_maps="maps").save_maps / "defocus.exr" == Path("maps/defocus.exr")
@@ -376,31 +406,32 @@ class OutputSettings(Group):
 
     color_space: ColorSpaceName = setting(
         "keep",
-        "Colours of the result; keep (the default): those of the picture's file, with its profile.",
+        "Colour space of the result. keep (default): that of the picture's file, including its profile.",
     )
     bits: BitsName | None = setting(
         None,
-        "8, 10, 16, half or float for each channel, as the format can; default: as the picture's file.",
+        "Bits per channel: 8, 10, 16, half or float, if the format allows it. Default: as in the picture's "
+        "file.",
     )
     quality: int = setting(
         97,
-        "Of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100; default 97. WebP of 100 is without loss.",
+        "Quality of JPEG, WebP, JPEG XL, AVIF and HEIC, 1 to 100. Default: 97. WebP at 100 is lossless.",
         low=1,
         high=100,
     )
     subsampling: SubsamplingName = setting(
-        "4:4:4", "Of the colours of JPEG, AVIF and HEIC: 4:4:4 (full, the default), 4:2:2 or 4:2:0."
+        "4:4:4", "Chroma subsampling of JPEG, AVIF and HEIC: 4:4:4 (none, default), 4:2:2 or 4:2:0."
     )
     dither: Switch = setting(
-        "on", "on (default) or off: rounding to 8 bits spreads its error, so that slopes show no bands."
+        "on", "Dithering when rounding to 8 bits, which avoids banding in gradients: on (default) or off."
     )
     save_maps: Path | None = setting(
         None,
-        "Folder for the settings, and as pictures: defocus, error map, classical, neural, mixed pixels, "
-        "expected error.",
+        "Folder for intermediate results: the settings, and images of the defocus, error map, classical and "
+        "neural render, mixed pixels and expected error.",
     )
     expected_error: Switch | None = setting(
         None,
-        "on or off: tell how far off each pixel of the rays may be, in 8-bit levels; default: on with "
-        "--save-maps, where lens and gamma are plain.",
+        "Error estimate per pixel, in 8-bit levels, with engine rays or hybrid: on or off. Default: on with "
+        "--save-maps, unless a lens, an aberration or a gamma is set.",
     )

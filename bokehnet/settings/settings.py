@@ -1,9 +1,8 @@
-"""Everything that a rendering can be told, each number with its unit, range and default, stated once.
+"""All settings of a render, each with unit, range and default in one place.
 
-:class:`RenderSettings` is a frozen tree of groups. From it the command line makes its options, presets take
-their names, and TOML files are read and written: ``RenderSettings`` -> group -> field, as in
-``settings.aperture.blades``. Errors name a field by that path. The fields themselves stand in
-``scene_settings.py`` and ``look_settings.py``.
+:class:`RenderSettings` is a frozen tree of groups and fields, as in ``settings.aperture.blades``. The options
+of the command line, the keys of presets and the tables of TOML files derive from it, and errors name a field
+by this path. The fields are defined in ``scene_settings.py``, ``look_settings.py`` and ``light_settings.py``.
 """
 
 import dataclasses
@@ -60,26 +59,26 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RenderSettings:
-    """Everything that a rendering can be told, in groups.
+    """All settings of a render, in groups.
 
-    Every number is checked when a group is made. Two settings are equal when they say the same.
+    The constructor of a group checks its values. Settings compare by value.
 
     Attributes:
-        input: Files beside the picture that tell its depth.
-        depth: How the map of the scene is read, and what is mended in it.
-        focus: What stays sharp.
-        camera: How strongly the rest is blurred.
-        aperture: The shape of the lens opening.
-        lens: The look of a lens.
-        color: Colours that part.
-        highlights: How light is weighed before it is blurred.
-        light: What waves and glass make of lamps.
-        effects: What the camera does to the blurred picture.
-        engine: What renders.
-        output: What is written besides the picture.
+        input: Files with the depth and the edges of the picture.
+        depth: Reading and repair of the depth map.
+        focus: Focus.
+        camera: Blur strength.
+        aperture: Shape of the aperture.
+        lens: Lens and aberrations.
+        color: Chromatic aberration.
+        highlights: Treatment of bright light before the blur.
+        light: Diffraction, ghosts and glare.
+        effects: Camera effects on the blurred picture.
+        engine: Engine, networks, device and memory bound.
+        output: File format of the result, and additional outputs.
 
     Raises:
-        ParameterError: A value has another type or is out of range, or fields do not fit together.
+        ParameterError: A value has the wrong type or is out of range, or fields contradict each other.
 
     Examples:
         >>> from bokehnet.settings.settings import ApertureSettings, CameraSettings, RenderSettings
@@ -111,7 +110,7 @@ class RenderSettings:
         """Return these settings with some fields replaced.
 
         Args:
-            changes: Group to fields and their values, as :meth:`to_table` gives them.
+            changes: Group name to field name to value, as returned by :meth:`to_table`.
 
         Raises:
             ParameterError: A name is unknown, or as for the class.
@@ -131,7 +130,7 @@ class RenderSettings:
         return dataclasses.replace(self, **groups)
 
     def to_table(self) -> dict[str, dict[str, Any]]:
-        """Return what differs from the defaults, group by group, as TOML files hold it."""
+        """Return the fields that differ from the defaults, by group, as plain values for TOML."""
         table = {}
         for name, kind in _GROUPS.items():
             group = getattr(self, name)
@@ -162,7 +161,7 @@ _GROUPS: dict[str, type[Group]] = {
 
 
 def _check_across(settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` unless the groups fit together."""
+    """Raise ``ParameterError`` unless the groups are consistent."""
     source, depth = settings.input, settings.depth
     needs = {"invert": "disparity", "value_range": "disparity", "as_stored": "disparity", "unit": "depth"}
     for name, needed in needs.items():
@@ -186,11 +185,11 @@ def _check_across(settings: RenderSettings) -> None:
 
 
 def check_engine(settings: RenderSettings, engine: str | None) -> None:
-    """Raise ``ParameterError`` where a look meets an engine that follows no rays, or light that none parts.
+    """Raise ``ParameterError`` if the look needs an engine that traces rays, or colour fringes.
 
     Args:
-        settings: Whose look it is.
-        engine: What renders; None where that is not known yet.
+        settings: Settings with the look.
+        engine: Name of the engine; None if it is not known yet.
 
     Examples:
         >>> tails = RenderSettings(lens=LensSettings(coma=2))  # percent
@@ -202,48 +201,51 @@ def check_engine(settings: RenderSettings, engine: str | None) -> None:
     """
     lens, color = settings.lens, settings.color
     sliders = ("name", "spherical", "coma", "astigmatism", "field_curvature")
-    given = [f"lens.{name}" for name in sliders if getattr(lens, name)]
-    given += [f"color.{name}" for name in ("axial", "lateral") if getattr(color, name)]
-    if given and engine is not None and engine not in RAY_ENGINES:
+    needing_rays = [f"lens.{name}" for name in sliders if getattr(lens, name)]
+    needing_rays += [f"color.{name}" for name in ("axial", "lateral") if getattr(color, name)]
+    if needing_rays and engine is not None and engine not in RAY_ENGINES:
         raise ParameterError(
-            given[0],
-            expected=f"`engine.name` {' or '.join(RAY_ENGINES)}, which follow rays through a lens",
+            needing_rays[0],
+            expected=f"`engine.name` {' or '.join(RAY_ENGINES)}, which trace rays through a lens",
             got=engine,
         )
-    parted = color.axial or color.lateral or lens.name is not None
-    for name, plain in (("dispersion", "continuous"), ("equaliser", (1.0,))):
-        if getattr(color, name) not in (None, plain) and not parted:
+    has_fringes = color.axial or color.lateral or lens.name is not None
+    for name, neutral in (("dispersion", "continuous"), ("equaliser", (1.0,))):
+        if getattr(color, name) not in (None, neutral) and not has_fringes:
             raise ParameterError(
                 f"color.{name}",
-                expected="colours that part: `color.axial`, `color.lateral` or `lens.name`",
+                expected="colour fringes from `color.axial`, `color.lateral` or `lens.name`",
                 shown="none",
             )
 
 
 def merged(*layers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Lay changes over each other; a later layer prevails, and so does its way where one of several is given.
+    """Merge changes; later layers override earlier ones.
+
+    Of mutually exclusive fields (:attr:`Group.ONE_OF`), that of the last layer stays.
 
     Args:
-        layers: Group to fields and their values, each.
+        layers: Group name to field name to value, each.
 
     Examples:
         >>> merged({"focus": {"value": 0.2}, "camera": {"blur": 9}}, {"focus": {"at": (3, 4)}})
         {'focus': {'at': (3, 4)}, 'camera': {'blur': 9}}
     """
-    found: dict[str, dict[str, Any]] = {}
+    merged_values: dict[str, dict[str, Any]] = {}
     for layer in layers:
         for group, values in layer.items():
-            below = found.setdefault(group, {})
-            ways = _GROUPS[group].ONE_OF if group in _GROUPS else ()
-            if any(values.get(name) is not None for name in ways):
-                found[group] = below = {name: value for name, value in below.items() if name not in ways}
-            below.update(values)
-    return found
+            merged_group = merged_values.setdefault(group, {})
+            exclusive = _GROUPS[group].ONE_OF if group in _GROUPS else ()
+            if any(values.get(name) is not None for name in exclusive):
+                merged_group = {name: value for name, value in merged_group.items() if name not in exclusive}
+                merged_values[group] = merged_group
+            merged_group.update(values)
+    return merged_values
 
 
 @cache
 def all_settings() -> Mapping[str, Setting]:
-    """What is known of each field of :class:`RenderSettings`, by its path such as ``aperture.blades``.
+    """Return the description of each field of :class:`RenderSettings` by its path, ``aperture.blades``.
 
     Examples:
         >>> known = all_settings()["camera.focal_length"]
@@ -255,26 +257,26 @@ def all_settings() -> Mapping[str, Setting]:
 
 @cache
 def settings_by_flag() -> Mapping[str, Setting]:
-    """The same by flag, earlier flags among them.
+    """Return the description of each field by flag, including flags of earlier versions.
 
     Examples:
         >>> settings_by_flag()["cats-eye"].path, settings_by_flag()["focus-distance"].path
         ('aperture.cats_eye', 'focus.distance')
     """
-    found = {}
+    by_flag = {}
     for known in all_settings().values():
         for flag in (known.flag, *known.aliases):
             if flag is not None:
-                found[flag] = known
-    return found
+                by_flag[flag] = known
+    return by_flag
 
 
 def group_types() -> list[type[Group]]:
-    """The groups, in the order of a help text.
+    """Return the group classes in the order of a help text.
 
     Examples:
         >>> first, *_ = group_types()
         >>> first.GROUP, first.TITLE
-        ('input', 'Depth of the picture')
+        ('input', 'Depth sources')
     """
     return list(_GROUPS.values())

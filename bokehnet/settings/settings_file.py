@@ -1,4 +1,4 @@
-"""Settings in TOML files: a table for each group, or flags as the command line knows them."""
+"""Settings in TOML files: a table per group, or keys named like command-line options."""
 
 import math
 import tomllib
@@ -15,20 +15,20 @@ __all__ = ["load_settings", "read_toml", "save_settings", "settings_from_table"]
 
 
 def settings_from_table(
-    table: Mapping[str, Any], source: str = "settings", *, of_a_look: bool = False
+    table: Mapping[str, Any], source: str = "settings", *, allowed_in_preset: bool = False
 ) -> dict[str, dict[str, Any]]:
-    """Sort a table of a TOML file into groups.
+    """Sort the table of a TOML file into groups of settings.
 
     Args:
-        table: Tables by group, fields inside; and flags outside of any group, such as ``cats-eye``.
-        source: Named in messages.
-        of_a_look: Whether only settings of a look may stand there.
+        table: Tables by group with their fields, and option names outside of tables, such as ``cats-eye``.
+        source: Name of the file in messages.
+        allowed_in_preset: True to reject settings that a preset may not set.
 
     Returns:
         Group to field to value, for :meth:`RenderSettings.updated`.
 
     Raises:
-        ConfigError: A name is unknown, or a value is none that a field could have.
+        ConfigError: A name is unknown, or a value has a type that no field has.
 
     Examples:
         >>> settings_from_table({"cats-eye": 0.5, "camera": {"blur": 40}})
@@ -42,29 +42,29 @@ def settings_from_table(
             pairs = [(f"{key}.{name}", known.get(name), item) for name, item in value.items()]
         else:
             pairs = [(key, settings_by_flag().get(key), value)]
-        for name, found, item in pairs:
-            if found is None or (of_a_look and not found.of_a_look):
-                what = "a preset can set" if of_a_look else "known are"
+        for name, setting, item in pairs:
+            if setting is None or (allowed_in_preset and not setting.allowed_in_preset):
+                what = "a preset can set" if allowed_in_preset else "expected one of"
                 names = [
                     each.flag or path
                     for path, each in all_settings().items()
-                    if each.of_a_look or not of_a_look
+                    if each.allowed_in_preset or not allowed_in_preset
                 ]
                 raise ConfigError(f"{source}: unknown option {name!r}; {what} {', '.join(sorted(names))}")
             if not isinstance(item, bool | int | float | str | list):
                 raise ConfigError(
                     f"{source}: {name}: expected a number, a text, true or a list, got {item!r}"
                 )
-            changes.setdefault(found.group, {})[found.name] = item
+            changes.setdefault(setting.group, {})[setting.name] = item
     return changes
 
 
 def load_settings(path: str | Path) -> RenderSettings:
-    """Read settings from a TOML file: a table for each group, with its fields.
+    """Read settings from a TOML file with a table per group.
 
     Raises:
         ConfigError: The file is missing or not TOML, or a name is unknown.
-        ParameterError: A value is out of range, or values do not fit together.
+        ParameterError: A value is out of range, or values contradict each other.
 
     Examples:
         >>> save_settings("shot.toml", RenderSettings().updated({"camera": {"blur": 40}}))
@@ -75,7 +75,7 @@ def load_settings(path: str | Path) -> RenderSettings:
 
 
 def save_settings(path: str | Path, settings: RenderSettings) -> None:
-    """Write what differs from the defaults as a TOML file that :func:`load_settings` reads, atomically.
+    """Write the settings that differ from the defaults to a TOML file, atomically.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -87,7 +87,7 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
         blades = 6
         cats_eye = 0.5
     """
-    from bokehnet.io.atomic import write_text  # after the settings are made, so that a help text is fast
+    from bokehnet.io.atomic import write_text  # imported late: keeps help texts fast
 
     lines = []
     for group, values in settings.to_table().items():
@@ -96,7 +96,7 @@ def save_settings(path: str | Path, settings: RenderSettings) -> None:
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Return the table of a TOML file; ``ConfigError`` says what kind of file cannot be read, and why.
+    """Return the table of a TOML file; raise ``ConfigError`` naming ``what`` if it cannot be read.
 
     Examples:
         >>> _ = Path("look.toml").write_text("cats-eye = 0.5")
@@ -106,12 +106,12 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     text = read_text(path, what, "TOML")
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # of TOML, of numbers with too many digits
+    except (ValueError, RecursionError) as error:  # also for numbers with too many digits
         raise ConfigError(f"{path}: expected TOML, found an error: {error}") from error
 
 
 def _toml(value: Any) -> str:
-    """Spell a plain value as TOML does."""
+    """Return the TOML text of a plain value."""
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, bool):

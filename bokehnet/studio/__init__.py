@@ -1,10 +1,10 @@
-"""The studio: a page in the browser, served from this machine to this machine, on which one plays with bokeh.
+"""Studio: a local web page for interactive rendering.
 
-In goes a picture with whatever tells its depth, opened by :func:`bokehnet.scene.scene.read_scene`, and
-changes of :class:`~bokehnet.settings.settings.RenderSettings`. Out come previews, quick ones first, and
-files whose bytes are those of the command line that the page shows. It knows the public room and how to draw;
-nothing of the field.
+In: a picture with a depth source, opened by :func:`bokehnet.scene.scene.read_scene`, and changes of
+:class:`~bokehnet.settings.settings.RenderSettings`. Out: previews, quick ones first, and files that are
+byte-identical to those of the shown command line. The studio uses the public renderer and draws; it contains
+no optics.
 
-Open first: ``session.py`` (what is open), ``preview.py`` (from a change to pixels), ``app.py`` (what the page
-can ask for), ``guard.py`` (who may ask).
+Open first: ``session.py`` (state), ``preview.py`` (changes to pixels), ``app.py`` (requests), ``guard.py``
+(access control).
 """

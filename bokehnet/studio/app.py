@@ -1,4 +1,4 @@
-"""What the page can ask for: routes from JSON and files to JSON and pixels."""
+"""Requests of the page: routes from JSON and files to JSON and pixels."""
 
 import asyncio
 import json
@@ -29,12 +29,12 @@ from bokehnet.studio.uploads import UploadTooLargeError, receive, safe_name
 __all__ = ["PAGE", "make_app"]
 
 PAGE = Path(__file__).parent / "page"
-"""The files of the page."""
+"""Folder with the files of the page."""
 
-_MOST_JSON = 2 * 2**20
-_LARGEST_SIDE = 2560  # pixels of a preview
-_LARGEST_LOUPE = 512
-_THUMBNAIL = (144, 108)
+_MAX_JSON_BYTES = 2 * 2**20
+_MAX_PREVIEW_SIDE_PX = 2560
+_MAX_LOUPE_SIDE_PX = 512
+_THUMBNAIL_SIZE = (144, 108)
 
 Handler = Callable[[Request], Awaitable[Response]]
 
@@ -43,9 +43,9 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
     """Return the application behind its guard.
 
     Args:
-        session: What is open.
+        session: Session of the studio.
         token: First part of every path.
-        port: On which it listens.
+        port: Port of the studio.
     """
     api = _Api(session)
     posts = (
@@ -89,68 +89,66 @@ def make_app(session: Session, *, token: str, port: int) -> Application:
 
 
 def _answered(handler: Handler) -> Handler:
-    """The handler with our errors as one line, and the setting that caused each."""
+    """Return a handler that reports errors as one line with the setting that caused them."""
 
     async def answer(request: Request) -> Response:
         try:
             return await handler(request)
         except UploadTooLargeError as error:
-            return _told(error, 413)
+            return _error_response(error, 413)
         except RenderCancelled:
-            return JSONResponse({"error": "another request came"}, 409)
+            return JSONResponse({"error": "replaced by a newer request"}, 409)
         except BokehnetError as error:
-            return _told(error, 422)
+            return _error_response(error, 422)
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
-            return JSONResponse(
-                {"error": f"expected another request: {type(error).__name__}", "path": ""}, 400
-            )
-        except Exception as error:  # a fault of ours is told, and the page goes on
-            return JSONResponse({"error": _fault(error)}, 500)
+            return JSONResponse({"error": f"invalid request: {type(error).__name__}", "path": ""}, 400)
+        except Exception as error:  # a bug must not stop the page
+            return JSONResponse({"error": _bug_message(error)}, 500)
 
     return answer
 
 
-def _told(error: BokehnetError, status: int) -> Response:
+def _error_response(error: BokehnetError, status: int) -> Response:
     path = error.parameter if isinstance(error, ParameterError) else ""
     return JSONResponse({"error": " ".join(str(error).split()), "path": path}, status)
 
 
-def _fault(error: Exception) -> str:
-    """One line of what no check of ours foresaw."""
-    return " ".join(f"failed by a fault: {type(error).__name__}: {error}".split())
+def _bug_message(error: Exception) -> str:
+    """Return one line about an unexpected exception."""
+    return " ".join(f"internal error: {type(error).__name__}: {error}".split())
 
 
 async def _json(request: Request) -> dict[str, Any]:
-    """The body of a request; ``ValueError`` where it is no JSON object or too long."""
+    """Return the JSON object in the body of a request; raise ``ValueError`` if it is invalid."""
     body = bytearray()
     async for chunk in request.stream():
         body += chunk
-        if len(body) > _MOST_JSON:
+        if len(body) > _MAX_JSON_BYTES:
             raise UploadTooLargeError("expected a shorter request")
     try:
-        found = json.loads(bytes(body) or b"{}")
+        content = json.loads(bytes(body) or b"{}")
     except RecursionError as error:
         raise ValueError("nested too deep") from error
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise ValueError("no object")
-    return found
+    return content
 
 
 def _framed(picture: Picture, **facts: Any) -> bytes:
-    """A picture as the page reads it: length of a JSON header, the header, the pixels."""
+    """Return a frame for the page: length of a JSON header, the header, the pixels."""
     height, width = picture.rgba.shape[:2]
     header = {"stage": picture.stage, "width": width, "height": height, **picture.facts, **facts}
-    told = json.dumps(header | {"bytes": picture.rgba.nbytes}).encode()
-    return struct.pack("<I", len(told)) + told + picture.rgba.tobytes()
+    encoded = json.dumps(header | {"bytes": picture.rgba.nbytes}).encode()
+    return struct.pack("<I", len(encoded)) + encoded + picture.rgba.tobytes()
 
 
 def _line(**facts: Any) -> bytes:
-    told = json.dumps(facts | {"bytes": 0}).encode()
-    return struct.pack("<I", len(told)) + told
+    encoded = json.dumps(facts | {"bytes": 0}).encode()
+    return struct.pack("<I", len(encoded)) + encoded
 
 
 class _Api:
-    """One method for each thing that the page can ask for."""
+    """Handlers of the requests, one method each."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -170,18 +168,18 @@ class _Api:
         )
 
     async def open(self, request: Request) -> Response:
-        """A picture, or with ``role`` its map: ``disparity``, ``depth`` or ``defocus``."""
+        """Open a picture, or with ``role`` its map: ``disparity``, ``depth`` or ``defocus``."""
         session, query = self._session, request.query_params
         name, role = safe_name(query.get("name", "")), query.get("role", "picture")
         path = session.incoming(name)
         await receive(request.stream(), path, request.headers.get("content-length"))
         if role == "picture":
-            own = path.suffix.lower() == ".exr"
-            settings = RenderSettings().updated({"input": {"depth": str(path)}} if own else {})
+            has_depth = path.suffix.lower() == ".exr"
+            settings = RenderSettings().updated({"input": {"depth": str(path)}} if has_depth else {})
             try:
                 await asyncio.to_thread(session.open, path, settings)
             except BokehnetError:
-                if not own:
+                if not has_depth:
                     raise
                 await asyncio.to_thread(session.open, path, RenderSettings())
         elif role in ("disparity", "depth", "defocus"):
@@ -210,7 +208,7 @@ class _Api:
         return JSONResponse(self._session.state())
 
     async def wear(self, request: Request) -> Response:
-        self._session.wear(str((await _json(request))["preset"]))
+        self._session.apply_preset(str((await _json(request))["preset"]))
         return JSONResponse(self._session.state())
 
     async def stroke(self, request: Request) -> Response:
@@ -234,7 +232,8 @@ class _Api:
         return JSONResponse(self._session.jobs)
 
     async def words(self, request: Request) -> Response:
-        return JSONResponse(await asyncio.to_thread(self._session.words, str((await _json(request))["name"])))
+        name = str((await _json(request))["name"])
+        return JSONResponse(await asyncio.to_thread(self._session.equivalents, name))
 
     async def result(self, request: Request) -> Response:
         return _download(self._session.result())
@@ -251,104 +250,104 @@ class _Api:
         return _download(await asyncio.to_thread(self._session.save))
 
     async def preview(self, request: Request) -> Response:
-        """Take changes, if any, and send previews until the engine's own is done."""
-        asked, session = await _json(request), self._session
-        if asked.get("changes"):
-            session.change(asked["changes"])
-        if "preset" in asked:
-            session.wear(str(asked["preset"]))
+        """Apply changes, if any, and send previews up to the final one."""
+        options, session = await _json(request), self._session
+        if options.get("changes"):
+            session.change(options["changes"])
+        if "preset" in options:
+            session.apply_preset(str(options["preset"]))
         opened = _open_one(session)
-        size = _fitted(opened, asked)
-        return await self._streamed(asked, opened, size, None)
+        size = _fitted(opened, options)
+        return await self._streamed(options, opened, size, None)
 
     async def loupe(self, request: Request) -> Response:
-        """Send a part of the picture as it will be in the file, at the file's size."""
-        asked, opened = await _json(request), _open_one(self._session)
-        width, height = (min(_side(asked[side], _LARGEST_LOUPE), full) for side, full in _sides(opened))
-        left = min(max(round(float(asked["x"]) * opened.size[0] - width / 2), 0), opened.size[0] - width)
-        top = min(max(round(float(asked["y"]) * opened.size[1] - height / 2), 0), opened.size[1] - height)
+        """Send a region of the picture as in the exported file, at full size."""
+        options, opened = await _json(request), _open_one(self._session)
+        width, height = (min(_side(options[side], _MAX_LOUPE_SIDE_PX), full) for side, full in _sides(opened))
+        left = min(max(round(float(options["x"]) * opened.size[0] - width / 2), 0), opened.size[0] - width)
+        top = min(max(round(float(options["y"]) * opened.size[1] - height / 2), 0), opened.size[1] - height)
         region = Region(x=left, y=top, width=width, height=height)
-        return await self._streamed(asked, opened, (width, height), region)
+        return await self._streamed(options, opened, (width, height), region)
 
     async def thumbnail(self, request: Request) -> Response:
-        """Send this picture with a preset's look."""
-        asked, session = await _json(request), self._session
-        opened, shown = _open_one(session), _space(asked.get("space"))
-        settings = session.dressed(str(asked["preset"]))
-        size, cancel = opened.fitted(*_THUMBNAIL), session.previews.begin_thumbnail()
+        """Send a thumbnail of the picture with a preset."""
+        options, session = await _json(request), self._session
+        opened, shown = _open_one(session), _space(options.get("space"))
+        settings = session.with_preset(str(options["preset"]))
+        size, cancel = opened.fitted(*_THUMBNAIL_SIZE), session.previews.begin_thumbnail()
 
         def render() -> Picture:
             scene = opened.view(size, settings)
-            told = opened.at_size(settings, size[0] / opened.size[0])
-            task = (scene, told, opened.space, shown, "final")
-            found: Picture = session.fine.run(refine, *task, cancel=cancel)
-            return found
+            scaled = opened.at_size(settings, size[0] / opened.size[0])
+            task = (scene, scaled, opened.space, shown, "final")
+            picture: Picture = session.fine.run(refine, *task, cancel=cancel)
+            return picture
 
         return Response(_framed(await asyncio.to_thread(render)), media_type="application/octet-stream")
 
     async def plain(self, request: Request) -> Response:
-        """Send the picture as it was before."""
+        """Send the picture before any blur."""
         opened, query = _open_one(self._session), request.query_params
         size = _fitted(opened, query)
         shown = _space(query.get("space"))
-        made = await asyncio.to_thread(plain, opened, size, shown)
-        return Response(_framed(made), media_type="application/octet-stream")
+        picture = await asyncio.to_thread(plain, opened, size, shown)
+        return Response(_framed(picture), media_type="application/octet-stream")
 
     async def overlay(self, request: Request) -> Response:
-        """Send what is laid over the picture: ``depth``, ``focus`` or ``confidence``."""
+        """Send an overlay: ``depth``, ``focus`` or ``confidence``."""
         opened, query = _open_one(self._session), request.query_params
         size = _fitted(opened, query)
-        made = await asyncio.to_thread(overlay, opened, self._session.settings, size, query["kind"])
-        return Response(_framed(made), media_type="application/octet-stream")
+        picture = await asyncio.to_thread(overlay, opened, self._session.settings, size, query["kind"])
+        return Response(_framed(picture), media_type="application/octet-stream")
 
     async def aperture(self, request: Request) -> Response:
-        """Send what a point of light behind focus becomes, in the middle and in a corner."""
-        made = await asyncio.to_thread(aperture_image, self._session.settings)
-        return Response(_framed(made), media_type="application/octet-stream")
+        """Send images of a point of light behind focus, in the middle and in a corner."""
+        picture = await asyncio.to_thread(aperture_image, self._session.settings)
+        return Response(_framed(picture), media_type="application/octet-stream")
 
     async def _streamed(
-        self, asked: dict[str, Any], opened: Opened, size: tuple[int, int], region: Region | None
+        self, options: dict[str, Any], opened: Opened, size: tuple[int, int], region: Region | None
     ) -> Response:
-        """Answer with the first picture, or an error; the better ones follow in the same answer."""
-        session, shown = self._session, _space(asked.get("space"))
+        """Respond with the first picture or an error; better pictures follow in the same response."""
+        session, shown = self._session, _space(options.get("space"))
         settings, lane = session.settings, "loupe" if region else "whole"
-        cancel = session.previews.begin(f"{asked.get('client', '')!s:.64} {lane}")
-        share = [0.0]
+        cancel = session.previews.begin(f"{options.get('client', '')!s:.64} {lane}")
+        fraction = [0.0]
 
         def progress(done: int, total: int) -> None:
-            share[0] = done / max(total, 1)
+            fraction[0] = done / max(total, 1)
 
-        held = bool(asked.get("held"))
+        held = bool(options.get("held"))
         stages = session.previews.stages(opened, settings, size, shown, cancel, progress, region, held)
         first = await asyncio.to_thread(next, stages)
-        facts = {"settings": session.told_settings(), "version": opened.version}
+        facts = {"settings": session.shown_settings(), "version": opened.version}
 
         async def body() -> AsyncIterator[bytes]:
             try:
                 yield _framed(first, **facts)
                 while True:
                     waiting = asyncio.ensure_future(asyncio.to_thread(_next, stages))
-                    waiting.add_done_callback(_looked_at)
+                    waiting.add_done_callback(_retrieve_exception)
                     while not (await asyncio.wait([waiting], timeout=0.2))[0]:
-                        yield _line(stage="progress", share=share[0])
-                    made = waiting.result()
-                    if made is None:
+                        yield _line(stage="progress", share=fraction[0])
+                    picture = waiting.result()
+                    if picture is None:
                         return
-                    yield _framed(made)
+                    yield _framed(picture)
             except RenderCancelled:
                 yield _line(stage="cancelled")
             except BokehnetError as error:
                 yield _line(stage="error", error=" ".join(str(error).split()))
-            except Exception as error:  # a fault of ours is told, and the page goes on
-                yield _line(stage="error", error=_fault(error))
+            except Exception as error:  # a bug must not stop the page
+                yield _line(stage="error", error=_bug_message(error))
             finally:
                 cancel.set()
 
         return StreamingResponse(body(), media_type="application/octet-stream")
 
 
-def _looked_at(task: asyncio.Future[Any]) -> None:
-    """Look at what a task ended by: nobody else does where the page has gone."""
+def _retrieve_exception(task: asyncio.Future[Any]) -> None:
+    """Retrieve the exception of a task, so that asyncio does not warn after the page has closed."""
     if not task.cancelled():
         task.exception()
 
@@ -367,13 +366,13 @@ def _sides(opened: Opened) -> tuple[tuple[str, int], tuple[str, int]]:
     return ("width", opened.size[0]), ("height", opened.size[1])
 
 
-def _fitted(opened: Opened, asked: Mapping[str, Any]) -> tuple[int, int]:
-    """Size of a preview that the page has so many pixels for."""
-    return opened.fitted(*(_side(asked[side], _LARGEST_SIDE) for side in ("width", "height")))
+def _fitted(opened: Opened, options: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the size of a preview that fits into the requested size."""
+    return opened.fitted(*(_side(options[side], _MAX_PREVIEW_SIDE_PX) for side in ("width", "height")))
 
 
-def _side(value: Any, most: int) -> int:
-    return min(max(int(value), 16), most)
+def _side(value: Any, maximum: int) -> int:
+    return min(max(int(value), 16), maximum)
 
 
 def _space(name: Any) -> str:

@@ -1,6 +1,6 @@
-"""Sessions as one file: the picture, what tells its depth, the settings and the strokes.
+"""Session files: the picture, its depth, the settings and the strokes in one file.
 
-It is a ZIP file without compression, so that none grows when it is read.
+A session file is a ZIP file without compression, so that reading it cannot expand to a larger size.
 """
 
 import json
@@ -9,22 +9,22 @@ from pathlib import Path
 from typing import Any
 
 from bokehnet.errors import ConfigError
-from bokehnet.studio.uploads import MOST_BYTES, safe_name
+from bokehnet.studio.uploads import MAX_BYTES, safe_name
 
 __all__ = ["read_session", "write_session"]
 
 _TABLE = "session.json"
-_MOST_FILES = 8
-_MOST_TABLE = 4 * 2**20
+_MAX_FILES = 8
+_MAX_TABLE_BYTES = 4 * 2**20
 
 
 def write_session(path: Path, table: dict[str, Any], files: dict[str, Path]) -> None:
-    """Write a session.
+    """Write a session file.
 
     Args:
-        path: Where it goes.
-        table: What JSON holds of it.
-        files: By the names that the table has for them.
+        path: Output file.
+        table: Content of the JSON part.
+        files: Files by their names in the table.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
         archive.writestr(_TABLE, json.dumps(table, indent=1))
@@ -33,20 +33,20 @@ def write_session(path: Path, table: dict[str, Any], files: dict[str, Path]) -> 
 
 
 def read_session(path: Path, folder: Path) -> dict[str, Any]:
-    """Return the table of a session, and put its files into a folder.
+    """Return the table of a session file, and extract its files into a folder.
 
     Raises:
-        ConfigError: It is none, holds anything that is compressed, too large, or named to go elsewhere.
+        ConfigError: It is no session file, or contains a compressed or too large file or an unsafe name.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
-            if len(entries) > _MOST_FILES or sum(entry.file_size for entry in entries) > MOST_BYTES:
+            if len(entries) > _MAX_FILES or sum(entry.file_size for entry in entries) > MAX_BYTES:
                 raise ConfigError("expected a session of a few files, found a larger one")
             for entry in entries:
                 if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
                     raise ConfigError("expected a session without compression, found a compressed file in it")
-            if archive.getinfo(_TABLE).file_size > _MOST_TABLE:
+            if archive.getinfo(_TABLE).file_size > _MAX_TABLE_BYTES:
                 raise ConfigError("expected a session of a few files, found a larger one")
             table = json.loads(archive.read(_TABLE))
             for entry in entries:
@@ -57,7 +57,7 @@ def read_session(path: Path, folder: Path) -> dict[str, Any]:
     except (zipfile.BadZipFile, KeyError, ValueError, RecursionError, EOFError, NotImplementedError) as error:
         if isinstance(error, ConfigError):
             raise
-        raise ConfigError("expected a session that the studio has saved, found something else") from error
+        raise ConfigError("expected a session file saved by the studio, found something else") from error
     if not isinstance(table, dict):
-        raise ConfigError("expected a session that the studio has saved, found something else")
+        raise ConfigError("expected a session file saved by the studio, found something else")
     return table

@@ -1,4 +1,4 @@
-"""Scene-linear light as the bytes that a canvas shows."""
+"""Conversion of scene-linear light to bytes for a canvas."""
 
 from functools import cache
 
@@ -11,28 +11,28 @@ from bokehnet.io.color.srgb import linear_to_srgb
 __all__ = ["SPACES", "to_rgba"]
 
 SPACES = {"srgb": SRGB, "display-p3": COLOR_SPACES["display-p3"]}
-"""Colour spaces of a canvas; both have the curve of sRGB."""
+"""Colour spaces of a canvas; both use the sRGB curve."""
 
-# Bits of a float32 that pick the byte: sign, exponent and 11 of the fraction, finer than any byte asks for.
+# Dropped bits of a float32: sign, exponent and 11 fraction bits remain, finer than a byte needs.
 _SHIFT = 12
 _ONE = int(np.float32(1).view(np.uint32)) >> _SHIFT
 
 
 @cache
 def _bytes_of_light() -> NDArray[np.uint8]:
-    """The byte of the numbers from 0 to 1 that share their leading bits: that of the middle one."""
+    """Return the look-up table from leading bits of numbers in 0 to 1 to bytes, for interval middles."""
     bits = (np.arange(_ONE + 1, dtype=np.uint32) << _SHIFT) + (1 << (_SHIFT - 1))
     light = np.minimum(bits.view(np.float32), 1)
     return np.rint(255 * linear_to_srgb(light)).astype(np.uint8)
 
 
 def to_rgba(light: NDArray[np.float32], space: ColorSpace, shown: str = "srgb") -> NDArray[np.uint8]:
-    """Return what a canvas shows of light: (H, W, 4), opaque, encoded by the curve of sRGB.
+    """Return the pixels of a canvas for light: (H, W, 4), opaque, encoded by the sRGB curve.
 
     Args:
-        light: Scene-linear, (H, W, 3); above 1 is white.
-        space: Whose primaries it has.
-        shown: Name of the canvas's space, of :data:`SPACES`.
+        light: Scene-linear light, (H, W, 3); clipped at 1.
+        space: Colour space of the light.
+        shown: Name of the canvas's colour space, one of :data:`SPACES`.
 
     Examples:
         >>> to_rgba(np.array([[[0, 0.2140411, 4]]], np.float32), SRGB).tolist()

@@ -1,4 +1,4 @@
-"""The file that the shown command line makes, made in the background by the same steps."""
+"""Export in the background: the same file as by the shown command line, by the same steps."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +17,10 @@ __all__ = ["render_file", "with_painted_map"]
 
 
 def render_file(image: Path, output: Path, settings: RenderSettings, *, report: Progress) -> dict[str, Any]:
-    """Read, render and write a picture, as ``bokehnet render`` does; a task of the helper.
+    """Read, render and write a picture, as ``bokehnet render`` does; a task of the worker process.
 
     Returns:
-        What was decided, for people.
+        Facts about the render, for display.
 
     Raises:
         BokehnetError: As for the command.
@@ -42,16 +42,16 @@ def render_file(image: Path, output: Path, settings: RenderSettings, *, report: 
 def with_painted_map(
     opened: Opened, settings: RenderSettings, folder: Path, *, write: bool = True
 ) -> tuple[RenderSettings, Path | None]:
-    """Write the map of a picture that is painted on, and return settings that take the depth from there.
+    """Write the painted map of a picture, and return settings that use it.
 
     Args:
-        opened: The picture.
-        settings: All that is asked for.
-        folder: Where the map goes.
-        write: Whether it is written; else only its name is told.
+        opened: Opened picture.
+        settings: Settings of the render.
+        folder: Folder for the map.
+        write: True to write the map, False only to return its name.
 
     Returns:
-        The settings, and the map's file; None where nothing is painted.
+        Settings, and the map's file; None if nothing is painted.
     """
     if not opened.strokes:
         return settings, None
@@ -59,7 +59,7 @@ def with_painted_map(
     depth = opened.scene.depth
     table = settings.to_table()
     source = {name: table.get("input", {}).get(name) for name in ("matte", "supersampled")}
-    kept = {name: value for name, value in source.items() if value is not None}
+    inputs = {name: value for name, value in source.items() if value is not None}
     reading = {"repair": "off", "mixed": "off"}
     if "pixel_filter" in table.get("depth", {}):
         reading["pixel_filter"] = table["depth"]["pixel_filter"]
@@ -71,21 +71,21 @@ def with_painted_map(
         scale, channel = (1000, "Z") if depth.kind == "metric" else (1, "Y")
         write_map(path, scale * opened.painted_map(settings), channel=channel)
     if depth.kind == "relative":
-        changes |= {"input": {"disparity": str(path), **kept}, "depth": {"value_range": [0, 1], **reading}}
+        changes |= {"input": {"disparity": str(path), **inputs}, "depth": {"value_range": [0, 1], **reading}}
     elif depth.kind == "metric":
         changes |= {
-            "input": {"depth": str(path), "channel": "Z", **kept},
+            "input": {"depth": str(path), "channel": "Z", **inputs},
             "depth": {"unit": "1/m", **reading},
         }
         for name in ("focal_length", "f_number", "sensor_width"):
-            found = getattr(depth.camera, name, None)
-            if name not in changes["camera"] and found is not None:
-                changes["camera"][name] = float(found)
+            value = getattr(depth.camera, name, None)
+            if name not in changes["camera"] and value is not None:
+                changes["camera"][name] = float(value)
     else:
-        changes |= {"input": {"defocus": str(path), **kept}, "depth": reading}
+        changes |= {"input": {"defocus": str(path), **inputs}, "depth": reading}
     focus = opened.focus_of(settings)
     if not changes["focus"] and focus is not None and depth.kind != "defocus":
         metric = depth.kind == "metric"
         changes["focus"] = {"distance": 1 / (1000 * focus)} if metric else {"value": focus}
-    plain = replace(settings, input=RenderSettings().input, depth=RenderSettings().depth)
-    return plain.updated(changes), path
+    without_source = replace(settings, input=RenderSettings().input, depth=RenderSettings().depth)
+    return without_source.updated(changes), path

@@ -1,4 +1,4 @@
-"""Who may talk to the studio: its own page, which knows the token of its address, and nobody else."""
+"""Access control of the studio: only its own page, which knows the token in its address, may talk to it."""
 
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
@@ -15,7 +15,7 @@ CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-"""Of every answer: scripts and styles from the studio's own files alone, none inside the page.
+"""Policy of every response: scripts and styles only from the studio's own files, none inline.
 
 Source: W3C, "Content Security Policy Level 3".
 """
@@ -23,17 +23,17 @@ Source: W3C, "Content Security Policy Level 3".
 _HEADERS = (
     (b"content-security-policy", CONTENT_POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),  # the token stands in the address
+    (b"referrer-policy", b"no-referrer"),  # the address contains the token
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
 
-_SAFE = ("GET", "HEAD")
+_SAFE_METHODS = ("GET", "HEAD")
 
 
 def make_token() -> str:
-    """Return a word that nobody guesses: 192 random bits.
+    """Return an unguessable token of 192 random bits.
 
     Examples:
         >>> len(make_token()), make_token() == make_token()
@@ -43,15 +43,15 @@ def make_token() -> str:
 
 
 class Guard:
-    """Lets a request pass when it names this machine, comes from the studio's own page and knows the token.
+    """Filter that passes requests to this machine from the studio's own page with the token.
 
-    A name of another site that was made to lead to this machine (DNS rebinding) fails by its ``Host``,
-    another page by its ``Origin``; another program or user by the token, the first part of every path.
+    DNS rebinding, where another site's name resolves to this machine, fails by ``Host``; other pages fail by
+    ``Origin``; other programs and users fail by the token, the first part of every path.
 
     Args:
-        app: Sees what passes, its path without the token.
-        token: As :func:`make_token` makes it.
-        port: On which the studio listens.
+        app: Application for the passed requests; their paths come without the token.
+        token: Token from :func:`make_token`.
+        port: Port of the studio.
 
     Source: Jackson et al., "Protecting Browsers from DNS Rebinding Attacks", CCS 2007; Barth et al., "Robust
         Defenses for Cross-Site Request Forgery", CCS 2008.
@@ -62,7 +62,7 @@ class Guard:
         self._hosts = tuple(f"{name}:{port}".encode() for name in ("127.0.0.1", "localhost"))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request, as ASGI asks for it."""
+        """Handle one request (ASGI interface)."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -87,7 +87,7 @@ class Guard:
         await self._app(inside, receive, guarded)
 
     def _refusal(self, scope: Scope) -> str:
-        """Why a request is not answered; empty where it is."""
+        """Return the reason to reject a request, or an empty text."""
         headers: dict[bytes, list[bytes]] = {}
         for name, value in scope["headers"]:
             headers.setdefault(name.lower(), []).append(value)
@@ -96,7 +96,7 @@ class Guard:
             return "expected this machine as the host, found another name"
         if len(origins) > 1 or any(origin.lower() != b"http://" + hosts[0].lower() for origin in origins):
             return "expected a request of the studio's own page, found one of another origin"
-        if scope["method"] not in _SAFE and not origins:
+        if scope["method"] not in _SAFE_METHODS and not origins:
             return "expected a request of a page, found one without an origin"
         if headers.get(b"sec-fetch-site", [b"none"])[0] not in (b"none", b"same-origin"):
             return "expected a request of the studio's own page, found one of another site"

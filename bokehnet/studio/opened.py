@@ -1,4 +1,4 @@
-"""An opened picture in the sizes at which it is looked at, with what is painted on its map."""
+"""Opened picture with its map, painted strokes, and cached views at screen sizes."""
 
 import os
 import threading
@@ -20,7 +20,7 @@ from bokehnet.io.window import Window
 from bokehnet.progress import Progress
 from bokehnet.scene.depth.depth_source import depth_source
 from bokehnet.scene.focus import disparity_at_pixel
-from bokehnet.scene.scene import Scene, fitted_map, is_exact, read_scene
+from bokehnet.scene.scene import Scene, is_exact, map_at_picture_size, read_scene
 from bokehnet.settings.settings import (
     CameraSettings,
     DepthSettings,
@@ -35,19 +35,19 @@ __all__ = ["Opened", "Region", "open_picture", "repaired_map"]
 
 Array = NDArray[np.float32]
 
-_MOST_KEPT = 6
+_MAX_CACHED_VIEWS = 6
 
-# Pixels of a file that is opened, where the environment says nothing else.
-MOST_PIXELS = ("BOKEHNET_MAX_PIXELS", "64000000")
+# Environment variable with the maximum number of pixels of a file, and its default.
+MAX_PIXELS = ("BOKEHNET_MAX_PIXELS", "64000000")
 
-_FLAT = 0.5  # relative disparity of a picture without depth
-_BLUR = 0.04  # of the width, a fast lens
-_CAMERA = {"focal_length": 50.0, "f_number": 1.8, "sensor_width": 36.0}
+_FLAT_DISPARITY = 0.5  # relative disparity of a picture without depth
+_DEFAULT_BLUR = 0.04  # relative to the width, as of a fast lens
+_DEFAULT_CAMERA = {"focal_length": 50.0, "f_number": 1.8, "sensor_width": 36.0}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Region:
-    """A rectangle of the picture, in pixels of the file."""
+    """Rectangle of the picture, in pixels of the file."""
 
     x: int
     y: int
@@ -56,69 +56,69 @@ class Region:
 
 
 def open_picture(path: Path, settings: RenderSettings, *, report: Progress) -> tuple[Scene, RenderSettings]:
-    """Read a picture and its map, brought to the picture's size; a task of the helper.
+    """Read a picture and its map, resized to the picture; a task of the background process.
 
     Args:
-        path: The picture. One without any depth gets a flat map, to paint on.
-        settings: As given; what they leave open that the picture needs is chosen.
-        report: Is told of the progress.
+        path: File of the picture. A picture without depth gets a flat map to paint on.
+        settings: Settings of the render; missing ones that the picture needs are added.
+        report: Progress callback.
     """
-    os.environ.setdefault(*MOST_PIXELS)
+    os.environ.setdefault(*MAX_PIXELS)
     try:
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
-    except BokehnetError:  # no depth in it; what is wrong with the picture is told below again
+    except BokehnetError:  # no depth; any other error is raised again below
         if any(getattr(settings.input, name) is not None for name in InputSettings.ONE_OF):
             raise
-        flat = InputSettings(constant_disparity=_FLAT)
+        flat = InputSettings(constant_disparity=_FLAT_DISPARITY)
         settings = replace(settings, input=flat, camera=CameraSettings(blur=settings.camera.blur))
         scene = read_scene(path, settings, source=depth_source(settings), progress=report)
     if scene.depth.values.shape != scene.image.shape[:2] and not scene.depth.fits_any_size:
         settings = replace(settings, depth=replace(settings.depth, resize=True))
-    values = fitted_map(scene, replace(settings.depth, repair="off"))
+    values = map_at_picture_size(scene, replace(settings.depth, repair="off"))
     depth = replace(scene.depth, values=values, filtered=None, fits_any_size=False)
     return replace(scene, depth=depth), _completed(settings, scene)
 
 
 def _completed(settings: RenderSettings, scene: Scene) -> RenderSettings:
-    """The settings with a camera and a focus where neither they nor the picture's files tell one."""
+    """Return the settings with defaults for a missing camera and a missing focus."""
     height, width = (side // scene.supersampled for side in scene.image.shape[:2])
     focus, camera, depth = settings.focus, settings.camera, scene.depth
     if depth.kind == "defocus":
         return settings
     changes: dict[str, dict[str, Any]] = {"camera": {}, "focus": {}}
     if depth.kind == "relative" and camera.blur is None:
-        changes["camera"]["blur"] = float(round(_BLUR * width))
-    for name, usual in _CAMERA.items() if depth.kind == "metric" else ():
+        changes["camera"]["blur"] = float(round(_DEFAULT_BLUR * width))
+    for name, default in _DEFAULT_CAMERA.items() if depth.kind == "metric" else ():
         if getattr(camera, name) is None and getattr(depth.camera, name, None) is None:
-            changes["camera"][name] = usual
-    told = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
-    if not told and all(getattr(focus, name) is None for name in FocusSettings.ONE_OF):
+            changes["camera"][name] = default
+    has_focus = depth.focus is not None or getattr(depth.camera, "focus_distance", None) is not None
+    if not has_focus and all(getattr(focus, name) is None for name in FocusSettings.ONE_OF):
         changes["focus"]["at"] = [width // 2, height // 2]
     return settings.updated(changes)
 
 
 def repaired_map(scene: Scene, mode: Any, *, report: Progress) -> tuple[Array, bool, str]:
-    """Return the map with its edges repaired, whether they were moved, and why; a task of the helper."""
-    found = DisparityRepair().repair(scene.image, scene.depth.values, mode, report)
-    return found.disparity, found.repaired, found.reason
+    """Return the repaired map, whether edges were moved, and the reason; a task of the background process."""
+    repair = DisparityRepair().repair(scene.image, scene.depth.values, mode, report)
+    return repair.disparity, repair.repaired, repair.reason
 
 
 class Opened:
-    """A picture that is looked at.
+    """Opened picture with its map and strokes.
 
     Args:
-        path: Its file.
-        scene: As :func:`open_picture` gives it.
+        path: File of the picture.
+        scene: Scene from :func:`open_picture`.
 
     Attributes:
-        path: As given.
-        scene: As given.
-        strokes: What is painted on the map.
-        undone: Strokes that can come back, the last one first.
-        values: The map (H, W), repaired once that is done.
-        repaired: Whether it is; None before anybody looked.
-        repair_reason: Why.
-        version: Rises whenever the map changes.
+        path: File of the picture.
+        scene: Scene of the picture.
+        strokes: Strokes on the map.
+        undone: Undone strokes, for redo; the latest is last.
+        values: Map (H, W), repaired when the repair has finished.
+        repaired: True if edges were moved; None before the repair.
+        repair_reason: Reason of the repair or its absence.
+        version: Counter of changes of the map.
     """
 
     def __init__(self, path: Path, scene: Scene) -> None:
@@ -134,7 +134,7 @@ class Opened:
 
     @property
     def space(self) -> ColorSpace:
-        """Whose primaries the picture has."""
+        """Colour space of the picture."""
         return LINEAR_REC709 if self.scene.frame is None else self.scene.frame.space
 
     @property
@@ -144,11 +144,11 @@ class Opened:
 
     @property
     def can_be_repaired(self) -> bool:
-        """Whether edges of its map may be out of place."""
+        """True if the edges of the map may be misaligned."""
         return self.scene.depth.kind != "defocus" and not is_exact(self.scene)
 
     def take_repaired(self, values: Array, repaired: bool, reason: str) -> None:
-        """Go on with a map whose edges stand where the picture has them."""
+        """Replace the map by the repaired one."""
         self.repaired, self.repair_reason = repaired, reason
         if repaired:
             with self._lock:
@@ -157,13 +157,13 @@ class Opened:
                 self._views.clear()
 
     def fitted(self, width: int, height: int) -> tuple[int, int]:
-        """The largest size within the given one that has the picture's proportions; no larger than it is."""
+        """Return the largest size within bounds with the picture's aspect ratio, at most its own size."""
         full = self.size
         scale = min(1.0, width / full[0], height / full[1])
         return max(16, round(full[0] * scale)), max(16, round(full[1] * scale))
 
     def focus_of(self, settings: RenderSettings) -> float | None:
-        """What stays sharp, in the unit of the map; None where settings do not tell it without the lens."""
+        """Return the focus in the unit of the map; None if it does not follow from the settings alone."""
         focus = settings.focus
         if focus.value is not None:
             return focus.value
@@ -175,12 +175,12 @@ class Opened:
         return self.scene.depth.focus
 
     def view(self, size: tuple[int, int], settings: RenderSettings, region: Region | None = None) -> Scene:
-        """Return the scene at another size, or a part of it in full, with all strokes on its map.
+        """Return the scene at another size, or a region at full size, with all strokes on its map.
 
         Args:
             size: Width and height, pixels.
-            settings: Tell the focus, which strokes keep sharp.
-            region: The part; ``size`` is of no meaning then.
+            settings: Settings with the focus, for strokes that keep areas sharp.
+            region: Region at full size; ``size`` is then ignored.
         """
         window = self.scene.window
         if region is None:
@@ -215,14 +215,14 @@ class Opened:
         return Scene(image=image, depth=replace(self.scene.depth, values=values, notes=()), window=place)
 
     def painted_map(self, settings: RenderSettings) -> Array:
-        """The map (H, W) of the whole picture with all strokes."""
+        """Return the map (H, W) of the whole picture with all strokes."""
         return painted(self.values, self.scene.image, self.strokes, self.focus_of(settings))
 
     def at_size(self, settings: RenderSettings, factor: float) -> RenderSettings:
-        """Return the settings for a view that is ``factor`` times the size: no files, nothing to repair."""
+        """Return the settings for a view scaled by ``factor``, without files and repair."""
         table = {group: dict(fields) for group, fields in settings.to_table().items()}
-        for gone in (InputSettings.GROUP, DepthSettings.GROUP, OutputSettings.GROUP):
-            table.pop(gone, None)
+        for group in (InputSettings.GROUP, DepthSettings.GROUP, OutputSettings.GROUP):
+            table.pop(group, None)
         table["depth"] = {"repair": "off", "mixed": "off", "pixel_filter": settings.depth.pixel_filter}
         table.get("engine", {}).pop("max_memory", None)
         camera, focus, effects = (table.setdefault(name, {}) for name in ("camera", "focus", "effects"))
@@ -231,8 +231,8 @@ class Opened:
             camera["blur"] *= factor
         if effects.get("grain_size"):
             effects["grain_size"] *= factor
-        leans = focus.get("tilt_x") or focus.get("tilt_y")
-        if "at" in focus and leans:
+        tilted = focus.get("tilt_x") or focus.get("tilt_y")
+        if "at" in focus and tilted:
             focus["at"] = [int(side * factor) for side in focus["at"]]
         elif "at" in focus:
             del focus["at"]
@@ -247,23 +247,23 @@ class Opened:
         return RenderSettings().updated(table)
 
     def change_strokes(self, strokes: Sequence[Stroke], undone: Sequence[Stroke] = ()) -> None:
-        """Put other strokes on the map."""
+        """Replace the strokes on the map."""
         with self._lock:
             self.strokes, self.undone = list(strokes), list(undone)
             self.version += 1
             self._views.clear()
 
     def _resized(self, size: tuple[int, int]) -> tuple[Array, Array]:
-        """Picture and map at a size, with the strokes that do not follow the focus; the latest are kept."""
+        """Return picture and map at a size, with strokes that do not depend on the focus; cached."""
         with self._lock:
             if size not in self._views:
                 width, height = size
                 image, values = self.scene.image, self.values
                 if size != self.size:
                     image, values = resample(image, height, width, "area"), resize_map(values, height, width)
-                lasting = [stroke for stroke in self.strokes if stroke.effect != "sharp"]
-                self._views[size] = image, painted(values, image, lasting) if lasting else values
-                while len(self._views) > _MOST_KEPT:
+                static = [stroke for stroke in self.strokes if stroke.effect != "sharp"]
+                self._views[size] = image, painted(values, image, static) if static else values
+                while len(self._views) > _MAX_CACHED_VIEWS:
                     self._views.popitem(last=False)
             self._views.move_to_end(size)
             return self._views[size]

@@ -1,4 +1,4 @@
-"""What is laid over the picture or drawn beside it: depth, focus, doubt, the shape of a point of light."""
+"""Overlays of the preview: depth, focus plane, likely errors; and the aperture image."""
 
 from collections.abc import Callable
 
@@ -20,56 +20,56 @@ __all__ = ["aperture_image", "overlay", "plain"]
 
 Array = NDArray[np.float32]
 
-_SHARP = 0.75  # pixels of blur radius up to which a pixel is in focus
+_MAX_SHARP_RADIUS_PX = 0.75  # maximum blur radius of a pixel in focus
 
-# From far to near: dark blue, teal, sand, white; even in lightness, so that grey prints tell as much.
+# From far to near: dark blue, teal, sand, white; uniform in lightness, so that grey prints work as well.
 _DEPTH_COLORS = np.array([[20, 24, 70], [20, 110, 130], [200, 170, 110], [255, 250, 240]], np.float32)
-_NEAR, _FAR, _IN_FOCUS, _DOUBT = (235, 140, 40), (60, 120, 235), (70, 230, 120), (235, 60, 60)
+_NEAR, _FAR, _IN_FOCUS, _LIKELY_ERROR = (235, 140, 40), (60, 120, 235), (70, 230, 120), (235, 60, 60)
 
 _PSF_SIDE, _PSF_RADIUS = 96, 40  # pixels
-_PSF_AROUND = 64  # pixels beyond, so that no border of a picture is near
-_PSF_PICTURE = 4096  # pixels; of the picture in which the point lies
+_PSF_MARGIN = 64  # pixels around, to avoid effects of the border
+_PSF_PICTURE = 4096  # size of the picture with the point, pixels
 
 
 def plain(opened: Opened, size: tuple[int, int], shown: str) -> Picture:
-    """The picture before any blur."""
+    """Return the picture before any blur."""
     scene = opened.view(size, RenderSettings())
     return Picture(stage="plain", rgba=to_rgba(scene.image, opened.space, shown), facts={})
 
 
 def overlay(opened: Opened, settings: RenderSettings, size: tuple[int, int], kind: str) -> Picture:
-    """Return a picture (H, W, 4) to lay over the preview.
+    """Return an overlay (H, W, 4) for the preview.
 
     Args:
-        opened: What is looked at.
-        settings: Tell the focus.
+        opened: Opened picture.
+        settings: Settings with the focus.
         size: Width and height, pixels.
-        kind: ``depth``: near is light; ``focus``: green is sharp, orange in front of it, blue behind;
+        kind: ``depth``: near is light; ``focus``: sharp is green, in front orange, behind blue;
             ``confidence``: red where depth edges or the repair of the map may be wrong.
 
     Raises:
-        ParameterError: Another kind.
+        ParameterError: The kind is unknown.
     """
-    made: dict[str, Callable[[Opened, RenderSettings, tuple[int, int]], NDArray[np.uint8]]] = {
+    overlays: dict[str, Callable[[Opened, RenderSettings, tuple[int, int]], NDArray[np.uint8]]] = {
         "depth": _depth,
         "focus": _focus,
         "confidence": _confidence,
     }
-    if kind not in made:
-        raise ParameterError("kind", f"one of {', '.join(made)}", kind)
-    return Picture(stage=kind, rgba=made[kind](opened, settings, size), facts={})
+    if kind not in overlays:
+        raise ParameterError("kind", f"one of {', '.join(overlays)}", kind)
+    return Picture(stage=kind, rgba=overlays[kind](opened, settings, size), facts={})
 
 
 def aperture_image(settings: RenderSettings) -> Picture:
-    """What a point of light behind focus becomes in the middle of the picture and in its upper right corner.
+    """Return images of a point of light behind focus, in the middle and in the upper right corner.
 
-    Both are rendered by the engine that shapes come from; the brightest 1 % is white.
+    Engine scatter renders both; the brightest 1 % is white.
     """
-    renderer, told = BokehRenderer("scatter"), quick_settings(settings).to_table()
-    for gone in ("focus", "camera", "input", "depth", "effects", "highlights"):
-        told.pop(gone, None)
-    quick = RenderSettings().updated({**told, "depth": {"repair": "off"}})
-    side, shown = _PSF_SIDE + 2 * _PSF_AROUND, slice(_PSF_AROUND, _PSF_AROUND + _PSF_SIDE)
+    renderer, table = BokehRenderer("scatter"), quick_settings(settings).to_table()
+    for group in ("focus", "camera", "input", "depth", "effects", "highlights"):
+        table.pop(group, None)
+    quick = RenderSettings().updated({**table, "depth": {"repair": "off"}})
+    side, shown = _PSF_SIDE + 2 * _PSF_MARGIN, slice(_PSF_MARGIN, _PSF_MARGIN + _PSF_SIDE)
     radii = np.full((side, side), -_PSF_RADIUS, np.float32)
     point = np.zeros((side, side, 3), np.float32)
     point[side // 2, side // 2] = 1.0
@@ -90,10 +90,10 @@ def aperture_image(settings: RenderSettings) -> Picture:
 def _depth(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
     values = opened.view(size, settings).depth.values
     low, high = float(values.min()), float(values.max())
-    share = (values - low) / ((high - low) or 1.0) * (len(_DEPTH_COLORS) - 1)
-    below = np.clip(share.astype(int), 0, len(_DEPTH_COLORS) - 2)
-    part = (share - below)[..., None]
-    colors = _DEPTH_COLORS[below] * (1 - part) + _DEPTH_COLORS[below + 1] * part
+    position = (values - low) / ((high - low) or 1.0) * (len(_DEPTH_COLORS) - 1)
+    below = np.clip(position.astype(int), 0, len(_DEPTH_COLORS) - 2)
+    weight = (position - below)[..., None]
+    colors = _DEPTH_COLORS[below] * (1 - weight) + _DEPTH_COLORS[below + 1] * weight
     return _opaque(colors)
 
 
@@ -103,27 +103,28 @@ def _focus(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> N
     result = np.zeros((*defocus.shape, 4), np.uint8)
     result[..., :3] = np.where(defocus[..., None] > 0, np.array(_NEAR, np.uint8), np.array(_FAR, np.uint8))
     result[..., 3] = np.rint(40 + 130 * strength)
-    result[np.abs(defocus) <= _SHARP] = (*_IN_FOCUS, 150)
+    result[np.abs(defocus) <= _MAX_SHARP_RADIUS_PX] = (*_IN_FOCUS, 150)
     return result
 
 
 def _confidence(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> NDArray[np.uint8]:
-    told = quick_settings(opened.at_size(settings, size[0] / opened.size[0]))
+    quick = quick_settings(opened.at_size(settings, size[0] / opened.size[0]))
     scene = opened.view(size, settings)
-    wrong = BokehRenderer("scatter").render(scene, told).error_map
-    if opened.repaired:  # where edges were moved, the map was wrong; the repair may be, too
-        was = Opened(opened.path, opened.scene).view(size, settings).depth.values
-        span = float(np.ptp(was)) or 1.0
-        wrong = np.maximum(wrong, np.clip(4 * np.abs(was - scene.depth.values) / span, 0, 1))
-    result = np.zeros((*wrong.shape, 4), np.uint8)
-    result[..., :3] = _DOUBT
-    result[..., 3] = np.rint(190 * np.clip(wrong, 0, 1))
+    error_map = BokehRenderer("scatter").render(scene, quick).error_map
+    if opened.repaired:  # moved edges were wrong before, and may still be
+        original = Opened(opened.path, opened.scene).view(size, settings).depth.values
+        span = float(np.ptp(original)) or 1.0
+        moved = np.clip(4 * np.abs(original - scene.depth.values) / span, 0, 1)
+        error_map = np.maximum(error_map, moved)
+    result = np.zeros((*error_map.shape, 4), np.uint8)
+    result[..., :3] = _LIKELY_ERROR
+    result[..., 3] = np.rint(190 * np.clip(error_map, 0, 1))
     return result
 
 
 def _defocus(opened: Opened, settings: RenderSettings, size: tuple[int, int]) -> Array:
-    told = quick_settings(opened.at_size(settings, size[0] / opened.size[0]))
-    focused = BokehRenderer("scatter").prepare(opened.view(size, settings), told)
+    quick = quick_settings(opened.at_size(settings, size[0] / opened.size[0]))
+    focused = BokehRenderer("scatter").prepare(opened.view(size, settings), quick)
     return focused.defocus
 
 

@@ -1,4 +1,4 @@
-"""The panels of the page: what is known of each setting, told as JSON, so that it stands nowhere twice."""
+"""Panels of the page, generated from the descriptions of the settings as JSON."""
 
 import types
 import typing
@@ -12,7 +12,7 @@ from bokehnet.settings.settings import RenderSettings, all_settings, group_types
 
 __all__ = ["check_reachable", "is_path", "panels"]
 
-# Texts that may name a file where they are no name that is known.
+# Text settings whose values may be file names.
 _MAY_NAME_FILES = (
     "lens.name",
     "input.depth_convention",
@@ -23,26 +23,26 @@ _MAY_NAME_FILES = (
 
 
 def panels() -> list[dict[str, Any]]:
-    """All groups with the fields that a page can set: label, kind, unit, range, default and help of each.
+    """Return all groups with their settable fields: label, kind, unit, range, default and help of each.
 
     Examples:
         >>> fields = {field["path"]: field for panel in panels() for field in panel["fields"]}
-        >>> blades = fields["aperture.squeeze"]
-        >>> blades["kind"], blades["low"], blades["high"], blades["default"]
+        >>> squeeze = fields["aperture.squeeze"]
+        >>> squeeze["kind"], squeeze["low"], squeeze["high"], squeeze["default"]
         ('number', 0.1, 10, 1.0)
         >>> "engine.weights" in fields  # a path of this machine
         False
     """
-    found = []
+    groups = []
     for group in group_types():
-        fields = [_told(known) for known in field_settings(group).values() if _settable(known)]
+        fields = [_description(known) for known in field_settings(group).values() if _settable(known)]
         if fields:
-            found.append({"group": group.GROUP, "title": group.TITLE, "fields": fields})
-    return found
+            groups.append({"group": group.GROUP, "title": group.TITLE, "fields": fields})
+    return groups
 
 
 def is_path(known: Setting) -> bool:
-    """Whether a value can be a path.
+    """Return whether a value can be a path.
 
     Examples:
         >>> is_path(all_settings()["input.disparity"]), is_path(all_settings()["camera.blur"])
@@ -52,11 +52,11 @@ def is_path(known: Setting) -> bool:
 
 
 def check_reachable(changes: dict[str, dict[str, Any]], settings: RenderSettings) -> None:
-    """Raise ``ParameterError`` where changes of a page name a file of this machine that is not open already.
+    """Raise ``ParameterError`` if changes of a page name a local file that is not already open.
 
     Args:
-        changes: Group to field to plain value.
-        settings: What is set; a value that stays is no change.
+        changes: Group name to field name to plain value.
+        settings: Current settings; equal values are no change.
     """
     for group, fields in changes.items():
         for name, value in fields.items():
@@ -64,12 +64,10 @@ def check_reachable(changes: dict[str, dict[str, Any]], settings: RenderSettings
             known = all_settings().get(path)
             if known is None or value is None or to_plain(getattr(getattr(settings, group), name)) == value:
                 continue
-            numbers = isinstance(value, list) and all(isinstance(item, int | float) for item in value)
-            if (is_path(known) and not numbers) or (path in _MAY_NAME_FILES and value not in _names(path)):
+            is_numeric = isinstance(value, list) and all(isinstance(item, int | float) for item in value)
+            if (is_path(known) and not is_numeric) or (path in _MAY_NAME_FILES and value not in _names(path)):
                 names = ", ".join(_names(path))
-                expected = (
-                    f"one of {names}" if names else "nothing that names a file; drop the file on the page"
-                )
+                expected = f"one of {names}" if names else "no file name; drop the file on the page"
                 raise ParameterError(path, expected, shown="another name")
 
 
@@ -83,7 +81,7 @@ def _settable(known: Setting) -> bool:
     return known.path not in _MAY_NAME_FILES or bool(_names(known.path))
 
 
-def _told(known: Setting) -> dict[str, Any]:
+def _description(known: Setting) -> dict[str, Any]:
     choices = list(known.choices) or _names(known.path)
     return {
         "path": known.path,
@@ -97,14 +95,14 @@ def _told(known: Setting) -> dict[str, Any]:
         "high": known.high if known.high is not None else known.below,
         "default": to_plain(known.default),
         "expected": known.expectation,
-        "look": known.of_a_look,
+        "look": known.allowed_in_preset,
     }
 
 
 def _kind(kind: Any) -> str:
-    """``number``, ``whole``, ``switch``, ``text``, ``numbers`` (of a list) or ``pixels``."""
+    """Return ``number``, ``whole``, ``switch``, ``text``, ``numbers`` (a list) or ``pixels``."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
-        return next(found for found in map(_kind, typing.get_args(kind)) if found != "text")
+        return next(inner for inner in map(_kind, typing.get_args(kind)) if inner != "text")
     simple = {float: "number", int: "whole", bool: "switch"}
     if kind in simple:
         return simple[kind]

@@ -1,4 +1,4 @@
-"""Start the studio: a port of this machine, an address with a token, a page in the browser."""
+"""Start of the studio: a local port, an address with a token, a page in the browser."""
 
 import socket
 import threading
@@ -21,10 +21,10 @@ def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callab
     """Serve a session until Ctrl-C.
 
     Args:
-        session: What is open; closed at the end.
-        port: On which to listen; 0 takes any that is free.
-        browser: Whether to open the page.
-        tell: Is told the address.
+        session: Session to serve; closed at the end.
+        port: Port to listen on; 0 uses any free port.
+        browser: True to open the page in the browser.
+        tell: Callback that receives the address.
 
     Raises:
         BokehnetError: The port is taken.
@@ -34,8 +34,8 @@ def serve(session: Session, *, port: int = 0, browser: bool = True, tell: Callab
         try:
             listener.bind((_HOST, port))
         except OSError as error:
-            raise BokehnetError(f"--port: expected a free one, found {port} taken; leave it out") from error
-        listener.listen(128)  # before anybody is told where
+            raise BokehnetError(f"--port: expected a free port, {port} is in use; leave it out") from error
+        listener.listen(128)  # before publishing the address
         port, token = listener.getsockname()[1], make_token()
         app = make_app(session, token=token, port=port)
         config = uvicorn.Config(

@@ -1,4 +1,4 @@
-"""What is open in the studio: a picture, its settings, what is painted, what goes on in the background."""
+"""State of the studio: opened picture, settings, strokes and background jobs."""
 
 import shutil
 import tempfile
@@ -14,8 +14,8 @@ from bokehnet.settings.preset import load_preset, presets
 from bokehnet.settings.settings import InputSettings, RenderSettings, all_settings, merged
 from bokehnet.settings.settings_file import save_settings
 from bokehnet.studio.archive import read_session, write_session
+from bokehnet.studio.background import BackgroundProcess
 from bokehnet.studio.export import render_file, with_painted_map
-from bokehnet.studio.helper import Helper
 from bokehnet.studio.opened import Opened, open_picture, repaired_map
 from bokehnet.studio.panels import check_reachable, is_path
 from bokehnet.studio.preview import Previews
@@ -25,22 +25,22 @@ from bokehnet.studio.wording import command_line, look_of, python_lines
 
 __all__ = ["Session"]
 
-_OPENING = 90.0  # seconds that a file may take to be read
+_MAX_OPENING_SECONDS = 90.0
 
 _OUTPUTS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".jxl")
 
 
 class Session:
-    """One studio, whose pages share the picture and its settings; its files vanish with it.
+    """Session of the studio, whose pages share the picture and its settings; deletes its files at the end.
 
     Attributes:
-        folder: Holds what pages have sent and what is made for them.
-        opened: The picture; None before there is one.
-        settings: All that is asked for.
-        previews: Renders them.
-        slow: Does what takes long: opening, repair, export.
-        fine: Renders by the engine that is asked for: previews, thumbnails.
-        jobs: How far repair and export are.
+        folder: Temporary folder for uploads and results.
+        opened: Opened picture, or None.
+        settings: Settings of the render.
+        previews: Renderer of previews.
+        slow: Background process for opening, repair and export.
+        fine: Background process for final previews and thumbnails.
+        jobs: State and progress of repair and export.
     """
 
     def __init__(self) -> None:
@@ -48,23 +48,23 @@ class Session:
         self.folder = Path(self._holder.name)
         self.opened: Opened | None = None
         self.settings = RenderSettings()
-        self.slow, self.fine = Helper(), Helper()
+        self.slow, self.fine = BackgroundProcess(), BackgroundProcess()
         self.previews = Previews(self.fine)
         self._lock = threading.Lock()
         self._export_stop = threading.Event()
         self._opening = threading.Event()
         self.jobs: dict[str, dict[str, Any]] = {"repair": {"state": "idle"}, "export": {"state": "idle"}}
         self._result: Path | None = None
-        self._sent: list[Path] = []
+        self._uploads: list[Path] = []
 
     def start(self) -> None:
-        """Start the helpers ahead."""
+        """Start the background processes in advance."""
         self.slow.start()
         self.fine.start()
-        self.previews.lay_out_ahead(self.dressed(name).aperture for name in presets())
+        self.previews.prepare_shapes(self.with_preset(name).aperture for name in presets())
 
     def close(self) -> None:
-        """End all that goes on, and remove the files."""
+        """Stop all jobs and delete the files."""
         self._opening.set()
         self._export_stop.set()
         self.previews.close()
@@ -73,19 +73,19 @@ class Session:
         self._holder.cleanup()
 
     def open(self, path: Path, settings: RenderSettings, strokes: list[Stroke] | None = None) -> None:
-        """Open a picture in place of the one that is open; that stays where this fails.
+        """Open a picture in place of the current one, which stays open on failure.
 
         Raises:
-            BokehnetError: It cannot be read, or not in time.
+            BokehnetError: The picture cannot be read, or not in time.
         """
-        self._opening.set()  # a repair of the picture before
+        self._opening.set()  # cancels the repair of the previous picture
         try:
-            scene, complete = self.slow.run(open_picture, path, settings, seconds=_OPENING)
+            scene, complete = self.slow.run(open_picture, path, settings, seconds=_MAX_OPENING_SECONDS)
         except BokehnetError as error:
             self._opening = threading.Event()
             if self.opened is not None and self.opened.repaired is None:
-                self._repair()  # of the picture that stays
-            self._sent += [path.parent] if self.folder in path.parents else []
+                self._repair()  # restart for the current picture
+            self._uploads += [path.parent] if self.folder in path.parents else []
             self._remove_unused()
             raise self._without_paths(error) from error
         with self._lock:
@@ -94,23 +94,23 @@ class Session:
             self._opening = threading.Event()
             self.jobs["repair"] = {"state": "idle"}
             values = (getattr(getattr(complete, one.group), one.name) for one in all_settings().values())
-            sent = {path.parent, *(value.parent for value in values if isinstance(value, Path))}
-            self._sent += [folder for folder in sent if self.folder in folder.parents]
+            folders = {path.parent, *(value.parent for value in values if isinstance(value, Path))}
+            self._uploads += [folder for folder in folders if self.folder in folder.parents]
             self._remove_unused()
         self._repair()
 
     def change(self, changes: Mapping[str, Any]) -> RenderSettings:
-        """Take changes of a page, all or none; a null brings a default back.
+        """Apply changes from a page, all or none; null resets a field to its default.
 
         Args:
-            changes: Group to field to plain value.
+            changes: Group name to field name to plain value.
 
         Raises:
-            ParameterError: A name is unknown, a value out of range, or a file of this machine.
+            ParameterError: A name is unknown, a value is out of range or names a local file.
         """
         with self._lock:
             before, table = self.settings, self.settings.to_table()
-            given: dict[str, dict[str, Any]] = {}
+            values: dict[str, dict[str, Any]] = {}
             for group, fields in changes.items():
                 if not isinstance(fields, Mapping):
                     raise ParameterError(group, expected="fields and their values", shown="something else")
@@ -120,9 +120,9 @@ class Session:
                     if value is None:
                         table.get(group, {}).pop(name, None)
                     else:
-                        given.setdefault(group, {})[name] = value
-            check_reachable(given, before)
-            self.settings = RenderSettings().updated(merged(table, given))
+                        values.setdefault(group, {})[name] = value
+            check_reachable(values, before)
+            self.settings = RenderSettings().updated(merged(table, values))
             settings, opened = self.settings, self.opened
         if opened is not None and settings.depth.repair != before.depth.repair:
             self._opening.set()
@@ -132,28 +132,30 @@ class Session:
             self._repair()
         return settings
 
-    def wear(self, preset: str) -> RenderSettings:
-        """Put on a look that comes with the package; that of before goes."""
+    def apply_preset(self, preset: str) -> RenderSettings:
+        """Apply a shipped preset in place of the current look."""
         with self._lock:
-            self.settings = self._dressed(preset)
+            self.settings = self._with_preset(preset)
             return self.settings
 
-    def dressed(self, preset: str) -> RenderSettings:
-        """The settings with a look that comes with the package."""
+    def with_preset(self, preset: str) -> RenderSettings:
+        """Return the settings with the look of a shipped preset."""
         with self._lock:
-            return self._dressed(preset)
+            return self._with_preset(preset)
 
-    def _dressed(self, preset: str) -> RenderSettings:
+    def _with_preset(self, preset: str) -> RenderSettings:
         if preset == "":
-            return RenderSettings().updated(self._unworn())
+            return RenderSettings().updated(self._without_look())
         if "/" in preset or "\\" in preset or preset.endswith(".toml"):
-            raise ConfigError("expected the name of a preset, found that of a file")
-        return RenderSettings().updated(merged(self._unworn(), load_preset(preset).values))
+            raise ConfigError("expected the name of a preset, found a file name")
+        return RenderSettings().updated(merged(self._without_look(), load_preset(preset).values))
 
-    def _unworn(self) -> dict[str, dict[str, Any]]:
+    def _without_look(self) -> dict[str, dict[str, Any]]:
         return {
             group: {
-                key: value for key, value in fields.items() if not all_settings()[f"{group}.{key}"].of_a_look
+                key: value
+                for key, value in fields.items()
+                if not all_settings()[f"{group}.{key}"].allowed_in_preset
             }
             for group, fields in self.settings.to_table().items()
         }
@@ -165,7 +167,7 @@ class Session:
             opened.change_strokes([*opened.strokes, Stroke.from_table(table)])
 
     def step(self, back: bool) -> None:
-        """Undo the last stroke, or do it again."""
+        """Undo or redo a stroke."""
         opened = self._open_one()
         with self._lock:
             done, undone = list(opened.strokes), list(opened.undone)
@@ -175,10 +177,10 @@ class Session:
                 opened.change_strokes(done, undone)
 
     def export(self, name: str) -> None:
-        """Start to make the file of the shown command; ``jobs["export"]`` tells how far it is.
+        """Start the export of the shown command; ``jobs["export"]`` contains its progress.
 
         Raises:
-            BokehnetError: Nothing is open, another export runs, or the name is none of a picture.
+            BokehnetError: No picture is open, another export runs, or the name is no picture file.
         """
         opened, name = self._open_one(), safe_name(name, _OUTPUTS)
         with self._lock:
@@ -190,19 +192,19 @@ class Session:
         threading.Thread(target=self._export, args=(opened, settings, name), daemon=True).start()
 
     def stop_export(self) -> None:
-        """End the export that runs."""
+        """Stop the running export."""
         self._export_stop.set()
 
     def result(self) -> Path:
-        """The file of the last export."""
+        """Return the file of the last export."""
         if self._result is None:
-            raise BokehnetError("nothing was exported yet")
+            raise BokehnetError("nothing exported yet")
         return self._result
 
-    def words(self, output: str) -> dict[str, str]:
-        """The command line and the Python that make the file, and the painted map that they need."""
+    def equivalents(self, output: str) -> dict[str, str]:
+        """Return the equivalent command line and Python script, and the name of the painted map."""
         opened, output = self._open_one(), safe_name(output, _OUTPUTS)
-        settings, painted = with_painted_map(opened, self.settings, self._made(), write=False)
+        settings, painted = with_painted_map(opened, self.settings, self._results_folder(), write=False)
         return {
             "command": command_line(opened.path, output, settings, self.shown),
             "python": python_lines(opened.path, output, settings, self.shown),
@@ -210,20 +212,20 @@ class Session:
         }
 
     def painted_map(self) -> Path:
-        """The file of the map that is painted on."""
-        _, path = with_painted_map(self._open_one(), self.settings, self._made())
+        """Return the file of the painted map."""
+        _, path = with_painted_map(self._open_one(), self.settings, self._results_folder())
         if path is None:
-            raise BokehnetError("nothing is painted yet")
+            raise BokehnetError("nothing painted yet")
         return path
 
     def preset_text(self) -> str:
-        """The look as a preset's file."""
-        path = self._made() / "preset.toml"
+        """Return the current look as the text of a preset file."""
+        path = self._results_folder() / "preset.toml"
         save_settings(path, look_of(self.settings))
         return f'description = "A look of the studio"\n\n{path.read_text("utf-8")}'
 
     def save(self) -> Path:
-        """Write the session to a file and return that."""
+        """Write the session to a file and return its path."""
         opened = self._open_one()
         table, files = self.settings.to_table(), {opened.path.name: opened.path}
         for group, fields in table.items():
@@ -233,16 +235,16 @@ class Session:
                     fields[key] = value.name
                     files[value.name] = value
         strokes = [stroke.to_table() for stroke in opened.strokes]
-        whole = {"format": 1, "picture": opened.path.name, "settings": table, "strokes": strokes}
-        path = self._made() / f"{opened.path.stem}.bokeh"
-        write_session(path, whole, files)
+        content = {"format": 1, "picture": opened.path.name, "settings": table, "strokes": strokes}
+        path = self._results_folder() / f"{opened.path.stem}.bokeh"
+        write_session(path, content, files)
         return path
 
     def reopen(self, path: Path) -> None:
-        """Open a session that was saved.
+        """Open a saved session.
 
         Raises:
-            BokehnetError: It is none, or what it holds cannot be read.
+            BokehnetError: It is no session file, or its content cannot be read.
         """
         folder = Path(tempfile.mkdtemp(dir=self.folder))
         table = read_session(path, folder)
@@ -258,19 +260,19 @@ class Session:
             check_reachable({g: f for g, f in settings.items() if g != InputSettings.GROUP}, RenderSettings())
             complete = RenderSettings().updated(settings)
         except (KeyError, TypeError, AttributeError) as error:
-            raise ConfigError("expected a session that the studio has saved, found something else") from error
+            raise ConfigError("expected a session file saved by the studio, found something else") from error
         self.open(picture, complete, strokes)
 
     def incoming(self, name: str) -> Path:
-        """Where an upload goes: a folder of its own, so that names never meet."""
+        """Return a path for an upload, in a folder of its own to avoid name clashes."""
         return Path(tempfile.mkdtemp(dir=self.folder)) / name
 
     def shown(self, path: Path) -> str:
-        """What a path is called on the page: a name for what the page has sent, else as it was typed."""
+        """Return the name of a path for the page: the file name for uploads, else the full path."""
         return path.name if self.folder in path.parents else str(path)
 
     def state(self) -> dict[str, Any]:
-        """All that a page needs to know when it opens."""
+        """Return the complete state for a page."""
         opened = self.opened
         if opened is None:
             return {"open": False, "jobs": self.jobs}
@@ -287,12 +289,12 @@ class Session:
             "strokes": len(opened.strokes),
             "undone": len(opened.undone),
             "version": opened.version,
-            "settings": self.told_settings(),
+            "settings": self.shown_settings(),
             "jobs": self.jobs,
         }
 
-    def told_settings(self) -> dict[str, dict[str, Any]]:
-        """The settings that differ from their defaults, paths by their names alone."""
+    def shown_settings(self) -> dict[str, dict[str, Any]]:
+        """Return the settings that differ from their defaults, with file names in place of paths."""
         table = self.settings.to_table()
         for group, fields in table.items():
             known = field_settings(type(getattr(self.settings, group)))
@@ -320,7 +322,7 @@ class Session:
                 self.jobs["repair"] = {"state": "running", "share": done / max(total, 1)}
 
         try:
-            found = self.slow.run(repaired_map, opened.scene, mode, progress=progress, cancel=stop)
+            repair = self.slow.run(repaired_map, opened.scene, mode, progress=progress, cancel=stop)
         except RenderCancelled:
             return
         except BokehnetError as error:
@@ -328,7 +330,7 @@ class Session:
             return
         if not stop.is_set():
             with self._lock:
-                opened.take_repaired(*found)
+                opened.take_repaired(*repair)
             self.jobs["repair"] = {"state": "done", "reason": opened.repair_reason}
 
     def _export(self, opened: Opened, settings: RenderSettings, name: str) -> None:
@@ -354,20 +356,20 @@ class Session:
             shutil.rmtree(folder, ignore_errors=True)
             self.jobs["export"] = {"state": "idle"}
         except Exception as error:
-            told = str(error) if isinstance(error, BokehnetError) else f"failed by a fault: {error}"
-            self.jobs["export"] = {"state": "failed", "error": self._clean(told)}
+            message = str(error) if isinstance(error, BokehnetError) else f"internal error: {error}"
+            self.jobs["export"] = {"state": "failed", "error": self._clean(message)}
 
     def _remove_unused(self) -> None:
-        """Remove what pages have sent and nothing needs: pictures that were open before, or could not be."""
+        """Delete uploads that are no longer used: previous pictures, and those that could not be opened."""
         used = set() if self.opened is None else {self.opened.path.parent}
         for known in all_settings().values():
             value = getattr(getattr(self.settings, known.group), known.name)
             used |= {value.parent} if isinstance(value, Path) else set()
-        for folder in [folder for folder in self._sent if folder not in used]:
-            self._sent.remove(folder)
+        for folder in [folder for folder in self._uploads if folder not in used]:
+            self._uploads.remove(folder)
             shutil.rmtree(folder, ignore_errors=True)
 
-    def _made(self) -> Path:
+    def _results_folder(self) -> Path:
         folder = self.folder / "made"
         folder.mkdir(exist_ok=True)
         return folder
@@ -376,6 +378,6 @@ class Session:
         return error if self._clean(str(error)) == str(error) else BokehnetError(self._clean(str(error)))
 
     def _clean(self, text: str) -> str:
-        """A message without the folders in which the studio keeps files."""
+        """Return a message without the paths of the studio's temporary folders."""
         words = text.split(str(self.folder))
         return words[0] + "".join(word.split("/", 2)[-1] for word in words[1:])

@@ -1,4 +1,4 @@
-"""Files that the page sends: bounded in size and time, under names that lead nowhere."""
+"""Uploads of the page: bounded in size and time, with sanitised names."""
 
 import asyncio
 import re
@@ -7,13 +7,13 @@ from pathlib import Path
 
 from bokehnet.errors import BokehnetError, ImageFileError
 
-__all__ = ["MOST_BYTES", "UploadTooLargeError", "receive", "safe_name"]
+__all__ = ["MAX_BYTES", "UploadTooLargeError", "receive", "safe_name"]
 
-MOST_BYTES = 256 * 2**20
-"""Of one upload."""
+MAX_BYTES = 256 * 2**20
+"""Maximum size of one upload."""
 
-_MOST_SECONDS = 120.0
-_LONGEST_NAME = 80
+_MAX_SECONDS = 120.0
+_MAX_NAME_CHARACTERS = 80
 _PICTURES = (
     ".jpg",
     ".jpeg",
@@ -31,18 +31,18 @@ _PICTURES = (
 
 
 class UploadTooLargeError(BokehnetError):
-    """More bytes, or more time, than an upload may take."""
+    """An upload exceeds the size or the time limit."""
 
 
 def safe_name(name: str, extensions: tuple[str, ...] = _PICTURES) -> str:
-    r"""Return the last part of a file's name with nothing in it that leads elsewhere.
+    r"""Return the last part of a file's name, reduced to safe characters.
 
     Args:
-        name: As the page tells it.
-        extensions: Those that are taken.
+        name: Name sent by the page.
+        extensions: Accepted extensions.
 
     Raises:
-        ImageFileError: Another extension.
+        ImageFileError: The extension is not accepted.
 
     Examples:
         >>> safe_name("../../etc/My photo;.JPG"), safe_name("..\\a.png")
@@ -53,40 +53,42 @@ def safe_name(name: str, extensions: tuple[str, ...] = _PICTURES) -> str:
     stem, suffix = Path(clean).stem, Path(clean).suffix
     if suffix.lower() not in extensions or not stem:
         raise ImageFileError(f"expected a file that ends in {', '.join(extensions)}, found {last[:40]!r}")
-    return stem[:_LONGEST_NAME] + suffix
+    return stem[:_MAX_NAME_CHARACTERS] + suffix
 
 
-async def receive(chunks: AsyncIterator[bytes], path: Path, told: str | None, most: int = MOST_BYTES) -> int:
-    """Write what comes to a file and return its bytes; nothing stays of what is refused.
+async def receive(
+    chunks: AsyncIterator[bytes], path: Path, content_length: str | None, max_bytes: int = MAX_BYTES
+) -> int:
+    """Write an upload to a file and return its size in bytes; remove the file of a rejected upload.
 
     Args:
-        chunks: The body of the request.
-        path: Where it goes.
-        told: Its ``Content-Length``; None where none was told.
-        most: Bytes that it may have.
+        chunks: Body of the request.
+        path: Output file.
+        content_length: ``Content-Length`` of the request; None if missing.
+        max_bytes: Maximum size.
 
     Raises:
-        UploadTooLargeError: It is larger, or takes longer than two minutes.
+        UploadTooLargeError: The upload is larger, or takes longer than two minutes.
     """
-    if told is not None and told.isdigit() and int(told) > most:
-        raise UploadTooLargeError(_too_large(int(told), most))
+    if content_length is not None and content_length.isdigit() and int(content_length) > max_bytes:
+        raise UploadTooLargeError(_too_large(int(content_length), max_bytes))
     size = 0
     try:
-        async with asyncio.timeout(_MOST_SECONDS):
+        async with asyncio.timeout(_MAX_SECONDS):
             with path.open("wb") as file:
                 async for chunk in chunks:
                     size += len(chunk)
-                    if size > most:
-                        raise UploadTooLargeError(_too_large(size, most))
+                    if size > max_bytes:
+                        raise UploadTooLargeError(_too_large(size, max_bytes))
                     file.write(chunk)
     except TimeoutError as error:
         path.unlink(missing_ok=True)
-        raise UploadTooLargeError(f"expected the file within {_MOST_SECONDS:g} s; send it again") from error
+        raise UploadTooLargeError(f"expected the file within {_MAX_SECONDS:g} s; send it again") from error
     except BaseException:
         path.unlink(missing_ok=True)
         raise
     return size
 
 
-def _too_large(size: int, most: int) -> str:
-    return f"expected a file of up to {most / 2**20:.0f} MiB, found {size / 2**20:.0f} MiB or more"
+def _too_large(size: int, max_bytes: int) -> str:
+    return f"expected a file of up to {max_bytes / 2**20:.0f} MiB, found {size / 2**20:.0f} MiB or more"

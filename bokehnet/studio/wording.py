@@ -1,4 +1,4 @@
-"""Settings as the command line, the Python or the preset that says the same."""
+"""Conversion of settings to an equivalent command line, Python script or preset."""
 
 import shlex
 from collections.abc import Callable
@@ -14,13 +14,13 @@ Name = Callable[[Path], str]
 
 
 def command_line(image: Path, output: str, settings: RenderSettings, name: Name = str) -> str:
-    """Return the command that renders a picture with these settings.
+    """Return the command line that renders a picture with these settings.
 
     Args:
-        image: The picture.
-        output: Where the result goes.
-        settings: All else.
-        name: How a path is called.
+        image: File of the picture.
+        output: Output file.
+        settings: Settings of the render.
+        name: Function from a path to its shown name.
 
     Examples:
         >>> settings = RenderSettings().updated({"camera": {"blur": 40}, "focus": {"at": [6, 4]}})
@@ -44,7 +44,7 @@ def command_line(image: Path, output: str, settings: RenderSettings, name: Name 
 
 
 def python_lines(image: Path, output: str, settings: RenderSettings, name: Name = str) -> str:
-    """Return the Python that does the same.
+    """Return the equivalent Python script.
 
     Examples:
         >>> print(python_lines(Path("a.jpg"), "b.png", RenderSettings().updated({"camera": {"blur": 40}})))
@@ -63,14 +63,14 @@ def python_lines(image: Path, output: str, settings: RenderSettings, name: Name 
     }
     return (
         "from bokehnet import BokehRenderer, RenderSettings, read_scene\n\n"
-        f"settings = RenderSettings().updated({_spelled(table)})\n"
-        f"scene = read_scene({_spelled(name(image))}, settings)\n"
-        f"BokehRenderer().render(scene, settings).save({_spelled(output)})"
+        f"settings = RenderSettings().updated({_python_literal(table)})\n"
+        f"scene = read_scene({_python_literal(name(image))}, settings)\n"
+        f"BokehRenderer().render(scene, settings).save({_python_literal(output)})"
     )
 
 
 def look_of(settings: RenderSettings) -> RenderSettings:
-    """Return the part of settings that a preset may hold, all else at its default.
+    """Return the part of settings that a preset may contain, everything else at its default.
 
     Examples:
         >>> both = RenderSettings().updated({"camera": {"blur": 40}, "aperture": {"blades": 6}})
@@ -78,7 +78,9 @@ def look_of(settings: RenderSettings) -> RenderSettings:
         {'aperture': {'blades': 6}}
     """
     table = {
-        group: {key: value for key, value in fields.items() if all_settings()[f"{group}.{key}"].of_a_look}
+        group: {
+            key: value for key, value in fields.items() if all_settings()[f"{group}.{key}"].allowed_in_preset
+        }
         for group, fields in settings.to_table().items()
     }
     return RenderSettings().updated(table)
@@ -99,12 +101,16 @@ def _paths(settings: RenderSettings) -> list[Path]:
     return [value for value in values if isinstance(value, Path)]
 
 
-def _spelled(value: Any) -> str:
-    """Python's own spelling, with double quotes."""
+def _python_literal(value: Any) -> str:
+    """Return a Python literal with double quotes."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{_spelled(key)}: {_spelled(item)}" for key, item in value.items()) + "}"
+        return (
+            "{"
+            + ", ".join(f"{_python_literal(key)}: {_python_literal(item)}" for key, item in value.items())
+            + "}"
+        )
     if isinstance(value, list):
-        return "[" + ", ".join(map(_spelled, value)) + "]"
+        return "[" + ", ".join(map(_python_literal, value)) + "]"
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     if isinstance(value, float) and value in (float("inf"), float("-inf")):

@@ -1,4 +1,4 @@
-"""Training data: random scenes, ray-traced, in shards. Reading shards needs no torch."""
+"""Training data: random ray-traced scenes in shards. Reading shards does not need torch."""
 
 from bokehnet.synth.config import ClutterConfig, SceneConfig, SynthConfig
 from bokehnet.synth.dataset import write_dataset

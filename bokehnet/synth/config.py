@@ -1,4 +1,4 @@
-"""What a set of training pairs is made of."""
+"""Configuration of a set of training pairs."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,19 +13,19 @@ __all__ = ["ClutterConfig", "SceneConfig", "SynthConfig"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SceneConfig:
-    """How random scenes are drawn.
+    """Distribution of random scenes of planes.
 
     Attributes:
-        planes: Fewest and most planes in front of the background, lights and ground not counted.
-        tilt_limit: Largest tilt of a plane, degrees.
-        sky_probability: Share of scenes whose background is infinitely far.
-        ground_probability: Share with a floor, ceiling or wall that runs into the distance.
-        light_probability: Share with small HDR lamps far away.
-        thin_probability: Share of planes with thin forms: wires, hair, twigs.
-        exposure_stops: Lowest and highest exposure relative to a middle grey of 0.18.
-        photographs: Names of the photographs from scikit-image, without suffix; empty takes all of
+        planes: Minimum and maximum number of planes in front of the background, without lights and ground.
+        tilt_limit: Maximum tilt of a plane, degrees.
+        sky_probability: Probability of a background at infinity.
+        ground_probability: Probability of a floor, ceiling or wall that recedes into the distance.
+        light_probability: Probability of small, distant HDR lamps.
+        thin_probability: Probability of a thin shape for a plane: wires, hair, twigs.
+        exposure_stops: Minimum and maximum exposure relative to a middle grey of 0.18, stops.
+        photographs: Names of photographs from scikit-image, without suffix; empty selects all of
             ``bokehnet.synth.photographs.SHIPPED``.
-        photograph_folder: A folder of images to use instead of those photographs.
+        photograph_folder: Folder of images to use instead.
     """
 
     planes: tuple[int, int] = (2, 8)
@@ -47,14 +47,14 @@ class SceneConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ClutterConfig:
-    """How random scenes with objects on the ground are drawn; exposure and photographs are SceneConfig's.
+    """Distribution of random scenes with objects; ``SceneConfig`` sets exposure and photographs.
 
     Attributes:
-        places: How often a scene is a table, a room and open land, relative to each other.
-        objects: Fewest and most objects on the ground.
-        thin_probability: Share of objects with thin forms: poles, fences, twigs with leaves, grass, hair.
-        foreground_probability: Share of scenes with something near that comes in over the border.
-        lamp_probability: Share of scenes with small HDR lamps.
+        places: Relative frequencies of tables, rooms and open land.
+        objects: Minimum and maximum number of objects on the ground.
+        thin_probability: Probability of a thin object: poles, fences, twigs with leaves, grass, hair.
+        foreground_probability: Probability of a near object that enters the picture from the border.
+        lamp_probability: Probability of small HDR lamps.
     """
 
     places: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -74,30 +74,31 @@ class ClutterConfig:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SynthConfig:
-    """A set of training pairs.
+    """Configuration of a set of training pairs.
 
     Attributes:
-        seed: Seed of the set; scene i depends on (seed, i) alone.
-        kind: "planes" are cards at all depths that only shine; "clutter" are objects on the ground, with
-            light, shades and shadows.
+        seed: Seed of the set; scene i depends only on (seed, i).
+        kind: "planes": emissive planes at all depths; "clutter": objects on the ground, with lighting,
+            shading and shadows.
         scenes: Number of scenes.
-        scenes_per_shard: Scenes in one file.
+        scenes_per_shard: Number of scenes per file.
         width: Picture width, pixels.
         height: Picture height, pixels.
-        views: Pictures with bokeh of each scene, each with its own focus and aperture.
+        views: Pictures with bokeh per scene, each with its own focus and aperture.
         bokeh_samples: Rays per pixel of a bokeh picture.
-        bright_factor: How many times more rays a scene with lamps gets: few rays meet them.
-        image_samples: Rays per pixel of the all-in-focus picture, or per fine pixel where there are such.
-        fine: Where not 0, the disparity is also written at so many times the size, an even number, so that
-            what stands inside a pixel is known; such sets may have no views.
-        defocus: Range from which the largest blur radius of a view is drawn (log-uniform), pixels.
+        bright_factor: Factor on the rays per pixel for scenes with lamps, which few rays hit.
+        image_samples: Rays per pixel of the all-in-focus picture, or per fine pixel if ``fine`` is set.
+        fine: If not 0, an even factor: disparity is also written at this multiple of the resolution, so that
+            the structure inside a pixel is known; such sets may have no views.
+        defocus: Range of the maximum blur radius of a view (log-uniform), pixels.
         sensor_width: Sensor width, mm.
-        sensor_distance: Lens to sensor, mm, equal for all views so that refocusing does not zoom.
-        nearest_distance: The depth at relative disparity 1, mm.
-        catalog: Lenses of the catalog to draw from, for clutter; each must cover the picture's corners.
-        catalog_share: Share of views through one of them; the others are through thin lenses.
-        scene: How scenes of planes are drawn.
-        clutter: How scenes of clutter are drawn.
+        sensor_distance: Distance from lens to sensor, mm; equal for all views, so that refocusing does not
+            zoom.
+        nearest_distance: Depth at relative disparity 1, mm.
+        catalog: Catalog lenses to draw from, for clutter; each must cover the picture's corners.
+        catalog_share: Fraction of views through a catalog lens; the others use thin lenses.
+        scene: Distribution of scenes of planes.
+        clutter: Distribution of scenes of clutter.
     """
 
     seed: int
@@ -140,22 +141,22 @@ class SynthConfig:
         self._check_catalog()
 
     def _check_catalog(self) -> None:
-        """Raise ``ParameterError`` unless the lenses of the catalog can take these pictures."""
+        """Raise ``ParameterError`` unless all catalog lenses cover the picture."""
         check_range("catalog_share", self.catalog_share, 0, 1)
         if self.catalog_share and not self.catalog:
             expected = "0, as `catalog` names no lens"
             raise ParameterError("catalog_share", expected, self.catalog_share, "name some in `catalog`")
         if self.catalog and self.kind != "clutter":
-            raise ParameterError("kind", "'clutter', which alone is seen through a `catalog`", self.kind)
+            raise ParameterError("kind", "'clutter', the only kind that supports a `catalog`", self.kind)
         corner = math.hypot(self.width, self.height) / 2 * self.pixel_pitch / self.sensor_distance
         for name in self.catalog:
             if covered_slope(name) < corner:
                 raise ParameterError(
                     "catalog",
-                    f"lenses that show slopes up to {corner:.3f}, where the picture's corners are",
+                    f"lenses that cover slopes up to {corner:.3f}, the picture's corners",
                     name,
                     "take another lens or a larger `sensor_distance`",
-                    shown=f"{name}, which shows slopes up to {covered_slope(name):.3f}",
+                    shown=f"{name}, which covers slopes up to {covered_slope(name):.3f}",
                 )
 
     @property

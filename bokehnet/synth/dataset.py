@@ -1,4 +1,4 @@
-"""Writes a whole set of shards; a killed run goes on where it stopped and gives the same bytes."""
+"""Writer of whole sets of shards; a killed run resumes and writes the same bytes."""
 
 import contextlib
 import functools
@@ -30,20 +30,20 @@ def write_dataset(
     progress: Progress | None = None,
     cluster: str | None = None,
 ) -> None:
-    """Render all scenes of ``config`` and write them as shards; shards that exist are kept.
+    """Render all scenes of ``config`` and write them as shards; existing shards are kept.
 
     Args:
-        config: What to make; it is also written, as ``dataset.json``.
-        out_dir: Folder, made if missing. One process may write to it at a time.
-        workers: Processes that render.
-        progress: Called with the number of scenes that are there and that there will be.
-        cluster: Address of a Ray cluster that renders in their stead; its workers may die at any time.
+        config: Configuration of the set; also written as ``dataset.json``.
+        out_dir: Folder of the set; created if missing. Only one process may write to it at a time.
+        workers: Number of processes that render.
+        progress: Called with the number of finished scenes and the total number.
+        cluster: Address of a Ray cluster that renders instead; its workers may die at any time.
 
     Raises:
         ConfigError: The folder holds a set made with another configuration.
         DataFileError: The folder cannot be written.
-        ParameterError: ``workers`` is less than 1, or there is no such cluster.
-        MissingExtraError: A package is missing that rendering needs.
+        ParameterError: ``workers`` is below 1, or there is no such cluster.
+        MissingExtraError: A package that rendering needs is missing.
     """
     check_at_least("workers", workers, 1)
     folder = Path(out_dir)
@@ -52,12 +52,14 @@ def write_dataset(
         _claim(folder, config)
         remove_leftovers(folder)
         missing = [number for number in range(config.shards) if not (folder / shard_name(number)).exists()]
-        wanted = [index for number in missing for index in _scenes_of(number, config)]
+        pending = [index for number in missing for index in _scenes_of(number, config)]
         make = functools.partial(_make_bytes, config)
-        on = (
-            render_on_cluster(make, wanted, cluster) if cluster and wanted else _render(make, wanted, workers)
+        renderer = (
+            render_on_cluster(make, pending, cluster)
+            if cluster and pending
+            else _render(make, pending, workers)
         )
-        with on as samples:
+        with renderer as samples:
             _write_shards(folder, config, missing, samples, progress or ignore_progress)
     except OSError as error:
         if isinstance(error, DataFileError):
@@ -72,11 +74,11 @@ def _write_shards(
     samples: Iterator[bytes],
     progress: Progress,
 ) -> None:
-    """Write the shards ``missing`` of their ``samples``, which come in order."""
+    """Write the shards ``missing`` from ``samples``, which arrive in order."""
     done = config.scenes - sum(len(_scenes_of(number, config)) for number in missing)
     progress(done, config.scenes)
 
-    def take(numbers: Iterable[int]) -> Iterator[tuple[str, bytes]]:
+    def members(numbers: Iterable[int]) -> Iterator[tuple[str, bytes]]:
         nonlocal done
         for index in numbers:
             yield f"{index:08d}.npz", next(samples)
@@ -87,7 +89,7 @@ def _write_shards(
 
         def write(temporary: Path, number: int = number) -> None:
             with temporary.open("wb") as stream:
-                write_members(stream, take(_scenes_of(number, config)))
+                write_members(stream, members(_scenes_of(number, config)))
 
         write_atomic(folder / shard_name(number), write, error=DataFileError)
 
@@ -105,7 +107,7 @@ def _make_bytes(config: SynthConfig, index: int) -> bytes:
 
 @contextlib.contextmanager
 def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> Iterator[Iterator[bytes]]:
-    """Give ``make(index)`` in the order of ``indices``; processes end with this context or its process."""
+    """Yield an iterator of ``make(index)`` in order; worker processes end with this context."""
     if workers == 1 or len(indices) < 2:
         yield map(make, indices)
         return
@@ -119,7 +121,7 @@ def _render(make: Callable[[int], bytes], indices: list[int], workers: int) -> I
 
 
 def start_worker() -> None:
-    """Prepare a process that works for another: use one thread, leave Ctrl-C to it and do not outlive it."""
+    """Prepare a worker process: single-threaded, without handling of Ctrl-C, and ending with its parent."""
     import torch
 
     torch.set_num_threads(1)
@@ -128,7 +130,7 @@ def start_worker() -> None:
 
 
 def end_with_parent() -> None:
-    """Let this process, started by ``multiprocessing``, not outlive the one that started it."""
+    """End this process, started by ``multiprocessing``, when its parent ends."""
 
     def watch() -> None:
         parent = multiprocessing.parent_process()
@@ -140,7 +142,7 @@ def end_with_parent() -> None:
 
 
 def _claim(folder: Path, config: SynthConfig) -> None:
-    """Write ``dataset.json``, or compare it with ``config`` when it is there."""
+    """Write ``dataset.json``, or compare an existing one with ``config``."""
     path = folder / DESCRIPTION
     if not path.exists():
         if any(folder.glob("shard-*.tar")):
@@ -148,9 +150,9 @@ def _claim(folder: Path, config: SynthConfig) -> None:
         write_text(path, dump_json(config), error=DataFileError)
         return
     try:
-        there = json.loads(path.read_text(encoding="utf-8"))
+        existing = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise ConfigError(f"{path}: expected a configuration as JSON: {error}") from error
-    # Sets that were begun before a key was known have its default.
-    there = to_dict(build_config(there, SynthConfig, str(path)))
-    check_same(f"{folder}: holds a set", there, to_dict(config), "choose another folder")
+    # Sets from before a key existed have its default.
+    existing = to_dict(build_config(existing, SynthConfig, str(path)))
+    check_same(f"{folder}: holds a set", existing, to_dict(config), "choose another folder")

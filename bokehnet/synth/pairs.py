@@ -1,4 +1,4 @@
-"""One training sample: a scene, its all-in-focus picture, its disparity and views with bokeh."""
+"""Training samples: a random scene, its all-in-focus picture, its disparity and views with bokeh."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 
 from bokehnet.errors import LensError
 from bokehnet.lenses import LensModel, ThinLens
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.raytrace import Camera, render_all_in_focus, render_bokeh, render_disparity
 from bokehnet.synth.clutter.baked_scene import View
 from bokehnet.synth.clutter.lamps import add_lamps
@@ -22,25 +22,25 @@ from bokehnet.synth.training_lenses import make_training_lens
 
 __all__ = ["lens_for_view", "make_sample"]
 
-# A picture with less depth than this has no blur worth learning from; it is not blown up further.
-_LEAST_RANGE = 0.1
-# Scenes with lights beyond this radiance need more rays.
-_BRIGHT = 16.0
-# Largest relative disparity of cluttered scenes.
-_NEAREST = (0.75, 1.0)
-# How far the iris of a catalog lens is closed at most, stops.
-_MOST_STOPS = 2.0
+# Minimum range of relative disparity that the blur is scaled for; flatter scenes get less blur.
+_MIN_DISPARITY_RANGE = 0.1
+# Radiance above which a scene needs more rays.
+_BRIGHT_RADIANCE = 16.0
+# Range of the largest relative disparity of cluttered scenes.
+_MAX_DISPARITY_RANGE = (0.75, 1.0)
+# Maximum stopping down of a catalog lens, stops.
+_MAX_STOPS = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Subject:
-    """A scene before the camera: its pictures by blur, focus and seed.
+    """Scene with its all-in-focus picture and a renderer of its views.
 
     Attributes:
-        image: All in focus, (H, W, 3).
-        disparity: Relative, (H, W) float32.
-        fine_disparity: The same on the finer grid, (k H, k W) float32; k may be 0.
-        bokeh: Gives a picture, (H, W, 3).
+        image: All-in-focus picture, (H, W, 3).
+        disparity: Relative disparity, (H, W) float32.
+        fine_disparity: Relative disparity on the finer grid, (k H, k W) float32; k may be 0.
+        bokeh: Function of blur, focus and seed; returns a picture, (H, W, 3).
     """
 
     image: np.ndarray
@@ -50,7 +50,7 @@ class _Subject:
 
 
 def make_sample(config: SynthConfig, index: int) -> TrainingSample:
-    """Render scene ``index`` of a set; depends on ``config`` and ``index`` alone."""
+    """Render scene ``index`` of a set; the result depends only on ``config`` and ``index``."""
     rng = np.random.default_rng(np.random.SeedSequence([config.seed, index]))
     subject, seeds = (_planes if config.kind == "planes" else _clutter)(config, rng)
     views = [_draw_view(subject.disparity, config, rng) for _ in range(config.views)]
@@ -69,7 +69,7 @@ def make_sample(config: SynthConfig, index: int) -> TrainingSample:
 
 
 def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np.ndarray]:
-    """A scene of planes, and a seed for each view."""
+    """Return a scene of planes, and a seed for each view."""
     scene = random_scene(rng, config)
     pinhole = _camera(config, _pinhole(config))
     seeds = rng.integers(2**62, size=config.views + 1)
@@ -79,10 +79,10 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
     image = render_all_in_focus(scene, fine_camera, config.image_samples, int(seeds[0])).numpy()
     fine_disparity = np.zeros((0, 0), np.float32)
     if config.fine:
-        image = reduce_fine(image, config.fine, draw_pixel_filter(rng))
+        image = downsample(image, config.fine, draw_pixel_filter(rng))
         fine_disparity = render_disparity(scene, fine_camera).numpy() * np.float32(config.nearest_distance)
     brightest = max((float(plane.texture.max()) for plane in scene.planes), default=0.0)
-    samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT else 1)
+    samples = config.bokeh_samples * (config.bright_factor if brightest > _BRIGHT_RADIANCE else 1)
 
     def bokeh(blur: float, focus: float, seed: int) -> np.ndarray:
         view = _camera(config, lens_for_view(blur, focus, config))
@@ -94,7 +94,7 @@ def _planes(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np
 
 
 def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, np.ndarray]:
-    """A scene of objects, and a seed for each view."""
+    """Return a scene of objects, and a seed for each view."""
     clutter = random_clutter(rng, config)
     seeds = rng.integers(2**62, size=config.views + 1)
     stops = rng.uniform(*config.scene.exposure_stops)
@@ -115,11 +115,11 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
     inverse_depth = clutter.scene.disparity(pinhole, _view(config, 1, 0))
     fine_depth = np.zeros((0, 0), np.float32)
     if config.fine:
-        image = reduce_fine(image, config.fine, draw_pixel_filter(rng))
+        image = downsample(image, config.fine, draw_pixel_filter(rng))
         fine_depth = clutter.scene.disparity(pinhole, _view(finer, 1, 0))
-    nearest = rng.uniform(*_NEAREST) / max(float(inverse_depth.max()), 1e-9)
+    nearest = rng.uniform(*_MAX_DISPARITY_RANGE) / max(float(inverse_depth.max()), 1e-9)
     scaled = replace(config, nearest_distance=float(nearest))
-    # Lamps are left out, so that the rest is as bright in scenes with lamps as in others.
+    # Excludes lamps, so that scenes with and without lamps are equally bright elsewhere.
     gain = np.float32(
         MIDDLE_GREY * 2**stops / max(float(np.minimum(image, np.median(image) * 8).mean()), 1e-6)
     )
@@ -138,7 +138,7 @@ def _clutter(config: SynthConfig, rng: np.random.Generator) -> tuple[_Subject, n
 
 
 def _finer(config: SynthConfig) -> SynthConfig:
-    """The same with the pixels of the finer grid, if there is one."""
+    """Return the configuration with the resolution of the finer grid, if any."""
     factor = max(1, config.fine)
     return replace(config, width=factor * config.width, height=factor * config.height)
 
@@ -154,13 +154,13 @@ def _view(config: SynthConfig, samples: int, seed: int) -> View:
 
 
 def lens_for_view(blur: float, focus: float, config: SynthConfig) -> ThinLens:
-    """Return the lens that blurs by ``blur * (disparity - focus)`` pixels.
+    """Return the thin lens with a blur radius of ``blur * (disparity - focus)`` pixels.
 
     Args:
-        blur: Radius in pixels per unit of relative disparity, positive.
-        focus: Relative disparity that is sharp; 0 focuses at infinity.
-        config: Sensor and scale. The sensor distance is that of ``config`` for all lenses, so the focal
-            length follows from the focus by the thin-lens equation.
+        blur: Blur radius per unit of relative disparity, pixels, positive.
+        focus: Relative disparity in focus; 0 is infinity.
+        config: Sensor and scale. All lenses have the sensor distance of ``config``, so the thin-lens equation
+            determines the focal length from the focus.
     """
     focus_disparity = focus / config.nearest_distance
     focal_length = 1 / (1 / config.sensor_distance + focus_disparity)
@@ -172,12 +172,12 @@ def lens_for_view(blur: float, focus: float, config: SynthConfig) -> ThinLens:
 
 
 def _draw_lens(blur: float, focus: float, config: SynthConfig, seed: int) -> LensModel:
-    """A thin lens, or one of the catalog where it can focus so near."""
+    """Return a thin lens, or a catalog lens if it can focus at this distance."""
     thin = lens_for_view(blur, focus, config)
     rng = np.random.default_rng([seed, 2])
     if rng.random() >= config.catalog_share:
         return thin
-    name, stops = config.catalog[rng.integers(len(config.catalog))], rng.uniform(0, _MOST_STOPS)
+    name, stops = config.catalog[rng.integers(len(config.catalog))], rng.uniform(0, _MAX_STOPS)
     try:
         return make_training_lens(name, thin.pupil_radius, thin.focus_distance, stops, config.sensor_distance)
     except LensError:
@@ -189,18 +189,18 @@ def _pupil_radius(blur: float, config: SynthConfig) -> float:
 
 
 def _draw_view(disparity: np.ndarray, config: SynthConfig, rng: np.random.Generator) -> tuple[float, float]:
-    """Draw blur and focus: mostly on something that is in the picture, sometimes in between."""
+    """Draw blur and focus: mostly at a depth in the picture, sometimes at any depth."""
     if rng.random() < 0.8:
         low, high = float(disparity.min()), float(disparity.max())
-        # Half by area, half by depth, so that small near things are in focus too.
-        wanted = (
+        # Half by area, half by depth, so that small near objects are also in focus.
+        target = (
             disparity.flat[rng.integers(disparity.size)] if rng.random() < 0.5 else rng.uniform(low, high)
         )
-        focus = float(disparity.flat[np.abs(disparity - wanted).argmin()])
+        focus = float(disparity.flat[np.abs(disparity - target).argmin()])
     else:
         focus = float(rng.random())
     radius = np.exp(rng.uniform(*np.log(config.defocus)))
-    return float(radius / max(np.abs(disparity - focus).max(), _LEAST_RANGE)), focus
+    return float(radius / max(np.abs(disparity - focus).max(), _MIN_DISPARITY_RANGE)), focus
 
 
 def _pinhole(config: SynthConfig) -> ThinLens:

@@ -1,4 +1,4 @@
-"""Photographs as surfaces: those inside the scikit-image wheel, or any folder of images."""
+"""Photographs as surface textures: those in the scikit-image wheel, or any folder of images."""
 
 import functools
 import importlib.util
@@ -12,7 +12,7 @@ from bokehnet.errors import ImageFileError, MissingExtraError, ParameterError
 
 __all__ = ["SHIPPED", "crop_photograph", "photograph_files"]
 
-# Sample photographs in skimage/data of the wheel; nothing is downloaded.
+# Sample photographs in skimage/data of the wheel; no download.
 SHIPPED = (
     "astronaut.png",
     "brick.png",
@@ -37,11 +37,11 @@ _SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr", ".hdr")
 
 
 def photograph_files(names: tuple[str, ...] = (), folder: str | None = None) -> tuple[Path, ...]:
-    """Return the images to paint with.
+    """Return the paths of the photographs.
 
     Args:
         names: Names of :data:`SHIPPED` photographs without suffix; empty means all.
-        folder: A folder to take all images from instead.
+        folder: Folder whose images are used instead.
 
     Raises:
         ParameterError: A name is not that of a shipped photograph.
@@ -50,34 +50,34 @@ def photograph_files(names: tuple[str, ...] = (), folder: str | None = None) -> 
     """
     if folder is not None:
         root = Path(folder)
-        found = tuple(sorted(path for path in root.glob("*") if path.suffix.lower() in _SUFFIXES))
-        if not found:
+        files = tuple(sorted(path for path in root.glob("*") if path.suffix.lower() in _SUFFIXES))
+        if not files:
             raise ImageFileError(
                 f"{folder}: expected a folder with images ({', '.join(_SUFFIXES)}), found none"
             )
-        return found
+        return files
     spec = importlib.util.find_spec("skimage")
     if spec is None or spec.origin is None:
         raise MissingExtraError("the sample photographs need scikit-image: pip install 'bokehnet[train]'")
-    known = {name.split(".")[0]: Path(spec.origin).parent / "data" / name for name in SHIPPED}
+    shipped = {name.split(".")[0]: Path(spec.origin).parent / "data" / name for name in SHIPPED}
     for name in names:
-        if name not in known:
-            expected = f"some of {', '.join(sorted(known))}"
+        if name not in shipped:
+            expected = f"some of {', '.join(sorted(shipped))}"
             raise ParameterError("photographs", expected, name)
-    return tuple(known[name] for name in names or known)
+    return tuple(shipped[name] for name in names or shipped)
 
 
 def crop_photograph(path: Path, height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Return a random part of a photograph, resampled to (height, width, 3) and varied in colour.
+    """Return a random crop of a photograph, resampled to (height, width, 3), with varied colours.
 
-    The part is turned, mirrored, recoloured a little and area-averaged, so it holds no aliasing.
+    The crop is rotated, mirrored, slightly recoloured and area-averaged, so it has no aliasing.
     """
     picture = _load(path)
     if rng.random() < 0.3:
         picture = np.rot90(picture, int(rng.integers(1, 4)))
     if rng.random() < 0.5:
         picture = picture[:, ::-1]
-    # The largest part with the wanted proportions, and not so small a part that it would be soft.
+    # The largest crop of these proportions, or a smaller one that is not yet blurred.
     largest = min(picture.shape[0] / height, picture.shape[1] / width)
     scale = np.exp(rng.uniform(np.log(min(0.8, largest)), np.log(largest)))
     h, w = (
@@ -93,7 +93,7 @@ def crop_photograph(path: Path, height: int, width: int, rng: np.random.Generato
 
 
 def _recolour(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Change contrast, saturation and white balance; values stay at or above 0."""
+    """Vary contrast, saturation and white balance; values stay at least 0."""
     picture = np.clip(picture, 1e-4, None) ** rng.uniform(0.75, 1.3)
     if rng.random() < 0.15:
         picture = picture[..., rng.permutation(3)]

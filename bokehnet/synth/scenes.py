@@ -1,7 +1,7 @@
-"""Random scenes: planes at all depths and tilts before a far background.
+"""Random scenes of planes at all depths and tilts in front of a distant background.
 
-Lengths are in millimetres, sizes in the picture are slopes (lateral extent over depth). A relative
-disparity of 1 is ``config.nearest_distance``; nothing is nearer.
+Lengths are in millimetres; sizes in the picture are slopes (lateral extent over depth). A relative disparity
+of 1 is at ``config.nearest_distance``, the minimum depth.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from bokehnet.synth.surface_textures import surface_texture
 
 __all__ = ["random_scene"]
 
-_LARGEST_TEXTURE = 512
+_MAX_TEXTURE_SIDE = 512
 _LAMP_RADIUS = (1.2, 3.0)
 _LAMP_PEAK = (5.0, 100.0)
 
@@ -25,18 +25,18 @@ def random_scene(rng: np.random.Generator, config: SynthConfig) -> Scene:
     """Draw a scene for a camera with the sensor of ``config``.
 
     Args:
-        rng: All choices come from here.
+        rng: Random generator.
         config: Sensor, scale and probabilities.
 
     Returns:
-        A scene on the CPU; no point of it is nearer than ``config.nearest_distance``.
+        Scene on the CPU; all its points are at least at ``config.nearest_distance``.
     """
     return _SceneMaker(rng, config).make()
 
 
 @dataclass(frozen=True, slots=True)
 class _SceneMaker:
-    """The rules of :func:`random_scene`, with what they share."""
+    """Steps of :func:`random_scene` with their shared state."""
 
     rng: np.random.Generator
     config: SynthConfig
@@ -53,7 +53,7 @@ class _SceneMaker:
         return _expose(Scene(background=background, planes=tuple(planes)), rng, recipe.exposure_stops)
 
     def disparities(self, far: float) -> list[float]:
-        """Relative disparities of the planes; often one is much nearer than the rest."""
+        """Draw relative disparities of the planes; often one is much nearer than the others."""
         rng = self.rng
         count = int(rng.integers(self.config.scene.planes[0], self.config.scene.planes[1] + 1))
         nearest = rng.uniform(0.7, 1.0) if rng.random() < 0.7 else rng.uniform(far, 1.0)
@@ -71,7 +71,7 @@ class _SceneMaker:
         return background_from(rgb, half, far / config.nearest_distance)
 
     def plane(self, disparity: float) -> Plane:
-        """An object of random form, size, place and tilt."""
+        """Draw a plane of random shape, size, position and tilt."""
         config, rng = self.config, self.rng
         field = config.sensor_width / 2 / config.sensor_distance
         thin = rng.random() < config.scene.thin_probability
@@ -84,10 +84,10 @@ class _SceneMaker:
         kinds = THIN_SHAPES if thin else SOLID_SHAPES if rng.random() < 0.6 else OPEN_SHAPES
         texture = plane_texture(self.surface_texture(height, width), draw_shape(kinds, height, width, rng))
         depth = config.nearest_distance / disparity
-        turn = self.rotation(0.3 if thin else np.pi)
+        rotation = self.rotation(0.3 if thin else np.pi)
         centre = np.array([*middle, 1.0]) * depth
-        u, v = turn[:, 0] * half[0] * depth, turn[:, 1] * half[1] * depth
-        # A tilted corner may come too near: move the plane away and enlarge it, which keeps its picture.
+        u, v = rotation[:, 0] * half[0] * depth, rotation[:, 1] * half[1] * depth
+        # A tilted corner may be too near: moving and enlarging the plane keeps its image.
         nearest = depth - abs(u[2]) - abs(v[2])
         if nearest < 0.2 * depth:
             u, v = u * 0.8 / (1 - nearest / depth), v * 0.8 / (1 - nearest / depth)
@@ -101,7 +101,7 @@ class _SceneMaker:
         )
 
     def ground(self, far: float) -> Plane:
-        """A floor, ceiling or wall that starts near and runs towards the background."""
+        """Draw a floor, ceiling or wall that recedes from near to the background."""
         config, rng = self.config, self.rng
         field = config.sensor_width / 2 / config.sensor_distance
         near = config.nearest_distance / rng.uniform(0.5, 1.0)
@@ -111,16 +111,16 @@ class _SceneMaker:
         below = near * field * rng.uniform(0.7, 1.2)
         side = distant * field * 1.6
         texture = plane_texture(self.surface_texture(384, 384))
-        # Texture rows run away from the camera; the plane is then rolled about the optical axis.
+        # Texture rows recede from the camera; then the plane is rolled about the optical axis.
         roll = rng.normal(0, 0.12) + rng.choice([0, 0, 0, np.pi / 2, -np.pi / 2, np.pi])
-        turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+        rotation = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
         rise = below * rng.uniform(-0.3, 0.3)
-        centre = turn @ np.array([0.0, below + rise, (near + distant) / 2])
-        u, v = turn @ np.array([side, 0, 0]), turn @ np.array([0, rise, (distant - near) / 2])
+        centre = rotation @ np.array([0.0, below + rise, (near + distant) / 2])
+        u, v = rotation @ np.array([side, 0, 0]), rotation @ np.array([0, rise, (distant - near) / 2])
         return Plane(texture=texture, centre=_vector(centre), u_axis=_vector(u), v_axis=_vector(v))
 
     def lights(self, far: float) -> Plane:
-        """Small lamps far away, on a transparent plane over the whole picture."""
+        """Draw small distant lamps on a transparent plane across the picture."""
         config, rng = self.config, self.rng
         half_width = 1.3 * config.sensor_width / 2 / config.sensor_distance
         half = half_width, half_width * config.height / config.width
@@ -134,28 +134,28 @@ class _SceneMaker:
         )
 
     def rotation(self, roll_limit: float) -> np.ndarray:
-        """Random roll about the optical axis, then for half of the planes a tilt about a lateral axis."""
+        """Draw a roll about the optical axis, then for half of the planes a tilt about a lateral axis."""
         rng = self.rng
         roll = rng.uniform(-roll_limit, roll_limit)
         tilt = np.radians(rng.uniform(0, self.config.scene.tilt_limit)) if rng.random() < 0.5 else 0.0
-        towards = rng.uniform(0, 2 * np.pi)
-        axis = np.array([np.cos(towards), np.sin(towards), 0])
+        azimuth = rng.uniform(0, 2 * np.pi)
+        axis = np.array([np.cos(azimuth), np.sin(azimuth), 0])
         cross = np.array([[0, 0, axis[1]], [0, 0, -axis[0]], [-axis[1], axis[0], 0]])
-        lean = np.eye(3) + np.sin(tilt) * cross + (1 - np.cos(tilt)) * cross @ cross
+        tilt_matrix = np.eye(3) + np.sin(tilt) * cross + (1 - np.cos(tilt)) * cross @ cross
         cosine, sine = np.cos(roll), np.sin(roll)
-        turn: np.ndarray = lean @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
-        return turn
+        rotation: np.ndarray = tilt_matrix @ np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+        return rotation
 
     def texture_size(self, half_width: float, half_height: float) -> tuple[int, int]:
-        """Rows and columns with about one texel per pixel for half extents given as slopes."""
+        """Return rows and columns for about one texel per pixel, for half extents as slopes."""
         density = self.config.sensor_distance / self.config.pixel_pitch
         height, width = (
-            int(np.clip(2 * h * density, 8, _LARGEST_TEXTURE)) for h in (half_height, half_width)
+            int(np.clip(2 * h * density, 8, _MAX_TEXTURE_SIDE)) for h in (half_height, half_width)
         )
         return height, width
 
     def surface_texture(self, height: int, width: int, photograph: float = 0.65) -> np.ndarray:
-        """Colours (H, W, 3), about as bright as each other; with that probability a ``photograph``."""
+        """Draw colours (H, W, 3) of similar brightness; a photograph with probability ``photograph``."""
         return surface_texture(self.config.scene, height, width, self.rng, photograph)
 
 

@@ -1,6 +1,6 @@
-"""Shards: tar files of samples in the WebDataset layout, one ``{index:08d}.npz`` a sample.
+"""Shards: tar files in the WebDataset layout, one ``{index:08d}.npz`` per sample.
 
-The bytes of a shard depend on its samples alone: no times, no owners.
+The bytes of a shard depend only on its samples: no times, no owners.
 """
 
 import io
@@ -32,15 +32,16 @@ DESCRIPTION = "dataset.json"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TrainingSample:
-    """One scene; for each view v, ``blur[v] * (disparity - focus[v])`` is the blur radius in pixels.
+    """Sample of one scene; ``blur[v] * (disparity - focus[v])`` is the blur radius of view v in pixels.
 
     Attributes:
-        image: All in focus, scene-linear, (H, W, 3) float16.
+        image: All-in-focus picture, scene-linear, (H, W, 3) float16.
         disparity: Relative inverse depth in [0, 1], 0 = infinitely far, (H, W) float32.
-        fine_disparity: The same at the centres of the pixels of a finer grid, (k H, k W) float16; k may be 0.
-        bokeh: The truth for each view, scene-linear, (V, H, W, 3) float16.
-        blur: Radius in pixels per unit of disparity, (V,) float32.
-        focus: Relative disparity that is sharp, (V,) float32.
+        fine_disparity: Relative inverse depth at the pixel centres of a finer grid, (k H, k W) float16; k may
+            be 0.
+        bokeh: True picture of each view, scene-linear, (V, H, W, 3) float16.
+        blur: Blur radius per unit of disparity, pixels, (V,) float32.
+        focus: Relative disparity in focus, (V,) float32.
     """
 
     image: np.ndarray
@@ -52,26 +53,26 @@ class TrainingSample:
 
 
 def shard_name(number: int) -> str:
-    """File name of a shard."""
+    """Return the file name of a shard."""
     return f"shard-{number:06d}.tar"
 
 
 def encode_sample(sample: TrainingSample) -> bytes:
-    """Return ``sample`` as the bytes of an uncompressed npz file: noise does not compress."""
+    """Return ``sample`` as the bytes of an npz file, uncompressed because noise does not compress."""
     buffer = io.BytesIO()
     np.savez(buffer, **{item.name: getattr(sample, item.name) for item in fields(TrainingSample)})
     return buffer.getvalue()
 
 
 def decode_sample(data: bytes, source: str = "sample") -> TrainingSample:
-    """Undo :func:`encode_sample`.
+    """Return the sample of bytes from :func:`encode_sample`.
 
     Raises:
         DataFileError: The bytes are damaged; ``source`` names them.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            damaged = archive.testzip()  # np.load would parse wrong bytes before it checks their sum
+            damaged = archive.testzip()  # np.load would parse wrong bytes before their checksum
         if damaged is not None:
             raise ValueError(f"wrong checksum of {damaged}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
@@ -85,13 +86,13 @@ def decode_sample(data: bytes, source: str = "sample") -> TrainingSample:
 
 
 def _check_shapes(sample: TrainingSample) -> None:
-    """Raise ``ValueError`` unless the arrays of a sample belong to each other."""
+    """Raise ``ValueError`` unless the shapes of a sample's arrays agree."""
     size, views = sample.disparity.shape, sample.blur.shape
-    wanted = {"image": (*size, 3), "bokeh": (*views, *size, 3), "focus": views}
-    for name, shape in wanted.items():
-        found = getattr(sample, name).shape
-        if len(size) != 2 or len(views) != 1 or found != shape:
-            raise ValueError(f"{name} of shape {found} beside disparity of shape {size} and {views} views")
+    expected = {"image": (*size, 3), "bokeh": (*views, *size, 3), "focus": views}
+    for name, shape in expected.items():
+        actual = getattr(sample, name).shape
+        if len(size) != 2 or len(views) != 1 or actual != shape:
+            raise ValueError(f"{name} of shape {actual} with disparity of shape {size} and {views} views")
 
 
 def write_members(stream: BinaryIO, members: Iterable[tuple[str, bytes]]) -> None:
@@ -116,16 +117,15 @@ def read_sample(shard: str | Path, key: str) -> TrainingSample:
 
 
 class ShardSet:
-    """All samples of a folder, by number; reads one sample at a time. Can be pickled.
+    """Samples of a folder, by index; reads one sample at a time; picklable.
 
     Args:
-        folder: Where ``bokehnet synth`` wrote.
-        allow_incomplete: Accept a set of which shards are still missing.
-        on_damage: Called with what is wrong with a shard that cannot be read, which is then left out; by
-            default it is raised.
+        folder: Folder that ``bokehnet synth`` wrote.
+        allow_incomplete: Accept a set with missing shards.
+        on_damage: Called with the error of an unreadable shard, which is then skipped; default: raise it.
 
     Raises:
-        DataFileError: No set of shards is there, one is damaged, or some are missing.
+        DataFileError: The folder holds no shards, or one is damaged or missing.
     """
 
     def __init__(
@@ -153,8 +153,8 @@ class ShardSet:
                 continue
             self._members += [(path, key, offset, size) for key, (offset, size) in index.items()]
         if not self._members or (len(self._members) < expected and not allow_incomplete):
-            found = f"{len(self._members)} of {expected} samples"
-            raise DataFileError(f"{self.folder}: found {found}; run bokehnet synth again to complete it")
+            available = f"{len(self._members)} of {expected} samples"
+            raise DataFileError(f"{self.folder}: found {available}; run bokehnet synth again to complete it")
 
     def __len__(self) -> int:
         return len(self._members)
@@ -165,7 +165,7 @@ class ShardSet:
 
 
 def _index(shard: Path) -> dict[str, tuple[int, int]]:
-    """Offset and size of every sample of a shard."""
+    """Return the offset and size of every sample of a shard."""
     try:
         with tarfile.open(shard, "r:") as archive:
             return {Path(item.name).stem: (item.offset_data, item.size) for item in archive if item.isfile()}

@@ -1,4 +1,4 @@
-"""The pixel filters of training pictures, which are made of finer ones."""
+"""Random pixel filters of training pictures that are downsampled from finer ones."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from bokehnet.optics.pixels.pixel_filter import PixelFilter
 
 __all__ = ["draw_pixel_filter"]
 
-# Share of pictures whose pixels are plain means, and widths of the Gaussians of the others, pixels. What
-# Blackman-Harris filters 1.5 pixels wide weigh is as a Gaussian of 1.9; lenses and demosaicing are softer.
-_BOX, _WIDTHS = 0.2, (1.3, 2.7)
+# Probability of a box filter, and range of widths of the Gaussians otherwise, pixels. A Blackman-Harris
+# filter 1.5 pixels wide resembles a Gaussian of 1.9; lenses and demosaicing are softer.
+_BOX_PROBABILITY, _GAUSSIAN_WIDTHS = 0.2, (1.3, 2.7)
 
 
 def draw_pixel_filter(rng: np.random.Generator) -> PixelFilter:
-    """Draw the filter of one picture."""
-    gaussian = PixelFilter("gaussian", rng.uniform(*_WIDTHS))
-    return PixelFilter("box", 1) if rng.random() < _BOX else gaussian
+    """Draw the pixel filter of one picture."""
+    gaussian = PixelFilter("gaussian", rng.uniform(*_GAUSSIAN_WIDTHS))
+    return PixelFilter("box", 1) if rng.random() < _BOX_PROBABILITY else gaussian

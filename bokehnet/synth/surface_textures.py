@@ -1,4 +1,4 @@
-"""What random surfaces are painted with: photographs and patterns."""
+"""Textures of random surfaces: photographs and patterns."""
 
 import numpy as np
 
@@ -14,14 +14,14 @@ MIDDLE_GREY = 0.18
 def surface_texture(
     recipe: SceneConfig, height: int, width: int, rng: np.random.Generator, photograph: float = 0.65
 ) -> np.ndarray:
-    """Return colours (H, W, 3) whose mean is some stops around middle grey.
+    """Return colours (H, W, 3) with a random mean around middle grey.
 
     Args:
-        recipe: Which photographs.
-        height: Texels.
-        width: Texels.
-        rng: Random numbers.
-        photograph: Probability of a photograph; else there is a pattern.
+        recipe: Selection of photographs.
+        height: Height, texels.
+        width: Width, texels.
+        rng: Random generator.
+        photograph: Probability of a photograph instead of a pattern.
     """
 
     def draw_photograph(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
@@ -34,5 +34,5 @@ def surface_texture(
         colours = dead_leaves(height, width, rng, draw_photograph if rng.random() < 0.6 else None)
     else:
         colours = TEXTURES[list(TEXTURES)[rng.integers(len(TEXTURES))]](height, width, rng)
-    wanted = MIDDLE_GREY * 2 ** rng.normal(0, 0.8)
-    return colours * np.float32(wanted / max(float(colours.mean()), 0.02))
+    mean = MIDDLE_GREY * 2 ** rng.normal(0, 0.8)
+    return colours * np.float32(mean / max(float(colours.mean()), 0.02))

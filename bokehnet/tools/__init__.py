@@ -1,6 +1,6 @@
-"""Tools built on the renderer: comparison of engines, the demo, contact sheets, a look fitted to a pair.
+"""Tools built on the renderer: engine comparison, demo, contact sheets, and fitting a look to an image pair.
 
-In: scenes, settings, lenses. Out: sheets, scores and figures. Nothing below imports this package.
+In: scenes, settings, lenses. Out: sheets, scores and figures. No lower layer imports this package.
 
 Open first: ``comparison.py``.
 """

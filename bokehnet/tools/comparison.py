@@ -1,4 +1,4 @@
-"""One picture by several engines, beside the truth where it is known: scores, crops, errors."""
+"""Comparison of engines on one picture, optionally with a reference: scores, crops, errors."""
 
 import math
 from collections.abc import Sequence
@@ -22,25 +22,25 @@ from bokehnet.settings.settings import RenderSettings
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.peak_memory import PeakMemory
 
-__all__ = ["Compared", "Scores", "compare_engines", "comparison_sheet", "interesting_places"]
+__all__ = ["EngineResult", "Scores", "compare_engines", "comparison_sheet", "largest_difference_crops"]
 
-# How many times an error of the encoded picture is shown.
+# Amplification of the error of the encoded picture in sheets.
 _ERROR_GAIN = 4.0
 
-_SMALLEST = 11  # pixels, that SSIM needs
+_MIN_SIDE_PX = 11  # window size of SSIM
 
 Crop = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Scores:
-    """How close a picture is to the truth, both clipped and sRGB-encoded.
+    """Similarity of a picture to the truth, both clipped and sRGB-encoded.
 
     Attributes:
-        psnr: dB.
-        edge_psnr: The same of pixels that a depth discontinuity reaches; NaN where there are none.
-        ssim: Up to 1, which is best.
-        flip: 0, which is best, to 1.
+        psnr: Peak signal-to-noise ratio, dB.
+        edge_psnr: PSNR of the pixels in reach of a depth discontinuity, dB; NaN if there are none.
+        ssim: Structural similarity, up to 1 (best).
+        flip: FLIP error, 0 (best) to 1.
 
     Examples:
         >>> Scores(psnr=38.0, edge_psnr=33.5, ssim=0.97, flip=0.05).edge_psnr
@@ -54,19 +54,19 @@ class Scores:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Compared:
-    """What one engine made.
+class EngineResult:
+    """Picture, cost and scores of one engine.
 
     Attributes:
-        engine: Its name.
-        bokeh: Scene-linear, (H, W, 3).
-        seconds: That the rendering took, once its kernels were there.
-        scores: Against the truth; None where it is not known.
-        error: Absolute error of the encoded picture, mean of the channels, (H, W); None likewise.
-        memory: Bytes that the rendering held at its peak, the result among them; None but on Linux.
+        engine: Name of the engine.
+        bokeh: Scene-linear result, (H, W, 3).
+        seconds: Render time, s, without compilation of kernels.
+        scores: Scores against the truth; None without truth.
+        error: Absolute error of the encoded picture, mean of the channels, (H, W); None without truth.
+        memory: Peak memory of the rendering including the result, bytes; None except on Linux.
 
     Examples:
-        >>> Compared(engine="rays", bokeh=np.zeros((4, 4, 3)), seconds=0.5).line
+        >>> EngineResult(engine="rays", bokeh=np.zeros((4, 4, 3)), seconds=0.5).line
         'rays  0.50 s'
     """
 
@@ -79,17 +79,17 @@ class Compared:
 
     @property
     def line(self) -> str:
-        """All numbers in a line."""
+        """Engine, scores and cost in one line."""
         costs = f"{self.seconds:.2f} s" + ("" if self.memory is None else f"  {self.memory / 1e6:.0f} MB")
         if self.scores is None:
             return f"{self.engine}  {costs}"
-        found = self.scores
-        edge = "" if math.isnan(found.edge_psnr) else f"  edge {found.edge_psnr:.2f} dB"
-        numbers = f"{found.psnr:.2f} dB{edge}  SSIM {found.ssim:.4f}  FLIP {found.flip:.4f}"
+        scores = self.scores
+        edge = "" if math.isnan(scores.edge_psnr) else f"  edge {scores.edge_psnr:.2f} dB"
+        numbers = f"{scores.psnr:.2f} dB{edge}  SSIM {scores.ssim:.4f}  FLIP {scores.flip:.4f}"
         return f"{self.engine}  {numbers}  {costs}"
 
 
-def _shown(picture: np.ndarray) -> np.ndarray:
+def _encoded(picture: np.ndarray) -> np.ndarray:
     return np.asarray(linear_to_srgb(np.clip(picture, 0, 1)), np.float64)
 
 
@@ -99,148 +99,153 @@ def compare_engines(
     engines: Sequence[str],
     truth: np.ndarray | None = None,
     progress: Progress | None = None,
-) -> list[Compared]:
-    """Render a scene by each of some engines.
+) -> list[EngineResult]:
+    """Render a scene with each of several engines.
 
     Args:
-        scene: From ``read_scene`` or ``make_scene``.
-        settings: All but the engine.
-        engines: Names, ours or those of ``bokehnet.baselines``.
-        truth: What a lens sees, scene-linear, (H, W, 3).
-        progress: Called with (engines done, engines in all).
+        scene: Scene from ``read_scene`` or ``make_scene``.
+        settings: Settings except the engine.
+        engines: Names of engines or of ``bokehnet.baselines``.
+        truth: Reference, scene-linear, (H, W, 3).
+        progress: Called with (engines done, total engines).
 
     Raises:
-        ParameterError: No engine, one twice, or one that does not know what the settings ask for.
-        ShapeError: The truth has another size than the picture.
+        ParameterError: No engine, a repeated one, or one that does not support the settings.
+        ShapeError: The truth and the picture differ in size.
 
     Examples:
         >>> from bokehnet.tools.demo import demo_settings, small_demo_scene
-        >>> found = compare_engines(small_demo_scene(), demo_settings("middle"), ["scatter", "rectangle"])
-        >>> [one.engine for one in found]
+        >>> results = compare_engines(small_demo_scene(), demo_settings("middle"), ["scatter", "rectangle"])
+        >>> [result.engine for result in results]
         ['scatter', 'rectangle']
     """
     if not engines or len(set(engines)) < len(engines):
         shown = ", ".join(engines) or "none"
         raise ParameterError("engines", "one or more engines, each once", shown=shown)
-    for name in engines:  # all of them before the first takes its time
+    for name in engines:  # check all before the first one renders
         check_choice("engines", name, (*ENGINES, *BASELINES))
         BokehRenderer(name).check(settings)
     if truth is not None:
         check_same_size("image", scene.image, "truth", truth)
-        if min(truth.shape[:2]) < _SMALLEST:
+        if min(truth.shape[:2]) < _MIN_SIDE_PX:
             shown = f"{truth.shape[1]}x{truth.shape[0]}"
-            raise ParameterError("truth", f"at least {_SMALLEST} pixels high and wide", shown=shown)
-    found = []
+            raise ParameterError("truth", f"at least {_MIN_SIDE_PX} pixels high and wide", shown=shown)
+    results = []
     for done, name in enumerate(engines):
         if progress is not None:
             progress(done, len(engines))
-        found.append(_one(scene, settings, name, truth))
+        results.append(_run_engine(scene, settings, name, truth))
     if progress is not None:
         progress(len(engines), len(engines))
-    return found
+    return results
 
 
-def _one(scene: Scene, settings: RenderSettings, engine: str, truth: np.ndarray | None) -> Compared:
+def _run_engine(
+    scene: Scene, settings: RenderSettings, engine: str, truth: np.ndarray | None
+) -> EngineResult:
     renderer = BokehRenderer(engine)
     renderer.warm_up(settings)
     peak, start = PeakMemory(), perf_counter()
-    result = renderer.render(scene, settings)
+    rendered = renderer.render(scene, settings)
     seconds = perf_counter() - start
-    made = Compared(engine=result.report.engine, bokeh=result.bokeh, seconds=seconds, memory=peak.extra)
-    if truth is None:
-        return made
-    wanted, got = _shown(truth), _shown(result.bokeh)
-    defocus = result.defocus
-    assert defocus is not None  # nothing was to be overwritten
-    near = geometric_error_map(defocus, softness=0) > 0.5
-    if near.shape != got.shape[:2]:
-        near = np.zeros(got.shape[:2], bool)
-    scores = Scores(
-        psnr=psnr(wanted, got),
-        edge_psnr=psnr(wanted, got, near),
-        ssim=float(ssim_map(wanted, got).mean()),
-        flip=float(flip_map(wanted, got).mean()),
+    result = EngineResult(
+        engine=rendered.report.engine, bokeh=rendered.bokeh, seconds=seconds, memory=peak.extra
     )
-    return replace(made, scores=scores, error=np.abs(wanted - got).mean(axis=2))
+    if truth is None:
+        return result
+    expected, actual = _encoded(truth), _encoded(rendered.bokeh)
+    defocus = rendered.defocus
+    assert defocus is not None  # render() was called without overwrite
+    near_edge = geometric_error_map(defocus, softness=0) > 0.5
+    if near_edge.shape != actual.shape[:2]:
+        near_edge = np.zeros(actual.shape[:2], bool)
+    scores = Scores(
+        psnr=psnr(expected, actual),
+        edge_psnr=psnr(expected, actual, near_edge),
+        ssim=float(ssim_map(expected, actual).mean()),
+        flip=float(flip_map(expected, actual).mean()),
+    )
+    return replace(result, scores=scores, error=np.abs(expected - actual).mean(axis=2))
 
 
-def interesting_places(found: Sequence[Compared], size: int = 160, count: int = 2) -> list[Crop]:
-    """Squares (left, top, width, height) in which the engines differ most from the truth or each other.
+def largest_difference_crops(results: Sequence[EngineResult], size: int = 160, count: int = 2) -> list[Crop]:
+    """Return squares (left, top, width, height) where the engines differ most, from the truth or each other.
 
     Args:
-        found: What the engines made.
+        results: Results of the engines.
         size: Side, pixels; smaller in small pictures.
-        count: How many, at most; they do not overlap.
+        count: Maximum number of squares; they do not overlap.
 
     Examples:
         >>> bokeh, error = np.zeros((40, 60, 3)), np.zeros((40, 60))
         >>> error[20:30, 40:50] = 1
-        >>> found = [Compared(engine="rays", bokeh=bokeh, seconds=1, error=error)]
-        >>> interesting_places(found, size=10, count=1)
+        >>> results = [EngineResult(engine="rays", bokeh=bokeh, seconds=1, error=error)]
+        >>> largest_difference_crops(results, size=10, count=1)
         [(40, 20, 10, 10)]
     """
-    if found[0].error is not None:
-        apart = np.mean([one.error for one in found if one.error is not None], axis=0)
+    if results[0].error is not None:
+        difference = np.mean([result.error for result in results if result.error is not None], axis=0)
     else:
-        apart = np.ptp([_shown(one.bokeh) for one in found], axis=0).mean(axis=2)
-    height, width = apart.shape
+        difference = np.ptp([_encoded(result.bokeh) for result in results], axis=0).mean(axis=2)
+    height, width = difference.shape
     side = min(size, height, width)
-    total = np.pad(apart.astype(np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    total = np.pad(difference.astype(np.float64).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
     sums = total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]
-    places: list[Crop] = []
+    crops: list[Crop] = []
     for _ in range(count):
         top, left = np.unravel_index(int(np.argmax(sums)), sums.shape)
         if not np.isfinite(sums[top, left]):
             break
-        places.append((int(left), int(top), side, side))
+        crops.append((int(left), int(top), side, side))
         sums[max(0, top - side + 1) : top + side, max(0, left - side + 1) : left + side] = -np.inf
-    return places
+    return crops
 
 
 def comparison_sheet(
     image: np.ndarray,
-    found: Sequence[Compared],
-    places: Sequence[Crop],
+    results: Sequence[EngineResult],
+    crops: Sequence[Crop],
     truth: np.ndarray | None = None,
 ) -> np.ndarray:
-    """One sheet: a row for the picture and the truth, and one for each engine, all cut at the same places.
+    """Return a sheet with a row of crops for the picture and the truth, and one for each engine.
 
     Args:
-        image: The picture, scene-linear, (H, W, 3).
-        found: What the engines made of it.
-        places: Crops (left, top, width, height), all of one size.
-        truth: Scene-linear, (H, W, 3); then a picture of errors, four times as strong, follows each crop.
+        image: Picture, scene-linear, (H, W, 3).
+        results: Results of the engines.
+        crops: Crops (left, top, width, height), all of one size.
+        truth: Reference, scene-linear, (H, W, 3); with it an error picture, amplified four times, follows
+            each crop.
 
     Returns:
         Scene-linear, (H', W', 3) float32.
 
     Examples:
         >>> image = np.zeros((40, 60, 3), np.float32)
-        >>> found = [Compared(engine="rays", bokeh=image, seconds=1)]
-        >>> comparison_sheet(image, found, [(0, 0, 20, 20)]).shape[2]
+        >>> results = [EngineResult(engine="rays", bokeh=image, seconds=1)]
+        >>> comparison_sheet(image, results, [(0, 0, 20, 20)]).shape[2]
         3
     """
 
-    def cut(picture: np.ndarray, place: Crop) -> np.ndarray:
-        left, top, width, height = place
-        part = picture[top : top + height, left : left + width]
-        return np.asarray(part.repeat(2, axis=0).repeat(2, axis=1), np.float32)
+    def cut(picture: np.ndarray, crop: Crop) -> np.ndarray:
+        left, top, width, height = crop
+        pixels = picture[top : top + height, left : left + width]
+        return np.asarray(pixels.repeat(2, axis=0).repeat(2, axis=1), np.float32)
 
     first = []
-    for place in places:
-        first.append(("in focus", cut(image, place)))
+    for crop in crops:
+        first.append(("in focus", cut(image, crop)))
         if truth is not None:
-            first.append(("truth", cut(truth, place)))
+            first.append(("truth", cut(truth, crop)))
     rows = [first]
-    for one in found:
+    for result in results:
         row = []
-        for n, place in enumerate(places):
-            row.append((one.engine if n == 0 else "", cut(one.bokeh, place)))
-            if one.error is not None:
-                grey = srgb_to_linear(np.clip(_ERROR_GAIN * one.error, 0, 1))
-                edge = one.scores.edge_psnr if one.scores else math.nan
-                score = "" if one.scores is None else f"{one.scores.psnr:.2f} dB, edge {edge:.2f} dB"
-                label = score if n == 0 else f"{one.seconds:.2f} s"
-                row.append((label, cut(np.repeat(grey[..., None], 3, axis=2), place)))
+        for n, crop in enumerate(crops):
+            row.append((result.engine if n == 0 else "", cut(result.bokeh, crop)))
+            if result.error is not None:
+                grey = srgb_to_linear(np.clip(_ERROR_GAIN * result.error, 0, 1))
+                edge = result.scores.edge_psnr if result.scores else math.nan
+                score = "" if result.scores is None else f"{result.scores.psnr:.2f} dB, edge {edge:.2f} dB"
+                label = score if n == 0 else f"{result.seconds:.2f} s"
+                row.append((label, cut(np.repeat(grey[..., None], 3, axis=2), crop)))
         rows.append(row)
     return contact_sheet(rows)

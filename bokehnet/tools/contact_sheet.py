@@ -1,4 +1,4 @@
-"""Contact sheets: pictures side by side, each with a label under it."""
+"""Contact sheets: pictures side by side, with a label under each."""
 
 from collections.abc import Sequence
 
@@ -9,15 +9,15 @@ from bokehnet.errors import ShapeError
 
 __all__ = ["contact_sheet"]
 
-_GAP = 12  # pixels between pictures and around them
-_STRIP = 34  # pixels under a picture for its label
+_GAP_PX = 12  # between pictures and around them
+_LABEL_HEIGHT_PX = 34
 _FONT_SIZE = 22
-_PAPER = 0.012  # linear grey
+_BACKGROUND = 0.012  # linear grey
 _INK = 0.75
 
 
 def contact_sheet(rows: Sequence[Sequence[tuple[str, np.ndarray]]]) -> np.ndarray:
-    """Lay labelled pictures out in centred rows.
+    """Arrange labelled pictures in centred rows.
 
     Args:
         rows: Rows of (label, picture); pictures are scene-linear, (H, W, 3), all of one size.
@@ -33,20 +33,21 @@ def contact_sheet(rows: Sequence[Sequence[tuple[str, np.ndarray]]]) -> np.ndarra
         raise ShapeError(f"contact sheet: expected pictures of one size, got {sorted(sizes)}")
     height, width, _ = sizes.pop()
     columns = max(len(row) for row in rows)
-    step_y, step_x = height + _STRIP + _GAP, width + _GAP
-    sheet = np.full((_GAP + len(rows) * step_y, _GAP + columns * step_x, 3), _PAPER, np.float32)
+    step_y, step_x = height + _LABEL_HEIGHT_PX + _GAP_PX, width + _GAP_PX
+    sheet = np.full((_GAP_PX + len(rows) * step_y, _GAP_PX + columns * step_x, 3), _BACKGROUND, np.float32)
     for index, row in enumerate(rows):
-        top = _GAP + index * step_y
-        first = _GAP + (columns - len(row)) * step_x // 2
+        top = _GAP_PX + index * step_y
+        first = _GAP_PX + (columns - len(row)) * step_x // 2
         for left, (label, picture) in zip(range(first, sheet.shape[1], step_x), row, strict=False):
             sheet[top : top + height, left : left + width] = picture
-            sheet[top + height : top + height + _STRIP, left : left + width] = _text_strip(label, width)
+            bottom = top + height
+            sheet[bottom : bottom + _LABEL_HEIGHT_PX, left : left + width] = _label(label, width)
     return sheet
 
 
-def _text_strip(text: str, width: int) -> np.ndarray:
-    """Return ``text`` on paper, (_STRIP, width, 3); the font is one that OpenImageIO brings along."""
-    strip = oiio.ImageBuf(np.full((_STRIP, width, 3), _PAPER, np.float32))
-    if not oiio.ImageBufAlgo.render_text(strip, 2, _STRIP - 10, text, _FONT_SIZE, "", (_INK,) * 3):
+def _label(text: str, width: int) -> np.ndarray:
+    """Return ``text`` on the background, (_LABEL_HEIGHT_PX, width, 3), in the font of OpenImageIO."""
+    strip = oiio.ImageBuf(np.full((_LABEL_HEIGHT_PX, width, 3), _BACKGROUND, np.float32))
+    if not oiio.ImageBufAlgo.render_text(strip, 2, _LABEL_HEIGHT_PX - 10, text, _FONT_SIZE, "", (_INK,) * 3):
         raise RuntimeError(f"cannot draw text: {strip.geterror()}")
-    return np.asarray(strip.get_pixels(oiio.FLOAT)).reshape(_STRIP, width, 3)
+    return np.asarray(strip.get_pixels(oiio.FLOAT)).reshape(_LABEL_HEIGHT_PX, width, 3)

@@ -1,4 +1,4 @@
-"""The scene that comes with the package, traced by ``examples/demo_scene.py``, and its contact sheet."""
+"""Demo scene of the package, rendered by ``examples/demo_scene.py``, and its contact sheet."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from bokehnet.tools.contact_sheet import contact_sheet
 
 __all__ = ["ASSETS", "BLUR", "FOCUS", "demo_scene", "demo_settings", "demo_sheet", "small_demo_scene"]
 
-# Holds demo.png and demo_disparity.png.
+# Folder of demo.png and demo_disparity.png.
 ASSETS = Path(__file__).parent.parent / "assets"
 
 BLUR = 38.0  # pixels of radius per unit of disparity
@@ -23,7 +23,7 @@ FOCUS = {"near": 0.94, "middle": 0.46, "far": 0.0}  # leaves, cat, town
 
 
 def demo_scene() -> Scene:
-    """Return the scene; its disparity is exact.
+    """Return the demo scene; its disparity is exact.
 
     Examples:
         >>> scene = demo_scene()
@@ -36,19 +36,19 @@ def demo_scene() -> Scene:
 
 
 def small_demo_scene() -> Scene:
-    """Return every fifth row and column of the scene.
+    """Return every fifth row and column of the demo scene.
 
     Examples:
         >>> small_demo_scene().image.shape
         (96, 144, 3)
     """
     scene = demo_scene()
-    map_of_scene = RelativeDisparity(map=scene.depth.values[::5, ::5])
-    return make_scene(scene.image[::5, ::5], map_of_scene)
+    disparity = RelativeDisparity(map=scene.depth.values[::5, ::5])
+    return make_scene(scene.image[::5, ::5], disparity)
 
 
 def demo_settings(focus: str) -> RenderSettings:
-    """Return the settings that the sheet has for a focus, "near", "middle" or "far".
+    """Return the settings of the sheet for a focus, "near", "middle" or "far".
 
     Examples:
         >>> demo_settings("near").focus.value
@@ -64,19 +64,19 @@ def demo_settings(focus: str) -> RenderSettings:
 def demo_sheet(
     renderer: BokehRenderer | None = None, progress: Progress | None = None
 ) -> npt.NDArray[np.float32]:
-    """Return one contact sheet of the scene, its disparity and three focus distances, scene-linear.
+    """Return a contact sheet of the scene, its disparity and three focus distances, scene-linear.
 
     Args:
-        renderer: By default one of the engine "rays".
-        progress: Called with (steps done, steps in all).
+        renderer: Renderer; default: engine "rays".
+        progress: Called with (steps done, total steps).
 
     Examples:
         >>> demo_sheet(BokehRenderer("scatter")).shape
         (1064, 2208, 3)
     """
     renderer, scene = renderer or BokehRenderer(), demo_scene()
-    shown = srgb_to_linear(scene.depth.values)  # so that a viewer sees the stored values
-    inputs = [("input", scene.image), ("disparity, near is bright", np.repeat(shown[..., None], 3, axis=-1))]
+    linear = srgb_to_linear(scene.depth.values)  # viewers then show the stored values
+    inputs = [("input", scene.image), ("disparity, near is bright", np.repeat(linear[..., None], 3, axis=-1))]
     results = []
     for index, (name, focus) in enumerate(FOCUS.items()):
         rendered = renderer.render(scene, demo_settings(name), part_of(progress, index, len(FOCUS)))

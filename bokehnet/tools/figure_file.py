@@ -1,4 +1,4 @@
-"""Figures of matplotlib as files: of known formats, never half written."""
+"""Write matplotlib figures to files, atomically and only in known formats."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,15 +11,15 @@ if TYPE_CHECKING:
 
 __all__ = ["FIGURE_EXTENSIONS", "write_figure"]
 
-# What matplotlib draws and Pillow encodes; for ``check_writable`` before anything is drawn.
+# Formats that matplotlib and Pillow write; for ``check_writable`` before anything is drawn.
 FIGURE_EXTENSIONS = (".png", ".pdf", ".svg", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 
 
 def write_figure(figure: "Figure", path: Path | str, dpi: int) -> None:
-    """Write a figure; an older file survives until the new one is complete.
+    """Write a figure; an existing file remains until the new one is complete.
 
     Raises:
-        ImageFileError: The file cannot be written, or its ending names no known format.
+        ImageFileError: The file cannot be written, or its extension is unknown.
     """
     check_extension(Path(path), FIGURE_EXTENSIONS)
     write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=dpi))

@@ -1,7 +1,7 @@
-"""The look of a lens from a pair: a sharp picture with its disparity, and the same view out of focus.
+"""Fit the look of a lens to an image pair: a sharp picture with disparity, and the same view out of focus.
 
-The scatter of the sharp picture is laid on the blurred one, where nothing hides anything, by least squares
-over blur, focus and the shape of the opening. Every number of blades is tried.
+The sharp picture is blurred by scatter and compared with the blurred one, away from occlusions, by least
+squares over blur, focus and aperture shape. Every number of blades is tried.
 """
 
 import dataclasses
@@ -21,42 +21,43 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["PairFit", "fit_pair"]
 
-# Pixels of the longer side that are worked on, first and last; shares of the map and radii, of the first
-# picture's width, from which blur is searched.
-_COARSE, _FINE = 160, 640
-_FOCI, _RADII = np.linspace(0, 1, 9), (0.006, 0.012, 0.025, 0.045, 0.08)
-_STARTS, _STEPS, _FEW_STEPS = 3, 12, 4
+# Longer side, pixels, of the first and last pass; initial focus as a fraction of the map's range, and initial
+# radii as a fraction of the longer side of the picture.
+_COARSE_SIDE_PX, _FINE_SIDE_PX = 160, 640
+_INITIAL_FOCUS, _INITIAL_RADII = np.linspace(0, 1, 9), (0.006, 0.012, 0.025, 0.045, 0.08)
+_STARTS, _ITERATIONS, _BLADE_ITERATIONS = 3, 12, 4
 _BLADES = (0, 5, 6, 7, 8, 9)
-# Blades must leave this share less than a round opening does, and lie so many pixels within the circle.
-_WORTH, _SHALLOW = 0.985, 0.1
-# Least share of pixels that no edge reaches, below which all are taken; light from which it is clipped.
-_ALONE, _CLIPPED = 0.05, 0.985
+# An aperture with blades needs at most this fraction of the cost of a disc, and at least this deviation from
+# the circle.
+_MAX_COST_RATIO, _MIN_EDGE_DEPTH_PX = 0.985, 0.1
+# Minimum fraction of pixels away from depth edges, below which all are used; light above it is clipped.
+_MIN_EDGE_FREE_FRACTION, _CLIPPING_LEVEL = 0.05, 0.985
 _SHAPE = ("curvature", "rotation", "spherical_profile", "obstruction", "cats_eye")
-# Steps of derivatives: of blur, of its own; of focus, of the map's range; of shapes wide enough for the
-# tables that the scatter makes of them.
+# Steps of finite differences: of blur relative to it; of focus relative to the map's range; of shape
+# parameters wide enough for the lookup tables of the scatter.
 _STEP = {"blur": 0.01, "focus": 0.004, "curvature": 0.03, "rotation": 1.0, "obstruction": 0.02}
 _SHAPE_STEP = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PairFit:
-    """What a pair tells.
+    """Result of a fit to an image pair.
 
     Attributes:
-        look: The opening; colours and softness are not fitted.
-        blur: Pixels of blur radius per unit of the map, at the size of the picture.
-        focus: Value of the map that is in focus.
-        deviation: Standard deviation of each fitted parameter by what is left, pixels taken as independent.
-        left: Root mean square of what is left, in square roots of light.
-        others: What other numbers of blades leave, by number.
-        drawn: The blurred picture as it was fitted, (h, w, 3), at the size that was worked on.
-        taken: Where pixels were compared, (h, w).
+        look: Aperture shape; colours and softness are not fitted.
+        blur: Blur radius in pixels per unit of the map, at the size of the picture.
+        focus: Value of the map in focus.
+        deviation: Standard deviation of each fitted parameter, for independent pixel residuals.
+        residual: Root mean square residual, in square roots of light.
+        residuals: Root mean square residual by number of blades.
+        rendered: Blurred picture of the fit, (h, w, 3), at the size of the fit.
+        mask: EngineResult pixels, (h, w).
 
     Examples:
-        >>> drawn, taken = np.zeros((2, 3, 3)), np.ones((2, 3), bool)
-        >>> told = {"deviation": {"blur": 0.1}, "left": 0.01, "others": {0: 0.02}}
-        >>> fit = PairFit(look=Look(blades=6), blur=12.0, focus=0.3, drawn=drawn, taken=taken, **told)
-        >>> fit.look.blades, fit.others[0] > fit.left  # a round opening leaves more
+        >>> rendered, mask = np.zeros((2, 3, 3)), np.ones((2, 3), bool)
+        >>> errors = {"deviation": {"blur": 0.1}, "residual": 0.01, "residuals": {0: 0.02}}
+        >>> fit = PairFit(look=Look(blades=6), blur=12.0, focus=0.3, rendered=rendered, mask=mask, **errors)
+        >>> fit.look.blades, fit.residuals[0] > fit.residual  # a disc fits worse
         (6, True)
     """
 
@@ -64,78 +65,79 @@ class PairFit:
     blur: float
     focus: float
     deviation: dict[str, float]
-    left: float
-    others: dict[int, float]
-    drawn: np.ndarray
-    taken: np.ndarray
+    residual: float
+    residuals: dict[int, float]
+    rendered: np.ndarray
+    mask: np.ndarray
 
 
 class _Pair:
-    """Both pictures at one size, and how the blurred one is made of the sharp one."""
+    """Image pair at reduced size, with the model of the blurred picture."""
 
-    def __init__(self, image: np.ndarray, share: np.ndarray, blurred: np.ndarray, longest: int) -> None:
-        self.factor = max(1, math.ceil(max(image.shape[:2]) / longest))
-        self.image, self.share, self.blurred = (_pooled(x, self.factor) for x in (image, share, blurred))
-        self.taken = self.blurred.max(-1) < _CLIPPED
+    def __init__(self, image: np.ndarray, disparity: np.ndarray, blurred: np.ndarray, max_side: int) -> None:
+        self.factor = max(1, math.ceil(max(image.shape[:2]) / max_side))
+        arrays = (image, disparity, blurred)
+        self.image, self.disparity, self.blurred = (_pooled(x, self.factor) for x in arrays)
+        self.mask = self.blurred.max(-1) < _CLIPPING_LEVEL
         self.root = np.sqrt(np.maximum(self.blurred, 0))
 
-    def spare_edges(self, blur: float, focus: float) -> None:
-        """Leave out what a depth edge reaches."""
-        free = geometric_error_map((blur * (self.share - focus)).astype(np.float32)) < 0.5
-        if (free & self.taken).mean() > _ALONE:
-            self.taken = self.taken & free
+    def exclude_edges(self, blur: float, focus: float) -> None:
+        """Exclude pixels in reach of depth edges from the comparison."""
+        edge_free = geometric_error_map((blur * (self.disparity - focus)).astype(np.float32)) < 0.5
+        if (edge_free & self.mask).mean() > _MIN_EDGE_FREE_FRACTION:
+            self.mask = self.mask & edge_free
 
-    def draw(self, blur: float, focus: float, look: Look) -> np.ndarray:
+    def render(self, blur: float, focus: float, look: Look) -> np.ndarray:
         shape = {name: getattr(look, name) for name in _SHAPE}
-        defocus = (blur * (self.share - focus)).astype(np.float32)
+        defocus = (blur * (self.disparity - focus)).astype(np.float32)
         aperture = Aperture(blades=look.blades, **shape)
-        drawn = scatter(self.image, defocus, aperture=aperture)
-        wanted, found = (x[self.taken].astype(float) for x in (self.blurred, drawn))
-        gain = (wanted * found).sum(0) / np.maximum((found * found).sum(0), 1e-12)
-        return np.asarray(np.maximum(drawn * gain, 0))
+        rendered = scatter(self.image, defocus, aperture=aperture)
+        target, model = (x[self.mask].astype(float) for x in (self.blurred, rendered))
+        gain = (target * model).sum(0) / np.maximum((model * model).sum(0), 1e-12)
+        return np.asarray(np.maximum(rendered * gain, 0))
 
     def fit(
-        self, names: Sequence[str], blur: float, focus: float, look: Look, steps: int
+        self, names: Sequence[str], blur: float, focus: float, look: Look, iterations: int
     ) -> tuple[Solution, float, float, Look]:
-        """Solve for blur, focus and what of the look is named."""
+        """Fit blur, focus and the named parameters of the look."""
 
-        def parts(values: np.ndarray) -> tuple[float, float, Look]:
-            named = dict(zip(names, values[2:].tolist(), strict=True))
-            return float(values[0]), float(values[1]), dataclasses.replace(look, **named)
+        def unpack(values: np.ndarray) -> tuple[float, float, Look]:
+            shape = dict(zip(names, values[2:].tolist(), strict=True))
+            return float(values[0]), float(values[1]), dataclasses.replace(look, **shape)
 
         def residuals(values: np.ndarray) -> np.ndarray:
-            return np.asarray((np.sqrt(self.draw(*parts(values))) - self.root)[self.taken].ravel())
+            return np.asarray((np.sqrt(self.render(*unpack(values))) - self.root)[self.mask].ravel())
 
-        def jacobian(values: np.ndarray, left: np.ndarray) -> np.ndarray:
-            found = np.empty((len(left), len(values)))
+        def jacobian(values: np.ndarray, residual: np.ndarray) -> np.ndarray:
+            derivatives = np.empty((len(residual), len(values)))
             for column, name in enumerate(("blur", "focus", *names)):
                 step = _STEP.get(name, _SHAPE_STEP) * (values[0] if name == "blur" else 1.0)
                 moved = values.copy()
                 moved[column] += step if values[column] + step <= high[column] else -step
-                found[:, column] = (residuals(moved) - left) / (moved[column] - values[column])
-            return found
+                derivatives[:, column] = (residuals(moved) - residual) / (moved[column] - values[column])
+            return derivatives
 
         bounds = [(0.3, 400.0), (-0.2, 1.2), *(LOOK[name][:2] for name in names)]
         low, high = np.array(bounds).T
         start = np.array([blur, focus, *(getattr(look, name) for name in names)])
-        solution = solve(residuals, jacobian, start, low, high, steps)
-        return solution, *parts(solution.values)
+        solution = solve(residuals, jacobian, start, low, high, iterations)
+        return solution, *unpack(solution.values)
 
 
 def fit_pair(
     image: np.ndarray, disparity: np.ndarray, blurred: np.ndarray, *, blades: Sequence[int] = _BLADES
 ) -> PairFit:
-    """Fit blur, focus and the opening of the lens that blurred a picture.
+    """Fit blur, focus and aperture shape of the lens that blurred a picture.
 
     Args:
-        image: The sharp picture, scene-linear, (H, W, 3).
-        disparity: Its map, near is large, in any unit, (H, W).
-        blurred: The same view out of focus, scene-linear, (H, W, 3); the exposure of each colour may differ.
-        blades: Numbers of blades that are tried; 0 is a round opening.
+        image: Sharp picture, scene-linear, (H, W, 3).
+        disparity: Disparity of the picture, larger is nearer, in any unit, (H, W).
+        blurred: Same view out of focus, scene-linear, (H, W, 3); the exposure of each colour may differ.
+        blades: Numbers of blades to try; 0 is a disc.
 
     Raises:
-        ShapeError: Sizes differ.
-        LensError: The map is flat, so that focus cannot be told from blur, or all is clipped.
+        ShapeError: The sizes differ.
+        LensError: The map is constant, so that focus and blur are ambiguous, or all pixels are clipped.
 
     Examples:
         >>> image = np.full((48, 64, 3), 0.5, np.float32)
@@ -153,65 +155,66 @@ def fit_pair(
     lowest, highest = float(disparity.min()), float(disparity.max())
     if not highest > lowest:
         raise LensError("disparity: expected things at several depths, got a flat map")
-    share = ((disparity - lowest) / (highest - lowest)).astype(np.float32)
-    coarse = _Pair(image, share, blurred, _COARSE)
-    if coarse.taken.mean() < _ALONE:
-        raise LensError(f"blurred: expected light below white, got {1 - coarse.taken.mean():.0%} clipped")
-    blur, focus = _first_guess(coarse)
-    fine = _Pair(image, share, blurred, _FINE)
+    relative = ((disparity - lowest) / (highest - lowest)).astype(np.float32)
+    coarse = _Pair(image, relative, blurred, _COARSE_SIDE_PX)
+    if coarse.mask.mean() < _MIN_EDGE_FREE_FRACTION:
+        raise LensError(f"blurred: expected light below white, got {1 - coarse.mask.mean():.0%} clipped")
+    blur, focus = _initial_blur_and_focus(coarse)
+    fine = _Pair(image, relative, blurred, _FINE_SIDE_PX)
     blur *= coarse.factor / fine.factor
-    fine.spare_edges(blur, focus)
-    found = _best_look(fine, blur, focus, blades)
+    fine.exclude_edges(blur, focus)
+    fit = _best_look(fine, blur, focus, blades)
     return dataclasses.replace(
-        found,
-        blur=found.blur * fine.factor / (highest - lowest),
-        focus=lowest + found.focus * (highest - lowest),
+        fit,
+        blur=fit.blur * fine.factor / (highest - lowest),
+        focus=lowest + fit.focus * (highest - lowest),
     )
 
 
-def _first_guess(pair: _Pair) -> tuple[float, float]:
-    """Blur in pixels over the whole range of the map, and focus as a share of it, of a round opening."""
-    round_one, tried = Look(), []
-    for focus in _FOCI:
-        for radius in _RADII:
-            blur = radius * max(pair.share.shape) / max(focus, 1 - focus)
-            left = (np.sqrt(pair.draw(blur, focus, round_one)) - pair.root)[pair.taken]
-            tried.append((float(left.ravel() @ left.ravel()), blur, float(focus)))
-    tried.sort()
-    fitted = [pair.fit((), blur, focus, round_one, _STEPS) for _, blur, focus in tried[:_STARTS]]
-    _, blur, focus, _ = min(fitted, key=lambda found: found[0].cost)
+def _initial_blur_and_focus(pair: _Pair) -> tuple[float, float]:
+    """Return blur in pixels over the range of the map, and focus as a fraction of it, for a disc aperture."""
+    disc, candidates = Look(), []
+    for focus in _INITIAL_FOCUS:
+        for radius in _INITIAL_RADII:
+            blur = radius * max(pair.disparity.shape) / max(focus, 1 - focus)
+            residual = (np.sqrt(pair.render(blur, focus, disc)) - pair.root)[pair.mask]
+            candidates.append((float(residual.ravel() @ residual.ravel()), blur, float(focus)))
+    candidates.sort()
+    fits = [pair.fit((), blur, focus, disc, _ITERATIONS) for _, blur, focus in candidates[:_STARTS]]
+    _, blur, focus, _ = min(fits, key=lambda fit: fit[0].cost)
     return blur, focus
 
 
 def _best_look(pair: _Pair, blur: float, focus: float, blades: Sequence[int]) -> PairFit:
-    """Blur and focus as :func:`_first_guess` has them; the number of blades that leaves least."""
-    count = 3 * int(pair.taken.sum())
-    even = ("spherical_profile", "cats_eye")
-    # Plain discs are drawn by another kernel, across which no derivative can be taken.
+    """Return the fit with the best number of blades, from :func:`_initial_blur_and_focus`."""
+    count = 3 * int(pair.mask.sum())
+    smooth = ("spherical_profile", "cats_eye")
+    # Another kernel renders plain discs; finite differences must not cross from one kernel to the other.
     begin = Look(spherical_profile=0.02, cats_eye=0.3)
-    first, blur, focus, start = pair.fit(even, blur, focus, begin, _STEPS)
-    found = {0: (first.cost, blur, focus, start)}
+    first, blur, focus, start = pair.fit(smooth, blur, focus, begin, _ITERATIONS)
+    fits = {0: (first.cost, blur, focus, start)}
     for number in blades:
         for turn in (0.0, 0.5) if number else ():
             shape = dataclasses.replace(start, blades=number, curvature=0.2, rotation=turn * 360 / number)
-            # An opening with blades is smaller than its circle.
+            # An aperture with blades is smaller than its circle.
             wider = blur * math.sqrt(math.pi / (number * math.sin(2 * math.pi / number) / 2)) ** 0.8
             solution, own_blur, own_focus, own = pair.fit(
-                ("curvature", "rotation"), wider, focus, shape, _FEW_STEPS
+                ("curvature", "rotation"), wider, focus, shape, _BLADE_ITERATIONS
             )
-            if number not in found or solution.cost < found[number][0]:
-                found[number] = solution.cost, own_blur, own_focus, own
-    left = {number: math.sqrt(cost / count) for number, (cost, *_) in found.items()}
-    best = min(found, key=lambda number: found[number][0])
-    if best and 0 in blades and found[best][0] > _WORTH * found[0][0]:
+            if number not in fits or solution.cost < fits[number][0]:
+                fits[number] = solution.cost, own_blur, own_focus, own
+    residuals = {number: math.sqrt(cost / count) for number, (cost, *_) in fits.items()}
+    best = min(fits, key=lambda number: fits[number][0])
+    if best and 0 in blades and fits[best][0] > _MAX_COST_RATIO * fits[0][0]:
         best = 0
-    names = [*even, "obstruction"] + (["curvature", "rotation"] if best else [])
-    _, blur, focus, look = found[best]
+    names = [*smooth, "obstruction"] + (["curvature", "rotation"] if best else [])
+    _, blur, focus, look = fits[best]
     solution, blur, focus, look = pair.fit(
-        names, blur, focus, dataclasses.replace(look, obstruction=0.1), _STEPS
+        names, blur, focus, dataclasses.replace(look, obstruction=0.1), _ITERATIONS
     )
-    if best and edge_depth(best, look.curvature) * blur * max(focus, 1 - focus) < _SHALLOW and 0 in blades:
-        return dataclasses.replace(_best_look(pair, blur, focus, (0,)), others=left)
+    edge_depth_px = edge_depth(best, look.curvature) * blur * max(focus, 1 - focus) if best else 0.0
+    if best and edge_depth_px < _MIN_EDGE_DEPTH_PX and 0 in blades:
+        return dataclasses.replace(_best_look(pair, blur, focus, (0,)), residuals=residuals)
     if best:
         period = 360 / best
         look = dataclasses.replace(look, rotation=(look.rotation + period / 2) % period - period / 2)
@@ -220,15 +223,15 @@ def _best_look(pair: _Pair, blur: float, focus: float, blades: Sequence[int]) ->
         blur=blur,
         focus=focus,
         deviation=dict(zip(("blur", "focus", *names), solution.deviation.tolist(), strict=True)),
-        left=math.sqrt(solution.cost / count),
-        others=left,
-        drawn=pair.draw(blur, focus, look),
-        taken=pair.taken,
+        residual=math.sqrt(solution.cost / count),
+        residuals=residuals,
+        rendered=pair.render(blur, focus, look),
+        mask=pair.mask,
     )
 
 
 def _pooled(values: np.ndarray, factor: int) -> np.ndarray:
-    """Means of blocks, float32; rows and columns that fill no block are left out."""
+    """Return the means of blocks, float32; rows and columns that fill no block are dropped."""
     height, width = (size // factor for size in values.shape[:2])
     cut = values[: height * factor, : width * factor]
     blocks = cut.reshape(height, factor, width, factor, *values.shape[2:])

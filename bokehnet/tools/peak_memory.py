@@ -1,4 +1,4 @@
-"""Memory that a piece of work holds at its peak, beyond what was held before."""
+"""Peak memory of a computation, beyond the memory in use before."""
 
 import ctypes
 import gc
@@ -10,7 +10,7 @@ _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 class PeakMemory:
-    """Starts to watch when it is made.
+    """Measures peak memory from its construction on.
 
     Examples:
         >>> peak = PeakMemory()
@@ -22,26 +22,26 @@ class PeakMemory:
     def __init__(self) -> None:
         gc.collect()
         try:
-            ctypes.CDLL("libc.so.6").malloc_trim(0)  # what was freed before must not be had for nothing
-            _RESET.write_text("5")  # the peak starts anew
+            ctypes.CDLL("libc.so.6").malloc_trim(0)  # otherwise freed memory would be reused unnoticed
+            _RESET.write_text("5")  # resets the recorded peak
             self._before: int | None = memory_status("VmRSS")
         except (OSError, AttributeError):
             self._before = None
 
     @property
     def extra(self) -> int | None:
-        """Bytes of this process at the peak since then, beyond those at the start; None but on Linux."""
+        """Peak memory since construction, beyond that at the start, bytes; None except on Linux."""
         return None if self._before is None else max(memory_status("VmHWM") - self._before, 0)
 
 
 def memory_status(key: str) -> int:
-    """A figure of this process in bytes, as Linux tells it.
+    """Return a memory figure of this process in bytes, from Linux.
 
     Args:
-        key: Its name in ``/proc/self/status``, one that is told in kB.
+        key: Name in ``/proc/self/status`` of a figure in kB.
 
     Raises:
-        OSError: There is no such file, as on other systems.
+        OSError: The file does not exist, as on other systems.
 
     Examples:
         >>> memory_status("VmHWM") >= memory_status("VmRSS") > 0 if _STATUS.exists() else True

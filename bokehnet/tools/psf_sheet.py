@@ -1,4 +1,4 @@
-"""A sheet of point-spread functions: each traced one beside the one of the lens's aberration map."""
+"""Sheet of point spread functions: ray-traced ones beside those of the lens's aberration map."""
 
 from pathlib import Path
 
@@ -13,22 +13,22 @@ from bokehnet.tools.contact_sheet import contact_sheet
 __all__ = ["write_psf_sheet"]
 
 _SCALE = 4  # pixels of the sheet per cell
-_GAP = 6  # pixels between the two
+_GAP_PX = 6  # between the two functions
 _DEPTHS = 3
-_BRIGHTEST = 0.995  # share of the lit cells that are not clipped
+_EXPOSURE_QUANTILE = 0.995  # fraction of the lit cells that are not clipped
 
 
 def write_psf_sheet(lens: PrescriptionLens, path: Path, report: Progress | None = None) -> list[PsfPair]:
-    """Write the sheet, depths as rows and fields as columns, and return what it shows.
+    """Write the sheet, depths as rows and fields as columns, and return its pairs.
 
     Args:
-        lens: The lens.
+        lens: Lens.
         path: Picture file.
-        report: Is told how many points are done.
+        report: Progress callback, counting points.
 
     Raises:
         ImageFileError: The file cannot be written.
-        LensError: A corner of the picture gets no light.
+        LensError: A corner of the picture receives no light.
 
     Examples:
         >>> from dataclasses import replace
@@ -53,14 +53,14 @@ def write_psf_sheet(lens: PrescriptionLens, path: Path, report: Progress | None 
 
 
 def _panel(pair: PsfPair) -> np.ndarray:
-    """Traced on the left, reduced on the right, in one exposure."""
+    """Return the traced function on the left and the reduced one on the right, in one exposure."""
     lit = pair.traced[pair.traced > 0.01 * pair.traced.max()]
-    exposure = 1 / np.quantile(lit, _BRIGHTEST)
+    exposure = 1 / np.quantile(lit, _EXPOSURE_QUANTILE)
     sides = [np.kron(exposure * psf, np.ones((_SCALE, _SCALE, 1))) for psf in (pair.traced, pair.reduced)]
-    gap = np.full((len(sides[0]), _GAP, 3), 0.1)
+    gap = np.full((len(sides[0]), _GAP_PX, 3), 0.1)
     return np.concatenate([sides[0], gap, sides[1]], axis=1).astype(np.float32)
 
 
 def _label(pair: PsfPair) -> str:
-    where = f"{pair.depth / 1000:.4g} m, field {pair.field:g}"
-    return f"{where}, {100 * pair.width:.2g} % wide, match {pair.correlation:.3f}"
+    position = f"{pair.depth / 1000:.4g} m, field {pair.field:g}"
+    return f"{position}, {100 * pair.width:.2g} % wide, match {pair.correlation:.3f}"

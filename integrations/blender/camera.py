@@ -1,4 +1,4 @@
-"""What bokehnet is told of Blender's camera: the settings with which its blur is that of Cycles."""
+"""Conversion of Blender's camera to bokehnet settings with the same blur as Cycles."""
 
 import math
 
@@ -8,24 +8,24 @@ __all__ = ["HostError", "camera_settings", "focus_distance"]
 
 
 class HostError(Exception):
-    """A scene that cannot be rendered: one line with what, expected, found, and the way out."""
+    """Raised for a scene that cannot be rendered: one line with subject, expected, found, way out."""
 
 
 def focus_distance(camera: bpy.types.Object) -> float:
-    """Distance of the plane of focus along the camera's axis, in Blender's units, as Cycles measures it."""
+    """Return the distance of the focal plane along the camera's axis, in Blender's units, as in Cycles."""
     dof = camera.data.dof
     if dof.focus_object is None:
         return float(dof.focus_distance)
     target = dof.focus_object
-    place = target.matrix_world.translation
+    position = target.matrix_world.translation
     if target.type == "ARMATURE" and dof.focus_subtarget in target.pose.bones:
-        place = (target.matrix_world @ target.pose.bones[dof.focus_subtarget].matrix).translation
+        position = (target.matrix_world @ target.pose.bones[dof.focus_subtarget].matrix).translation
     axis = camera.matrix_world.col[2].xyz.normalized()
-    return abs(axis.dot(camera.matrix_world.translation - place))
+    return abs(axis.dot(camera.matrix_world.translation - position))
 
 
 def _sensor_width(camera: bpy.types.Camera, render: bpy.types.RenderSettings) -> float:
-    """Millimetres of the sensor under the width of the picture."""
+    """Return the width of the sensor that corresponds to the width of the picture, mm."""
     width, height = render.resolution_x, render.resolution_y
     fit = camera.sensor_fit
     if fit == "AUTO":
@@ -36,18 +36,18 @@ def _sensor_width(camera: bpy.types.Camera, render: bpy.types.RenderSettings) ->
 
 
 def camera_settings(scene: bpy.types.Scene, camera: bpy.types.Object) -> dict[str, dict[str, object]]:
-    """Return the groups of bokehnet's settings for a camera; one unit of Blender is a metre, as for Cycles.
+    """Return the groups of bokehnet's settings for a camera; one unit of Blender is a metre, as in Cycles.
 
-    Cycles blurs by the radius f / 2N of the opening and keeps the view of the pinhole camera, whatever the
-    focus. A real lens moves away from the sensor to focus near, which its blur grows by; an f-number larger
-    by as much makes both the same.
+    Cycles blurs with the aperture radius f / 2N and keeps the view of the pinhole camera at any focus
+    distance. A real lens moves away from the sensor to focus near, which increases its blur; an f-number
+    larger by the same factor makes both equal.
 
     Args:
-        scene: Whose picture's size counts.
-        camera: As evaluated for the frame.
+        scene: Scene that defines the size of the picture.
+        camera: Camera evaluated for the frame.
 
     Raises:
-        HostError: The camera is none that has such a blur.
+        HostError: The camera has no such blur.
     """
     data, render = camera.data, scene.render
     if data.type != "PERSP":

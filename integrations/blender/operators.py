@@ -1,4 +1,4 @@
-"""Render a frame or an animation, and hand the result to the compositor."""
+"""Operators that render a frame or an animation, and pass the result to the compositor."""
 
 import os
 import tempfile
@@ -18,7 +18,7 @@ _process: WarmProcess | None = None
 
 
 def _warm_process(context: bpy.types.Context) -> WarmProcess:
-    """Return the process, started with the interpreter of the preferences, else of BOKEHNET_PYTHON."""
+    """Return the process, started with the interpreter of the preferences, otherwise of BOKEHNET_PYTHON."""
     global _process
     addon = context.preferences.addons.get(__package__)
     python = (addon.preferences.python if addon and addon.preferences else "") or os.environ.get(
@@ -32,7 +32,7 @@ def _warm_process(context: bpy.types.Context) -> WarmProcess:
 
 
 def stop_process() -> None:
-    """End the process beside Blender."""
+    """End the bokehnet process."""
     global _process
     if _process is not None:
         _process.stop()
@@ -40,7 +40,7 @@ def stop_process() -> None:
 
 
 def _frame_files(scene: bpy.types.Scene) -> tuple[Path, Path]:
-    """Where pinhole pass and result of the current frame go; a file that was never saved has no folder."""
+    """Return the files of pinhole pass and result of this frame; unsaved scenes use a temporary folder."""
     folder = scene.bokehnet.folder
     if folder.startswith("//") and not bpy.data.filepath:
         folder = str(Path(tempfile.gettempdir()) / "bokehnet" / folder[2:])
@@ -55,10 +55,10 @@ def _frame_files(scene: bpy.types.Scene) -> tuple[Path, Path]:
 
 
 def render_frame(context: bpy.types.Context) -> tuple[Path, dict[str, object]]:
-    """Render the current frame; return the file of the result, and what was decided.
+    """Render the current frame; return the file of the result, and the summary of the rendering.
 
     Raises:
-        HostError: The scene cannot be rendered so.
+        HostError: The scene cannot be rendered.
     """
     scene, manager = context.scene, context.window_manager
     if scene.camera is None:
@@ -67,13 +67,13 @@ def render_frame(context: bpy.types.Context) -> tuple[Path, dict[str, object]]:
     settings = camera_settings(scene, scene.camera.evaluated_get(graph))
     pinhole, output = _frame_files(scene)
     channel = render_pinhole_pass(scene, context.view_layer, pinhole)
-    chosen = scene.bokehnet
+    options = scene.bokehnet
     settings["input"] = {"depth": str(pinhole), "channel": channel}
     settings["depth"] = {"pixel_filter": pixel_filter(scene)}
-    settings["engine"] = {"name": chosen.engine}
-    settings["aperture"]["cats_eye"] = chosen.cats_eye
-    if chosen.lens:
-        settings["lens"] = {"name": chosen.lens}
+    settings["engine"] = {"name": options.engine}
+    settings["aperture"]["cats_eye"] = options.cats_eye
+    if options.lens:
+        settings["lens"] = {"name": options.lens}
     manager.progress_begin(0, 1)
     try:
         summary = _warm_process(context).render(pinhole, settings, output, manager.progress_update)
@@ -83,7 +83,7 @@ def render_frame(context: bpy.types.Context) -> tuple[Path, dict[str, object]]:
 
 
 def load_result(path: Path, frames: int = 1) -> bpy.types.Image:
-    """Return the image of the result, or of the sequence that begins with it, under one name for all time."""
+    """Return the image of the result, or of the sequence that begins with it; always the same data-block."""
     image = bpy.data.images.get(RESULT)
     if image is None:
         image = bpy.data.images.load(str(path))
@@ -95,14 +95,14 @@ def load_result(path: Path, frames: int = 1) -> bpy.types.Image:
 
 
 class BOKEHNET_OT_render(bpy.types.Operator):
-    """Render this frame through a pinhole, and its depth of field from that and its depth."""
+    """Render this frame with a pinhole camera, and add the depth of field of the active camera."""
 
     bl_idname = "bokehnet.render"
     bl_label = "Render Bokeh"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether there is a camera."""
+        """Return whether the scene has a camera."""
         return context.scene is not None and context.scene.camera is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -120,18 +120,18 @@ class BOKEHNET_OT_render(bpy.types.Operator):
 
 
 class BOKEHNET_OT_render_animation(bpy.types.Operator):
-    """Render each frame of the scene's range so; frames that are there already are skipped. Esc stops."""
+    """Render the depth of field of all frames of the scene; existing frames are skipped. Esc stops."""
 
     bl_idname = "bokehnet.render_animation"
     bl_label = "Render Bokeh Animation"
 
     overwrite: bpy.props.BoolProperty(
-        name="Overwrite", description="Render again what is there", default=False
+        name="Overwrite", description="Render existing frames again", default=False
     )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether there is a camera."""
+        """Return whether the scene has a camera."""
         return context.scene is not None and context.scene.camera is not None
 
     def _begin(self, context: bpy.types.Context) -> None:
@@ -141,7 +141,7 @@ class BOKEHNET_OT_render_animation(bpy.types.Operator):
         self._before = scene.frame_current
 
     def _next(self, context: bpy.types.Context) -> bool:
-        """Render one frame; whether there is another."""
+        """Render one frame; return whether frames remain."""
         scene = context.scene
         scene.frame_set(self._frames.pop(0))
         path = _frame_files(scene)[1]
@@ -156,7 +156,7 @@ class BOKEHNET_OT_render_animation(bpy.types.Operator):
             load_result(self._done[0], len(self._done))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Render all frames at once, as in the background."""
+        """Render all frames in one call, as in background mode."""
         self._begin(context)
         try:
             while self._next(context):
@@ -169,14 +169,14 @@ class BOKEHNET_OT_render_animation(bpy.types.Operator):
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Render a frame at a time, so that Esc is heard in between."""
+        """Render one frame per timer event, so that Esc can interrupt between frames."""
         self._begin(context)
         self._timer = context.window_manager.event_timer_add(0.1, window=context.window)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Go on with the next frame."""
+        """Render the next frame."""
         if event.type == "ESC":
             return self._stopped(context, {"CANCELLED"})
         if event.type != "TIMER":
@@ -202,11 +202,11 @@ class BOKEHNET_OT_to_compositor(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether there is a result."""
+        """Return whether a result exists."""
         return RESULT in bpy.data.images
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Add the node, or take the one that is there."""
+        """Add the node, or reuse the existing one."""
         scene = context.scene
         if hasattr(scene, "compositing_node_group"):  # from Blender 5.0 on
             tree = scene.compositing_node_group

@@ -1,4 +1,4 @@
-"""The panel, among the properties of the camera."""
+"""Panel in the properties of the camera."""
 
 import bpy
 
@@ -8,7 +8,7 @@ __all__ = ["CLASSES"]
 
 
 class BOKEHNET_PT_camera(bpy.types.Panel):
-    """What is chosen, what the camera tells, and the operators."""
+    """Options of the scene, camera data, and the operators."""
 
     bl_label = "Bokeh"
     bl_space_type = "PROPERTIES"
@@ -17,22 +17,22 @@ class BOKEHNET_PT_camera(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Whether the active object is a camera."""
+        """Return whether the active object is a camera."""
         return getattr(context, "camera", None) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Show them."""
+        """Draw the panel."""
         layout, scene = self.layout, context.scene
         layout.use_property_split = True
         for name in ("engine", "lens", "cats_eye", "folder"):
             layout.prop(scene.bokehnet, name)
         if scene.camera is not None:
             try:
-                told = camera_settings(scene, scene.camera)
+                settings = camera_settings(scene, scene.camera)
             except HostError as error:
                 layout.label(text=str(error), icon="ERROR")
             else:
-                lens, focus = told["camera"], told["focus"]
+                lens, focus = settings["camera"], settings["focus"]
                 stop = scene.camera.data.dof.aperture_fstop
                 text = f"{lens['focal_length']:g} mm, f/{stop:g}, {focus['distance']:.2f} m"
                 layout.label(text=text, icon="CAMERA_DATA")

@@ -1,4 +1,4 @@
-"""A frame as through a pinhole, with its depth, as a multilayer EXR file; the scene is left as it was."""
+"""Render a frame with a pinhole camera, with its depth, as a multilayer EXR file; the scene is restored."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ __all__ = ["pixel_filter", "render_pinhole_pass"]
 
 @contextmanager
 def _changed(*changes: tuple[Any, str, object]) -> Iterator[None]:
-    """Set attributes of Blender's data, and back in the same order: a format needs its medium first."""
+    """Set attributes of Blender's data, and restore them in the same order: formats depend on the medium."""
     before = [(owner, name, getattr(owner, name)) for owner, name, _ in changes]
     try:
         for owner, name, value in changes:
@@ -26,7 +26,7 @@ def _changed(*changes: tuple[Any, str, object]) -> Iterator[None]:
 
 
 def pixel_filter(scene: bpy.types.Scene) -> str:
-    """Name and width of the filter by which the scene's renderer mixes both sides of an edge."""
+    """Return name and width of the pixel filter of the scene's renderer."""
     if scene.render.engine != "CYCLES":
         return "blender"
     names = {"BOX": "box", "GAUSSIAN": "gaussian", "BLACKMAN_HARRIS": "blackman-harris"}
@@ -38,15 +38,15 @@ def render_pinhole_pass(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, path
     """Render the current frame of one view layer without depth of field, and write it.
 
     Args:
-        scene: Its compositor and sequencer, other view layers and the border are left out.
-        layer: Whose Combined and Z are wanted.
-        path: An EXR file.
+        scene: Scene; its compositor, sequencer, other view layers and border are ignored.
+        layer: View layer that provides Combined and Z.
+        path: EXR file to write.
 
     Returns:
-        Name of the channel of the depth.
+        Name of the depth channel.
 
     Raises:
-        HostError: Nothing was rendered.
+        HostError: No picture was rendered.
     """
     render, image = scene.render, scene.render.image_settings
     changes: list[tuple[Any, str, object]] = [

@@ -1,4 +1,4 @@
-"""A warm bokehnet process beside Blender, asked through its pipe, one JSON line each way."""
+"""A bokehnet process outside Blender, which exchanges JSON lines over pipes."""
 
 import json
 import os
@@ -16,16 +16,16 @@ __all__ = ["WarmProcess"]
 
 
 class WarmProcess:
-    """Renders files; started with the first one, used again until it is ended.
+    """Renders files in a process that starts with the first file and is reused until it is stopped.
 
     Args:
-        python: The interpreter that has bokehnet; empty is Blender's own, with the wheels of the extension.
+        python: Interpreter with bokehnet; empty for Blender's own, with the wheels of the extension.
     """
 
     def __init__(self, python: str = "") -> None:
         self.python = python
         self._process: subprocess.Popen[str] | None = None
-        self._answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
+        self._responses: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self._number = 0
 
     def render(
@@ -33,18 +33,18 @@ class WarmProcess:
         picture: Path,
         settings: dict[str, dict[str, object]],
         output: Path,
-        report: Callable[[float], None] = lambda share: None,
+        report: Callable[[float], None] = lambda fraction: None,
     ) -> dict[str, Any]:
-        """Render one file and return what was decided.
+        """Render one file and return the summary of the rendering.
 
         Args:
-            picture: All-in-focus, with its depth.
-            settings: Groups and fields.
-            output: Where the result goes.
-            report: Is told the share that is done, 0 to 1.
+            picture: All-in-focus picture with its depth.
+            settings: Settings by groups and fields.
+            output: File to write.
+            report: Called with the completed fraction, 0 to 1.
 
         Raises:
-            HostError: It cannot be rendered, or the process died.
+            HostError: The file cannot be rendered, or the process died.
         """
         self._start()
         self._number += 1
@@ -52,26 +52,26 @@ class WarmProcess:
         self._send({"id": self._number, "settings": settings, **files})
         while True:
             try:
-                answer = self._answers.get()
+                response = self._responses.get()
             except KeyboardInterrupt:  # Ctrl-C where Blender runs without a window
                 self._send({"cancel": self._number})
                 raise
-            if answer is None:
+            if response is None:
                 code = self._process.wait() if self._process else None
                 self._process = None
                 raise HostError(
                     f"bokehnet: expected an answer, found its process ended with code {code}; try again"
                 )
-            if answer.get("id") != self._number:
+            if response.get("id") != self._number:
                 continue
-            if "error" in answer:
-                raise HostError(answer["error"]["message"])
-            if "result" in answer:
-                return dict(answer["result"])
-            report(answer["done"] / max(answer["total"], 1))
+            if "error" in response:
+                raise HostError(response["error"]["message"])
+            if "result" in response:
+                return dict(response["result"])
+            report(response["done"] / max(response["total"], 1))
 
     def stop(self) -> None:
-        """End the process, if there is one."""
+        """End the process if it runs."""
         if self._process is not None and self._process.stdin is not None:
             self._process.stdin.close()
             try:
@@ -85,7 +85,7 @@ class WarmProcess:
         if self._process is not None and self._process.poll() is None:
             return
         environment = dict(os.environ)
-        if not self.python:  # the wheels come before what Blender itself brings, as its older NumPy
+        if not self.python:  # the wheels precede Blender's own packages, such as its older NumPy
             environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if "extensions" in path)
         python = self.python or sys.executable
         try:
@@ -102,9 +102,9 @@ class WarmProcess:
                 f"preferences: expected a Python with bokehnet, found {python} ({error.strerror}); "
                 "set it in the extension's preferences"
             ) from error
-        self._answers = queue.SimpleQueue()
-        threading.Thread(target=self._read, args=(self._process, self._answers), daemon=True).start()
-        first = self._answers.get()
+        self._responses = queue.SimpleQueue()
+        threading.Thread(target=self._read, args=(self._process, self._responses), daemon=True).start()
+        first = self._responses.get()
         if first is None or "ready" not in first:
             self.stop()
             raise HostError(
@@ -113,11 +113,13 @@ class WarmProcess:
             )
 
     @staticmethod
-    def _read(process: "subprocess.Popen[str]", answers: "queue.SimpleQueue[dict[str, Any] | None]") -> None:
+    def _read(
+        process: "subprocess.Popen[str]", responses: "queue.SimpleQueue[dict[str, Any] | None]"
+    ) -> None:
         assert process.stdout is not None
         for line in process.stdout:
-            answers.put(json.loads(line))
-        answers.put(None)
+            responses.put(json.loads(line))
+        responses.put(None)
 
     def _send(self, request: dict[str, Any]) -> None:
         assert self._process is not None
@@ -126,4 +128,4 @@ class WarmProcess:
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
         except OSError:
-            pass  # it died: its last answer says so
+            pass  # it died: render() reports that

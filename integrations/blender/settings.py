@@ -1,4 +1,4 @@
-"""What the panel lets choose, and the preferences of the extension."""
+"""Options of the panel, and preferences of the extension."""
 
 import bpy
 
@@ -6,43 +6,43 @@ __all__ = ["CLASSES", "BokehnetPreferences", "BokehnetSceneSettings"]
 
 
 class BokehnetSceneSettings(bpy.types.PropertyGroup):
-    """Of a scene: all else is its camera's."""
+    """Options of a scene; all other settings come from its camera."""
 
     engine: bpy.props.EnumProperty(
         name="Engine",
         items=(
-            ("rays", "Rays", "Sees what stands before what"),
+            ("rays", "Rays", "Handles occlusion at depth edges"),
             ("scatter", "Scatter", "Faster, wrong at depth edges"),
         ),
         default="rays",
     )
     lens: bpy.props.StringProperty(
-        name="Lens", description="Glass to render through, as bokehnet lens lists it; empty is a perfect lens"
+        name="Lens", description="Lens to render through, from bokehnet lens list; empty for an ideal lens"
     )
     cats_eye: bpy.props.FloatProperty(
-        name="Cat's-Eye", description="Clipping of discs towards the corners", min=0, max=1.5, default=0
+        name="Cat's-Eye", description="Clipping of blur discs towards the corners", min=0, max=1.5, default=0
     )
     folder: bpy.props.StringProperty(
         name="Folder",
-        description="Where the pinhole pass and the result of each frame go",
+        description="Folder of the pinhole pass and the result of each frame",
         subtype="DIR_PATH",
         default="//bokeh/",
     )
 
 
 class BokehnetPreferences(bpy.types.AddonPreferences):
-    """Of this computer."""
+    """Preferences for this computer."""
 
     bl_idname = __package__
 
     python: bpy.props.StringProperty(
         name="Python with bokehnet",
-        description="Empty: Blender's own, with the wheels that the extension brings",
+        description="Empty: Blender's own, with the wheels of the extension",
         subtype="FILE_PATH",
     )
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Show them."""
+        """Draw the preferences."""
         self.layout.prop(self, "python")
 
 

@@ -1,7 +1,7 @@
-"""Nodes of ComfyUI that render a lens's bokeh: put this folder, or a link to it, into ComfyUI's custom_nodes.
+"""ComfyUI nodes for the bokeh of a lens: put this folder, or a link to it, into ComfyUI's custom_nodes.
 
-The package itself is `pip install bokehnet` in ComfyUI's own Python. Pictures are IMAGE tensors (frames,
-height, width, 3), sRGB 0 to 1, as all nodes have them; disparity is an IMAGE whose near things are bright.
+Install the package with `pip install bokehnet` in ComfyUI's own Python. Pictures are IMAGE tensors (frames,
+height, width, 3), sRGB 0 to 1, as in all nodes; disparity is an IMAGE in which bright is near.
 """
 
 from .depth_nodes import BokehDepthRepair, BokehFocusPicker
@@ -21,6 +21,6 @@ _NODES = {
     "BokehSave": (BokehSave, "Bokeh Save (16 bit, EXR)"),
 }
 NODE_CLASS_MAPPINGS = {name: node for name, (node, _) in _NODES.items()}
-NODE_DISPLAY_NAME_MAPPINGS = {name: shown for name, (_, shown) in _NODES.items()}
+NODE_DISPLAY_NAME_MAPPINGS = {name: title for name, (_, title) in _NODES.items()}
 
 __all__ = ["NODE_CLASS_MAPPINGS", "NODE_DISPLAY_NAME_MAPPINGS"]

@@ -1,4 +1,4 @@
-"""Maps of depth: what stays sharp, and edges where the picture has them."""
+"""Depth nodes: selection of the focus, and repair of depth edges."""
 
 from typing import Any, ClassVar
 
@@ -8,20 +8,20 @@ import torch
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.errors import ParameterError, ShapeError
 
-from .host import CATEGORY, FrameBar, frames_of_map, light, map_image, maps, told
+from .host import CATEGORY, FrameBar, frames_of_map, light, map_image, maps, node_errors
 
-_INSIDE = 0.5  # of a mask
+_MASK_THRESHOLD = 0.5
 
 
 def unit_map(values: np.ndarray, invert: bool) -> np.ndarray:
-    """Return maps stretched to 0..1, each by itself, near at 1, as the package takes relative disparity."""
+    """Return maps normalised to 0..1, each separately, with near at 1, as relative disparity."""
     low, high = values.min(axis=(1, 2), keepdims=True), values.max(axis=(1, 2), keepdims=True)
     scaled = (values - low) / np.where(high > low, high - low, 1)
     return np.asarray(1 - scaled if invert else scaled, np.float32)
 
 
 class BokehFocusPicker:
-    """What stays sharp: by a pixel, by the median of a mask, or by a value."""
+    """Selects the focus by a pixel, by the median in a mask, or by a value."""
 
     CATEGORY: ClassVar[str] = CATEGORY
     FUNCTION: ClassVar[str] = "pick"
@@ -33,12 +33,12 @@ class BokehFocusPicker:
         """See ComfyUI."""
         return {
             "required": {
-                "disparity": ("IMAGE,MASK", {"tooltip": "Near is bright."}),
+                "disparity": ("IMAGE,MASK", {"tooltip": "Bright is near."}),
                 "by": (["pixel", "mask", "value"],),
                 "x": ("INT", {"default": 0, "min": 0, "max": 65535, "tooltip": "Pixel, from the left."}),
                 "y": ("INT", {"default": 0, "min": 0, "max": 65535, "tooltip": "Pixel, from the top."}),
                 "value": ("FLOAT", {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}),
-                "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps whose near is dark."}),
+                "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps in which dark is near."}),
             },
             "optional": {"mask": ("MASK",)},
         }
@@ -53,8 +53,8 @@ class BokehFocusPicker:
         invert: bool,
         mask: torch.Tensor | None = None,
     ) -> tuple[dict[str, Any], float, torch.Tensor]:
-        """Return the focus for Bokeh Render, its disparity, and how far all else is from it."""
-        with told():
+        """Return the focus for Bokeh Render, its disparity, and the distance of all pixels from it."""
+        with node_errors():
             first = unit_map(maps(disparity)[:1], invert)[0]
             height, width = first.shape
             if by == "pixel":
@@ -64,19 +64,19 @@ class BokehFocusPicker:
                 value = float(first[y, x])
             elif by == "mask":
                 if mask is None:
-                    raise ParameterError("mask", "a mask, which `by` asks for", shown="none")
-                inside = mask.cpu().numpy().reshape(-1, *mask.shape[-2:])[0] > _INSIDE
+                    raise ParameterError("mask", "a mask, which `by` requires", shown="none")
+                inside = mask.cpu().numpy().reshape(-1, *mask.shape[-2:])[0] > _MASK_THRESHOLD
                 if inside.shape != first.shape:
-                    found = f"{inside.shape[1]}x{inside.shape[0]}"
-                    raise ShapeError(f"mask: expected {width}x{height} pixels as the map has, got {found}")
+                    size = f"{inside.shape[1]}x{inside.shape[0]}"
+                    raise ShapeError(f"mask: expected {width}x{height} pixels as the map has, got {size}")
                 if not inside.any():
-                    raise ParameterError("mask", f"a pixel above {_INSIDE}", shown="none")
+                    raise ParameterError("mask", f"a pixel above {_MASK_THRESHOLD}", shown="none")
                 value = float(np.median(first[inside]))
             return {"value": value}, value, map_image(np.abs(first - value)[None])
 
 
 class BokehDepthRepair:
-    """Moves edges of a soft or misplaced map to where the picture has them."""
+    """Moves the edges of a soft or misaligned map to those of the picture."""
 
     CATEGORY: ClassVar[str] = CATEGORY
     FUNCTION: ClassVar[str] = "repair"
@@ -89,9 +89,9 @@ class BokehDepthRepair:
         return {
             "required": {
                 "image": ("IMAGE",),
-                "disparity": ("IMAGE,MASK", {"tooltip": "Near is bright."}),
-                "mode": (["auto", "on", "off"], {"tooltip": "auto: where enough edges are off."}),
-                "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps whose near is dark."}),
+                "disparity": ("IMAGE,MASK", {"tooltip": "Bright is near."}),
+                "mode": (["auto", "on", "off"], {"tooltip": "auto: only if enough edges are misplaced."}),
+                "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps in which dark is near."}),
             }
         }
 
@@ -101,13 +101,13 @@ class BokehDepthRepair:
     def repair(
         self, image: torch.Tensor, disparity: torch.Tensor, mode: str, invert: bool
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the repaired maps, near is bright, and by how much each pixel was moved."""
-        with told():
+        """Return the repaired maps, bright is near, and the absolute change of each pixel."""
+        with node_errors():
             bar = FrameBar(len(image), 1)
-            given = frames_of_map(unit_map(maps(disparity), invert), len(image))
-            found = []
-            for number, (picture, values) in enumerate(zip(light(image), given, strict=True)):
-                found.append(self._repair(picture, values, mode))
-                bar.show(number, map_image(found[-1][None])[0])
-            repaired = np.stack(found)
-            return map_image(repaired), torch.from_numpy(np.abs(repaired - given))
+            originals = frames_of_map(unit_map(maps(disparity), invert), len(image))
+            results = []
+            for number, (picture, values) in enumerate(zip(light(image), originals, strict=True)):
+                results.append(self._repair(picture, values, mode))
+                bar.show(number, map_image(results[-1][None])[0])
+            repaired = np.stack(results)
+            return map_image(repaired), torch.from_numpy(np.abs(repaired - originals))

@@ -1,17 +1,17 @@
-"""The node that tells how far off a rendering may be."""
+"""Node that returns the expected error of a rendering."""
 
 from typing import Any, ClassVar
 
 import torch
 
-from bokehnet.render.result import LEVELS_SHOWN
+from bokehnet.render.result import MAX_SHOWN_LEVELS
 
-from .host import told
+from .host import node_errors
 from .render_nodes import FOCUS, CommonInputs, RenderNode, common_widgets, optional_widgets
 
 
 class BokehExpectedError(RenderNode):
-    """How far off each pixel of the rays may be: where to look, and what to mend by hand."""
+    """Expected error of each rendered pixel, to guide manual corrections."""
 
     RETURN_TYPES: ClassVar[tuple[str, ...]] = ("MASK", "FLOAT", "IMAGE")
     RETURN_NAMES: ClassVar[tuple[str, ...]] = ("expected_error", "mean_level", "bokeh")
@@ -19,13 +19,13 @@ class BokehExpectedError(RenderNode):
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
         """See ComfyUI."""
-        shown = {"default": LEVELS_SHOWN, "min": 0.5, "max": 255.0, "step": 0.5}
+        levels = {"default": MAX_SHOWN_LEVELS, "min": 0.5, "max": 255.0, "step": 0.5}
         return {
             "required": {
                 **common_widgets(),
                 "engine": (["rays", "hybrid"],),
-                "focus_value": ("FLOAT", {**FOCUS, "tooltip": "Without focus."}),
-                "white": ("FLOAT", {**shown, "tooltip": "Error, in levels of 255, that is 1 in the mask."}),
+                "focus_value": ("FLOAT", {**FOCUS, "tooltip": "Used if focus is not connected."}),
+                "white": ("FLOAT", {**levels, "tooltip": "Error in 8-bit levels that is 1 in the mask."}),
             },
             "optional": {"focus": ("BOKEH_FOCUS",), **optional_widgets()},
         }
@@ -34,13 +34,13 @@ class BokehExpectedError(RenderNode):
         self, focus_value: float, white: float, focus: dict[str, Any] | None = None, **common: Any
     ) -> tuple[torch.Tensor, float, torch.Tensor]:
         """Return the errors, 1 at ``white`` levels, their mean in levels, and the pictures."""
-        with told():
-            given = CommonInputs(**common)
-            plain = given.settings(focus or {"value": focus_value})
-            settings = [plain.updated({"output": {"expected_error": "on"}})] * len(given.image)
-            pictures, levels = [], []
-            for shown, result in self.results(given.scenes(), settings):
-                pictures.append(shown)
-                levels.append(torch.from_numpy(result.expected_error))
-            every = torch.stack(levels)
-            return (every / white).clamp(0, 1), float(every.mean()), torch.stack(pictures)
+        with node_errors():
+            inputs = CommonInputs(**common)
+            base = inputs.settings(focus or {"value": focus_value})
+            settings = [base.updated({"output": {"expected_error": "on"}})] * len(inputs.image)
+            pictures, errors = [], []
+            for picture, result in self.results(inputs.scenes(), settings):
+                pictures.append(picture)
+                errors.append(torch.from_numpy(result.expected_error))
+            levels = torch.stack(errors)
+            return (levels / white).clamp(0, 1), float(levels.mean()), torch.stack(pictures)

@@ -1,4 +1,4 @@
-"""What nodes share with ComfyUI: tensors, progress, cancelling, errors in one line."""
+"""Interface between the nodes and ComfyUI: tensors, progress, cancellation, one-line errors."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,30 +24,30 @@ __all__ = [
     "map_image",
     "maps",
     "mattes",
-    "told",
+    "node_errors",
 ]
 
 CATEGORY = "bokehnet"
 
-# Luma of a map that came as colours: its three channels are alike, or nearly so after a lossy file.
+# Luma weights for colour maps, whose channels are equal, or nearly so after lossy compression.
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 class NodeError(Exception):
-    """What ComfyUI shows at the node: one line."""
+    """One-line error that ComfyUI shows at the node."""
 
 
 class Cancel:
-    """Whether the user has pressed cancel."""
+    """Cancellation flag that is set if the user has pressed cancel."""
 
     def is_set(self) -> bool:
-        """Ask ComfyUI."""
+        """Return whether ComfyUI interrupts processing."""
         return bool(comfy.model_management.processing_interrupted())
 
 
 @contextmanager
-def told() -> Iterator[None]:
-    """Turn errors of the package into one line at the node, and a cancelled rendering into ComfyUI's own."""
+def node_errors() -> Iterator[None]:
+    """Convert errors of the package to one line at the node, and a cancelled rendering to ComfyUI's own."""
     try:
         yield
     except RenderCancelled:
@@ -58,21 +58,21 @@ def told() -> Iterator[None]:
 
 
 class FrameBar:
-    """The node's one bar over all parts of all frames, and each finished frame as the node's preview.
+    """Progress bar of the node over all steps of all frames, with each finished frame as preview.
 
     Args:
-        frames: How many.
-        parts: Of each frame.
+        frames: Number of frames.
+        parts: Number of steps per frame.
     """
 
-    _STEPS, _WIDEST = 1000, 512
+    _STEPS, _MAX_PREVIEW_PX = 1000, 512
 
     def __init__(self, frames: int, parts: int) -> None:
         self._parts = parts
         self._bar = comfy.utils.ProgressBar(frames * parts * self._STEPS)
 
     def part(self, frame: int, part: int) -> Callable[[int, int], None]:
-        """Return the progress callback of a part of a frame."""
+        """Return the progress callback of one step of a frame."""
         begin = (frame * self._parts + part) * self._STEPS
 
         def report(done: int, total: int) -> None:
@@ -82,14 +82,14 @@ class FrameBar:
 
     def show(self, frame: int, picture: torch.Tensor) -> None:
         """Show a finished frame, (H, W, 3) as in an IMAGE."""
-        shown = Image.fromarray((picture * 255 + 0.5).to(torch.uint8).numpy())
+        preview = Image.fromarray((picture * 255 + 0.5).to(torch.uint8).numpy())
         self._bar.update_absolute(
-            (frame + 1) * self._parts * self._STEPS, None, ("JPEG", shown, self._WIDEST)
+            (frame + 1) * self._parts * self._STEPS, None, ("JPEG", preview, self._MAX_PREVIEW_PX)
         )
 
 
 def light(image: torch.Tensor) -> Iterator[np.ndarray]:
-    """Give the frames of an IMAGE as scene-linear light, (H, W, 3)."""
+    """Yield the frames of an IMAGE as scene-linear light, (H, W, 3)."""
     if image.ndim != 4 or image.shape[3] not in (3, 4):
         raise ShapeError(f"image: expected shape (frames, H, W, 3), got {tuple(image.shape)}")
     for frame in image:
@@ -97,7 +97,7 @@ def light(image: torch.Tensor) -> Iterator[np.ndarray]:
 
 
 def maps(disparity: torch.Tensor) -> np.ndarray:
-    """Return an IMAGE or MASK as maps, (frames, H, W); no copy where its channels need not be joined."""
+    """Return an IMAGE or MASK as maps, (frames, H, W); copies only if channels must be combined."""
     values = disparity.cpu().numpy()
     if values.ndim == 4:
         same = values.shape[3] == 1 or bool((values[..., :1] == values[..., 1:3]).all())
@@ -108,14 +108,14 @@ def maps(disparity: torch.Tensor) -> np.ndarray:
 
 
 def frames_of_map(values: np.ndarray, frames: int) -> np.ndarray:
-    """Return a map for each frame: one map stands for all."""
+    """Return a map for each frame; a single map applies to all frames."""
     if len(values) not in (1, frames):
         raise ShapeError(f"disparity: expected 1 or {frames} maps, one for each picture, got {len(values)}")
     return np.broadcast_to(values, (frames, *values.shape[1:]))
 
 
 def mattes(matte: torch.Tensor | None, frames: int) -> list[np.ndarray | None]:
-    """Return the matte of each picture from a MASK: one stands for all, none says nothing."""
+    """Return the matte of each picture from a MASK; a single mask applies to all pictures, None to none."""
     if matte is None:
         return [None] * frames
     if matte.ndim != 3 or len(matte) not in (1, frames):

@@ -1,4 +1,4 @@
-"""The node that renders pictures one by one, and what it shares with the others that render."""
+"""Node that renders single pictures, and the base of all nodes that render."""
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,7 +17,7 @@ from bokehnet.scene.scene import Scene, make_scene
 from bokehnet.settings.settings import RenderSettings, merged
 from bokehnet.settings.settings_file import settings_from_table
 
-from .host import CATEGORY, Cancel, FrameBar, frames_of_map, image_tensor, light, maps, mattes, told
+from .host import CATEGORY, Cancel, FrameBar, frames_of_map, image_tensor, light, maps, mattes, node_errors
 
 __all__ = [
     "BLUR",
@@ -39,20 +39,20 @@ FOCUS = {"default": 0.5, "min": 0.0, "max": 1.0, "step": 0.001}
 
 
 def common_widgets() -> dict[str, Any]:
-    """Widgets of all nodes that render."""
+    """Return the required widgets of all nodes that render."""
     return {
         "image": ("IMAGE",),
-        "disparity": ("IMAGE,MASK", {"tooltip": "Near is bright; stretched to 0..1."}),
-        "blur": ("FLOAT", {**BLUR, "tooltip": "Blur radius in pixels per disparity."}),
+        "disparity": ("IMAGE,MASK", {"tooltip": "Bright is near; normalised to 0..1."}),
+        "blur": ("FLOAT", {**BLUR, "tooltip": "Blur radius in pixels per unit of disparity."}),
         "engine": (_ENGINES,),
         "repair": (["auto", "on", "off"],),
-        "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps whose near is dark."}),
+        "invert": ("BOOLEAN", {"default": False, "tooltip": "For maps in which dark is near."}),
     }
 
 
 def optional_widgets() -> dict[str, Any]:
-    """Inputs that need not be connected."""
-    matte = "How much of each pixel a foreground covers, as hair against the sky."
+    """Return the optional inputs of all nodes that render."""
+    matte = "Coverage of each pixel by a foreground, such as hair against the sky."
     return {
         "matte": ("MASK", {"tooltip": matte}),
         "look": ("BOKEH_LOOK",),
@@ -61,7 +61,7 @@ def optional_widgets() -> dict[str, Any]:
             {
                 "multiline": True,
                 "default": "",
-                "tooltip": "Further settings by groups, as TOML files have them.",
+                "tooltip": "Additional settings by groups, as in TOML files.",
             },
         ),
     }
@@ -69,18 +69,18 @@ def optional_widgets() -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class CommonInputs:
-    """What :func:`common_widgets` and :func:`optional_widgets` give a node: pictures, maps and how to render.
+    """Values of :func:`common_widgets` and :func:`optional_widgets`: pictures, maps and settings.
 
     Args:
         image: IMAGE, (frames, H, W, 3), sRGB.
         disparity: IMAGE or MASK, one map for all pictures or one for each.
-        blur: Radius in pixels per unit of disparity.
-        engine: Its name.
-        repair: Of the map: auto, on or off.
-        invert: Whether near is dark in the map.
+        blur: Blur radius, pixels per unit of disparity.
+        engine: Name of the engine.
+        repair: Repair of the map: auto, on or off.
+        invert: True if dark is near in the map.
         matte: MASK, one for all pictures or one for each.
-        look: Changes that a Bokeh Lens / Preset node makes to the settings.
-        settings_json: Further changes, by groups.
+        look: Changes of the settings by a Bokeh Lens / Preset node.
+        settings_json: Additional changes, by groups.
     """
 
     image: torch.Tensor
@@ -94,7 +94,7 @@ class CommonInputs:
     settings_json: str = ""
 
     def settings(self, focus: dict[str, Any] | None) -> RenderSettings:
-        """Settings of the widgets, over them the look, over that the text.
+        """Return the settings: widgets, overridden by the look, overridden by ``settings_json``.
 
         Args:
             focus: Fields of the group ``focus``; None leaves focus and blur to a pull.
@@ -105,23 +105,23 @@ class CommonInputs:
             raise ConfigError(f"settings_json: expected JSON, found an error: {error}") from error
         if not isinstance(table, dict):
             raise ConfigError(f"settings_json: expected an object, found {type(table).__name__}")
-        said: dict[str, Any] = {"engine": {"name": self.engine}, "depth": {"repair": self.repair}}
+        widgets: dict[str, Any] = {"engine": {"name": self.engine}, "depth": {"repair": self.repair}}
         if focus is not None:
-            said |= {"camera": {"blur": self.blur}, "focus": focus}
-        text = settings_from_table(table, "settings_json")
-        return RenderSettings().updated(merged(said, self.look or {}, text))
+            widgets |= {"camera": {"blur": self.blur}, "focus": focus}
+        changes = settings_from_table(table, "settings_json")
+        return RenderSettings().updated(merged(widgets, self.look or {}, changes))
 
     def scenes(self) -> Iterator[Scene]:
-        """Give each picture with its map, stretched to 0..1 by itself, and its matte."""
+        """Yield each picture with its map, normalised to 0..1 separately, and its matte."""
         count = len(self.image)
-        every = (light(self.image), frames_of_map(maps(self.disparity), count), mattes(self.matte, count))
-        for number, (picture, values, cover) in enumerate(zip(*every, strict=True)):
+        frames = (light(self.image), frames_of_map(maps(self.disparity), count), mattes(self.matte, count))
+        for number, (picture, values, matte) in enumerate(zip(*frames, strict=True)):
             source = RelativeDisparity(map=values, invert=self.invert)
-            yield make_scene(picture, source, number=number, matte=cover)
+            yield make_scene(picture, source, number=number, matte=matte)
 
 
 def _line(report: RenderReport) -> str:
-    """What was decided of a frame."""
+    """Return the summary of a frame in one line."""
     line = f"{report.engine}, focus at {report.focus_disparity:.3g}, "
     line += f"blur up to {report.largest_blur:.3g} pixels"
     if report.repair_reason:
@@ -130,7 +130,7 @@ def _line(report: RenderReport) -> str:
 
 
 class RenderNode:
-    """A renderer that stays warm with its node, and the frames of one run."""
+    """A renderer that stays loaded with its node, and the frames of one run."""
 
     CATEGORY: ClassVar[str] = CATEGORY
     FUNCTION: ClassVar[str] = "render"
@@ -143,22 +143,24 @@ class RenderNode:
     def results(
         self, scenes: Iterable[Scene], settings: Sequence[RenderSettings], plan: RepairPlan | None = None
     ) -> Iterator[tuple[torch.Tensor, RenderResult]]:
-        """Render each frame by its settings; show it, and give it with what was made."""
+        """Render and preview each frame with its settings; yield the picture and the full result."""
         bar, cancel = FrameBar(len(settings), 2), Cancel()
-        for number, (scene, said) in enumerate(zip(scenes, settings, strict=True)):
-            focused = self._renderer.prepare(scene, said, bar.part(number, 0), cancel=cancel, plan=plan)
-            result = self._renderer.render(focused, said, bar.part(number, 1), cancel=cancel)
-            shown = image_tensor(result.bokeh)
-            bar.show(number, shown)
-            yield shown, result
+        for number, (scene, frame_settings) in enumerate(zip(scenes, settings, strict=True)):
+            focused = self._renderer.prepare(
+                scene, frame_settings, bar.part(number, 0), cancel=cancel, plan=plan
+            )
+            result = self._renderer.render(focused, frame_settings, bar.part(number, 1), cancel=cancel)
+            picture = image_tensor(result.bokeh)
+            bar.show(number, picture)
+            yield picture, result
 
     def frames(
         self, scenes: Iterable[Scene], settings: Sequence[RenderSettings], plan: RepairPlan | None = None
     ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
-        """Render all frames."""
+        """Render all frames; return pictures, error maps, unclipped light and summary lines."""
         pictures, errors, lights, lines = [], [], [], []
-        for shown, result in self.results(scenes, settings, plan):
-            pictures.append(shown)
+        for picture, result in self.results(scenes, settings, plan):
+            pictures.append(picture)
             errors.append(torch.from_numpy(result.error_map))
             lights.append(result.bokeh)
             lines.append(_line(result.report))
@@ -166,12 +168,12 @@ class RenderNode:
 
 
 class BokehRender(RenderNode):
-    """Bokeh of each picture by its disparity."""
+    """Renders the bokeh of each picture from its disparity."""
 
     @classmethod
     def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
         """See ComfyUI."""
-        value = ("FLOAT", {**FOCUS, "tooltip": "Without focus."})
+        value = ("FLOAT", {**FOCUS, "tooltip": "Used if focus is not connected."})
         return {
             "required": {**common_widgets(), "focus_value": value},
             "optional": {"focus": ("BOKEH_FOCUS",), **optional_widgets()},
@@ -180,8 +182,8 @@ class BokehRender(RenderNode):
     def render(
         self, focus_value: float, focus: dict[str, Any] | None = None, **common: Any
     ) -> tuple[torch.Tensor, torch.Tensor, list[np.ndarray], str]:
-        """Return the pictures, where they can be wrong, their light unclipped, and what was decided."""
-        with told():
-            given = CommonInputs(**common)
-            settings = given.settings(focus or {"value": focus_value})
-            return self.frames(given.scenes(), [settings] * len(given.image))
+        """Return the pictures, their error maps, their unclipped light, and a report."""
+        with node_errors():
+            inputs = CommonInputs(**common)
+            settings = inputs.settings(focus or {"value": focus_value})
+            return self.frames(inputs.scenes(), [settings] * len(inputs.image))

@@ -1,4 +1,4 @@
-"""Files of more than 8 bits: PNG and TIFF of 16, EXR of unclipped light."""
+"""Node that saves more than 8 bits: PNG and TIFF with 16 bits, EXR with unclipped light."""
 
 from pathlib import Path
 from typing import Any, ClassVar
@@ -8,7 +8,7 @@ import numpy as np
 
 from bokehnet.io.image import write_image
 
-from .host import CATEGORY, told
+from .host import CATEGORY, node_errors
 
 
 class BokehSave:
@@ -31,17 +31,17 @@ class BokehSave:
         }
 
     def save(self, light: list[np.ndarray], filename_prefix: str, format: str) -> dict[str, Any]:
-        """Write a file for each picture, numbered as ComfyUI numbers its own."""
-        with told():
+        """Write a file for each picture, with ComfyUI's numbering."""
+        with node_errors():
             height, width = light[0].shape[:2]
             root = folder_paths.get_output_directory()
             folder, name, counter, subfolder, _ = folder_paths.get_save_image_path(
                 filename_prefix, root, width, height
             )
-            written = []
+            saved = []
             for number, picture in enumerate(light, start=counter):
                 file = f"{name}_{number:05}_.{format}"
                 bits = {} if format == "exr" else {"bits": 16}
                 write_image(Path(folder) / file, picture, **bits)
-                written.append({"filename": file, "subfolder": subfolder, "type": "output"})
-            return {"ui": {"images": written}}
+                saved.append({"filename": file, "subfolder": subfolder, "type": "output"})
+            return {"ui": {"images": saved}}

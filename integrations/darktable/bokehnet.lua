@@ -1,9 +1,9 @@
---[[ Edit with bokehnet: renders the selected pictures of darktable and takes the results into its library.
+--[[ Edit with bokehnet: renders the selected pictures of darktable and imports the results into its library.
 
 Copy this file to the folder lua/ of darktable's configuration and add  require "bokehnet"  to its luarc.
-The depth of a picture is a file beside it, of its name and .disparity.png, .disparity.exr (near is large) or
-.depth.exr (metres); without one the picture must hold its own, as a phone's does. It must show what the picture
-shows: crop and turn after bokehnet, not before.
+The depth of a picture is a file in its folder with its name and .disparity.png, .disparity.exr (larger is nearer)
+or .depth.exr (metres); without one the picture must contain its depth, as phone photos do. The depth must show the
+same view as the picture: crop and rotate after bokehnet, not before.
 ]]
 
 local dt = require "darktable"
@@ -17,8 +17,8 @@ local PREFERENCES = {
 }
 
 if dt.gui then -- darktable-cli has no preferences to register
-  for name, told in pairs(PREFERENCES) do
-    dt.preferences.register(NAME, name, "string", told[1], told[2], told[3])
+  for name, entry in pairs(PREFERENCES) do
+    dt.preferences.register(NAME, name, "string", entry[1], entry[2], entry[3])
   end
 end
 
@@ -37,7 +37,7 @@ local function readable(path)
   return file ~= nil
 end
 
--- Options that name the depth beside a picture; none where the picture must hold its own.
+-- Return the options for the depth file of a picture; empty if the picture must contain its depth.
 local function depth_options(path)
   local stem = path:gsub("%.[^./\\]+$", "")
   for _, ending in ipairs { ".disparity.png", ".disparity.exr" } do
@@ -47,7 +47,7 @@ local function depth_options(path)
   return ""
 end
 
--- Render an exported file; the path of the result, or nil and one line.
+-- Render an exported file; return the path of the result, or nil and a one-line error.
 function bokehnet.render_file(exported, original, output)
   local errors = os.tmpname()
   local words = {
@@ -64,7 +64,7 @@ function bokehnet.render_file(exported, original, output)
   return nil, line or "bokehnet: expected a program that runs, found none; set it in the preferences"
 end
 
--- Export a picture of the library as darktable shows it, render it, take the result in beside it.
+-- Export a picture of the library with its edits, render it, and import the result into the same folder.
 function bokehnet.edit(image)
   local original = image.path .. "/" .. image.filename
   local exported = os.tmpname() .. ".tif"
@@ -72,21 +72,21 @@ function bokehnet.edit(image)
   format.bpp = 16
   format:write_image(image, exported)
   local output = original:gsub("%.[^./\\]+$", "") .. ".bokeh.tif"
-  local made, message = bokehnet.render_file(exported, original, output)
+  local result, message = bokehnet.render_file(exported, original, output)
   os.remove(exported)
-  if not made then
+  if not result then
     dt.print_error(message)
     if dt.gui then dt.print(message) end
     return nil, message
   end
-  local taken = dt.database.import(made)
-  if taken then taken:group_with(image.group_leader) end
-  return made
+  local imported = dt.database.import(result)
+  if imported then imported:group_with(image.group_leader) end
+  return result
 end
 
 local function edit_all(_, images)
-  for place, image in ipairs(images) do
-    dt.print(string.format("bokehnet: %d of %d", place, #images))
+  for index, image in ipairs(images) do
+    dt.print(string.format("bokehnet: %d of %d", index, #images))
     bokehnet.edit(image)
   end
 end

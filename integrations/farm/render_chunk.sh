@@ -1,8 +1,8 @@
 #!/bin/sh
-# The recipe of docs/use/hosts/overview.md for any farm that runs commands; run here by itself, in no farm's queue.
+# Recipe of docs/use/hosts/overview.md for any render farm that runs commands; tested stand-alone, not in a farm's queue.
 # render_chunk.sh FIRST LAST PICTURE.####.exr OUTPUT.####.exr [options of bokehnet render ...]
-# Exit code 0: all frames of the chunk are there. 1: some failed, and are told; running it again renders these alone.
-# 130, 143: interrupted or preempted; what was finished stays, no half of a file does. 2: wrong call.
+# Exit code 0: all frames of the chunk exist. 1: some failed, with messages; a rerun renders only these.
+# 130, 143: interrupted or preempted; finished frames remain, no partial file does. 2: wrong call.
 set -u
 if [ "$#" -lt 4 ]; then
   echo "render_chunk: error: expected FIRST LAST PICTURE OUTPUT, found $# words" >&2

@@ -1,8 +1,8 @@
-"""Not run in Nuke, which could not be had where the rest was tested: written against its published interface.
+"""Nuke gizmo for bokehnet. Untested in Nuke, which was unavailable: written against its published interface.
 
-Renders the input's RGBA and depth.Z by the command line, a frame at a time, and reads the result back. Put
-this folder on NUKE_PATH; ``menu.py`` adds **Filter > bokehnet**. What the panel holds are knobs of the gizmo
-``bokehnet.gizmo``, named as ZDefocus names them; math ``depth`` means metres, ``far=0`` their inverse.
+Renders the input's RGBA and depth.Z with the command line, frame by frame, and reads the result back. Put
+this folder on NUKE_PATH; ``menu.py`` adds **Filter > bokehnet**. The panel contains the knobs of the gizmo
+``bokehnet.gizmo``, named as in ZDefocus; math ``depth`` means metres, ``far=0`` their inverse.
 """
 
 import os
@@ -10,14 +10,14 @@ import shlex
 import subprocess
 import tempfile
 
-__all__ = ["command_of", "render"]
+__all__ = ["command_line", "render"]
 
 
-def command_of(knobs, picture, output):
-    """Return the words of the command line for one frame; free of Nuke, for tests.
+def command_line(knobs, picture, output):
+    """Return the arguments of the command line for one frame; independent of Nuke.
 
     Args:
-        knobs: Name to value, as the gizmo has them.
+        knobs: Values of the gizmo's knobs by name.
         picture: EXR with R, G, B, A and depth.Z.
         output: EXR of the result.
     """
@@ -36,7 +36,7 @@ def command_of(knobs, picture, output):
 
 
 def render(gizmo, frames):
-    """Render frames of the gizmo's input into its folder; what is wrong is a message of Nuke."""
+    """Render frames of the gizmo's input into its folder; show errors as messages of Nuke."""
     import nuke
 
     names = [
@@ -58,14 +58,16 @@ def render(gizmo, frames):
     writer = gizmo.node("pinhole")
     writer["file"].setValue(os.path.join(folder, "pinhole.%04d.exr").replace("\\", "/"))
     progress = nuke.ProgressTask("bokehnet")
-    for place, frame in enumerate(frames):
+    for index, frame in enumerate(frames):
         if progress.isCancelled():
             return
-        progress.setProgress(int(100 * place / len(frames)))
+        progress.setProgress(int(100 * index / len(frames)))
         nuke.execute(writer, frame, frame)
         picture = os.path.join(folder, f"pinhole.{frame:04d}.exr")
         output = os.path.join(folder, f"bokeh.{frame:04d}.exr")
-        done = subprocess.run(command_of(knobs, picture, output), capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command_line(knobs, picture, output), capture_output=True, text=True, check=False
+        )
         if done.returncode:
             nuke.message(f"frame {frame}: {done.stderr.strip()}")
             return

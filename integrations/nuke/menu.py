@@ -1,4 +1,4 @@
-"""Not run in Nuke; see ``bokehnet_nuke.py``. Adds the gizmo to the menu of filters."""
+"""Add the gizmo to the filter menu. Untested in Nuke; see ``bokehnet_nuke.py``."""
 
 import nuke
 

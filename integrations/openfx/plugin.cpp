@@ -1,5 +1,5 @@
-// An OpenFX plug-in: bokeh from RGBA, a depth clip and an optional mask, rendered by a warm bokehnet process.
-// Names of parameters, and how depth becomes blur, are those of Nuke's ZDefocus.
+// OpenFX plug-in: bokeh from RGBA, a depth clip and an optional mask, rendered by a separate bokehnet process.
+// Parameter names, and the conversion of depth to blur, are those of Nuke's ZDefocus.
 
 #include <algorithm>
 #include <cmath>
@@ -29,28 +29,28 @@ enum Math { depth, far_zero, direct };
 
 struct Number {
   const char *name, *label, *hint;
-  double start, low, high;
+  double initial, low, high;
 };
 const Number kNumbers[] = {
-    {"center", "focus plane", "Value of the depth channel that stays sharp", 1, -1e9, 1e9},
-    {"size", "size", "Radius of the blur at infinity, in pixels of the full size", 10, 0, 1000},
-    {"max_size", "maximum", "Largest radius, in pixels of the full size", 40, 0, 1000},
-    {"roundness", "roundness", "Of blades: 0 straight to 1 round", 0, 0, 1},
-    {"rotation", "rotation", "Of blades, degrees counter-clockwise", 0, -360, 360},
-    {"aspect", "aspect", "Width of the disc over its height", 1, 0.1, 10},
-    {"cats_eye", "cat's-eye", "Clipping of discs towards the corners", 0, 0, 1.5},
+    {"center", "focus plane", "Value of the depth channel in focus", 1, -1e9, 1e9},
+    {"size", "size", "Blur radius at infinity, in pixels at full resolution", 10, 0, 1000},
+    {"max_size", "maximum", "Maximum blur radius, in pixels at full resolution", 40, 0, 1000},
+    {"roundness", "roundness", "Roundness of blades: 0 straight to 1 round", 0, 0, 1},
+    {"rotation", "rotation", "Rotation of blades, degrees counter-clockwise", 0, -360, 360},
+    {"aspect", "aspect", "Width of the blur disc over its height", 1, 0.1, 10},
+    {"cats_eye", "cat's-eye", "Clipping of blur discs towards the corners", 0, 0, 1.5},
 };
 
 struct Choice {
   const char *name, *label, *hint;
   std::vector<const char *> options;
-  int start;
+  int initial;
 };
 const Choice kChoices[] = {
-    {"math", "math", "What the depth channel holds: distance, 1/distance, or the blur's radius in pixels",
+    {"math", "math", "Content of the depth channel: distance, 1/distance, or blur radius in pixels",
      {"depth", "far=0", "direct"}, depth},
-    {"filter_type", "filter type", "Shape of the opening", {"disc", "bladed"}, 0},
-    {"engine", "engine", "rays sees what stands before what; scatter is faster", {"rays", "scatter"}, 0},
+    {"filter_type", "filter type", "Shape of the aperture", {"disc", "bladed"}, 0},
+    {"engine", "engine", "rays handles occlusion at depth edges; scatter is faster", {"rays", "scatter"}, 0},
 };
 const int kBlades = 5;
 
@@ -61,30 +61,30 @@ double number(OfxParamSetHandle set, const char *name, OfxTime time) {
     if (std::strcmp(each.name, name) != 0) continue;
     if (parameters->paramGetHandle(set, name, &handle, nullptr) == kOfxStatOK &&
         parameters->paramGetValueAtTime(handle, time, &value) == kOfxStatOK)
-      return std::clamp(value, each.low, each.high);  // which hosts need not do
-    return each.start;  // of a host without it
+      return std::clamp(value, each.low, each.high);  // hosts need not clamp
+    return each.initial;  // the host does not have the parameter
   }
   return 0;
 }
 
-int whole(OfxParamSetHandle set, const char *name, OfxTime time, int otherwise) {
+int integer(OfxParamSetHandle set, const char *name, OfxTime time, int fallback) {
   OfxParamHandle handle;
   int value;
-  const bool told = parameters->paramGetHandle(set, name, &handle, nullptr) == kOfxStatOK &&
-                    parameters->paramGetValueAtTime(handle, time, &value) == kOfxStatOK;
-  return told ? value : otherwise;
+  const bool available = parameters->paramGetHandle(set, name, &handle, nullptr) == kOfxStatOK &&
+                         parameters->paramGetValueAtTime(handle, time, &value) == kOfxStatOK;
+  return available ? value : fallback;
 }
 
 int choice(OfxParamSetHandle set, const char *name, OfxTime time) {
   for (const Choice &each : kChoices)
     if (std::strcmp(each.name, name) == 0) {
-      const int picked = whole(set, name, time, each.start);
-      return picked >= 0 && picked < static_cast<int>(each.options.size()) ? picked : each.start;
+      const int option = integer(set, name, time, each.initial);
+      return option >= 0 && option < static_cast<int>(each.options.size()) ? option : each.initial;
     }
   return 0;
 }
 
-// One image that the host lends; given back with the object.
+// An image borrowed from the host; released by the destructor.
 class Image {
  public:
   Image(OfxImageEffectHandle effect, const char *clip, OfxTime time) {
@@ -115,7 +115,7 @@ class Image {
   Image(const Image &) = delete;
   Image &operator=(const Image &) = delete;
 
-  bool there() const { return image_ != nullptr && data_ != nullptr && bytes_ != 0 && channels_ != 0; }
+  bool available() const { return image_ != nullptr && data_ != nullptr && bytes_ != 0 && channels_ != 0; }
   int channels() const { return channels_; }
 
   float get(int x, int y, int channel) const {
@@ -126,8 +126,8 @@ class Image {
   }
   void set(int x, int y, int channel, float value) {
     char *at = address(x, y, channel);
-    const float most = bytes_ == 1 ? 255.0f : 65535.0f;
-    const float scaled = std::clamp(value, 0.0f, 1.0f) * most + 0.5f;
+    const float max_value = bytes_ == 1 ? 255.0f : 65535.0f;
+    const float scaled = std::clamp(value, 0.0f, 1.0f) * max_value + 0.5f;
     if (bytes_ == 1) *reinterpret_cast<unsigned char *>(at) = static_cast<unsigned char>(scaled);
     else if (bytes_ == 2) *reinterpret_cast<unsigned short *>(at) = static_cast<unsigned short>(scaled);
     else *reinterpret_cast<float *>(at) = value;
@@ -148,18 +148,18 @@ class Image {
   int row_bytes_ = 0, bytes_ = 0, channels_ = 0;
 };
 
-OfxRectI meet(const OfxRectI &a, const OfxRectI &b) {
+OfxRectI intersection(const OfxRectI &a, const OfxRectI &b) {
   return {std::max(a.x1, b.x1), std::max(a.y1, b.y1), std::min(a.x2, b.x2), std::min(a.y2, b.y2)};
 }
 
-// Signed radius in pixels of the full size, above 0 in front of focus. Potmesil and Chakravarty, 1981, with the radius at
-// infinity as the measure: size * (center / z - 1).
-float radius(Math math, float value, double center, double size, double most) {
-  double found;
-  if (math == direct) found = value;
-  else if (math == depth) found = value > 0 ? size * (center / value - 1) : most;
-  else found = center != 0 ? size * (value / center - 1) : size * value;
-  return static_cast<float>(std::isnan(found) ? 0.0 : std::clamp(found, -most, most));
+// Signed blur radius in pixels at full resolution, positive in front of focus. Potmesil and Chakravarty, 1981, scaled by
+// the radius at infinity: size * (center / z - 1).
+float radius(Math math, float value, double center, double size, double max_radius) {
+  double result;
+  if (math == direct) result = value;
+  else if (math == depth) result = value > 0 ? size * (center / value - 1) : max_radius;
+  else result = center != 0 ? size * (value / center - 1) : size * value;
+  return static_cast<float>(std::isnan(result) ? 0.0 : std::clamp(result, -max_radius, max_radius));
 }
 
 OfxStatus fail(OfxImageEffectHandle effect, const std::string &text) {
@@ -179,7 +179,7 @@ std::string settings(OfxParamSetHandle set, OfxTime time, double pixel_aspect) {
   text << "\"settings\": {\"engine\": {\"name\": \"" << kChoices[2].options[choice(set, "engine", time)] << "\"}, ";
   text << "\"aperture\": {\"cats_eye\": " << number(set, "cats_eye", time);
   if (choice(set, "filter_type", time) == 1)
-    text << ", \"blades\": " << std::clamp(whole(set, "blades", time, kBlades), 3, 16)
+    text << ", \"blades\": " << std::clamp(integer(set, "blades", time, kBlades), 3, 16)
          << ", \"curvature\": " << number(set, "roundness", time) << ", \"rotation\": " << number(set, "rotation", time);
   const double squeeze = std::clamp(number(set, "aspect", time) / pixel_aspect, 0.1, 10.0);
   text << ", \"squeeze\": " << squeeze << "}}";
@@ -194,17 +194,17 @@ OfxStatus render(OfxImageEffectHandle effect, OfxPropertySetHandle in) {
   properties->propGetIntN(in, kOfxImageEffectPropRenderWindow, 4, &window.x1);
   properties->propGetDoubleN(in, kOfxImageEffectPropRenderScale, 2, scale);
   Image source(effect, "Source", time), map(effect, "Z", time), mask(effect, "Mask", time), output(effect, "Output", time);
-  if (!source.there() || source.channels() != 4 || !output.there() || output.channels() != 4)
+  if (!source.available() || source.channels() != 4 || !output.available() || output.channels() != 4)
     return fail(effect, "Source: expected RGBA of 8, 16 or 32 bits, found another kind; convert it");
-  if (!map.there()) return fail(effect, "Z: expected a clip with the depth, found none; connect one");
+  if (!map.available()) return fail(effect, "Z: expected a clip with the depth, found none; connect one");
 
   const OfxParamSetHandle set = parameters_of(effect);
-  const double size = number(set, "size", time), most = number(set, "max_size", time), center = number(set, "center", time);
+  const double size = number(set, "size", time), max_size = number(set, "max_size", time), center = number(set, "center", time);
   const Math math = static_cast<Math>(choice(set, "math", time));
   if (math == depth && center <= 0) return fail(effect, "center: expected a distance above 0 with math depth; set it");
-  const int margin = static_cast<int>(std::ceil(most * scale[0])) + 1;
-  OfxRectI wide{window.x1 - margin, window.y1 - margin, window.x2 + margin, window.y2 + margin};
-  const OfxRectI part = meet(meet(wide, source.bounds), map.bounds);
+  const int margin = static_cast<int>(std::ceil(max_size * scale[0])) + 1;
+  OfxRectI padded{window.x1 - margin, window.y1 - margin, window.x2 + margin, window.y2 + margin};
+  const OfxRectI part = intersection(intersection(padded, source.bounds), map.bounds);
   const int width = part.x2 - part.x1, height = part.y2 - part.y1;
   if (width <= 0 || height <= 0) return fail(effect, "Z: expected depth where the picture is, found none there");
 
@@ -218,7 +218,7 @@ OfxStatus render(OfxImageEffectHandle effect, OfxPropertySetHandle in) {
       for (int column = 0; column < width; ++column) {
         const int x = part.x1 + column;
         for (int channel = 0; channel < 4; ++channel) *picture++ = source.get(x, y, channel);
-        *blur++ = radius(math, map.get(x, y, depth_channel), center, size, most) * static_cast<float>(scale[0]);
+        *blur++ = radius(math, map.get(x, y, depth_channel), center, size, max_size) * static_cast<float>(scale[0]);
       }
     }
     OfxImageClipHandle clip;
@@ -241,25 +241,25 @@ OfxStatus render(OfxImageEffectHandle effect, OfxPropertySetHandle in) {
     if (progresses != nullptr) progresses->progressStart(effect, "bokehnet");
     bool stopped = false;
     std::string message;
-    const auto report = [&](double share) {
-      if (progresses != nullptr && progresses->progressUpdate(effect, share) == kOfxStatReplyNo) stopped = true;
+    const auto report = [&](double fraction) {
+      if (progresses != nullptr && progresses->progressUpdate(effect, fraction) == kOfxStatReplyNo) stopped = true;
     };
-    const auto unwanted = [&] { return stopped || effects->abort(effect) != 0; };
-    const bokehnet::Outcome outcome = bokehnet::request(text.str(), report, unwanted, message);
+    const auto is_cancelled = [&] { return stopped || effects->abort(effect) != 0; };
+    const bokehnet::Outcome outcome = bokehnet::request(text.str(), report, is_cancelled, message);
     if (progresses != nullptr) progresses->progressEnd(effect);
     if (outcome == bokehnet::Outcome::failed) return fail(effect, message);
-    if (outcome == bokehnet::Outcome::cancelled) return kOfxStatOK;  // the host drops what it did not want
+    if (outcome == bokehnet::Outcome::cancelled) return kOfxStatOK;  // the host discards the picture
 
-    const OfxRectI target = meet(window, output.bounds);
+    const OfxRectI target = intersection(window, output.bounds);
     for (int y = target.y1; y < target.y2; ++y)
       for (int x = target.x1; x < target.x2; ++x) {
         const bool inside = x >= part.x1 && x < part.x2 && y >= part.y1 && y < part.y2;
-        const float share = !mask.there() ? 1 : mask.covers(x, y) ? mask.get(x, y, mask.channels() - 1) : 0;
+        const float weight = !mask.available() ? 1 : mask.covers(x, y) ? mask.get(x, y, mask.channels() - 1) : 0;
         for (int channel = 0; channel < 4; ++channel) {
           const float before = source.covers(x, y) ? source.get(x, y, channel) : 0;
-          const std::size_t place = (static_cast<std::size_t>(part.y2 - 1 - y) * width + (x - part.x1)) * 4 + channel;
-          const float after = inside ? result[place] : before;
-          output.set(x, y, channel, before + share * (after - before));
+          const std::size_t index = (static_cast<std::size_t>(part.y2 - 1 - y) * width + (x - part.x1)) * 4 + channel;
+          const float after = inside ? result[index] : before;
+          output.set(x, y, channel, before + weight * (after - before));
         }
       }
     return kOfxStatOK;
@@ -268,14 +268,14 @@ OfxStatus render(OfxImageEffectHandle effect, OfxPropertySetHandle in) {
   }
 }
 
-// What of the inputs a region of the result needs: as far around it as the largest blur.
+// Set the input regions needed for a region of the result: it is extended by the largest blur radius.
 OfxStatus regions(OfxImageEffectHandle effect, OfxPropertySetHandle in, OfxPropertySetHandle out) {
   OfxTime time;
-  OfxRectD wanted;
+  OfxRectD requested;
   properties->propGetDouble(in, kOfxPropTime, 0, &time);
-  properties->propGetDoubleN(in, kOfxImageEffectPropRegionOfInterest, 4, &wanted.x1);
+  properties->propGetDoubleN(in, kOfxImageEffectPropRegionOfInterest, 4, &requested.x1);
   const double margin = 2 * (number(parameters_of(effect), "max_size", time) + 1);  // pixels may be twice as wide as high
-  double region[4] = {wanted.x1 - margin, wanted.y1 - margin, wanted.x2 + margin, wanted.y2 + margin};
+  double region[4] = {requested.x1 - margin, requested.y1 - margin, requested.x2 + margin, requested.y2 + margin};
   for (const char *name : {"OfxImageClipPropRoI_Source", "OfxImageClipPropRoI_Z", "OfxImageClipPropRoI_Mask"})
     properties->propSetDoubleN(out, name, 4, region);
   return kOfxStatOK;
@@ -300,9 +300,9 @@ OfxStatus describe(OfxImageEffectHandle effect) {
   properties->propSetString(all, kOfxImageEffectPluginPropGrouping, 0, "Filter");
   properties->propSetString(all, kOfxImageEffectPropSupportedContexts, 0, kOfxImageEffectContextFilter);
   properties->propSetString(all, kOfxImageEffectPropSupportedContexts, 1, kOfxImageEffectContextGeneral);
-  int place = 0;
+  int index = 0;
   for (const char *bits : {kOfxBitDepthFloat, kOfxBitDepthShort, kOfxBitDepthByte})
-    properties->propSetString(all, kOfxImageEffectPropSupportedPixelDepths, place++, bits);
+    properties->propSetString(all, kOfxImageEffectPropSupportedPixelDepths, index++, bits);
   properties->propSetInt(all, kOfxImageEffectPropSupportsTiles, 0, 1);
   properties->propSetInt(all, kOfxImageEffectPropSupportsMultiResolution, 0, 1);
   properties->propSetString(all, kOfxImageEffectPluginRenderThreadSafety, 0, kOfxImageEffectRenderFullySafe);
@@ -329,13 +329,13 @@ OfxStatus describe_in_context(OfxImageEffectHandle effect) {
     properties->propSetString(one, kOfxParamPropHint, 0, each.hint);
     for (std::size_t i = 0; i < each.options.size(); ++i)
       properties->propSetString(one, kOfxParamPropChoiceOption, static_cast<int>(i), each.options[i]);
-    properties->propSetInt(one, kOfxParamPropDefault, 0, each.start);
+    properties->propSetInt(one, kOfxParamPropDefault, 0, each.initial);
   }
   for (const Number &each : kNumbers) {
     parameters->paramDefine(set, kOfxParamTypeDouble, each.name, &one);
     properties->propSetString(one, kOfxPropLabel, 0, each.label);
     properties->propSetString(one, kOfxParamPropHint, 0, each.hint);
-    properties->propSetDouble(one, kOfxParamPropDefault, 0, each.start);
+    properties->propSetDouble(one, kOfxParamPropDefault, 0, each.initial);
     properties->propSetDouble(one, kOfxParamPropMin, 0, each.low);
     properties->propSetDouble(one, kOfxParamPropMax, 0, each.high);
   }
@@ -355,25 +355,25 @@ OfxStatus load() {
   parameters = static_cast<const OfxParameterSuiteV1 *>(suite(kOfxParameterSuite));
   messages = static_cast<const OfxMessageSuiteV1 *>(suite(kOfxMessageSuite));
   progresses = static_cast<const OfxProgressSuiteV1 *>(suite(kOfxProgressSuite));
-  const bool enough = properties != nullptr && effects != nullptr && parameters != nullptr;
-  return enough ? kOfxStatOK : kOfxStatErrMissingHostFeature;
+  const bool complete = properties != nullptr && effects != nullptr && parameters != nullptr;
+  return complete ? kOfxStatOK : kOfxStatErrMissingHostFeature;
 }
 
-OfxStatus act(const char *action, const void *handle, OfxPropertySetHandle in, OfxPropertySetHandle out) {
+OfxStatus dispatch(const char *action, const void *handle, OfxPropertySetHandle in, OfxPropertySetHandle out) {
   const OfxImageEffectHandle effect = static_cast<OfxImageEffectHandle>(const_cast<void *>(handle));
-  const std::string what = action;
-  if (what == kOfxActionLoad) return load();
-  if (what == kOfxActionDescribe) return describe(effect);
-  if (what == kOfxImageEffectActionDescribeInContext) return describe_in_context(effect);
-  if (what == kOfxImageEffectActionRender) return render(effect, in);
-  if (what == kOfxImageEffectActionIsIdentity) return identity(effect, in, out);
-  if (what == kOfxImageEffectActionGetRegionsOfInterest) return regions(effect, in, out);
+  const std::string name = action;
+  if (name == kOfxActionLoad) return load();
+  if (name == kOfxActionDescribe) return describe(effect);
+  if (name == kOfxImageEffectActionDescribeInContext) return describe_in_context(effect);
+  if (name == kOfxImageEffectActionRender) return render(effect, in);
+  if (name == kOfxImageEffectActionIsIdentity) return identity(effect, in, out);
+  if (name == kOfxImageEffectActionGetRegionsOfInterest) return regions(effect, in, out);
   return kOfxStatReplyDefault;
 }
 
-void set_host(OfxHost *given) { host = given; }
+void set_host(OfxHost *new_host) { host = new_host; }
 
-OfxPlugin plugin = {kOfxImageEffectPluginApi, 1, BOKEHNET_OFX_ID, 0, 1, set_host, act};
+OfxPlugin plugin = {kOfxImageEffectPluginApi, 1, BOKEHNET_OFX_ID, 0, 1, set_host, dispatch};
 
 }  // namespace
 

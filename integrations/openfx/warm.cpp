@@ -19,7 +19,7 @@ namespace bokehnet {
 
 namespace {
 
-constexpr int kWaitMs = 50;
+constexpr int kPollMs = 50;
 
 class Process {
  public:
@@ -34,8 +34,8 @@ class Process {
       close(down[1]);
       throw std::runtime_error("cannot make a pipe");
     }
-    const char *given = std::getenv("BOKEHNET_PYTHON");
-    const std::string python = given != nullptr && *given != 0 ? given : "python3";
+    const char *variable = std::getenv("BOKEHNET_PYTHON");
+    const std::string python = variable != nullptr && *variable != 0 ? variable : "python3";
     pid_ = fork();
     if (pid_ == 0) {
       dup2(down[0], STDIN_FILENO);
@@ -48,7 +48,7 @@ class Process {
     in_ = down[1];
     out_ = up[0];
     std::string line;
-    while (pid_ > 0 && !read_line(line, kWaitMs)) {
+    while (pid_ > 0 && !read_line(line, kPollMs)) {
     }
     if (line.find("\"ready\"") == std::string::npos) {
       stop();
@@ -74,12 +74,12 @@ class Process {
     std::size_t sent = 0;
     while (sent < line.size()) {
       const ssize_t now = write(in_, line.data() + sent, line.size() - sent);
-      if (now <= 0) throw std::runtime_error("bokehnet: expected a process that listens, found none; try again");
+      if (now <= 0) throw std::runtime_error("bokehnet: expected a running process, found none; try again");
       sent += static_cast<std::size_t>(now);
     }
   }
 
-  // Whether a whole line came within the time; the process is stopped when there will be none.
+  // Return whether a complete line arrived within the time; at the end of the output the process is stopped.
   bool read_line(std::string &line, int wait_ms) {
     std::size_t end;
     while ((end = buffer_.find('\n')) == std::string::npos) {
@@ -106,26 +106,26 @@ class Process {
   std::string buffer_;
 };
 
-// The text of a string field of one flat JSON line, as Python writes it; empty if it is not there.
+// Return the string field of a flat JSON line written by Python; empty if it is absent.
 std::string text_of(const std::string &json, const std::string &name) {
   const std::string key = "\"" + name + "\": \"";
-  std::size_t at = json.find(key);
-  std::string found;
-  if (at == std::string::npos) return found;
-  for (at += key.size(); at < json.size() && json[at] != '"'; ++at) {
-    if (json[at] == '\\' && at + 1 < json.size()) ++at;
-    found += json[at];
+  std::size_t position = json.find(key);
+  std::string text;
+  if (position == std::string::npos) return text;
+  for (position += key.size(); position < json.size() && json[position] != '"'; ++position) {
+    if (json[position] == '\\' && position + 1 < json.size()) ++position;
+    text += json[position];
   }
-  return found;
+  return text;
 }
 
 double number_of(const std::string &json, const std::string &name) {
   const std::string key = "\"" + name + "\": ";
-  const std::size_t at = json.find(key);
-  return at == std::string::npos ? 0 : std::strtod(json.c_str() + at + key.size(), nullptr);
+  const std::size_t position = json.find(key);
+  return position == std::string::npos ? 0 : std::strtod(json.c_str() + position + key.size(), nullptr);
 }
 
-std::mutex turn;
+std::mutex request_mutex;
 Process process;
 unsigned long number = 0;
 
@@ -136,12 +136,12 @@ SharedMemory::SharedMemory(std::size_t bytes) : bytes_(bytes) {
   const int file = mkstemp(name.data());
   if (file < 0) throw std::runtime_error("cannot make a file in " + name);
   path_ = name;
-  const bool room = posix_fallocate(file, 0, static_cast<off_t>(bytes)) == 0;
-  if (room) data_ = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+  const bool allocated = posix_fallocate(file, 0, static_cast<off_t>(bytes)) == 0;
+  if (allocated) data_ = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
   close(file);
-  if (!room || data_ == MAP_FAILED) {
+  if (!allocated || data_ == MAP_FAILED) {
     unlink(path_.c_str());
-    throw std::runtime_error("expected room for " + std::to_string(bytes >> 20) + " MiB, found none at " + path_);
+    throw std::runtime_error("expected space for " + std::to_string(bytes >> 20) + " MiB, found none at " + path_);
   }
 }
 
@@ -151,26 +151,26 @@ SharedMemory::~SharedMemory() {
 }
 
 Outcome request(const std::string &fields, const std::function<void(double)> &progress,
-                const std::function<bool()> &unwanted, std::string &message) {
-  const std::lock_guard<std::mutex> lock(turn);
+                const std::function<bool()> &is_cancelled, std::string &message) {
+  const std::lock_guard<std::mutex> lock(request_mutex);
   signal(SIGPIPE, SIG_IGN);
   try {
     process.start();
     const std::string id = std::to_string(++number);
     process.send("{\"id\": " + id + ", " + fields + "}");
-    const std::string mine = "{\"id\": " + id + ", ";
-    bool told = false;
+    const std::string prefix = "{\"id\": " + id + ", ";
+    bool cancel_sent = false;
     std::string line;
     while (true) {
-      if (!process.read_line(line, kWaitMs)) {
+      if (!process.read_line(line, kPollMs)) {
         if (!process.alive()) throw std::runtime_error("bokehnet: expected an answer, found its process ended; try again");
-        if (!told && unwanted()) {
+        if (!cancel_sent && is_cancelled()) {
           process.send("{\"cancel\": " + id + "}");
-          told = true;
+          cancel_sent = true;
         }
         continue;
       }
-      if (line.compare(0, mine.size(), mine) != 0) continue;
+      if (line.compare(0, prefix.size(), prefix) != 0) continue;
       if (line.find("\"result\": ") != std::string::npos) return Outcome::done;
       if (line.find("\"error\": ") != std::string::npos) {
         message = text_of(line, "message");
@@ -178,9 +178,9 @@ Outcome request(const std::string &fields, const std::function<void(double)> &pr
       }
       const double total = number_of(line, "total");
       if (total > 0) progress(number_of(line, "done") / total);
-      if (!told && unwanted()) {
+      if (!cancel_sent && is_cancelled()) {
         process.send("{\"cancel\": " + id + "}");
-        told = true;
+        cancel_sent = true;
       }
     }
   } catch (const std::exception &error) {

@@ -1,4 +1,4 @@
-// A warm bokehnet process beside the host, and memory that both share.
+// Client of a bokehnet process outside the host, and memory shared with it.
 #pragma once
 
 #include <cstddef>
@@ -7,7 +7,7 @@
 
 namespace bokehnet {
 
-// A file of this size in memory, mapped; gone with the object.
+// Mapped file of this size; removed by the destructor.
 class SharedMemory {
  public:
   explicit SharedMemory(std::size_t bytes);
@@ -26,12 +26,13 @@ class SharedMemory {
 
 enum class Outcome { done, cancelled, failed };
 
-// Sends one request, the JSON object's fields without braces, and waits for its end. The process is started at the first
-// one, by the interpreter that BOKEHNET_PYTHON names, else python3, and again when it died. One request at a time.
-//   progress  is told the share that is done, 0 to 1
-//   unwanted  is asked every 50 ms; once it says yes, the request is cancelled
-//   message   why it failed, one line
+// Send one request, the fields of a JSON object without braces, and wait for its outcome. The first request, and the next
+// one after the process died, starts the process with the interpreter in BOKEHNET_PYTHON, otherwise python3. Requests
+// are serialised.
+//   progress      called with the completed fraction, 0 to 1
+//   is_cancelled  called every 50 ms; the request is cancelled when it returns true
+//   message       receives the reason of a failure, one line
 Outcome request(const std::string &fields, const std::function<void(double)> &progress,
-                const std::function<bool()> &unwanted, std::string &message);
+                const std::function<bool()> &is_cancelled, std::string &message);
 
 }  // namespace bokehnet

@@ -54,13 +54,13 @@ def chunk(shot):
 
 
 def test_nukes_command_renders(cli, shot):
-    command_of = runpy.run_path(str(ROOT / "integrations/nuke/bokehnet_nuke.py"))["command_of"]
-    program, *words = command_of(KNOBS, str(shot / "in.0001.exr"), str(shot / "out.exr"))
+    command_line = runpy.run_path(str(ROOT / "integrations/nuke/bokehnet_nuke.py"))["command_line"]
+    program, *words = command_line(KNOBS, str(shot / "in.0001.exr"), str(shot / "out.exr"))
     assert program == "bokehnet"
     done = cli(*words)
     assert (done.code, done.err) == (0, "")
     assert (shot / "out.exr").exists()
-    inverse = command_of({**KNOBS, "math": "far=0", "center": 0.5}, "in.exr", "out.exr")
+    inverse = command_line({**KNOBS, "math": "far=0", "center": 0.5}, "in.exr", "out.exr")
     assert inverse[inverse.index("--depth-unit") + 1] == "1/m"
     assert inverse[inverse.index("--focus-distance") + 1] == "2"
 

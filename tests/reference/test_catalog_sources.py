@@ -58,7 +58,7 @@ def test_the_double_gauss_that_kolb_mitchell_and_hanrahan_print_focuses_where_th
     )
     lens = PrescriptionLens(prescription=dataclasses.replace(lens.prescription, surfaces=rows))
     assert lens.focal_length == pytest.approx(100, rel=0.01)
-    assert lens.fastest == pytest.approx(2, rel=0.02)
+    assert lens.min_f_number == pytest.approx(2, rel=0.02)
     assert back_focus(lens) == pytest.approx(72.228, rel=1e-3)
 
 

@@ -12,14 +12,14 @@ from bokehnet.classical.rays_renderer import rays
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.field_maps import inversion
 from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 HEIGHT, WIDTH = 96, 240
 HALF_DIAGONAL = 0.5 * np.hypot(HEIGHT, WIDTH)
 BRIGHT, DARK = 0.8, 0.1
 ROWS = slice(40, 56)
-SPECTRUM = SHORTEST + (LONGEST - SHORTEST) * (np.arange(600) + 0.5) / 600
+SPECTRUM = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(600) + 0.5) / 600
 LIGHT = {
     "continuous": WavelengthSampling(),
     "rgb": WavelengthSampling(dispersion="rgb"),

@@ -21,8 +21,8 @@ def folder(tmp_path_factory):
     pytest.importorskip("embreex", reason="needs embreex: pip install 'bokehnet[trace]'")
     made = tmp_path_factory.mktemp("bench")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenes, "_HALF", 4)
-        patch.setattr(scenes, "_IMAGE", 4)
+        patch.setattr(scenes, "_HALF_SAMPLES", 4)
+        patch.setattr(scenes, "_IMAGE_SAMPLES", 4)
         patch.setattr(scenes, "_WIDTH", 64)
         patch.setattr(scenes, "_HEIGHT", 48)
         scenes.make_scene("room", made / "room")

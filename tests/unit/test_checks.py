@@ -182,7 +182,7 @@ def test_check_choice_refuses_what_is_no_text():
 def test_light_beyond_all_measure_is_refused_and_the_brightest_is_not(light):
     """Its square, summed over a picture, is no float32 any more."""
     image = np.zeros((2, 3, 3), np.float32)
-    image[1, 2, 0] = checks.BRIGHTEST
+    image[1, 2, 0] = checks.MAX_LIGHT
     checks.check_light("photo", image)
     image[0, 0, 1] = light
     with pytest.raises(ParameterError, match=r"photo: expected light of at most 1e\+15.*got -?1e\+16"):

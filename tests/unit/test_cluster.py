@@ -1,6 +1,6 @@
 """Tasks on a cluster, by one that ends them in an order of its own. Authority: the arguments themselves."""
 
-from bokehnet.cluster import as_they_end, in_order
+from bokehnet.cluster import results_as_completed, results_in_order
 
 
 class Ray:
@@ -43,7 +43,7 @@ def square(x):
 
 def test_each_task_is_given_once_with_its_name_and_few_are_under_way():
     ray = Ray()
-    found = list(as_they_end(ray, square, [(f"n{x}", x) for x in range(7)], 3))
+    found = list(results_as_completed(ray, square, [(f"n{x}", x) for x in range(7)], 3))
     assert sorted(found) == [(f"n{x}", x * x) for x in range(7)]
     assert found[0][0] == "n2"  # the newest of three
     assert (ray.most, ray.cancelled) == (3, [])
@@ -51,18 +51,18 @@ def test_each_task_is_given_once_with_its_name_and_few_are_under_way():
 
 def test_order_is_kept_where_it_is_asked_for():
     ray = Ray()
-    assert list(in_order(ray, square, range(7), 3)) == [x * x for x in range(7)]
+    assert list(results_in_order(ray, square, range(7), 3)) == [x * x for x in range(7)]
     assert (ray.most, ray.cancelled) == (3, [])
 
 
 def test_what_is_under_way_is_given_up_when_the_caller_stops():
     ray = Ray()
-    answers = as_they_end(ray, square, enumerate(range(7)), 3)
+    answers = results_as_completed(ray, square, enumerate(range(7)), 3)
     next(answers)
     answers.close()
     assert ray.cancelled == [0, 1]
     ray = Ray()
-    answers = in_order(ray, square, range(7), 3)
+    answers = results_in_order(ray, square, range(7), 3)
     next(answers)
     answers.close()
     assert ray.cancelled == [1, 2]

@@ -1,1 +1,1 @@
-"""Separable and diffusing filters of the literature."""
+"""Separable filters and diffusion of the literature."""

@@ -1,13 +1,13 @@
-"""Blur as heat that spreads: a conductivity from the circle of confusion, solved implicitly row by row.
+"""Heat diffusion: blur with a conductivity from the circle of confusion, solved implicitly row by row.
 
-Faults: the blur is a Gaussian, so lights become no discs; nothing is ever seen beyond the outline of a
-blurred foreground, whose heat stops dead where its surroundings are sharp.
+Faults: the blur is Gaussian, so lights do not become discs; a blurred foreground never extends over its
+    outline, as diffusion stops at sharp surroundings.
 """
 
 import numpy as np
 from numba import prange
 
-from bokehnet.baselines.openings import check_baseline
+from bokehnet.baselines.apertures import check_baseline
 from bokehnet.checks import check_whole
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -18,38 +18,38 @@ __all__ = ["diffuse_rows", "diffusion"]
 
 @njit(cache=True, parallel=True)
 def diffuse_rows(values, conductivity):  # type: ignore[no-untyped-def]
-    """Let heat spread along the rows for one unit of time, in place, by one implicit step.
+    """Diffuse heat along the rows for one unit of time, in place, by one implicit step.
 
     Solves ``y[i] - b[i] (y[i + 1] - y[i]) + b[i - 1] (y[i] - y[i - 1]) = x[i]`` with ``b[i]`` the smaller
     conductivity of both neighbours, none beyond the ends: a tridiagonal system, by elimination.
 
     Args:
-        values: (H, W, C).
-        conductivity: (H, W), pixels squared a unit of time.
+        values: Values, (H, W, C).
+        conductivity: Conductivity, pixels squared per unit of time, (H, W).
     """
     height, width, channels = values.shape
     for y in prange(height):
         upper = np.empty(width)
-        done = np.empty((width, channels))
-        before = 0.0
+        solution = np.empty((width, channels))
+        left = 0.0
         for x in range(width):
-            after = 0.0
+            right = 0.0
             if x + 1 < width:
-                after = min(conductivity[y, x], conductivity[y, x + 1])
-            pivot = 1.0 + before + after
+                right = min(conductivity[y, x], conductivity[y, x + 1])
+            pivot = 1.0 + left + right
             if x > 0:
-                pivot += before * upper[x - 1]
-            upper[x] = -after / pivot
+                pivot += left * upper[x - 1]
+            upper[x] = -right / pivot
             for c in range(channels):
-                carried = before * done[x - 1, c] if x > 0 else 0.0
-                done[x, c] = (values[y, x, c] + carried) / pivot
-            before = after
+                carried = left * solution[x - 1, c] if x > 0 else 0.0
+                solution[x, c] = (values[y, x, c] + carried) / pivot
+            left = right
         for c in range(channels):
-            values[y, width - 1, c] = done[width - 1, c]
+            values[y, width - 1, c] = solution[width - 1, c]
         for x in range(width - 2, -1, -1):
             for c in range(channels):
-                done[x, c] -= upper[x] * done[x + 1, c]
-                values[y, x, c] = done[x, c]
+                solution[x, c] -= upper[x] * solution[x + 1, c]
+                values[y, x, c] = solution[x, c]
 
 
 def diffusion(
@@ -57,33 +57,33 @@ def diffusion(
 ) -> np.ndarray:
     """Render by heat diffusion.
 
-    A disc of radius r has the variance r^2 / 4 along each axis, heat that spreads for one unit of time twice
-    its conductivity; so that is r^2 / 8. One implicit step along an axis makes a two-sided exponential,
-    several that share the time tend to the Gaussian.
+    A disc of radius r has the variance r^2 / 4 along each axis; diffusion over one unit of time has twice the
+    conductivity as variance, so the conductivity is r^2 / 8. One implicit step along an axis gives a
+    two-sided exponential; several shorter steps converge to the Gaussian.
 
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W).
-        aperture: A plain disc or None.
-        steps: Along each axis, one after the other, from 1 up; the paper makes one.
+        aperture: Plain disc or None.
+        steps: Number of steps along each axis, at least 1; the paper uses one.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Source:
         Kass, Lefohn and Owens, "Interactive depth of field using simulated diffusion on a GPU", 2006; thesis
-        000, eq. 3.20, with the specific heat 1.
+        000, eq. 3.20, with specific heat 1.
     """
     check_whole("steps", steps, 1)
     image, defocus, _ = check_baseline("diffusion", "disc", image, defocus, aperture)
     values = image.astype(np.float64)
     conductivity = defocus.astype(np.float64) ** 2 / (8 * steps)
-    turned = np.ascontiguousarray(conductivity.T)
+    transposed = np.ascontiguousarray(conductivity.T)
     for _ in range(steps):
         with parallel_region:
             diffuse_rows(values, conductivity)
         values = np.ascontiguousarray(values.transpose(1, 0, 2))
         with parallel_region:
-            diffuse_rows(values, turned)
+            diffuse_rows(values, transposed)
         values = np.ascontiguousarray(values.transpose(1, 0, 2))
     return values.astype(np.float32)

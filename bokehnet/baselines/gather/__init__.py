@@ -1,1 +1,1 @@
-"""Gathering methods of the literature: each pixel collects samples around it."""
+"""Gathering methods of the literature: each pixel averages samples around it."""

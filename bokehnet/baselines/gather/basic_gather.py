@@ -1,7 +1,7 @@
 """Basic gather: each pixel is the mean of random pixels inside its own circle of confusion.
 
-Faults: noise of few samples; sharp surroundings bleed into blurred pixels; a blurred foreground keeps its
-sharp outline, as only a pixel's own blur is looked at.
+Faults: noise from few samples; sharp surroundings bleed into blurred pixels; a blurred foreground keeps its
+    sharp outline, as only a pixel's own blur counts.
 """
 
 import math
@@ -9,8 +9,8 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
-from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.checks import check_whole
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -21,7 +21,7 @@ __all__ = ["gather_basic", "random_number"]
 
 @njit(cache=True)
 def random_number(x, y, index):  # type: ignore[no-untyped-def]
-    """Number in [0, 1) from place and index, by the finaliser of MurmurHash3."""
+    """Return a hash of position and index in [0, 1), by the finaliser of MurmurHash3."""
     state = np.uint32(x) * np.uint32(0x9E3779B1) ^ np.uint32(y) * np.uint32(0x85EBCA77)
     state = np.uint32(state) ^ np.uint32(index) * np.uint32(0xC2B2AE3D)
     state = np.uint32(state ^ (state >> np.uint32(16))) * np.uint32(0x85EBCA6B)
@@ -66,15 +66,15 @@ def gather_basic(
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Its outline shapes the samples; default a disc.
-        samples: A pixel takes beside itself, from 1 up.
+        aperture: Aperture whose outline shapes the samples; default: disc.
+        samples: Number of samples in addition to the pixel itself, at least 1.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Source:
         Thesis 004, 2.2.3, the first listing. It adds ``iterations + 1`` colours and divides by
-        ``iterations``, so that its pictures are too bright by one part in ``iterations``; here it is the
+        ``iterations``, so that its pictures are too bright by 1 / ``iterations``; this function returns the
         mean.
     """
     check_whole("samples", samples, 1)

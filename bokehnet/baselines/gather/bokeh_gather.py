@@ -1,7 +1,7 @@
-"""Bokeh gather: samples spread over the shape of the opening, squeezed towards the corners as a cat's-eye.
+"""Bokeh gather: samples in the shape of the aperture, narrowed to a cat's-eye towards the corners.
 
 Faults: halos, as the blur of a background shrinks towards a foreground; a blurred foreground stays visible
-inside its own blur; the pattern of the samples shows where they are few.
+    inside its own blur; a visible pattern with few samples.
 """
 
 import math
@@ -9,28 +9,28 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
 from bokehnet.baselines.gather.tiles import dilated_tiles
-from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.checks import check_whole
 from bokehnet.classical.base import Place
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["gather_bokeh", "squeezed"]
+__all__ = ["gather_bokeh", "squeeze_cats_eye"]
 
-# Side of the tiles that share one spread of samples, pixels.
-_TILE = 32
+# Side of the tiles that share one sample radius, pixels.
+_TILE_PX = 32
 
 
 @njit(cache=True)
-def squeezed(across, down, from_column, from_row, narrower):  # type: ignore[no-untyped-def]
-    """Scale (across, down) by ``1 - narrower`` along the line to the picture's middle.
+def squeeze_cats_eye(across, down, from_column, from_row, narrower):  # type: ignore[no-untyped-def]
+    """Scale (across, down) by ``1 - narrower`` along the line to the picture centre.
 
-    The listing turns by an angle, scales x, and turns back; with n the direction from the middle that product
-    is ``p - narrower (p.n) n``, which has no angle whose sign has to be mended.
+    The listing rotates by an angle, scales x, and rotates back; with n the direction from the centre the
+    product is ``p - narrower (p.n) n``, which avoids the sign of the angle.
     """
     length = math.sqrt(from_column * from_column + from_row * from_row)
     if length == 0.0:
@@ -54,7 +54,9 @@ def _gather(image, defocus, offsets, reach, size, frame, cats_eye, bokeh):  # ty
             field = scale * math.sqrt(from_column * from_column + from_row * from_row)
             narrower = 0.5 * cats_eye * field
             for index in range(offsets.shape[0]):
-                across, down = squeezed(offsets[index, 0], offsets[index, 1], from_column, from_row, narrower)
+                across, down = squeeze_cats_eye(
+                    offsets[index, 0], offsets[index, 1], from_column, from_row, narrower
+                )
                 row, column = nearest_pixel(y + largest * down, x + largest * across, height, width)
                 blur = abs(defocus[row, column])
                 if defocus[row, column] < centre:
@@ -83,19 +85,20 @@ def gather_bokeh(
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Its outline shapes the samples; its cat's-eye s squeezes them to 1 - s / 2 in the corners,
-            the width that two discs s apart have in common. Default a disc.
-        samples: Over the largest blur of a tile of 32 pixels and its neighbours, from 1 up.
-        place: Where the pixels lie in the shown picture; default: all of it.
+        aperture: Aperture whose outline shapes the samples; its cat's-eye s narrows them to 1 - s / 2 in the
+            corners, the width of the intersection of two discs at distance s. Default: disc.
+        samples: Number of samples over the maximum blur of a tile of 32 pixels and its neighbours, at least
+            1.
+        place: Position of the pixels in the full picture; default: the whole picture.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Source:
-        Thesis 004, 2.3.1 (eq. 2.2) and 2.3.2 (the matrix). It prints no listing of the gather and says only
-        that it differs from the spiral's; here it is a mean in which each sample weighs by whether its own
-        blur, clamped to the pixel's where it lies behind it, covers the pixel, and by one over that blur's
-        area. It has the faults that the thesis shows.
+        Thesis 004, 2.3.1 (eq. 2.2) and 2.3.2 (the matrix). It gives no listing of the gather and says only
+        that it differs from the spiral's; here each sample is weighted by the coverage of the pixel by the
+        sample's blur, clamped to the pixel's blur for samples behind it, and by one over that blur's area.
+        The result has the faults that the thesis shows.
     """
     check_whole("samples", samples, 1)
     image, defocus, aperture = check_baseline("gather_bokeh", "cats-eye", image, defocus, aperture)
@@ -110,8 +113,8 @@ def gather_bokeh(
             image,
             defocus,
             offsets.astype(np.float32),
-            np.maximum(dilated_tiles(defocus, _TILE)[1], 0.5),
-            _TILE,
+            np.maximum(dilated_tiles(defocus, _TILE_PX)[1], 0.5),
+            _TILE_PX,
             (float(frame.column), float(frame.row), float(frame.scale)),
             float(aperture.cats_eye),
             bokeh,

@@ -1,7 +1,7 @@
-"""Advanced gather: a spiral of samples, each mixed in as far as its own blur reaches the pixel.
+"""Advanced gather: a spiral of samples, each mixed in by the coverage of the pixel by its blur.
 
-Faults: a sample that does not reach counts as the mean so far, so what lies near the middle weighs too much;
-a blurred foreground stays visible inside its own blur; the spiral shows where samples are few.
+Faults: a sample out of reach counts as the running mean, so samples near the centre weigh too much; a blurred
+    foreground stays visible inside its own blur; the spiral is visible with few samples.
 """
 
 import math
@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.apertures import ANGLES, check_baseline, outline
 from bokehnet.baselines.gather.nearest_pixel import nearest_pixel
 from bokehnet.baselines.gather.spiral import spiral
-from bokehnet.baselines.openings import ANGLES, check_baseline, outline
 from bokehnet.checks import check_above
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
@@ -54,14 +54,14 @@ def gather_spiral(
     """Render by the advanced gather.
 
     Args:
-        image: As for :func:`bokehnet.baselines.gather.basic_gather.gather_basic`.
-        defocus: Likewise.
-        aperture: Likewise, of one outline on both sides of focus.
-        scale: Of the spiral, pixels: a sample for each area of 2 pi times it.
+        image: Scene-linear, (H, W, 3).
+        defocus: Signed blur radius in pixels, (H, W), + in front of focus.
+        aperture: Aperture whose outline, the same on both sides of focus, shapes the samples; default: disc.
+        scale: Scale of the spiral, pixels; the area per sample is 2 pi scale.
 
     Source:
         Gustafsson, "Bokeh depth of field in a single pass", 2018; thesis 004, 2.2.3, the second listing, with
-        the outline of eq. 2.2 where the opening has blades.
+        the outline of eq. 2.2 for apertures with blades.
     """
     check_above("scale", scale, 0)
     image, defocus, aperture = check_baseline("gather_spiral", "outline", image, defocus, aperture)

@@ -1,4 +1,4 @@
-"""Tiles of a map, with what is nearest and what is most blurred in each and its neighbours."""
+"""Tiles of a defocus map: nearest defocus and maximum blur of each tile and its neighbours."""
 
 import math
 
@@ -8,16 +8,16 @@ __all__ = ["dilated_tiles"]
 
 
 def dilated_tiles(defocus: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nearest defocus and largest blur radius of each tile and of all tiles that blur reaches.
+    """Return nearest defocus and maximum blur radius of each tile and of all tiles within reach of blur.
 
-    The published 3x3 tiles are enough while no blur is wider than a tile; here there are as many as it takes.
+    The published 3x3 tiles suffice while no blur exceeds a tile; this function dilates as often as needed.
 
     Args:
         defocus: Signed blur radius, (H, W), + in front of focus.
-        size: Of a tile, pixels.
+        size: Side of a tile, pixels.
 
     Returns:
-        Two maps, one value a tile, (ceil(H / size), ceil(W / size)).
+        Two maps with one value per tile, (ceil(H / size), ceil(W / size)).
     """
     height, width = defocus.shape
     rows, columns = -(-height // size), -(-width // size)

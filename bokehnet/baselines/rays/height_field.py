@@ -1,16 +1,16 @@
-"""Where a ray meets layers of depth whose pixels are squares of one depth: both walks of thesis 001, 4.2.
+"""Intersection of rays with height fields whose pixels are squares of one depth: thesis 001, 4.2.
 
-A ray goes over the picture from pixel to pixel. In each it has a depth where it comes in and one where it
-goes out, and it meets the first layer between the two. Pixel i lies between i and i + 1, z grows away from
-the camera, layers of a pixel lie in that order, and the values at the border go on beyond it.
+A ray crosses the picture from pixel to pixel. In each pixel it has an entry and an exit depth, and it hits
+the first layer between them. Pixel i spans i to i + 1, z grows away from the camera, the layers of a pixel
+are sorted by z, and the border values extend outside the picture.
 
-``walk_corners`` asks at each pixel on which side of its corner the ray's end lies, and may step across the
-corner; ``walk_edges`` asks which of two edges comes next. Both visit the same pixels, but for corners that a
-ray hits. Rays that are nearly upright slip between two squares of a slope: so a ray goes a little farther
-than its pixel.
+``walk_corners`` tests at each pixel on which side of its corner the ray's end lies, and can step across the
+corner; ``walk_edges`` tests which of two edges comes next. Both visit the same pixels, except at corners that
+a ray hits. Nearly vertical rays can slip between two squares of a slope, so a ray extends slightly beyond its
+pixel in depth.
 
 Source: thesis 001, 4.2.1 and 4.2.2; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
-Eurographics 1987. As printed the first takes the wrong one of two edges, and both a wrong pixel, see
+Eurographics 1987. As printed, the first selects the wrong one of two edges, and both a wrong pixel; see
 ``docs/method/theses.md``.
 """
 
@@ -20,21 +20,21 @@ from bokehnet.kernels import njit
 
 __all__ = ["first_between", "walk_corners", "walk_edges"]
 
-# Distance from an edge that counts as on it, and length of a step along an axis that counts as none, pixels.
-_ON_EDGE, _NO_STEP = 1e-9, 1e-9
+# Distance within which a point is on an edge, and length below which a step is zero, pixels.
+_EDGE_TOLERANCE_PX, _MIN_STEP_PX = 1e-9, 1e-9
 
 
 @njit(cache=True)
 def first_between(z, count, row, column, near, far):  # type: ignore[no-untyped-def]
-    """The first layer of a pixel with ``near < z <= far``; -1 for none.
+    """Return the first layer of a pixel with ``near < z <= far``, or -1.
 
     Args:
         z: Depths of the layers, (H, W, L).
-        count: How many a pixel has, (H, W).
-        row: Of the pixel; beyond the border the last one counts.
-        column: Likewise.
-        near: Depth at which a ray comes in.
-        far: And goes out.
+        count: Number of layers of each pixel, (H, W).
+        row: Row of the pixel, clamped to the border.
+        column: Column of the pixel, clamped to the border.
+        near: Entry depth of the ray.
+        far: Exit depth of the ray.
     """
     row = min(max(row, 0), z.shape[0] - 1)
     column = min(max(column, 0), z.shape[1] - 1)
@@ -47,40 +47,40 @@ def first_between(z, count, row, column, near, far):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _cell(place, towards):  # type: ignore[no-untyped-def]
-    """Pixel of a place; on an edge the one on the side that ``towards`` points to."""
-    low = int(math.floor(place))
-    return low - 1 if towards < 0.0 and place - low < _ON_EDGE else low
+def _cell(position, towards):  # type: ignore[no-untyped-def]
+    """Return the pixel of a position; on an edge the one in the direction ``towards``."""
+    low = int(math.floor(position))
+    return low - 1 if towards < 0.0 and position - low < _EDGE_TOLERANCE_PX else low
 
 
 @njit(cache=True)
-def _last_cell(place, step, first):  # type: ignore[no-untyped-def]
-    """Pixel where a way ends that began in ``first``: on an edge the one that it comes from."""
-    last = _cell(place, -step)
+def _last_cell(position, step, first):  # type: ignore[no-untyped-def]
+    """Return the last pixel of a path from pixel ``first``; on an edge the one before it."""
+    last = _cell(position, -step)
     return last if (last - first) * step >= 0.0 else first
 
 
 @njit(cache=True)
 def walk_edges(z, count, start, end, slack):  # type: ignore[no-untyped-def]
-    """Follow a ray from edge to edge: 4.2.2.
+    """Trace a ray from edge to edge: 4.2.2.
 
     Args:
         z: Depths of the layers, (H, W, L).
-        count: How many a pixel has, (H, W).
-        start: Column, row and depth.
-        end: The same, farther away.
-        slack: How far beyond a pixel the ray goes in depth.
+        count: Number of layers of each pixel, (H, W).
+        start: Column, row and depth of the start.
+        end: Column, row and depth of the end, farther away.
+        slack: Extension of the ray beyond a pixel in depth.
 
     Returns:
-        Row, column and layer; layer -1 if it meets nothing.
+        Row, column and layer of the hit; layer -1 without a hit.
     """
     x0, y0, z0 = start
     dx, dy, dz = end[0] - x0, end[1] - y0, end[2] - z0
     step_x, step_y = 1 if dx >= 0.0 else -1, 1 if dy >= 0.0 else -1
     column, row = _cell(x0, dx), _cell(y0, dy)
     last_column, last_row = _last_cell(end[0], dx, column), _last_cell(end[1], dy, row)
-    dx = dx if abs(dx) > _NO_STEP else step_x * _NO_STEP
-    dy = dy if abs(dy) > _NO_STEP else step_y * _NO_STEP
+    dx = dx if abs(dx) > _MIN_STEP_PX else step_x * _MIN_STEP_PX
+    dy = dy if abs(dy) > _MIN_STEP_PX else step_y * _MIN_STEP_PX
     next_x, next_y = (column + max(step_x, 0) - x0) / dx, (row + max(step_y, 0) - y0) / dy
     entry = z0
     for _ in range(abs(last_column - column) + abs(last_row - row)):
@@ -99,7 +99,7 @@ def walk_edges(z, count, start, end, slack):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def walk_corners(z, count, start, end, slack):  # type: ignore[no-untyped-def]
-    """Follow a ray by the side of each pixel's nearest corner on which its end lies: 4.2.1.
+    """Trace a ray by the side of each pixel's nearest corner on which its end lies: 4.2.1.
 
     Arguments and result are those of :func:`walk_edges`.
     """

@@ -1,11 +1,11 @@
-"""Image-based ray tracing: rays of the lens meet the layers of a picture, as height fields.
+"""Image-based ray tracing: rays of the lens intersect the layers of a picture as height fields.
 
-Every pixel sends rays through points of the pupil. In the picture a ray of the pupil point a lies at
-``p - d a`` at the depth of defocus d, so that with ``-d`` as the depth it is straight, as in a depth buffer.
-Before they are followed all rays of a pixel are cut to the depths that lie under them, by N-buffers.
+Every pixel sends rays through points of the pupil. In the picture, a ray of the pupil point a is at ``p - d
+a`` at the depth of defocus d, so that it is straight with ``-d`` as depth, as in a depth buffer. Before
+tracing, N-buffers clip all rays of a pixel to the depths in their range.
 
-Faults: a picture alone is one layer, and what rays find behind its edges is nothing; pixels are hard squares,
-so that edges have steps; noise of few rays. Rays that meet nothing do not count.
+Faults: a single picture is one layer, so rays find nothing behind its edges; pixels are hard squares, so
+    edges have steps; noise from few rays. Rays without a hit do not count.
 
 Source: thesis 001, 3.2.3, 4.1.4 and 4.2; Lee, Eisemann and Seidel, "Real-time lens blur effects and focus
 control", SIGGRAPH 2010.
@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numba import prange
 
+from bokehnet.baselines.apertures import check_baseline
 from bokehnet.baselines.gather.basic_gather import random_number
-from bokehnet.baselines.openings import check_baseline
 from bokehnet.baselines.rays.height_field import walk_corners, walk_edges
 from bokehnet.baselines.rays.n_buffers import n_buffers, radius_bounds
 from bokehnet.checks import check_choice, check_same_size, check_whole
@@ -31,14 +31,15 @@ __all__ = ["WALKS", "image_rays", "trace_height_fields"]
 
 WALKS = ("edges", "corners")
 
-# Coverage from which a layer is there: the thesis's layers are there or not.
-_THERE = 0.5
+# Minimum coverage of an opaque layer: layers of the thesis are either opaque or absent.
+_MIN_COVERAGE = 0.5
 
-# How far a ray goes beyond a pixel, part of the range of depth, as the thesis found; and at least, pixels.
-_SLACK, _LEAST_SLACK = 0.01, 1e-3
+# Extension of a ray beyond a pixel, as a fraction of the depth range after the thesis; and its minimum,
+# pixels.
+_RELATIVE_SLACK, _MIN_SLACK_PX = 0.01, 1e-3
 
-# Sets of pupil points that pixels choose from, and how often depths are looked for below the last ones.
-_SETS, _ROUNDS = 256, 3
+# Number of sets of pupil points, and of iterations of the depth bounds.
+_NUM_POINT_SETS, _BOUND_ITERATIONS = 256, 3
 
 
 @njit(cache=True, parallel=True)
@@ -50,15 +51,15 @@ def _trace(  # type: ignore[no-untyped-def]
         for x in range(width):
             near, far = low[-1, 0, 0], high[-1, 0, 0]
             if bounded:
-                for _ in range(_ROUNDS):
+                for _ in range(_BOUND_ITERATIONS):
                     reach = int(math.ceil(max(abs(near), abs(far)) + slack))
                     near, far = radius_bounds(low, high, y, x, reach)
             near, far = near - slack, far + slack
-            own = points[int(random_number(x, y, 0) * points.shape[0])]
+            point_set = points[int(random_number(x, y, 0) * points.shape[0])]
             total, red, green, blue = 0.0, 0.0, 0.0, 0.0
             missed = 0
-            for s in range(own.shape[0]):
-                u, v = own[s, 0], own[s, 1]
+            for s in range(point_set.shape[0]):
+                u, v = point_set[s, 0], point_set[s, 1]
                 start = (x + 0.5 + near * u, y + 0.5 + near * v, near)
                 end = (x + 0.5 + far * u, y + 0.5 + far * v, far)
                 if corners:
@@ -69,12 +70,12 @@ def _trace(  # type: ignore[no-untyped-def]
                     missed += 1
                     continue
                 row, column = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
-                weight = own[s, 2] if z[row, column, layer] < 0.0 else own[s, 3]
+                weight = point_set[s, 2] if z[row, column, layer] < 0.0 else point_set[s, 3]
                 total += weight
                 red += weight * colors[row, column, layer, 0]
                 green += weight * colors[row, column, layer, 1]
                 blue += weight * colors[row, column, layer, 2]
-            lost[y, x] = missed / own.shape[0]
+            lost[y, x] = missed / point_set.shape[0]
             if total > 0.0:
                 bokeh[y, x, 0], bokeh[y, x, 1], bokeh[y, x, 2] = red / total, green / total, blue / total
             else:
@@ -83,12 +84,12 @@ def _trace(  # type: ignore[no-untyped-def]
 
 
 def _packed(layers: Layers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Colours, depths (H, W, L) and number (H, W) of the layers that are there, without holes."""
-    there = layers.coverage >= _THERE
-    order = np.argsort(~there, axis=2, kind="stable")
+    """Return colours, depths (H, W, L) and number (H, W) of the opaque layers, compacted."""
+    opaque = layers.coverage >= _MIN_COVERAGE
+    order = np.argsort(~opaque, axis=2, kind="stable")
     z = np.take_along_axis(-layers.defocus.astype(np.float64), order, 2)
     colors = np.take_along_axis(layers.colors, order[..., None], 2)
-    return np.ascontiguousarray(colors), np.ascontiguousarray(z), there.sum(2)
+    return np.ascontiguousarray(colors), np.ascontiguousarray(z), opaque.sum(2)
 
 
 def trace_height_fields(
@@ -100,37 +101,37 @@ def trace_height_fields(
     bounded: bool = True,
     seed: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render layers.
+    """Render layers as height fields.
 
     Args:
-        layers: Those of less than half a pixel's coverage are not there, all others are opaque.
-        aperture: Default a disc.
-        samples: Rays of a pixel, from 1 up.
+        layers: Layers; those of less than half a pixel's coverage are ignored, all others are opaque.
+        aperture: Aperture; default: disc.
+        samples: Rays per pixel, at least 1.
         walk: ``edges`` or ``corners``, see :mod:`bokehnet.baselines.rays.height_field`.
-        bounded: Cut rays to the depths below them; else to those of the whole picture.
-        seed: Of the rays.
+        bounded: Clip rays to the depths in their range; otherwise to those of the whole picture.
+        seed: Seed of the rays.
 
     Returns:
-        Picture (H, W, 3), float32, and the share of each pixel's rays that met nothing, (H, W).
+        Picture (H, W, 3), float32, and the fraction of each pixel's rays without a hit, (H, W).
 
     Raises:
-        ParameterError: Another walk, or no samples.
+        ParameterError: The walk is unknown, or there are no samples.
     """
     check_choice("walk", walk, WALKS)
     check_whole("samples", samples, 1)
     aperture = aperture or Aperture()
     colors, z, count = _packed(layers)
-    there = np.arange(z.shape[2]) < count[..., None]
-    if not there.any():
+    opaque = np.arange(z.shape[2]) < count[..., None]
+    if not opaque.any():
         return layers.colors[:, :, 0].copy(), np.ones(count.shape)
-    low, high = n_buffers(np.where(there, z, np.inf).min(2), np.where(there, z, -np.inf).max(2))
+    low, high = n_buffers(np.where(opaque, z, np.inf).min(2), np.where(opaque, z, -np.inf).max(2))
     rng = np.random.default_rng(seed)
-    points = np.empty((_SETS, samples, 4))
-    for own in points:
+    points = np.empty((_NUM_POINT_SETS, samples, 4))
+    for point_set in points:
         square = sobol(samples, rng)
-        own[:, :2], own[:, 2] = pupil_points(aperture, square, 1)
-        own[:, 3] = pupil_points(aperture, square, -1)[1]
-    slack = max(_SLACK * float(high[-1, 0, 0] - low[-1, 0, 0]), _LEAST_SLACK)
+        point_set[:, :2], point_set[:, 2] = pupil_points(aperture, square, 1)
+        point_set[:, 3] = pupil_points(aperture, square, -1)[1]
+    slack = max(_RELATIVE_SLACK * float(high[-1, 0, 0] - low[-1, 0, 0]), _MIN_SLACK_PX)
     bokeh, lost = np.empty((*count.shape, 3), np.float32), np.empty(count.shape)
     with parallel_region:
         _trace(colors, z, count, low, high, points, slack, walk == "corners", bounded, bokeh, lost)
@@ -146,28 +147,28 @@ def image_rays(
     samples: int = 64,
     walk: str = "edges",
 ) -> np.ndarray:
-    """Render by rays through a picture's pixels, or through layers.
+    """Render by rays through the pixels of a picture, or through layers.
 
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Any without a cat's-eye; default a disc.
-        layers: In place of picture and defocus, which are one.
-        samples: Rays of a pixel, from 1 up.
-        walk: ``edges`` or ``corners``: which of the two algorithms follows rays.
+        aperture: Any aperture without a cat's-eye; default: disc.
+        layers: Layers that replace the single layer of picture and defocus.
+        samples: Rays per pixel, at least 1.
+        walk: Tracing algorithm, ``edges`` or ``corners``.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Raises:
-        ShapeError: Layers of another size.
+        ShapeError: The layers have another size.
 
     Source:
         Thesis 001, 4.2.1 (``corners``) and 4.2.2 (``edges``).
     """
     image, defocus, aperture = check_baseline("image_rays", "any", image, defocus, aperture)
     if layers is None:
-        whole = np.ones((*defocus.shape, 1), np.float32)
-        layers = Layers(colors=image[:, :, None], defocus=defocus[..., None], coverage=whole)
+        full_coverage = np.ones((*defocus.shape, 1), np.float32)
+        layers = Layers(colors=image[:, :, None], defocus=defocus[..., None], coverage=full_coverage)
     check_same_size("image", image, "layers", layers.defocus)
     return trace_height_fields(layers, aperture, samples=samples, walk=walk)[0]

@@ -1,15 +1,15 @@
-"""Accumulated views of meshes, made cheaper where blur hides it: thesis 002, 3.1 to 3.4.
+"""Accumulated views of meshes at a cost adapted to the blur: thesis 002, 3.1 to 3.4.
 
 Every view is a pinhole picture from a point of the pupil, drawn by a rasteriser with a depth buffer. Three
-ways to save: objects whose blur is wide are drawn by fewer triangles; views in which an object falls on the
-same pixels share its picture; and each view is blurred by what lies between it and its neighbours
+optimizations: objects with wide blur are drawn with fewer triangles; views in which an object falls on the
+same pixels share its picture; and each view is blurred by the views between it and its neighbours
 (:mod:`bokehnet.baselines.rays.subsample_blur`).
 
-Faults: an object is at one level of detail, whatever of it is blurred; pictures that views share are moved by
-whole pixels, so that what is sharp is not antialiased.
+Faults: an object has a single level of detail, even if its blur varies; shared pictures are shifted by whole
+    pixels, so sharp regions are not antialiased.
 
 Source: Jeong et al., "Real-time defocus rendering with level of detail and sub-sample blur", Computer
-Graphics Forum 2013, as thesis 002 tells it, eqs. 3.3 and 3.4; Haeberli and Akeley, SIGGRAPH 1990.
+Graphics Forum 2013, after thesis 002, eqs. 3.3 and 3.4; Haeberli and Akeley, SIGGRAPH 1990.
 """
 
 import math
@@ -29,14 +29,14 @@ __all__ = ["MeshObject", "Picture", "Views", "draw", "level_of_detail", "render_
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshObject:
-    """An object at several levels of detail.
+    """Object at several levels of detail.
 
     Attributes:
-        levels: Corners (V, 3), mm, in front of the lens; their colours (V, 3), scene-linear; and triangles
-            (F, 3), from the finest level to the coarsest, each with half as many triangles.
+        levels: For each level, from the finest to the coarsest with half as many triangles each: vertices (V,
+            3), mm, in front of the lens; their colours (V, 3), scene-linear; and triangles (F, 3).
 
     Raises:
-        ParameterError: There is no level, or one without triangles.
+        ParameterError: There is no level, or a level without triangles.
     """
 
     levels: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
@@ -47,14 +47,14 @@ class MeshObject:
 
     @property
     def depths(self) -> tuple[float, float]:
-        """Least and largest depth, mm."""
+        """Minimum and maximum depth, mm."""
         z = self.levels[0][0][:, 2]
         return float(z.min()), float(z.max())
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A sensor: width and height in pixels, and the distance between them, mm."""
+    """Sensor: width and height in pixels, and pixel pitch, mm."""
 
     width: int
     height: int
@@ -63,20 +63,20 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class Views:
-    """What :func:`render_views` made: the mean picture (H, W, 3), and how many triangles were drawn."""
+    """Result of :func:`render_views`: the mean picture (H, W, 3), and the number of drawn triangles."""
 
     bokeh: np.ndarray
     triangles: int
 
 
 def level_of_detail(blur_area: float, sphere_area: float, triangles: int, factor: float = 2.0) -> float:
-    """Level of an object as a real number: ``max(log_s(C / A), 0)`` with ``A = A_b / (N_t / 2)``.
+    """Return the level of an object as a real number: ``max(log_s(C / A), 0)`` with ``A = A_b / (N_t / 2)``.
 
     Args:
-        blur_area: Of its smallest disc of confusion, pixels^2.
-        sphere_area: Of its bounding sphere in the picture, pixels^2.
-        triangles: Of its finest level.
-        factor: By which a level has fewer triangles than the one before.
+        blur_area: Area of its smallest disc of confusion, pixels^2.
+        sphere_area: Area of its bounding sphere in the picture, pixels^2.
+        triangles: Number of triangles of its finest level.
+        factor: Ratio of the number of triangles of consecutive levels.
     """
     size = sphere_area / (0.5 * triangles)
     return max(math.log(max(blur_area, 1e-12) / size, factor), 0.0)
@@ -87,30 +87,30 @@ def draw(corners, colors, faces, scale, shift_x, shift_y, lens_x, lens_y, light,
     """Draw triangles into ``light`` (H, W, 3) and the buffer ``inverse`` (H, W) of inverse depth, 1/mm.
 
     Args:
-        corners: mm, (V, 3); behind the lens's plane nothing is drawn.
-        colors: (V, 3).
-        faces: (F, 3).
+        corners: Vertices, mm, (V, 3); triangles behind the lens plane are skipped.
+        colors: Colours, (V, 3).
+        faces: Triangles, (F, 3).
         scale: Pixels per unit of slope.
-        shift_x: Pixels by which the view is moved so that the plane of focus stays in place.
-        shift_y: The same, down.
-        lens_x: Point of the pupil, mm.
-        lens_y: The same, down.
-        light: Scene-linear.
-        inverse: Larger is nearer.
+        shift_x: Shift of the view to the right that keeps the plane of focus in place, pixels.
+        shift_y: Shift downwards, pixels.
+        lens_x: Pupil point, to the right, mm.
+        lens_y: Pupil point, downwards, mm.
+        light: Scene-linear picture.
+        inverse: Inverse depth; larger is nearer.
     """
     height, width = inverse.shape
-    place = np.empty((len(corners), 3))
+    projected = np.empty((len(corners), 3))
     for v in range(len(corners)):
         z = corners[v, 2]
-        place[v, 0] = (corners[v, 0] - lens_x) / z * scale + shift_x
-        place[v, 1] = (corners[v, 1] - lens_y) / z * scale + shift_y
-        place[v, 2] = 1.0 / z
+        projected[v, 0] = (corners[v, 0] - lens_x) / z * scale + shift_x
+        projected[v, 1] = (corners[v, 1] - lens_y) / z * scale + shift_y
+        projected[v, 2] = 1.0 / z
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        if place[a, 2] <= 0.0 or place[b, 2] <= 0.0 or place[c, 2] <= 0.0:
+        if projected[a, 2] <= 0.0 or projected[b, 2] <= 0.0 or projected[c, 2] <= 0.0:
             continue
-        x0, y0, x1, y1 = place[a, 0], place[a, 1], place[b, 0], place[b, 1]
-        x2, y2 = place[c, 0], place[c, 1]
+        x0, y0, x1, y1 = projected[a, 0], projected[a, 1], projected[b, 0], projected[b, 1]
+        x2, y2 = projected[c, 0], projected[c, 1]
         area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
         if area == 0.0:
             continue
@@ -126,16 +126,16 @@ def draw(corners, colors, faces, scale, shift_x, shift_y, lens_x, lens_y, light,
                 w = 1.0 - u - v
                 if u < 0.0 or v < 0.0 or w < 0.0:
                     continue
-                near = u * place[a, 2] + v * place[b, 2] + w * place[c, 2]
+                near = u * projected[a, 2] + v * projected[b, 2] + w * projected[c, 2]
                 if near <= inverse[j, i]:
                     continue
                 inverse[j, i] = near
                 for k in range(3):
-                    total = u * place[a, 2] * colors[a, k] + v * place[b, 2] * colors[b, k]
-                    light[j, i, k] = (total + w * place[c, 2] * colors[c, k]) / near
+                    total = u * projected[a, 2] * colors[a, k] + v * projected[b, 2] * colors[b, k]
+                    light[j, i, k] = (total + w * projected[c, 2] * colors[c, k]) / near
 
 
-# Colours (H, W, 3) and inverse depth (H, W), 1/mm, of a view; gives it blurred.
+# Function of colours (H, W, 3) and inverse depth (H, W), 1/mm, of a view; returns the blurred view.
 Blur = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -150,21 +150,21 @@ def render_views(
     reuse: bool = False,
     blur: Blur | None = None,
 ) -> Views:
-    """Return the mean of ``views`` pinhole pictures; black where there is nothing.
+    """Return the mean of ``views`` pinhole pictures on a black background.
 
     Args:
-        objects: What is there.
-        lens: Focused.
+        objects: Objects of the scene.
+        lens: Focused lens.
         picture: Sensor.
-        views: How many points of the pupil, from 1 up.
-        levels: Draw objects by as many triangles as their blur asks for; of a level between two, so large a
-            share of the views is drawn by the coarser one.
-        finer: By how many levels finer than the formula says, as colours of a size below the blur still show.
+        views: Number of pupil points, at least 1.
+        levels: Select the level of detail of an object by its blur; for a fractional level, that fraction of
+            the views uses the coarser level.
+        finer: Number of levels finer than the formula, as colours below the size of the blur remain visible.
         reuse: Draw an object once for all views in which it falls on the same whole pixels.
-        blur: Blurs each view.
+        blur: Function that blurs each view.
 
     Raises:
-        ParameterError: Less than one view.
+        ParameterError: ``views`` is below 1.
     """
     check_whole("views", views, 1)
     points = disc_from_square(np.stack([halton(views, 2), halton(views, 7)], -1))
@@ -172,14 +172,14 @@ def render_views(
     size = (picture.height, picture.width)
     light, inverse = np.zeros((views, *size, 3), np.float32), np.zeros((views, *size), np.float32)
     drawn = 0
-    for thing in objects:
-        level = max(_level(thing, lens, picture, scale) - finer, 0.0) if levels else 0.0
-        for chosen, group in _groups(thing, lens, picture, points, level, reuse):
-            corners, colors, faces = thing.levels[chosen]
+    for mesh_object in objects:
+        level = max(_level(mesh_object, lens, picture, scale) - finer, 0.0) if levels else 0.0
+        for detail_level, group in _groups(mesh_object, lens, picture, points, level, reuse):
+            corners, colors, faces = mesh_object.levels[detail_level]
             parent = group[0]
             drawn += len(faces)
-            own = [np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)]
-            target = own if len(group) > 1 else [light[parent], inverse[parent]]
+            shared = [np.zeros((*size, 3), np.float32), np.zeros(size, np.float32)]
+            target = shared if len(group) > 1 else [light[parent], inverse[parent]]
             x, y = points[parent] * lens.pupil_radius
             middle = (
                 picture.width / 2 + x / lens.focus_distance * scale,
@@ -187,43 +187,43 @@ def render_views(
             )
             draw(corners, colors, faces, scale, *middle, x, y, *target)
             if len(group) > 1:
-                rows, columns = np.nonzero(own[1])
+                rows, columns = np.nonzero(shared[1])
                 for view in group if len(rows) else ():
-                    before = own[1][rows, columns] > inverse[view, rows, columns]
-                    here = (view, rows[before], columns[before])
-                    inverse[here], light[here] = own[1][here[1:]], own[0][here[1:]]
+                    nearer = shared[1][rows, columns] > inverse[view, rows, columns]
+                    pixels = (view, rows[nearer], columns[nearer])
+                    inverse[pixels], light[pixels] = shared[1][pixels[1:]], shared[0][pixels[1:]]
     mean = np.zeros((*size, 3))
     for view in range(views):
         mean += light[view] if blur is None else blur(light[view], inverse[view])
     return Views(bokeh=(mean / views).astype(np.float32), triangles=drawn)
 
 
-def _level(thing: MeshObject, lens: ThinLens, picture: Picture, scale: float) -> float:
-    """Level of an object by the formula, at most its coarsest."""
-    corners = thing.levels[0][0]
+def _level(mesh_object: MeshObject, lens: ThinLens, picture: Picture, scale: float) -> float:
+    """Return the level of an object by the formula, at most its coarsest."""
+    corners = mesh_object.levels[0][0]
     low, high = corners.min(0), corners.max(0)
     radius = float(np.linalg.norm(high - low)) / 2 / float((low[2] + high[2]) / 2) * scale
-    radii = [float(lens.coc_radius(1 / z)) / picture.pixel_pitch for z in thing.depths]
-    least = 0.0 if radii[0] * radii[1] <= 0 else min(abs(one) for one in radii)
-    level = level_of_detail(math.pi * least**2, math.pi * radius**2, len(thing.levels[0][2]))
-    return min(level, len(thing.levels) - 1.0)
+    radii = [float(lens.coc_radius(1 / z)) / picture.pixel_pitch for z in mesh_object.depths]
+    min_radius = 0.0 if radii[0] * radii[1] <= 0 else min(abs(radius_of_end) for radius_of_end in radii)
+    level = level_of_detail(math.pi * min_radius**2, math.pi * radius**2, len(mesh_object.levels[0][2]))
+    return min(level, len(mesh_object.levels) - 1.0)
 
 
 def _groups(
-    thing: MeshObject, lens: ThinLens, picture: Picture, points: np.ndarray, level: float, reuse: bool
+    mesh_object: MeshObject, lens: ThinLens, picture: Picture, points: np.ndarray, level: float, reuse: bool
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Levels, and the views that one drawing of an object at it serves, the first of them its own."""
+    """Yield levels and the views that share one drawing of an object; the first view is the drawn one."""
     views = np.arange(len(points))
     fine = int(level)
-    share = round((level - fine) * len(points))
-    parts = [(fine, views[: len(points) - share]), (fine + 1, views[len(points) - share :])]
-    reach = max(abs(float(lens.coc_radius(1 / z))) for z in thing.depths) / picture.pixel_pitch
-    for chosen, members in parts:
+    coarse_count = round((level - fine) * len(points))
+    parts = [(fine, views[: len(points) - coarse_count]), (fine + 1, views[len(points) - coarse_count :])]
+    reach = max(abs(float(lens.coc_radius(1 / z))) for z in mesh_object.depths) / picture.pixel_pitch
+    for detail_level, members in parts:
         if not reuse:
-            yield from ((chosen, members[i : i + 1]) for i in range(len(members)))
+            yield from ((detail_level, members[i : i + 1]) for i in range(len(members)))
             continue
         bins = np.round(reach * points[members]).astype(np.int64)
         off = np.abs(reach * points[members] - bins).max(axis=1)
-        for place in np.unique(bins, axis=0):
-            inside = np.flatnonzero((bins == place).all(axis=1))
-            yield chosen, members[inside[np.argsort(off[inside], kind="stable")]]
+        for bin_index in np.unique(bins, axis=0):
+            inside = np.flatnonzero((bins == bin_index).all(axis=1))
+            yield detail_level, members[inside[np.argsort(off[inside], kind="stable")]]

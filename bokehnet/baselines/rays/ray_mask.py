@@ -1,12 +1,12 @@
-"""Where a hybrid of rasteriser and rays sends its rays: the published edge mask, and one of ours.
+"""Ray masks of a hybrid of rasteriser and rays: the published edge mask, and a new one.
 
-Source: Tan et al., "A hybrid system for real-time rendering of depth of field effect in games", 2022, as
-thesis 000 gives it, 5.0.2 and 5.1.2 (eqs. 5.8 to 5.10), and what it leaves for later, 6.0.1.
+Source: Tan et al., "A hybrid system for real-time rendering of depth of field effect in games", 2022, after
+    thesis 000, 5.0.2 and 5.1.2 (eqs. 5.8 to 5.10), and its future work, 6.0.1.
 """
 
 import numpy as np
 
-from bokehnet.baselines.gather.scatter_as_you_gather import TILE, tile_ways
+from bokehnet.baselines.gather.scatter_as_you_gather import TILE, tile_strategies
 from bokehnet.baselines.gather.tiles import dilated_tiles
 from bokehnet.checks import check_choice, check_same_size
 from bokehnet.classical.error_map import geometric_error_map
@@ -16,16 +16,16 @@ __all__ = ["MASKS", "gaussian", "in_mixed_tiles", "normals_of_depth", "ray_mask"
 
 MASKS = ("sobel", "sobel-depth", "reach")
 
-# Five-tap Sobel: smoothing and derivative, the latter of a ramp of one per pixel 1.
+# Five-tap Sobel: smoothing and derivative; the derivative of a unit ramp is 1.
 _SMOOTH = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 _SLOPE = np.array([-1.0, -2.0, 0.0, 2.0, 1.0]) / 8.0
 
-# Gaussian blur before it, against noise, pixels.
-_NOISE = 0.7
+# Sigma of the Gaussian against noise before it, pixels.
+_DENOISING_SIGMA_PX = 0.7
 
 
 def _along(values: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
-    """Weighted sums of neighbours along an axis, the border's values beyond it."""
+    """Return weighted sums of neighbours along an axis, border repeated."""
     reach = len(kernel) // 2
     padding = [(reach, reach) if a == axis else (0, 0) for a in range(values.ndim)]
     windows = np.lib.stride_tricks.sliding_window_view(
@@ -36,7 +36,7 @@ def _along(values: np.ndarray, kernel: np.ndarray, axis: int) -> np.ndarray:
 
 
 def gaussian(values: np.ndarray, sigma: float) -> np.ndarray:
-    """A map (H, W) or (H, W, C) blurred along rows and columns, the border's values beyond it."""
+    """Return a map (H, W) or (H, W, C) blurred along rows and columns, border repeated."""
     reach = int(4 * sigma + 0.5)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     kernel /= kernel.sum()
@@ -44,7 +44,7 @@ def gaussian(values: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def sobel_magnitude(values: np.ndarray) -> np.ndarray:
-    """Length of the gradient of a map (H, W) or (H, W, C), over all channels, per pixel, (H, W).
+    """Return the gradient magnitude of a map (H, W) or (H, W, C) over all channels, per pixel, (H, W).
 
     Source:
         Sobel and Feldman, 1968, at 5 x 5.
@@ -58,33 +58,33 @@ def sobel_magnitude(values: np.ndarray) -> np.ndarray:
 
 
 def normals_of_depth(depth: np.ndarray, slope_per_pixel: float) -> np.ndarray:
-    """Normals towards the camera from the depth of the pixels, (H, W, 3), of length 1.
+    """Return unit normals towards the camera from the depth of the pixels, (H, W, 3).
 
     Args:
-        depth: Along the axis, (H, W), finite.
-        slope_per_pixel: Slope of a pixel's ray more than its neighbour's.
+        depth: Depth along the axis, (H, W), finite.
+        slope_per_pixel: Difference of the slopes of neighbouring pixels' rays.
     """
     height, width = depth.shape
     x = (np.arange(width) - 0.5 * (width - 1)) * slope_per_pixel
     y = (np.arange(height) - 0.5 * (height - 1)) * slope_per_pixel
-    place = np.stack([x[None] * depth, y[:, None] * depth, depth], -1)
-    normal = np.cross(np.gradient(place, axis=0), np.gradient(place, axis=1))
+    position = np.stack([x[None] * depth, y[:, None] * depth, depth], -1)
+    normal = np.cross(np.gradient(position, axis=0), np.gradient(position, axis=1))
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-30)
-    return np.where((normal * place).sum(-1, keepdims=True) > 0, -normal, normal)
+    return np.where((normal * position).sum(-1, keepdims=True) > 0, -normal, normal)
 
 
 def in_mixed_tiles(defocus: np.ndarray) -> np.ndarray:
-    """Pixels of tiles that hold several depths, (H, W) bool.
+    """Return the mask of pixels of tiles with several depths, (H, W) bool.
 
-    Where a tile and those whose blur reaches it have one depth, within a tenth of the blur, nothing hides
-    anything, and where nothing is blurred rays bring nothing: there the post-process will do.
+    Where a tile and the tiles whose blur reaches it have one depth, within a tenth of the blur, nothing is
+    occluded; where nothing is blurred, rays gain nothing: there the post-process suffices.
 
     Args:
         defocus: Signed blur radius in pixels, (H, W).
     """
     half = np.asarray(defocus) / 2
     nearest, largest = dilated_tiles(half, TILE)
-    mixed = tile_ways(nearest, -dilated_tiles(-half, TILE)[0], largest) > 0
+    mixed = tile_strategies(nearest, -dilated_tiles(-half, TILE)[0], largest) > 0
     height, width = half.shape
     return np.asarray(np.repeat(np.repeat(mixed, TILE, 0), TILE, 1)[:height, :width])
 
@@ -92,35 +92,35 @@ def in_mixed_tiles(defocus: np.ndarray) -> np.ndarray:
 def ray_mask(
     kind: str | np.ndarray, normals: np.ndarray, depth: np.ndarray, defocus: np.ndarray, scale: float = 1.0
 ) -> np.ndarray:
-    """Share of the most rays of a pixel that it asks for, (H, W), 0 to 1.
+    """Return the fraction of the maximum number of rays for each pixel, (H, W), 0 to 1.
 
-    ``sobel`` is ``1 - 1 / (x + 1)`` with x the gradient of the normals times ``scale``. Two cards one before
-    the other have the same normals, so it is blind to the edge between them; and it is five pixels wide,
-    however wide the blur. ``sobel-depth`` adds the gradient of the depth, in units of the depth in the
-    picture's middle: it grows with the square of the distance, so that far floors are all edge, for which the
-    thesis dropped it. ``reach``, ours, takes all that the blur of a depth discontinuity reaches, and nothing
-    else: there only can the post-process be wrong about what hides what.
+    ``sobel`` is ``1 - 1 / (x + 1)`` with x the gradient of the normals times ``scale``. Two parallel cards
+    have the same normals, so it misses the edge between them; and it is five pixels wide for any blur.
+    ``sobel-depth`` adds the gradient of the depth, in units of the median depth: it grows with the square of
+    the distance, so that distant floors are all edge, for which reason the thesis dropped it. ``reach``,
+    which is new here, covers exactly the reach of the blur of depth discontinuities, the only place where the
+    post-process can be wrong about occlusion.
 
     Args:
-        kind: One of ``MASKS``, or shares of one's own, (H, W), as an expected error gives them.
-        normals: Of length 1, (H, W, 3).
-        depth: (H, W).
+        kind: One of ``MASKS``, or a map of fractions, (H, W), for example from an expected error.
+        normals: Unit normals, (H, W, 3).
+        depth: Depth, (H, W).
         defocus: Signed blur radius in pixels, (H, W).
-        scale: The published s.
+        scale: Parameter s of the publication.
 
     Raises:
-        ParameterError: Another kind, or shares outside 0 to 1.
-        ShapeError: Shares of another size.
+        ParameterError: The kind is unknown, or a fraction is outside 0 to 1.
+        ShapeError: The map has another size.
     """
     if isinstance(kind, np.ndarray):
         check_same_size("defocus", defocus, "mask", kind)
         if not ((kind >= 0) & (kind <= 1)).all():
-            raise ParameterError("mask", "shares from 0 to 1", shown=f"{kind.min():g} to {kind.max():g}")
+            raise ParameterError("mask", "fractions from 0 to 1", shown=f"{kind.min():g} to {kind.max():g}")
         return np.asarray(kind, np.float64)
     check_choice("mask", kind, MASKS)
     if kind == "reach":
         return np.asarray(geometric_error_map(defocus) > 0, np.float64)
-    change = sobel_magnitude(gaussian(normals, _NOISE))
+    change = sobel_magnitude(gaussian(normals, _DENOISING_SIGMA_PX))
     if kind == "sobel-depth":
-        change = change + sobel_magnitude(gaussian(depth, _NOISE)) / np.median(depth)
+        change = change + sobel_magnitude(gaussian(depth, _DENOISING_SIGMA_PX)) / np.median(depth)
     return np.asarray(1.0 - 1.0 / (1.0 + scale * change))

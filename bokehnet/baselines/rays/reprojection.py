@@ -1,11 +1,11 @@
-"""What rays of the last frame brought, where its surfaces are now.
+"""Reprojection of the ray sums of the last frame.
 
-Each pixel takes over the sums of the pixel that its surface was at, if that showed the same depth; sums count
-for no more than so many rays, so that what changes is forgotten.
+Each pixel inherits the sums of the pixel where its surface was, if the depth agrees; the weight of the sums
+is limited to a number of rays, so that outdated light fades.
 
-Faults: a pixel inside a wide blur shows more surfaces than its own, and they move in other ways.
+Faults: a pixel inside a wide blur shows several surfaces with different motion.
 
-Source: Tan et al., 2022, as thesis 000 gives it, 5.0; Schied et al., "Spatiotemporal variance-guided
+Source: Tan et al., 2022, after thesis 000, 5.0; Schied et al., "Spatiotemporal variance-guided
 filtering", High-Performance Graphics 2017, for the test of depth.
 """
 
@@ -18,8 +18,8 @@ from bokehnet.errors import ShapeError
 
 __all__ = ["History"]
 
-# Depths that differ by less than this share are one surface; rays that a sum counts for at most.
-_SAME_DEPTH, _MOST_RAYS = 0.1, 64.0
+# Maximum relative depth difference of one surface; maximum number of rays that a sum counts for.
+_MAX_DEPTH_DIFFERENCE, _MAX_HISTORY_RAYS = 0.1, 64.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,11 +27,11 @@ class History:
     """Sums over the rays of each pixel of a frame.
 
     Attributes:
-        light: Of the near and the far field, (2, H * W, 3).
-        count: Rays of both, (2, H * W).
-        first: Of the luminance, (H * W,).
-        second: Of its square, (H * W,).
-        depth: Of the frame's pixels, mm, (H, W).
+        light: Light of near and far field, (2, H * W, 3).
+        count: Rays of near and far field, (2, H * W).
+        first: Sum of the luminance, (H * W,).
+        second: Sum of the squared luminance, (H * W,).
+        depth: Depth of the frame's pixels, mm, (H, W).
     """
 
     light: np.ndarray
@@ -41,14 +41,15 @@ class History:
     depth: np.ndarray
 
     def moved(self, motion: np.ndarray, depth: np.ndarray) -> "History":
-        """The same for the next frame.
+        """Return the history for the next frame.
 
         Args:
-            motion: Where each pixel's surface was, from where it is, pixels (right, down), (H, W, 2).
-            depth: Of the next frame's pixels, as those surfaces had it before, mm, (H, W).
+            motion: Offset from each pixel to the previous position of its surface, pixels (right, down), (H,
+                W, 2).
+            depth: Previous depth of the surfaces in the next frame's pixels, mm, (H, W).
 
         Raises:
-            ShapeError: Sizes that differ.
+            ShapeError: The sizes differ.
         """
         check_same_size("history", self.depth, "depth", depth)
         if motion.shape != (*depth.shape, 2):
@@ -58,15 +59,17 @@ class History:
         before_x = np.round(x + motion[..., 0]).astype(np.int64)
         before_y = np.round(y + motion[..., 1]).astype(np.int64)
         inside = (before_x >= 0) & (before_x < width) & (before_y >= 0) & (before_y < height)
-        place = np.clip(before_y, 0, height - 1) * width + np.clip(before_x, 0, width - 1)
-        same = np.abs(self.depth.ravel()[place] - depth) <= _SAME_DEPTH * depth
-        kept = place.ravel()
-        rays = self.count[:, kept].sum(0)
-        share = np.where((inside & same).ravel(), np.minimum(1.0, _MOST_RAYS / np.maximum(rays, 1.0)), 0.0)
+        source = np.clip(before_y, 0, height - 1) * width + np.clip(before_x, 0, width - 1)
+        consistent = np.abs(self.depth.ravel()[source] - depth) <= _MAX_DEPTH_DIFFERENCE * depth
+        sources = source.ravel()
+        rays = self.count[:, sources].sum(0)
+        weight = np.where(
+            (inside & consistent).ravel(), np.minimum(1.0, _MAX_HISTORY_RAYS / np.maximum(rays, 1.0)), 0.0
+        )
         return History(
-            light=self.light[:, kept] * share[:, None],
-            count=self.count[:, kept] * share,
-            first=self.first[kept] * share,
-            second=self.second[kept] * share,
+            light=self.light[:, sources] * weight[:, None],
+            count=self.count[:, sources] * weight,
+            first=self.first[sources] * weight,
+            second=self.second[sources] * weight,
             depth=depth,
         )

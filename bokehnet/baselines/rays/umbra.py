@@ -1,14 +1,14 @@
-"""Which surfaces of layers no ray of the lens reaches: umbra culling.
+"""Umbra culling: removal of layer surfaces that no ray of the lens reaches.
 
-In the picture a ray of the pupil point a goes from a surface of defocus d at q to ``q + (d - e) a`` at the
-defocus e. So all rays from the middle of a pixel pass the square of an opaque one before it if that is nearer
-by no more than half a pixel of defocus: depth peeling may take as the next surface one that lies behind by
-more than that offset. The extended umbra takes the surface before as one without gaps between neighbouring
-pixels: what it covers as far as any ray goes from there is out of reach. That is wrong where a ray slips
-through the gap between a foreground's edge and what stands behind it.
+In the picture, a ray of the pupil point a passes from a surface of defocus d at q to ``q + (d - e) a`` at the
+defocus e. All rays from the centre of a pixel therefore pass the square of an opaque surface in front of it
+if that is nearer by at most half a pixel of defocus: depth peeling can skip to the next surface behind that
+offset. The extended umbra treats the surface in front as continuous across neighbouring pixels: a surface is
+out of reach if it is covered as far as any of its rays extends. This is wrong where a ray slips through the
+gap between a foreground's edge and the surface behind it.
 
 Source: thesis 001, 3.2.2, after Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control",
-SIGGRAPH 2010. The thesis names the idea and leaves it out; the conditions here are ours.
+SIGGRAPH 2010. The thesis mentions the idea but omits it; the conditions are derived here.
 """
 
 import math
@@ -23,48 +23,50 @@ from bokehnet.kernels import njit
 
 __all__ = ["cull_umbra"]
 
-# Coverage from which a surface casts a shadow; half the side of a pixel.
-_OPAQUE, _HALF = 0.5, 0.5
+# Minimum coverage of an occluder; half the side of a pixel.
+_MIN_COVERAGE, _HALF_PIXEL = 0.5, 0.5
 
-# How often the way of the rays is bounded again, by the surfaces within the last bound.
-_ROUNDS = 3
+# Iterations of the bounds on the reach of the rays.
+_BOUND_ITERATIONS = 3
 
 
 def cull_umbra(layers: Layers, *, extended: bool = False) -> Layers:
-    """Return the layers without those surfaces that lie in the shadow of others; their coverage is 0.
+    """Return the layers with coverage 0 for surfaces in the umbra of others.
 
     Args:
-        layers: Front to back. Of a disc of a pupil, or of any opening within it.
-        extended: Join the pixels of the surface before, so that it casts one shadow.
+        layers: Layers, front to back, for a disc-shaped pupil or any aperture within it.
+        extended: Join the pixels of the surface in front to one occluder.
     """
-    kept = layers.coverage > 0
-    before = np.full(kept.shape[:2], -np.inf)
-    for layer in range(kept.shape[2]):
+    visible = layers.coverage > 0
+    nearest_opaque = np.full(visible.shape[:2], -np.inf)
+    for layer in range(visible.shape[2]):
         defocus = layers.defocus[:, :, layer].astype(np.float64)
-        dark = before - defocus <= _HALF
-        dark &= before > -np.inf
+        umbra = nearest_opaque - defocus <= _HALF_PIXEL
+        umbra &= nearest_opaque > -np.inf
         if extended and layer:
-            low, high = n_buffers(before)
-            shadow = np.zeros(before.shape, np.bool_)
+            low, high = n_buffers(nearest_opaque)
+            shadow = np.zeros(nearest_opaque.shape, np.bool_)
             with parallel_region:
                 _shadow(low, high, defocus, shadow)
-            dark |= shadow
-        kept[:, :, layer] &= ~dark
-        opaque = kept[:, :, layer] & (layers.coverage[:, :, layer] >= _OPAQUE)
-        before = np.where(opaque, defocus, before)
-    return Layers(colors=layers.colors, defocus=layers.defocus, coverage=np.where(kept, layers.coverage, 0))
+            umbra |= shadow
+        visible[:, :, layer] &= ~umbra
+        opaque = visible[:, :, layer] & (layers.coverage[:, :, layer] >= _MIN_COVERAGE)
+        nearest_opaque = np.where(opaque, defocus, nearest_opaque)
+    return Layers(
+        colors=layers.colors, defocus=layers.defocus, coverage=np.where(visible, layers.coverage, 0)
+    )
 
 
 @njit(cache=True, parallel=True)
 def _shadow(low, high, defocus, shadow):  # type: ignore[no-untyped-def]
-    """Mark what is covered by nearer surfaces as far as its rays go in front of the farthest of them."""
+    """Mark pixels that nearer surfaces cover within the reach of all their rays."""
     height, width = defocus.shape
     for y in prange(height):
         for x in range(width):
-            own, most = defocus[y, x], high[-1, 0, 0]
-            if not low[0, y, x] > own:
+            center_defocus, farthest = defocus[y, x], high[-1, 0, 0]
+            if not low[0, y, x] > center_defocus:
                 continue
-            least = -np.inf
-            for _ in range(_ROUNDS):
-                least, most = radius_bounds(low, high, y, x, int(math.ceil(most - own)))
-            shadow[y, x] = least > own
+            nearest = -np.inf
+            for _ in range(_BOUND_ITERATIONS):
+                nearest, farthest = radius_bounds(low, high, y, x, int(math.ceil(farthest - center_defocus)))
+            shadow[y, x] = nearest > center_defocus

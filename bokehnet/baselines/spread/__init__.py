@@ -1,1 +1,1 @@
-"""Spreading methods of the literature: each pixel writes its point-spread function."""
+"""Spreading methods of the literature: each pixel writes its point spread function."""

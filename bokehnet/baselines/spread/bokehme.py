@@ -1,4 +1,4 @@
-"""BokehMe's scatter as published: soft discs weighed by their area, whatever stands before what.
+"""BokehMe's scatter as published: soft discs weighted by their area, without occlusion.
 
 Faults: foreground and background mix without order; discs grow by half a pixel; lights behind a sharp edge
 shine through it.
@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from bokehnet.baselines.openings import check_baseline
+from bokehnet.baselines.apertures import check_baseline
 from bokehnet.baselines.spread.psf_spreading import normalised
 from bokehnet.checks import check_range
 from bokehnet.kernels import njit
@@ -41,9 +41,9 @@ def bokehme_scatter(
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W).
-        aperture: A plain disc or None.
-        gamma: Power of scene-linear light in which it is mixed, 0.2 to 5; the paper's own, of encoded light,
-            is 2.2 times as large.
+        aperture: Plain disc or None.
+        gamma: Exponent of scene-linear light for blending, 0.2 to 5; that of the paper, for encoded light, is
+            2.2 times as large.
 
     Returns:
         Picture (H, W, 3), float32.

@@ -1,18 +1,18 @@
-"""Every pixel spreads the point spread function of a lens at its place and its blur, clipped by the barrel.
+"""Spreading with the point spread functions of a lens at each field position and blur, clipped by the barrel.
 
-The tables are images of points at a few places of the picture and at a ladder of defocus, as the rays of the
-lens draw them (:mod:`bokehnet.classical.highlights.aberrated_psf`); a pixel mixes those of the four places
-around it and of the two rungs beside it.
+The tables are ray-traced images of points at a grid of positions in the picture and at a ladder of defocus
+(:mod:`bokehnet.classical.highlights.aberrated_psf`); a pixel interpolates those of the four nearest positions
+and the two nearest defocus steps.
 
-Faults: foreground and background mix without order; slow, as no sum is shared; between the places of two
-tables a disc is the mixture of both.
+Faults: foreground and background mix without order; slow, as pixels share no sums; between the positions of
+    two tables a disc is the mixture of both.
 
-Source: thesis 001, 3.3.2, "PSFs of lenses": spreading with tables of a lens of prescription.
+Source: thesis 001, 3.3.2, "PSFs of lenses": spreading with tables of a prescription lens.
 """
 
 import numpy as np
 
-from bokehnet.baselines.openings import check_baseline
+from bokehnet.baselines.apertures import check_baseline
 from bokehnet.baselines.spread.psf_spreading import normalised
 from bokehnet.classical.base import Place
 from bokehnet.classical.highlights.aberrated_psf import AberratedPsf
@@ -24,11 +24,12 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["lens_spreading"]
 
-# Places of tables along the longer side; steps of the ladder in pixels and in parts of the radius.
-_PLACES, _STEP, _RATIO = 13, 0.5, 0.06
+# Number of positions along the longer side; minimum step of the ladder in pixels, and as a fraction of the
+# radius.
+_NUM_POSITIONS, _MIN_STEP_PX, _RELATIVE_STEP = 13, 0.5, 0.06
 
-# Largest blur radius, pixels: beyond it the tables take gigabytes.
-_LARGEST = 64.0
+# Maximum blur radius, pixels: larger tables need gigabytes.
+_MAX_RADIUS_PX = 64.0
 
 
 def lens_spreading(
@@ -38,38 +39,38 @@ def lens_spreading(
     *,
     lens_response: LensResponse | None = None,
 ) -> np.ndarray:
-    """Spread all pixels, not lights alone, as a lens does.
+    """Spread all pixels, not only lights, with the point spread functions of a lens.
 
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Any without a cat's-eye; default a disc.
-        lens_response: Aberrations, barrel and colours; default: a perfect lens.
+        aperture: Any aperture without a cat's-eye; default: disc.
+        lens_response: Aberrations, barrel and colours; default: an ideal lens.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Raises:
-        ParameterError: Blur of more than 64 pixels.
+        ParameterError: The blur exceeds 64 pixels.
 
     Source:
         Thesis 001, 3.3.2.
     """
     image, defocus, aperture = check_baseline("lens_spreading", "any", image, defocus, aperture)
     largest = float(np.abs(defocus).max())
-    if largest > _LARGEST:
-        expected = f"blur radii of at most {_LARGEST:g} pixels, for which tables are made"
+    if largest > _MAX_RADIUS_PX:
+        expected = f"blur radii of at most {_MAX_RADIUS_PX:g} pixels, the maximum of its tables"
         raise ParameterError("defocus", expected, largest, "use the engine `rays`")
     height, width = defocus.shape
-    spacing = max(8.0, (max(height, width) - 1) / (_PLACES - 1))
+    spacing = max(8.0, (max(height, width) - 1) / (_NUM_POSITIONS - 1))
     columns, rows = (np.unique(np.arange(0, size - 1 + spacing, spacing).round()) for size in (width, height))
     lens_response = lens_response or LensResponse()
-    if lens_response.is_plain:  # the same everywhere
+    if lens_response.is_ideal:  # the same everywhere
         columns, rows = columns[:1], rows[:1]
     ladder = _ladder(float(defocus.min()), float(defocus.max()))
-    rung, row, column = (axis.ravel() for axis in np.meshgrid(ladder, rows, columns, indexing="ij"))
-    lights = np.ones((len(rung), 8))
-    lights[:, 0], lights[:, 1], lights[:, 2] = column, row, rung
+    defocus_step, row, column = (axis.ravel() for axis in np.meshgrid(ladder, rows, columns, indexing="ij"))
+    lights = np.ones((len(defocus_step), 8))
+    lights[:, 0], lights[:, 1], lights[:, 2] = column, row, defocus_step
     tables, starts, halves = _tables(aperture, lens_response, lights, (height, width))
     sums, weights = np.zeros((height, width, 3)), np.zeros((height, width, 3))
     _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums, weights)
@@ -77,19 +78,19 @@ def lens_spreading(
 
 
 def _ladder(low: float, high: float) -> np.ndarray:
-    """Rungs of defocus that enclose all from ``low`` to ``high``, 0 among them; at least two."""
+    """Return at least two steps of defocus that enclose ``low`` to ``high``, from a ladder through 0."""
     radii = [0.0]
     while radii[-1] <= max(-low, high):
-        radii.append(radii[-1] + max(_STEP, _RATIO * radii[-1]))
-    both = np.array([-r for r in radii[:0:-1]] + radii)
-    first, last = np.searchsorted(both, low, side="right") - 1, np.searchsorted(both, high)
-    return both[first : max(last, first + 1) + 1]
+        radii.append(radii[-1] + max(_MIN_STEP_PX, _RELATIVE_STEP * radii[-1]))
+    steps = np.array([-r for r in radii[:0:-1]] + radii)
+    first, last = np.searchsorted(steps, low, side="right") - 1, np.searchsorted(steps, high)
+    return steps[first : max(last, first + 1) + 1]
 
 
 def _tables(
     aperture: Aperture, lens_response: LensResponse, lights: np.ndarray, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Square images of points, (pixels, 3), each channel of sum 1; where each begins, and half its side."""
+    """Return square images of points, (pixels, 3), channels of sum 1; their starts, and half their sides."""
     psf = AberratedPsf(aperture, lens_response, lights, Place.whole(*shape).frame)
     halves = np.ceil(psf.margins.max(axis=1)).astype(np.int64) + 1
     middle = lights[:, :2].astype(np.int64)
@@ -119,8 +120,8 @@ def _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums,
             up = (defocus[y, x] - ladder[k]) / (ladder[k + 1] - ladder[k])
             for corner in range(8):
                 a, b, c = corner & 1, corner >> 1 & 1, corner >> 2
-                share = (right if a else 1.0 - right) * (down if b else 1.0 - down) * (up if c else 1.0 - up)
-                if share <= 0.0:
+                mix = (right if a else 1.0 - right) * (down if b else 1.0 - down) * (up if c else 1.0 - up)
+                if mix <= 0.0:
                     continue
                 table = ((k + c) * len(rows) + j + b) * len(columns) + i + a
                 half = halves[table]
@@ -128,6 +129,6 @@ def _spread(image, defocus, columns, rows, ladder, tables, starts, halves, sums,
                     line = starts[table] + (v - y + half) * (2 * half + 1) + half - x
                     for u in range(max(0, x - half), min(width, x + half + 1)):
                         for channel in range(3):
-                            weight = share * tables[line + u, channel]
+                            weight = mix * tables[line + u, channel]
                             weights[v, u, channel] += weight
                             sums[v, u, channel] += weight * image[y, x, channel]

@@ -1,6 +1,6 @@
-"""Kosloff's spreading: pixels write the differences of their blur, and sums over the picture make it whole.
+"""Kosloff's spreading: pixels write the differences of their blur, and cumulative sums integrate them.
 
-Rectangle: sixteen numbers a pixel, whatever its blur. Perimeter: the outline of any opening, row by row.
+Rectangle: sixteen numbers per pixel for any blur. Perimeter: the outline of any aperture, row by row.
 Hybrid: the second where contrast is high, the first elsewhere. Faults: foreground and background mix without
 order; a rectangle is a square.
 """
@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from bokehnet.baselines.openings import check_baseline, psf_image, radius_ladder, rungs
+from bokehnet.baselines.apertures import check_baseline, ladder_positions, psf_image, radius_ladder
 from bokehnet.baselines.spread.psf_spreading import normalised
 from bokehnet.checks import check_above, check_whole
 from bokehnet.kernels import njit
@@ -17,33 +17,33 @@ from bokehnet.optics.aperture import Aperture
 
 __all__ = ["hybrid_spreading", "local_contrast", "perimeter", "rectangle"]
 
-# Numbers of a pixel: light and weight.
+# Number of channels of a pixel: light and weight.
 _CHANNELS = 4
 
 
 @njit(cache=True)
-def _add_squares(image, defocus, chosen, sums):  # type: ignore[no-untyped-def]
-    """Write the second differences of a square of each pixel's disc's area, (H + 1, W + 1, 4).
+def _add_squares(image, defocus, mask, sums):  # type: ignore[no-untyped-def]
+    """Write the second differences of a square of the area of each pixel's disc, (H + 1, W + 1, 4).
 
-    A side of 2 h pixels around a pixel's middle differs at four places, two at each end, as its ends share
-    pixels. What lies beyond the picture is cut off.
+    A side of 2 h pixels around a pixel centre has differences at four positions, two at each end, as its ends
+    cover pixels partially. Parts outside the picture are clipped.
     """
     height, width, _ = image.shape
     at_row, at_column = np.empty(4, np.int64), np.empty(4, np.int64)
     by_row, by_column = np.empty(4), np.empty(4)
     for y in range(height):
         for x in range(width):
-            if not chosen[y, x]:
+            if not mask[y, x]:
                 continue
             half = max(0.5 * math.sqrt(math.pi) * abs(defocus[y, x]), 0.5)
-            whole = int(math.floor(half - 0.5))
-            rest = half - 0.5 - whole
+            full_pixels = int(math.floor(half - 0.5))
+            fraction = half - 0.5 - full_pixels
             for axis in range(2):
                 middle, end = (y, height) if axis == 0 else (x, width)
                 at, by = (at_row, by_row) if axis == 0 else (at_column, by_column)
-                at[0], at[1] = middle - whole - 1, middle - whole
-                at[2], at[3] = middle + whole + 1, middle + whole + 2
-                by[0], by[1], by[2], by[3] = rest, 1.0 - rest, rest - 1.0, -rest
+                at[0], at[1] = middle - full_pixels - 1, middle - full_pixels
+                at[2], at[3] = middle + full_pixels + 1, middle + full_pixels + 2
+                by[0], by[1], by[2], by[3] = fraction, 1.0 - fraction, fraction - 1.0, -fraction
                 for k in range(4):
                     at[k] = min(max(at[k], 0), end)
             light = 1.0 / (4.0 * half * half)
@@ -59,24 +59,24 @@ def _add_squares(image, defocus, chosen, sums):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _add_outlines(  # type: ignore[no-untyped-def]
-    image, low, upper, starts, down, across, change, chosen, sums
+    image, low, upper, starts, down, across, change, mask, sums
 ):
-    """Write the differences along rows of each pixel's image of the opening, (H, W + 1, 4)."""
+    """Write the differences along rows of each pixel's image of the aperture, (H, W + 1, 4)."""
     height, width, _ = image.shape
     for y in range(height):
         for x in range(width):
-            if low[y, x] < 0 or not chosen[y, x]:
+            if low[y, x] < 0 or not mask[y, x]:
                 continue
             for step in range(2):
-                share = upper[y, x] if step == 1 else 1.0 - upper[y, x]
-                if share <= 0.0:
+                mix = upper[y, x] if step == 1 else 1.0 - upper[y, x]
+                if mix <= 0.0:
                     continue
                 for k in range(starts[low[y, x] + step], starts[low[y, x] + step + 1]):
                     row = y + down[k]
                     if row < 0 or row >= height:
                         continue
                     column = min(max(x + across[k], 0), width)
-                    weight = share * change[k]
+                    weight = mix * change[k]
                     for c in range(3):
                         sums[row, column, c] += weight * image[y, x, c]
                     sums[row, column, 3] += weight
@@ -85,16 +85,16 @@ def _add_outlines(  # type: ignore[no-untyped-def]
 def _outlines(
     aperture: Aperture, radii: np.ndarray, side: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where images of the opening change along rows, one after the other; and where each begins."""
-    starts, found = [0], []
+    """Return the changes of aperture images along rows, concatenated, and the start of each image."""
+    starts, outlines = [0], []
     for radius in radii:
         table = psf_image(aperture, float(radius), side)
         half = len(table) // 2
         change = np.diff(table, axis=1, prepend=0, append=0)
         rows, columns = np.nonzero(np.abs(change) > 1e-12 * table.max())
-        found.append((rows - half, columns - half, change[rows, columns]))
+        outlines.append((rows - half, columns - half, change[rows, columns]))
         starts.append(starts[-1] + len(rows))
-    down, across, change = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    down, across, change = (np.concatenate(parts) for parts in zip(*outlines, strict=True))
     return np.array(starts), down, across, change
 
 
@@ -107,18 +107,18 @@ def _spread(image: np.ndarray, defocus: np.ndarray, aperture: Aperture, outlined
     if outlined.any():
         for side in (1, -1):
             radii = radius_ladder(max(0.0, float((side * defocus).max())))
-            low, upper = rungs(defocus, radii, side)
+            low, upper = ladder_positions(defocus, radii, side)
             _add_outlines(image, low, upper, *_outlines(aperture, radii, side), outlined, sums)
     sums = sums.cumsum(axis=1)[:, :width]
     return normalised(sums[..., :3], sums[..., 3], image)
 
 
 def local_contrast(image: np.ndarray, window: int) -> np.ndarray:
-    """How much brighter or darker each pixel is than the mean of the square around it, (H, W), linear light.
+    """Return the absolute difference of each pixel to the mean of the square around it, (H, W), linear light.
 
     Args:
         image: Scene-linear, (H, W, 3).
-        window: Half the side of the square, pixels; at the border it is cut.
+        window: Half side of the square, pixels; clipped at the border.
     """
     grey = image.astype(np.float64).mean(axis=2)
     height, width = grey.shape
@@ -130,12 +130,12 @@ def local_contrast(image: np.ndarray, window: int) -> np.ndarray:
 
 
 def rectangle(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
-    """Render by spreading squares of the discs' area, in a time that does not depend on the blur.
+    """Render by spreading squares of the discs' area, in a time independent of the blur.
 
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: A plain disc or None.
+        aperture: Plain disc or None.
 
     Returns:
         Picture (H, W, 3), float32.
@@ -149,18 +149,19 @@ def rectangle(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None 
 
 
 def perimeter(image: np.ndarray, defocus: np.ndarray, aperture: Aperture | None = None) -> np.ndarray:
-    """Render by spreading outlines, in a time that grows with the blur's radius and not its area.
+    """Render by spreading outlines, in a time proportional to the blur radius instead of its area.
 
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: Any opening without a cat's-eye; what is not evenly lit costs its area. Default a disc.
+        aperture: Any aperture without a cat's-eye; non-uniform ones cost time proportional to their area.
+            Default: disc.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Source:
-        As for :func:`rectangle`; thesis 001, figure 3.4.
+        As in :func:`rectangle`; thesis 001, figure 3.4.
     """
     image, defocus, aperture = check_baseline("perimeter", "any", image, defocus, aperture)
     return _spread(image, defocus, aperture, np.ones(defocus.shape, bool))
@@ -174,21 +175,20 @@ def hybrid_spreading(
     threshold: float = 0.02,
     window: int = 4,
 ) -> np.ndarray:
-    """Render by spreading outlines of pixels of high contrast, and squares of all others.
+    """Render by spreading outlines for pixels of high contrast, and squares for all others.
 
     Args:
         image: Scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        aperture: As for :func:`perimeter`.
-        threshold: :func:`local_contrast` from which on a pixel's outline is spread, linear light.
-        window: Half the side of the square that it is compared with, pixels.
+        aperture: As in :func:`perimeter`.
+        threshold: Minimum :func:`local_contrast` of a pixel that spreads its outline, linear light.
+        window: Half side of the square of :func:`local_contrast`, pixels.
 
     Returns:
         Picture (H, W, 3), float32.
 
     Source:
-        Kosloff, "Fast image filters for depth of field post-processing", 2010, as thesis 001, 3.2.4, tells
-        it.
+        Kosloff, "Fast image filters for depth of field post-processing", 2010, after thesis 001, 3.2.4.
     """
     check_above("threshold", threshold, 0)
     check_whole("window", window, 1)

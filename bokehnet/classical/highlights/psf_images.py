@@ -1,15 +1,15 @@
-"""The disc of a light as a picture of its own: what part of its energy falls on each pixel.
+"""Disc of a light as a picture of its own: fraction of its energy on each pixel.
 
 Behind a perfect lens a light at q with defocus d lights the pixels ``q + d a`` for every open point a of the
-pupil. A pixel's share is the transmission over its square, seen in the pupil: four look-ups in running
-sums. Squares of neighbouring pixels share their corners, so shares add up to one at every place of the light
-and every radius, and edges are as smooth as the pixel grid can show them.
+pupil. A pixel's fraction is the transmission over its square, projected to the pupil: four lookups in running
+sums. Squares of adjacent pixels share their corners, so the fractions sum to one at every position of the
+light and every radius, and edges are as smooth as the pixel grid can show them.
 
 A light that was merged from neighbours is a rectangle of even brightness instead of a point. A disc averaged
-over n by m pixels is the same four look-ups with a rectangle of n by m pixels, so that a merged row of
+over n by m pixels needs the same four lookups with a rectangle of n by m pixels, so that a merged row of
 equal pixels is exactly their sum.
 
-Source: Crow, "Summed-area tables for texture mapping", SIGGRAPH 1984, for running sums; shares of pixels
+Source: Crow, "Summed-area tables for texture mapping", SIGGRAPH 1984, for running sums; fractions of pixels
 and rectangles are ours.
 """
 
@@ -34,29 +34,29 @@ __all__ = [
     "vignetting_shares",
 ]
 
-# Cells across the pupil: at least so many, and so many per pixel of the disc's diameter.
-_FEWEST_CELLS, _MOST_CELLS, _CELLS_PER_PIXEL = 512, 2048, 4
+# Cells across the pupil: minimum, maximum, and number per pixel of the disc's diameter.
+_MIN_CELLS, _MAX_CELLS, _CELLS_PER_PIXEL = 512, 2048, 4
 
-# Away from edges the light changes so slowly that as many cells show it.
+# Cells that resolve the slow change of the light away from edges.
 _INNER_CELLS = 512
 
-# Samples on each side of the pupil's square where an edge of the opening crosses it, as long as that is at
-# least so many in a cell.
-_EDGE_SAMPLES, _FEWEST_SAMPLES = 8192, 8
+# Samples on each side of the pupil's square where an edge of the aperture crosses it, and the minimum number
+# per cell.
+_EDGE_SAMPLES, _MIN_SAMPLES = 8192, 8
 
-# Field positions along each side of the square [-1, 1]^2 at which the share that vignetting apertures let
-# pass is known, and pupil points along each side that are counted for it.
+# Field positions along each side of the square [-1, 1]^2 at which the fraction that vignetting apertures
+# transmit is tabulated, and pupil points along each side for its sum.
 _FIELDS, _POINTS = 33, 128
 
 
 def cover_cells(radius: float) -> int:
-    """Cells across the pupil that discs of a radius in pixels need, a power of two."""
-    wanted = 2 * radius * _CELLS_PER_PIXEL
-    return int(min(max(_FEWEST_CELLS, 2 ** math.ceil(math.log2(max(wanted, 1)))), _MOST_CELLS))
+    """Return the number of cells across the pupil for discs of a radius in pixels, a power of two."""
+    cells = 2 * radius * _CELLS_PER_PIXEL
+    return int(min(max(_MIN_CELLS, 2 ** math.ceil(math.log2(max(cells, 1)))), _MAX_CELLS))
 
 
 def _inner_light(aperture: Aperture, side: int, cells: int) -> np.ndarray:
-    """Mean transmission of each cell away from edges."""
+    """Return the mean transmission of each cell away from edges."""
     coarse = min(cells, _INNER_CELLS) if aperture.picture is None else cells
     samples = 1
     if aperture.picture is not None:
@@ -69,25 +69,25 @@ def _inner_light(aperture: Aperture, side: int, cells: int) -> np.ndarray:
 
 @lru_cache(maxsize=2)
 def profile_sums(aperture: Aperture, side: int, cells: int) -> np.ndarray:
-    """Running sums of the transmission over the pupil, in total 1; (cells + 1, cells + 1), along v and u.
+    """Return running sums of the transmission over the pupil, total 1; (cells + 1, cells + 1), along v, u.
 
     Args:
-        aperture: The opening, without its cat's-eye.
+        aperture: Shape of the aperture, without its cat's-eye.
         side: +1 in front of focus, -1 behind it.
         cells: Cells along each side of the square [-1, 1]^2.
     """
     light = _inner_light(aperture, side, cells)
     edges = np.arange(cells + 1) * (2 / cells) - 1
-    opening = replace(aperture, spherical_profile=0.0, onion=0.0, grain=0.0)
-    lit = transmission(opening, edges[None, :], edges[:, None]) > 0
+    outline = replace(aperture, spherical_profile=0.0, onion=0.0, grain=0.0)
+    lit = transmission(outline, edges[None, :], edges[:, None]) > 0
     corners = lit[:-1, :-1] * 1 + lit[1:, :-1] + lit[:-1, 1:] + lit[1:, 1:]
     row, column = np.nonzero((corners > 0) & (corners < 4) | ((light > 0) != (corners == 4)))
-    samples = max(_FEWEST_SAMPLES, _EDGE_SAMPLES // cells)
+    samples = max(_MIN_SAMPLES, _EDGE_SAMPLES // cells)
     inside = (np.arange(samples) + 0.5) * (2 / cells / samples)
-    for part in np.array_split(np.arange(len(row)), len(row) // 4096 + 1):
-        u = edges[column[part]][:, None, None] + inside[None, None, :]
-        v = edges[row[part]][:, None, None] + inside[None, :, None]
-        light[row[part], column[part]] = transmission(aperture, u, v, side).mean(axis=(1, 2))
+    for batch in np.array_split(np.arange(len(row)), len(row) // 4096 + 1):
+        u = edges[column[batch]][:, None, None] + inside[None, None, :]
+        v = edges[row[batch]][:, None, None] + inside[None, :, None]
+        light[row[batch], column[batch]] = transmission(aperture, u, v, side).mean(axis=(1, 2))
     sums = np.pad(light.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     sums /= sums[-1, -1]
     sums.setflags(write=False)
@@ -98,16 +98,16 @@ def profile_sums(aperture: Aperture, side: int, cells: int) -> np.ndarray:
 def vignetting_shares(
     aperture: Aperture, vignetting_apertures: tuple[tuple[float, float], ...]
 ) -> np.ndarray:
-    """Share of the light that vignetting apertures let pass, (2 sides, fields, fields), field [-1, 1]^2.
+    """Return the fraction that vignetting apertures transmit, (2 sides, fields, fields), field [-1, 1]^2.
 
     Args:
-        aperture: The opening, without its cat's-eye.
+        aperture: Shape of the aperture, without its cat's-eye.
         vignetting_apertures: Pairs (shift, radius) as in
             :class:`bokehnet.optics.aberrations.aberration_map.AberrationMap`.
 
     Returns:
-        Shares above 0; in front of focus first. Lights are divided by them, as everything else in the
-        picture is by the light that passes at its place.
+        Fractions above 0; in front of focus first. Lights are divided by them, as all other light in the
+        picture is divided by the light transmitted at its position.
     """
     axis, fields = (np.arange(_POINTS) + 0.5) * (2 / _POINTS) - 1, np.linspace(-1, 1, _FIELDS)
     light = np.stack([transmission(aperture, axis[None], axis[:, None], side) for side in (1, -1)])
@@ -128,7 +128,7 @@ def vignetting_shares(
 
 @njit(cache=True)
 def share_at(shares, side, h_x, h_y):  # type: ignore[no-untyped-def]
-    """Share that passes at a field position, linear between the known ones."""
+    """Return the transmitted fraction at a field position, by bilinear interpolation."""
     last = shares.shape[1] - 1
     column = min(max((h_x + 1.0) * 0.5 * last, 0.0), last - 1e-9)
     row = min(max((h_y + 1.0) * 0.5 * last, 0.0), last - 1e-9)
@@ -141,22 +141,22 @@ def share_at(shares, side, h_x, h_y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def passing(vignetting_apertures, u, v, h_x, h_y, sharpness):  # type: ignore[no-untyped-def]
-    """How far all vignetting apertures let (u, v) pass, 0 to 1, with an edge that is 1 / sharpness wide."""
-    share = 1.0
+    """Return the transmittance of all vignetting apertures at (u, v), with edges of width 1 / sharpness."""
+    transmittance = 1.0
     for i in range(vignetting_apertures.shape[0]):
         distance = math.hypot(u - vignetting_apertures[i, 0] * h_x, v - vignetting_apertures[i, 0] * h_y)
         radius = vignetting_apertures[i, 1]
         within = radius - distance if radius > 0.0 else distance + radius
-        share *= min(max(0.5 + within * sharpness, 0.0), 1.0)
-    return share
+        transmittance *= min(max(0.5 + within * sharpness, 0.0), 1.0)
+    return transmittance
 
 
 def place_psf_images(lights: np.ndarray, margin: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Rows and columns (top, bottom, left, right) of each light's PSF image inside the picture, (N, 4).
+    """Return rows and columns (top, bottom, left, right) of each light's PSF image in the picture, (N, 4).
 
     Args:
         lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
-        margin: Pixels that the disc reaches beside its light, to the right and down, (N, 2).
+        margin: Reach of the disc from its light, to the right and down, pixels, (N, 2).
         shape: Height and width of the picture.
     """
     reach = margin + lights[:, 6:8] / 2 + 0.5
@@ -167,28 +167,28 @@ def place_psf_images(lights: np.ndarray, margin: np.ndarray, shape: tuple[int, i
 
 
 @njit(cache=True)
-def _sum_at(sums, row, y, place):  # type: ignore[no-untyped-def]
-    """Running sum at the row ``row + y`` and a column ``place`` in cells, linear in the cell."""
+def _sum_at(sums, row, y, position):  # type: ignore[no-untyped-def]
+    """Return the running sum at the row ``row + y`` and a column ``position``, both in cells, bilinear."""
     last = sums.shape[1] - 1
-    place = min(max(place, 0.0), float(last))
-    column = min(int(place), last - 1)
-    x = place - column
+    position = min(max(position, 0.0), float(last))
+    column = min(int(position), last - 1)
+    x = position - column
     upper = sums[row, column] * (1.0 - x) + sums[row, column + 1] * x
     lower = sums[row + 1, column] * (1.0 - x) + sums[row + 1, column + 1] * x
     return upper * (1.0 - y) + lower * y
 
 
 @njit(cache=True)
-def _split(place, last):  # type: ignore[no-untyped-def]
-    """Cell and place inside it, kept inside the sums."""
-    place = min(max(place, 0.0), float(last))
-    cell = min(int(place), last - 1)
-    return cell, place - cell
+def _split(position, last):  # type: ignore[no-untyped-def]
+    """Return cell and position inside it, clipped to the sums."""
+    position = min(max(position, 0.0), float(last))
+    cell = min(int(position), last - 1)
+    return cell, position - cell
 
 
 @njit(cache=True, parallel=True)
 def _fill_psf_images(lights, boxes, starts, sums, vignetting_apertures, shares, frame, psf_images):  # type: ignore[no-untyped-def]
-    """Write the shares of each light's energy, (pixels, 1), behind a perfect lens.
+    """Write the fractions of each light's energy, (pixels, 1), behind a perfect lens.
 
     Args:
         lights: (N, 8).
@@ -198,7 +198,7 @@ def _fill_psf_images(lights, boxes, starts, sums, vignetting_apertures, shares, 
         vignetting_apertures: (R, 2).
         shares: From :func:`vignetting_shares`.
         frame: Column, row and scale of a :class:`Frame`.
-        psf_images: Written.
+        psf_images: Output.
     """
     last = sums.shape[1] - 1
     for i in prange(lights.shape[0]):
@@ -217,19 +217,19 @@ def _fill_psf_images(lights, boxes, starts, sums, vignetting_apertures, shares, 
             upper, above = _split(middle - half, last)
             lower, below = _split(middle + half, last)
             for x in range(left, right):
-                place = (x - light_x) * per_pixel + 0.5 * last
-                share = _sum_at(table, lower, below, place + half_cells)
-                share -= _sum_at(table, lower, below, place - half_cells)
-                share -= _sum_at(table, upper, above, place + half_cells)
-                share += _sum_at(table, upper, above, place - half_cells)
-                share = max(share, 0.0) / area
-                if share > 0.0 and vignetting_apertures.shape[0] > 0:
+                position = (x - light_x) * per_pixel + 0.5 * last
+                fraction = _sum_at(table, lower, below, position + half_cells)
+                fraction -= _sum_at(table, lower, below, position - half_cells)
+                fraction -= _sum_at(table, upper, above, position + half_cells)
+                fraction += _sum_at(table, upper, above, position - half_cells)
+                fraction = max(fraction, 0.0) / area
+                if fraction > 0.0 and vignetting_apertures.shape[0] > 0:
                     h_x, h_y = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
                     u, v = (x - light_x) / depth, (y - light_y) / depth
-                    share *= passing(vignetting_apertures, u, v, h_x, h_y, abs(depth)) / share_at(
+                    fraction *= passing(vignetting_apertures, u, v, h_x, h_y, abs(depth)) / share_at(
                         shares, side, h_x, h_y
                     )
-                psf_images[k, 0] = share
+                psf_images[k, 0] = fraction
                 k += 1
 
 
@@ -239,12 +239,12 @@ class PerfectPsf:
     planes = 1
 
     def __init__(self, aperture: Aperture, lights: np.ndarray, frame: Frame) -> None:
-        """Take what all PSF images share.
+        """Prepare the data that all PSF images share.
 
         Args:
             aperture: Shape of the discs.
             lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
-            frame: Where the rows and columns lie in the picture.
+            frame: Centre and scale of the picture.
         """
         self._lights, self._frame = lights, frame
         radius = np.abs(lights[:, 2])
@@ -259,7 +259,7 @@ class PerfectPsf:
         self.margins = np.stack([radius, radius], axis=1)
 
     def fill(self, batch: np.ndarray, boxes: np.ndarray, starts: np.ndarray, psf_images: np.ndarray) -> None:
-        """Write the PSF images of the lights numbered ``batch``."""
+        """Write the PSF images of the lights with the indices ``batch``."""
         lights, frame = self._lights[batch], tuple(self._frame)
         _fill_psf_images(
             lights, boxes, starts, self._sums, self._vignetting_apertures, self._shares, frame, psf_images

@@ -1,11 +1,11 @@
-"""Adding PSF images of lights to a picture, each pixel as far as it sees the light past what stands in front.
+"""Splatting of PSF images of lights: each pixel receives the fraction that nearer surfaces leave visible.
 
 The ray from a pixel to a light is known from both its ends. In a tile of 8 by 8 pixels each sends one such
-ray; where some of them arrive and others do not, an edge clips the disc, and each pixel of the tile sends
-four more, from places inside the pixel and against four parts of the coverage.
+ray; if some of them arrive and others do not, an edge clips the disc, and each pixel of the tile sends
+four more, from positions inside the pixel and against four levels of the coverage.
 
 Source: "Efficient and expressive rendering for real-time defocus blur and bokeh" (dissertation), 5.1, for
-visibility of its own for each light; rays through layers and the second look at edges are ours.
+separate visibility of each light; rays through layers and the refinement at edges are ours.
 """
 
 import numpy as np
@@ -20,27 +20,29 @@ from bokehnet.kernels import njit
 
 __all__ = ["splat_psf_images"]
 
-# Places inside a pixel from which it looks at a light where an edge is near: four rooks.
+# Positions inside a pixel from which it tests a light near an edge: four rooks.
 _OFFSETS = np.array([[-0.375, -0.125], [-0.125, 0.375], [0.125, -0.375], [0.375, 0.125]])
 
 
 @njit(cache=True)
-def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y, chance, visibility, work):  # type: ignore[no-untyped-def]
+def _test_visibility(  # type: ignore[no-untyped-def]
+    scene, runs, count, light, columns, y, transverse, offset_x, offset_y, chance, visibility, work
+):
     """Add 1 to ``visibility`` (8,) for each of eight pixels of a row whose ray arrives at the light.
 
     Args:
         scene: Flat cells, their size and their tiles.
-        runs: Stretches of the defocus that hold surfaces.
-        count: How many.
-        light: Its x, y and defocus.
-        columns: Of the pixels, lanes.
-        y: Their row.
+        runs: Ranges of the defocus that contain surfaces.
+        count: Number of runs.
+        light: x, y and defocus of the light.
+        columns: Columns of the pixels, lanes.
+        y: Row of the pixels.
         transverse: Transverse aberration E of the pixels' rays, x in the first eight, y in the
-            others, in lanes' order.
-        offset_x: Where the rays start, from the middles of their pixels.
-        offset_y: The same, down.
-        chance: Surfaces with less coverage are passed.
-        visibility: Counts, in pixels' order.
+            others, in lane order.
+        offset_x: Origin of the rays, from the centres of their pixels.
+        offset_y: Origin of the rays, down.
+        chance: Surfaces with less coverage are ignored.
+        visibility: Counts, in pixel order.
         work: Results of :func:`bokehnet.classical.layered.march.intersection.intersect`.
     """
     flat, size, tiles = scene
@@ -73,20 +75,20 @@ def _look(scene, runs, count, light, columns, y, transverse, offset_x, offset_y,
 
 
 @njit(cache=True)
-def _see_tile(scene, runs, count, light, corner, box, psf_image, transverse, visibility, work):  # type: ignore[no-untyped-def]
-    """Fill ``visibility`` (TILE, TILE) with the share of a light that each lit pixel of a tile sees.
+def _tile_visibility(scene, runs, count, light, corner, box, psf_image, transverse, visibility, work):  # type: ignore[no-untyped-def]
+    """Fill ``visibility`` (TILE, TILE) with the fraction of a light that each lit pixel of a tile sees.
 
     Args:
-        scene: See :func:`_look`.
-        runs: The same.
-        count: The same.
-        light: The same.
+        scene: See :func:`_test_visibility`.
+        runs: See :func:`_test_visibility`.
+        count: See :func:`_test_visibility`.
+        light: See :func:`_test_visibility`.
         corner: First row and column of the tile.
         box: Top, bottom, left and right of the PSF image.
         psf_image: Its pixels, (pixels, 1 or 5).
-        transverse: Scratch, (TILE, 2 * LANES).
-        visibility: Result.
-        work: See :func:`_look`.
+        transverse: Buffer, (TILE, 2 * LANES).
+        visibility: Output.
+        work: See :func:`_test_visibility`.
     """
     top, bottom, left, right = box
     low, high = max(corner[0], top), min(corner[0] + TILE, bottom)
@@ -94,7 +96,7 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, transverse, vis
     columns = indices8(np.float32(corner[1]))
     visibility[:] = 0.0
     transverse[:] = 0.0
-    some, all_of_them = False, True
+    any_visible, all_visible = False, True
     for y in range(low, high):
         i = y - corner[0]
         first = (y - top) * (right - left) - left
@@ -107,7 +109,7 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, transverse, vis
                         psf_image[first + x, 4],
                     )
         level = (0.5 + i % 4) / 4
-        _look(
+        _test_visibility(
             scene,
             runs,
             count,
@@ -124,14 +126,14 @@ def _see_tile(scene, runs, count, light, corner, box, psf_image, transverse, vis
         for x in range(begin, end):
             if psf_image[first + x, 0] > 0.0:
                 arrives = visibility[i, x - corner[1]] > 0.0
-                some, all_of_them = some or arrives, all_of_them and arrives
-    if some and not all_of_them:
+                any_visible, all_visible = any_visible or arrives, all_visible and arrives
+    if any_visible and not all_visible:
         visibility[:] = 0.0
         for y in range(low, high):
             i = y - corner[0]
             for k in range(4):
                 offset_x, offset_y, level = _OFFSETS[k, 0], _OFFSETS[k, 1], (0.5 + (k + i) % 4) / 4
-                _look(
+                _test_visibility(
                     scene,
                     runs,
                     count,
@@ -156,8 +158,8 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
         lights: (N, 8), see :func:`bokehnet.classical.highlights.lights.separate_lights`.
         boxes: Top, bottom, left and right of each PSF image, (N, 4).
         starts: First pixel of each PSF image, (N,).
-        psf_images: Shares of a light's energy, (pixels, 1); or shares of red, green and blue, and the
-            transverse aberration E in pixels with which rays start, (pixels, 5).
+        psf_images: Fractions of a light's energy, (pixels, 1); or fractions of red, green and blue, and the
+            transverse aberration E in pixels at the start of rays, (pixels, 5).
         cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
         rays_mask: (H, W) bool.
         bins: From :func:`bokehnet.classical.layered.march.defocus_bins.occupied_bins`.
@@ -188,12 +190,12 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
                 count = bin_runs(bins.bits[tile_row, tile_column], bins.low, bins.thickness, runs)
                 while (
                     count > 0 and runs[count - 1, 0] <= lights[i, 2] + DISCONTINUITY_THRESHOLD
-                ):  # nothing there is in front
+                ):  # no surface in front
                     count -= 1
                 if count > 0:
                     corner = (tile_row * TILE, tile_column * TILE)
                     light = (lights[i, 0], lights[i, 1], lights[i, 2])
-                    _see_tile(
+                    _tile_visibility(
                         scene,
                         runs,
                         count,
@@ -214,5 +216,5 @@ def splat_psf_images(lights, boxes, starts, psf_images, cells, rays_mask, bins, 
                         if count > 0:
                             visible = visibility[y - tile_row * TILE, x - tile_column * TILE]
                         for c in range(3):
-                            share = psf_image[first + x, c if psf_image.shape[1] > 1 else 0]
-                            result[y, x, c] += visible * share * lights[i, 3 + c]
+                            fraction = psf_image[first + x, c if psf_image.shape[1] > 1 else 0]
+                            result[y, x, c] += visible * fraction * lights[i, 3 + c]

@@ -1,9 +1,9 @@
-"""Where the rays of one light go behind an aberrated lens, as polynomials over the pupil.
+"""Positions of the rays of one light behind an aberrated lens, as polynomials over the pupil.
 
-The aberration map tells for each pixel where its rays come from. A light wants the reverse: the pixel p with
-``p = q + d A(a, h(p)) + E(a, h(p))``. Field positions change slowly over a disc, so the equation is solved
-by putting its result in again. The solution is a smooth function of a; the polynomial through Chebyshev
-nodes follows it.
+The aberration map gives the origin of the rays of each pixel. A light needs the inverse: the pixel p with
+``p = q + d A(a, h(p)) + E(a, h(p))``. Field positions change slowly over a disc, so a fixed-point iteration
+solves the equation. The solution is a smooth function of a; the polynomial through Chebyshev nodes
+interpolates it.
 
 Source: Trefethen, "Approximation theory and approximation practice", SIAM 2013, for Chebyshev nodes.
 """
@@ -23,27 +23,27 @@ __all__ = ["NODES", "RayPolynomials", "polynomials", "solve_nodes"]
 # Nodes along each side of the pupil's square.
 NODES = 10
 
-# How often the result is put in again, at most, and the change in pixels that ends it.
-_ROUNDS, _SETTLED = 6, 1e-3
+# Maximum number of iterations, and the change in pixels at which they end.
+_MAX_ITERATIONS, _TOLERANCE_PX = 6, 1e-3
 
-# Field positions along each side of the square [-_EDGE, _EDGE]^2 at which the maps of fringes are known.
+# Field positions along each side of the square [-_EDGE, _EDGE]^2 of the maps of chromatic aberration.
 _FIELDS, _EDGE = 65, 1.25
 
 _EXPONENTS = np.array(TERMS)
 
 
 class RayPolynomials(NamedTuple):
-    """A lens response for one picture, as kernels take it.
+    """Lens response for one picture, in the form that kernels read.
 
     Attributes:
-        coefficients: Of f and g of the transverse aberration in pixels and of the pupil aberration,
-            (wavelengths, 4, 20).
-        tilt: Of the aberration map, and its axes of the aperture, (4, 2).
+        coefficients: Coefficients of f and g of the transverse aberration in pixels and of the pupil
+            aberration, (wavelengths, 4, 20).
+        tilt: Tilt of the aberration map, and its axes of the aperture, (4, 2).
         chromatic_aberration: Axial and lateral strength of each wavelength, pixels, (wavelengths, 2).
-        maps: What they are multiplied by over the field, (fields, fields, 2); or (1, 1, 2) without fringes.
+        maps: Factors of these over the field, (fields, fields, 2); or (1, 1, 2) without chromatic aberration.
         frame: Column, row and scale of a :class:`Frame`, (3,).
         nodes: Chebyshev nodes, (NODES,).
-        inverse: From values at the nodes to coefficients of powers, (NODES, NODES).
+        inverse: Matrix from values at the nodes to coefficients of powers, (NODES, NODES).
     """
 
     coefficients: np.ndarray
@@ -82,7 +82,7 @@ class RayPolynomials(NamedTuple):
 
 @njit(cache=True)
 def _field(paths, x, y):  # type: ignore[no-untyped-def]
-    """Field position of a pixel; beyond the picture's corners it stays, smoothly, below 1.25."""
+    """Return the field position of a pixel; beyond the corners it stays, smoothly, below 1.25."""
     h_x, h_y = (x - paths.frame[0]) * paths.frame[2], (y - paths.frame[1]) * paths.frame[2]
     distance = math.hypot(h_x, h_y)
     if distance > 1.0:
@@ -92,21 +92,21 @@ def _field(paths, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _map_at(maps, which, h_x, h_y):  # type: ignore[no-untyped-def]
-    """One of the maps of fringes at a field position."""
+def _map_at(maps, index, h_x, h_y):  # type: ignore[no-untyped-def]
+    """Return one of the maps of chromatic aberration at a field position."""
     last = maps.shape[0] - 1
     column = min(max((h_x / _EDGE + 1.0) * 0.5 * last, 0.0), last - 1e-9)
     row = min(max((h_y / _EDGE + 1.0) * 0.5 * last, 0.0), last - 1e-9)
     j, i = int(column), int(row)
     x, y = column - j, row - i
-    upper = maps[i, j, which] * (1.0 - x) + maps[i, j + 1, which] * x
-    lower = maps[i + 1, j, which] * (1.0 - x) + maps[i + 1, j + 1, which] * x
+    upper = maps[i, j, index] * (1.0 - x) + maps[i, j + 1, index] * x
+    lower = maps[i + 1, j, index] * (1.0 - x) + maps[i + 1, j + 1, index] * x
     return upper * (1.0 - y) + lower * y
 
 
 @njit(cache=True)
 def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
-    """Transverse aberration E in pixels and coordinates A of one ray of the k-th wavelength."""
+    """Return transverse aberration E in pixels and coordinates A of one ray of the k-th wavelength."""
     for n in range(4):
         powers[0, n] = 1.0 if n == 0 else powers[0, n - 1] * (u * u + v * v)
         powers[1, n] = 1.0 if n == 0 else powers[1, n - 1] * (u * h_x + v * h_y)
@@ -134,28 +134,28 @@ def _send(paths, k, u, v, h_x, h_y, powers):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def solve_nodes(paths, k, light_x, light_y, depth, nodes):  # type: ignore[no-untyped-def]
-    """Write where rays through the nodes of the pupil arrive.
+    """Write the positions of rays through the nodes of the pupil.
 
     Args:
-            paths: The lens response.
-            k: Number of the wavelength.
-            light_x: Column of the light.
-            light_y: Its row.
-            depth: Its defocus, pixels.
-            nodes: Written, (4, NODES, NODES) with rows along v: place beside the light, right and down, and
-                transverse aberration, right and down, all in pixels.
+        paths: Lens response.
+        k: Index of the wavelength.
+        light_x: Column of the light.
+        light_y: Row of the light.
+        depth: Defocus of the light, pixels.
+        nodes: Output, (4, NODES, NODES) with rows along v: offset from the light, right and down, and
+            transverse aberration, right and down, all in pixels.
     """
     powers = np.empty((3, 4))
     for row in range(NODES):
         for column in range(NODES):
             u, v = paths.nodes[column], paths.nodes[row]
             x, y, e_x, e_y = depth * u, depth * v, 0.0, 0.0
-            for _ in range(_ROUNDS):
+            for _ in range(_MAX_ITERATIONS):
                 h_x, h_y = _field(paths, light_x + x, light_y + y)
                 e_x, e_y, a_x, a_y = _send(paths, k, u, v, h_x, h_y, powers)
-                before_x, before_y = x, y
+                previous_x, previous_y = x, y
                 x, y = depth * a_x + e_x, depth * a_y + e_y
-                if abs(x - before_x) + abs(y - before_y) < _SETTLED:
+                if abs(x - previous_x) + abs(y - previous_y) < _TOLERANCE_PX:
                     break
             nodes[0, row, column], nodes[1, row, column] = x, y
             nodes[2, row, column], nodes[3, row, column] = e_x, e_y
@@ -164,17 +164,17 @@ def solve_nodes(paths, k, light_x, light_y, depth, nodes):  # type: ignore[no-un
 @njit(cache=True)
 def polynomials(paths, nodes, terms):  # type: ignore[no-untyped-def]
     """Write the polynomials through the nodes by powers of v and u, (4, NODES, NODES)."""
-    for which in range(4):
+    for index in range(4):
         for row in range(NODES):
             for power in range(NODES):
                 value = 0.0
                 for column in range(NODES):
-                    value += paths.inverse[power, column] * nodes[which, row, column]
-                terms[which, row, power] = value
+                    value += paths.inverse[power, column] * nodes[index, row, column]
+                terms[index, row, power] = value
         for power in range(NODES):
-            line = terms[which, :, power].copy()
+            line = terms[index, :, power].copy()
             for order in range(NODES):
                 value = 0.0
                 for row in range(NODES):
                     value += paths.inverse[order, row] * line[row]
-                terms[which, order, power] = value
+                terms[index, order, power] = value

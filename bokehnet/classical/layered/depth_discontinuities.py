@@ -1,4 +1,4 @@
-"""Depth discontinuities, where one surface ends before another: where they are, soft ones sharpened."""
+"""Depth discontinuities, where one surface ends in front of another: detection and sharpening."""
 
 import numpy as np
 from numba import prange
@@ -21,32 +21,32 @@ __all__ = [
 # Neighbouring pixels whose defocus differs by more than this many pixels belong to two surfaces.
 DISCONTINUITY_THRESHOLD = 1.0
 
-# Sides of the tiles that are passed over together where there is no step.
+# Side of the tiles that are skipped as a whole where they have no step, pixels.
 STEP_TILE = 16
 
-# Defocus by which a surface may change from pixel to pixel and still be one on both sides of what hides it.
-_SLOPE = 0.1
+# Change of defocus per pixel up to which two pixels on both sides of an occluder count as one surface.
+_MAX_SLOPE = 0.1
 
 # Bits of a pixel at a depth discontinuity: it belongs to the nearer surface, to the farther one, or (thin
-# things) to both.
+# objects) to both.
 FRONT, BACK = 1, 2
 
-# Widest ramp, in pixels, that is taken for a blurred depth discontinuity.
-_WIDEST_RAMP = 16
+# Widest ramp, in pixels, that counts as a blurred depth discontinuity.
+_MAX_RAMP_PX = 16
 
-# A surface between two others goes on within so many pixels, at the same defocus but for so much.
-_SUPPORT, _SAME = 2, 0.25
+# Distance, and tolerance in defocus, within which a surface between two others must continue, pixels.
+_SUPPORT_REACH_PX, _SUPPORT_TOLERANCE_PX = 2, 0.25
 
 
 @njit(cache=True)
 def are_one_surface(a, b, apart):  # type: ignore[no-untyped-def]
-    """Whether two places, at defocus ``a`` and ``b`` and so many pixels apart, may be of one surface."""
-    return abs(a - b) <= DISCONTINUITY_THRESHOLD + _SLOPE * apart
+    """Return whether points at defocus ``a`` and ``b``, ``apart`` pixels apart, can be one surface."""
+    return abs(a - b) <= DISCONTINUITY_THRESHOLD + _MAX_SLOPE * apart
 
 
 @njit(cache=True)
 def span(values, y, x, reach):  # type: ignore[no-untyped-def]
-    """Lowest and highest value among the neighbours up to so many pixels away."""
+    """Return the lowest and highest value within ``reach`` pixels along both axes."""
     low = high = values[y, x]
     for v in range(max(0, y - reach), min(values.shape[0], y + reach + 1)):
         for u in range(max(0, x - reach), min(values.shape[1], x + reach + 1)):
@@ -56,7 +56,7 @@ def span(values, y, x, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _find_steps(defocus, reach, least, stepped):  # type: ignore[no-untyped-def]
+def _find_steps(defocus, reach, threshold, stepped):  # type: ignore[no-untyped-def]
     height, width = defocus.shape
     for row in prange(stepped.shape[0]):
         for column in range(stepped.shape[1]):
@@ -66,20 +66,22 @@ def _find_steps(defocus, reach, least, stepped):  # type: ignore[no-untyped-def]
                     max(0, column * STEP_TILE - reach), min(width, (column + 1) * STEP_TILE + reach)
                 ):
                     low, high = min(low, defocus[y, x]), max(high, defocus[y, x])
-            stepped[row, column] = high - low > least
+            stepped[row, column] = high - low > threshold
 
 
-def tiles_with_steps(defocus: np.ndarray, reach: int, least: float = DISCONTINUITY_THRESHOLD) -> np.ndarray:
-    """Which tiles, ``STEP_TILE`` pixels wide and high, may hold a step: (rows, columns) of them, bool.
+def tiles_with_steps(
+    defocus: np.ndarray, reach: int, threshold: float = DISCONTINUITY_THRESHOLD
+) -> np.ndarray:
+    """Return the mask of tiles of ``STEP_TILE`` pixels that may contain a step, (rows, columns) bool.
 
     Args:
-        defocus: (H, W).
-        reach: Pixels beyond a tile's border that are looked at too.
-        least: What is no step yet, pixels of defocus.
+        defocus: Signed blur radius, (H, W), pixels.
+        reach: Pixels beyond a tile's border that count as the tile.
+        threshold: Largest defocus difference that is not a step, pixels.
     """
     stepped = np.empty([-(-size // STEP_TILE) for size in defocus.shape], np.bool_)
     with parallel_region:
-        _find_steps(defocus, reach, least, stepped)
+        _find_steps(defocus, reach, threshold, stepped)
     return stepped
 
 
@@ -100,11 +102,11 @@ def _discontinuity_sides(defocus, reach, stepped):  # type: ignore[no-untyped-de
 
 
 def discontinuity_sides(defocus: np.ndarray, reach: int = 1) -> np.ndarray:
-    """Bits ``FRONT`` and ``BACK`` of every pixel, (H, W) int8.
+    """Return the bits ``FRONT`` and ``BACK`` of every pixel, (H, W) int8.
 
     Args:
-        defocus: (H, W), float32.
-        reach: Pixels from a depth discontinuity, along rows and columns, beyond which all are 0.
+        defocus: Signed blur radius, (H, W), float32, pixels.
+        reach: Pixels from a depth discontinuity, along rows and columns, beyond which all bits are 0.
     """
     stepped = tiles_with_steps(defocus, reach)
     with parallel_region:
@@ -118,16 +120,16 @@ def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
     A resized, smoothed or estimated disparity map passes from one surface to the next through values
     that belong to neither; where they pass through focus a renderer would draw a sharp sliver. A pixel
     inside such a ramp, with neighbours more than ``DISCONTINUITY_THRESHOLD`` above and below it, takes the
-    value at that end of the ramp which is closer to its own. Surfaces that stand between two others, as a
-    wire between a blade of grass and the lawn, are told from ramps by pixels of the same defocus close by
-    that are not between others.
+    value at the end of the ramp that is closer to its own. A surface between two others, such as a wire
+    between a blade of grass and the lawn, differs from a ramp: pixels of the same defocus close by are not
+    between others.
 
     Args:
-        defocus: (H, W), float32.
+        defocus: Signed blur radius, (H, W), float32, pixels.
 
     Returns:
-        A new map (H, W). Steps of one pixel and slopes below ``DISCONTINUITY_THRESHOLD`` a pixel stay as they
-        are.
+        A new map (H, W). Steps of one pixel and slopes below ``DISCONTINUITY_THRESHOLD`` per pixel stay
+        unchanged.
     """
     between = discontinuity_sides(defocus) == FRONT | BACK
     on_ramps = np.argwhere(between)
@@ -138,24 +140,26 @@ def sharpen_discontinuities(defocus: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _is_supported(defocus, between, places):  # type: ignore[no-untyped-def]
-    """Whether a pixel of the same surface that is not between others is near each of ``places``, (N,)."""
+    """Return whether each of ``places``, (N,), has a neighbour of its surface that is not between others."""
     height, width = defocus.shape
-    found = np.zeros(len(places), np.bool_)
+    supported = np.zeros(len(places), np.bool_)
     for i in range(len(places)):
         y, x = places[i]
-        for v in range(max(0, y - _SUPPORT), min(height, y + _SUPPORT + 1)):
-            for u in range(max(0, x - _SUPPORT), min(width, x + _SUPPORT + 1)):
-                found[i] |= not between[v, u] and abs(defocus[v, u] - defocus[y, x]) <= _SAME
-    return found
+        for v in range(max(0, y - _SUPPORT_REACH_PX), min(height, y + _SUPPORT_REACH_PX + 1)):
+            for u in range(max(0, x - _SUPPORT_REACH_PX), min(width, x + _SUPPORT_REACH_PX + 1)):
+                supported[i] |= (
+                    not between[v, u] and abs(defocus[v, u] - defocus[y, x]) <= _SUPPORT_TOLERANCE_PX
+                )
+    return supported
 
 
 @njit(cache=True)
 def _sharpen(defocus, places):  # type: ignore[no-untyped-def]
-    """Let the pixels at ``places``, (N, 2), take the value of the nearer end of their ramp."""
+    """Return the map with the pixels at ``places``, (N, 2), set to the closer end of their ramp."""
     result = defocus.copy()
     lows, highs = defocus.copy(), defocus.copy()
     new_lows, new_highs = np.empty(len(places)), np.empty(len(places))
-    for _ in range(_WIDEST_RAMP // 2):
+    for _ in range(_MAX_RAMP_PX // 2):
         for i in range(len(places)):
             y, x = places[i]
             new_lows[i], new_highs[i] = span(lows, y, x, 1)[0], span(highs, y, x, 1)[1]

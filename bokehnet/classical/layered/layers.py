@@ -1,4 +1,4 @@
-"""A picture as a stack of layers, front to back: what rays are marched through."""
+"""Conversion of a picture to a stack of layers, front to back, through which rays are marched."""
 
 import math
 from collections.abc import Callable
@@ -21,15 +21,15 @@ from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
 __all__ = ["Layers", "split_layers", "split_picture"]
 
-# Shares of the work when mixed pixels are parted, and when what they hide is filled: for a bar alone.
-_PARTED, _FILLED = 0.2, 0.6
+# Completed fraction of the work after unmixing and after the background is filled, for a progress bar only.
+_UNMIXED_FRACTION, _FILLED_FRACTION = 0.2, 0.6
 
 
 @njit(cache=True, parallel=True)
-def _lay_backs(rows, columns, back, far, is_last, hidden, behind):  # type: ignore[no-untyped-def]
-    """Write the farther surface of mixed pixels to what is hidden, (H, W, ...) in place.
+def _insert_backs(rows, columns, back, far, is_last, hidden, behind):  # type: ignore[no-untyped-def]
+    """Write the farther surface of mixed pixels to the occluded background, (H, W, ...) in place.
 
-    ``is_last``: whether nothing else is behind that surface, (N,).
+    ``is_last``: True where no other surface is behind that surface, (N,).
     """
     for i in prange(len(rows)):
         y, x = rows[i], columns[i]
@@ -41,8 +41,8 @@ def _lay_backs(rows, columns, back, far, is_last, hidden, behind):  # type: igno
 
 
 @njit(cache=True, parallel=True)
-def _hide_again(defocus, behind, beyond):  # type: ignore[no-untyped-def]
-    """Let nothing be behind what hides nothing, ``beyond`` (H, W) in place; how many pixels are left."""
+def _remove_shallow_layer(defocus, behind, beyond):  # type: ignore[no-untyped-def]
+    """Set ``beyond``, (H, W), to ``behind`` where that occludes nothing; return the number of the others."""
     left = 0
     for y in prange(beyond.shape[0]):
         for x in range(beyond.shape[1]):
@@ -53,8 +53,8 @@ def _hide_again(defocus, behind, beyond):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _stack(color, defocus, layer, colors, depths, coverage):  # type: ignore[no-untyped-def]
-    """Write one layer that covers all, nowhere before the last one, to (H, W, L, ...)."""
+def _write_layer(color, defocus, layer, colors, depths, coverage):  # type: ignore[no-untyped-def]
+    """Write one opaque layer, nowhere in front of the previous one, to (H, W, L, ...)."""
     height, width = defocus.shape
     for y in prange(height):
         for x in range(width):
@@ -67,11 +67,11 @@ def _stack(color, defocus, layer, colors, depths, coverage):  # type: ignore[no-
 
 
 @njit(cache=True, parallel=True)
-def _lay_fronts(rows, columns, front, share, colors, coverage):  # type: ignore[no-untyped-def]
-    """Write colour and coverage of the nearer surface of mixed pixels to (H, W, L, ...) in place."""
+def _insert_fronts(rows, columns, front, front_coverage, colors, coverage):  # type: ignore[no-untyped-def]
+    """Write color and coverage of the nearer surface of mixed pixels to (H, W, L, ...) in place."""
     for i in prange(len(rows)):
         y, x = rows[i], columns[i]
-        coverage[y, x, 0] = share[i]
+        coverage[y, x, 0] = front_coverage[i]
         for c in range(3):
             colors[y, x, 0, c] = front[i, c]
 
@@ -83,47 +83,47 @@ def split_layers(
     pixel_filter: PixelFilter = DEFAULT_FILTER,
     known: KnownSurfaces | None = None,
 ) -> Layers:
-    """Make layers of a picture: what is seen, and a guess of what stands behind.
+    """Convert a picture to layers: the visible picture and an estimate of the occluded background.
 
     Soft steps of the defocus are sharpened
-    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`), pixels at an edge,
-    whose colour mixes both sides, are parted (:func:`bokehnet.classical.layered.boundaries.unmixing.unmix`;
-    lights by :func:`bokehnet.classical.layered.boundaries.light_carriers.part_lights`), and the occluded
-    background is filled from what is left
+    (:func:`bokehnet.classical.layered.depth_discontinuities.sharpen_discontinuities`); pixels at an edge,
+    whose color mixes both sides, are unmixed (:func:`bokehnet.classical.layered.boundaries.unmixing.unmix`;
+    lights by :func:`bokehnet.classical.layered.boundaries.light_carriers.split_lights`); the occluded
+    background is filled from the rest
     (:func:`bokehnet.classical.layered.background.occluded_background.occluded_background`). Where that
-    background hides something in turn, as a leaf behind a leaf hides the sky, there is a third layer, filled
-    alike: rays that pass both leaves would end nowhere, and what is left of the others would be too much of
-        leaves.
+    background occludes another surface, as a leaf behind a leaf occludes the sky, a third layer is filled in
+    the same way: otherwise rays that pass both leaves would end nowhere, and the mean of the other rays would
+    contain too much of the leaves.
 
     Args:
         image: All-in-focus picture, scene-linear, (H, W, 3).
         defocus: Signed blur radius in pixels, (H, W), + in front of focus.
-        max_coc_radius: As for
+        max_coc_radius: See
             :func:`bokehnet.classical.layered.background.occluded_background.occluded_background`.
-        pixel_filter: Of the picture.
-        known: Surfaces of pixels at edges that need not be estimated.
+        pixel_filter: Pixel filter of the picture.
+        known: Known surfaces of pixels at edges, which are not estimated.
 
     Raises:
-        ShapeError: Not (H, W, 3) and (H, W) of one size.
-        ParameterError: NaN or infinity in either, or known pixels outside.
+        ShapeError: The arrays are not (H, W, 3) and (H, W) of the same size.
+        ParameterError: NaN or infinity in either, or known pixels outside the picture.
     """
     return split_picture(image, defocus, max_coc_radius, pixel_filter, known)[0]
 
 
 def _with_one_behind(mixed: MixedPixels, behind: np.ndarray) -> MixedPixels:
-    """Leave out mixed pixels at slight steps that hide something else as well.
+    """Remove mixed pixels at slight steps that occlude a further surface.
 
     Args:
-        mixed: All.
-        behind: Defocus of what is hidden, (H, W).
+        mixed: All mixed pixels.
+        behind: Defocus of the occluded background, (H, W).
     """
     hides_more = behind[mixed.rows, mixed.columns] < mixed.far - DISCONTINUITY_THRESHOLD
     kept = ~(mixed.is_slight & hides_more)
     return MixedPixels(*(values[kept] for values in mixed))
 
 
-def _untold(share: float) -> None:
-    """Nobody asked."""
+def _ignore_fraction(fraction: float) -> None:
+    """Progress callback that does nothing."""
 
 
 def split_picture(
@@ -134,18 +134,18 @@ def split_picture(
     known: KnownSurfaces | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Layers, MixedPixels]:
-    """Make the layers of :func:`split_layers`, and tell which pixels were parted into which surfaces.
+    """Return the layers of :func:`split_layers` and the mixed pixels with their surfaces.
 
-    ``progress`` is called with the share of the work that is done, 0 to 1.
+    ``progress`` receives the completed fraction of the work, 0 to 1.
     """
-    tell = progress or _untold
+    report = progress or _ignore_fraction
     image, defocus = np.asarray(image, np.float32), np.ascontiguousarray(defocus, np.float32)
     reach = math.ceil(float(np.abs(defocus).max())) if max_coc_radius is None else max_coc_radius
     if known is not None:
         known.check_within(*defocus.shape)
     lights = are_lights(image, light_limit(image, reach))
     sharp, mixed = find_mixed_pixels(image, defocus, lights, pixel_filter, known)
-    tell(_PARTED)
+    report(_UNMIXED_FRACTION)
     own = image.copy()
     own[mixed.rows, mixed.columns] = np.where(mixed.is_front[:, None], mixed.front, mixed.back)
     hidden, behind = occluded_background(own, sharp, reach)
@@ -153,21 +153,21 @@ def split_picture(
     mixed = _with_one_behind(mixed, behind)
     is_last = mixed.is_slight | ~mixed.is_front
     with parallel_region:
-        _lay_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, is_last, hidden, behind)
+        _insert_backs(mixed.rows, mixed.columns, mixed.back, mixed.far, is_last, hidden, behind)
     sharp[mixed.rows, mixed.columns] = mixed.near
-    tell(_FILLED)
-    found = [(image, sharp), (hidden, behind)]
+    report(_FILLED_FRACTION)
+    surfaces = [(image, sharp), (hidden, behind)]
     hides = behind < sharp - DISCONTINUITY_THRESHOLD
     if hides.any():
         deepest, beyond = occluded_background(hidden, behind, reach, hides)
         with parallel_region:
-            if _hide_again(sharp, behind, beyond):
-                found.append((deepest, beyond))
-    colors = np.empty((*sharp.shape, len(found), 3), np.float32)
-    depths, coverage = (np.empty((*sharp.shape, len(found)), np.float32) for _ in range(2))
+            if _remove_shallow_layer(sharp, behind, beyond):
+                surfaces.append((deepest, beyond))
+    colors = np.empty((*sharp.shape, len(surfaces), 3), np.float32)
+    depths, coverage = (np.empty((*sharp.shape, len(surfaces)), np.float32) for _ in range(2))
     with parallel_region:
-        for layer, (color, depth) in enumerate(found):
-            _stack(color, depth, layer, colors, depths, coverage)
-        _lay_fronts(mixed.rows, mixed.columns, mixed.front, mixed.coverage, colors, coverage)
-    tell(1.0)
+        for layer, (color, depth) in enumerate(surfaces):
+            _write_layer(color, depth, layer, colors, depths, coverage)
+        _insert_fronts(mixed.rows, mixed.columns, mixed.front, mixed.coverage, colors, coverage)
+    report(1.0)
     return Layers(colors=colors, defocus=depths, coverage=coverage), mixed

@@ -1,22 +1,22 @@
-"""Scatter every pixel over the shape of any lens opening, and the adjoint: kernels and public API.
+"""Scatter of every pixel over the shape of any aperture, and its adjoint: kernels and public API.
 
-A pixel with signed blur radius d gives each pixel around it the part of its light that the shape's radius
-table (:mod:`bokehnet.classical.scatter.aperture_table`) holds for that radius, eight pixels of four channels
-at a time. That costs O(r^2), but with so small a factor that up to 8 pixels or so it beats writing the two
-ends of each row, and any picture will do for a shape. All parts of one pixel's light sum to one, whatever the
-shape.
+A pixel with signed blur radius d adds to each pixel around it the fraction of its light in the shape's radius
+table (:mod:`bokehnet.classical.scatter.aperture_table`) for that radius, eight pixels of four channels at a
+time. The cost is O(r^2), but the factor is so small that up to about 8 pixels it is faster than writing the
+two ends of each row, and any picture can be a shape. The fractions of one pixel's light sum to one, whatever
+the shape.
 
-Destination rows are worked in blocks of a fixed height. One thread owns a block and visits all sources
+Destination rows are processed in blocks of a fixed height. One thread owns a block and visits all sources
 that reach it in a fixed order: the result has the same bits for any number of threads. A block has a
-margin on both sides, so that nothing is cut at the picture's borders.
+margin on both sides, so that nothing is cut at the borders of the picture.
 
-The cat's-eye cuts each row of a shape to an interval and divides by the share that is left, so that there,
-too, a pixel keeps all its light: the loss of light itself is left out, for the sums are divided by the
-weights in the end.
+The cat's-eye clips each row of a shape to an interval and divides by the remaining fraction, so that a pixel
+keeps all its light there, too: the loss of light is not modelled, because the sums are divided by the weights
+in the end.
 
 Shapes beyond the tables' largest radius are scattered on pictures of every second row and column
-(:mod:`bokehnet.classical.scatter.pyramid_lattices`), four of them, so that no source moves, and come back by
-linear interpolation. That blurs by a variance of 3/4 pixel^2, next to the r^2 / 4 of a disc.
+(:mod:`bokehnet.classical.scatter.pyramid_lattices`), four of them, so that no source moves, and are upsampled
+by linear interpolation. That blurs by a variance of 3/4 pixel^2, compared with the r^2 / 4 of a disc.
 """
 
 import math
@@ -54,7 +54,7 @@ from bokehnet.classical.simd.float8 import (
 from bokehnet.kernels import njit
 from bokehnet.optics.aperture import Aperture
 
-__all__ = ["lay_out", "scatter_backward", "scatter_forward"]
+__all__ = ["prepare_tables", "scatter_backward", "scatter_forward"]
 
 # Channels of a pixel in these kernels.
 CHANNELS = 4
@@ -62,7 +62,7 @@ CHANNELS = 4
 
 @njit(cache=True, forceinline=True)
 def _step_of(signed):  # type: ignore[no-untyped-def]
-    """Radius, step of the table at or below it, fraction of the way to the next, rows that it reaches."""
+    """Return the radius, its step of the table, the fraction towards the next step, and the reach in rows."""
     radius = max(abs(float(signed)), SMALLEST_RADIUS)
     place = (radius - SMALLEST_RADIUS) / STEP
     step = int(place)
@@ -71,7 +71,7 @@ def _step_of(signed):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _row_reach(defocus):  # type: ignore[no-untyped-def]
-    """How many rows the pixels of each row reach up or down."""
+    """Return the reach of the pixels of each row, up or down, in rows."""
     reach = np.zeros(defocus.shape[0], np.int64)
     for y in range(defocus.shape[0]):
         largest = abs(defocus[y, 0])
@@ -84,17 +84,17 @@ def _row_reach(defocus):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _is_absent(values, y, x):  # type: ignore[no-untyped-def]
-    """Whether all values of a pixel are 0."""
+    """Return whether all values of a pixel are 0."""
     return not (values[y, x, 0] or values[y, x, 1] or values[y, x, 2] or values[y, x, 3])
 
 
 @njit(cache=True, forceinline=True)
 def _clip(signed, shares, view, y, x, lowest, highest, halves, growths):  # type: ignore[no-untyped-def]
-    """Let the second pupil clip a source.
+    """Clip a source by the second pupil.
 
     Returns:
-        Whether it does, the share of the light that passes, its derivative by the radius, the first and
-        last row that are left of those from ``lowest`` to ``highest``, and the middle of their intervals.
+        Whether it is clipped, the transmitted fraction of the light, its derivative by the radius, the first
+        and last remaining row of those from ``lowest`` to ``highest``, and the centre of their intervals.
     """
     radius, step, along, _ = _step_of(signed)
     u, v = view.u + x * view.du, view.v + y * view.dv
@@ -114,7 +114,7 @@ def _clip(signed, shares, view, y, x, lowest, highest, halves, growths):  # type
 
 @njit(cache=True)
 def _add_block(sums, at, part, value):  # type: ignore[no-untyped-def]
-    """Add the parts of eight pixels of a value."""
+    """Add the fractions of eight pixels of a value."""
     a, b, c, d = repeat4(part)
     store8(sums, at, load8(sums, at) + a * value)
     store8(sums, at + LANES, load8(sums, at + LANES) + b * value)
@@ -124,20 +124,21 @@ def _add_block(sums, at, part, value):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves):  # type: ignore[no-untyped-def]
-    """Add the blocks ``begin`` to ``end`` (excluded) of a shape to rows of pixels.
+    """Add the blocks ``begin`` to ``end`` (exclusive) of a shape to rows of pixels.
 
     Args:
         sums: The rows, flat.
         at: Index of the source's own pixel.
-        stride: Numbers in a row.
-        shape: Rows, columns and parts as in :class:`ShapeTable`.
+        stride: Values per row.
+        shape: Rows, columns and fractions, see
+            :class:`bokehnet.classical.scatter.aperture_table.ShapeTable`.
         begin: First block.
-        end: Behind the last block.
-        f: Fraction of the way to the next step of the radius table, in all lanes.
-        value: The source's four channels, twice.
-        clip: Whether only an interval of each row passes, its middle in pixels from the source, and the
+        end: Index behind the last block.
+        f: Fraction towards the next step of the radius table, in all lanes.
+        value: Four channels of the source, twice.
+        clip: Whether each row is clipped to an interval, its centre in pixels from the source, and the
             row of the first of ``halves``.
-        halves: What :func:`find_chords` found.
+        halves: From :func:`find_chords`.
     """
     rows, columns, parts = shape
     clipped, centre, lowest = clip
@@ -159,7 +160,7 @@ def _splat_blocks(sums, at, stride, shape, begin, end, f, value, clip, halves): 
 
 @njit(cache=True)
 def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, last, out):  # type: ignore[no-untyped-def]
-    """Fill the rows ``first`` to ``last`` (excluded) of ``out``."""
+    """Fill the rows ``first`` to ``last`` (exclusive) of ``out``."""
     height, width = defocus.shape
     middle, starts = table.middle, table.first
     shape = (table.rows, table.columns, table.parts)
@@ -167,7 +168,7 @@ def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, la
     stride = CHANNELS * (width + 2 * margin)
     sums = np.zeros((last - first) * stride, table.parts.dtype)
     halves = np.empty(chord_room(last - first), table.parts.dtype)
-    unwanted = halves[:0]
+    no_growths = halves[:0]
     flat = values.reshape(values.size)
     for y in range(height):
         if y + reach[y] < first or y - reach[y] >= last:
@@ -189,7 +190,7 @@ def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, la
             clipped, share, centre = False, 1.0, 0.0
             if view.cats_eye > 0:
                 clipped, share, _, low, high, centre = _clip(
-                    signed, shares, view, y, x, low, high, halves, unwanted
+                    signed, shares, view, y, x, low, high, halves, no_growths
                 )
             clip = (clipped, centre, low)
             side = 1 if signed < 0 else 0
@@ -206,7 +207,7 @@ def _scatter_rows(values, defocus, reach, table, shares, view, margin, first, la
 
 @njit(cache=True, parallel=True)
 def shaped_forward(values, defocus, table, shares, view, margin, out):  # type: ignore[no-untyped-def]
-    """Fill ``out``, of the shape of ``values``; other arguments as :func:`_scatter_rows` takes them."""
+    """Fill ``out``, of the shape of ``values``; other arguments as in :func:`_scatter_rows`."""
     height = defocus.shape[0]
     reach = _row_reach(defocus)
     for block in prange((height + BLOCK_ROWS - 1) // BLOCK_ROWS):
@@ -216,8 +217,8 @@ def shaped_forward(values, defocus, table, shares, view, margin, out):  # type: 
 
 
 @njit(cache=True)
-def _take_block(gradient, at, part, change, sums):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`_add_block` by the value, and by the parts' ``change``; two sums each."""
+def _gather_block(gradient, at, part, change, sums):  # type: ignore[no-untyped-def]
+    """Add the adjoint of :func:`_add_block` by the value and by the fractions' ``change``; two sums each."""
     even, odd, even_rise, odd_rise = sums
     first, second = load8(gradient, at), load8(gradient, at + LANES)
     third, fourth = load8(gradient, at + 2 * LANES), load8(gradient, at + 3 * LANES)
@@ -230,7 +231,7 @@ def _take_block(gradient, at, part, change, sums):  # type: ignore[no-untyped-de
 
 @njit(cache=True)
 def _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growths, sums):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`_splat_blocks`, added to ``sums``: by the value, and by the step of the table."""
+    """Add the adjoint of :func:`_splat_blocks` to ``sums``: by the value, and by the step of the table."""
     rows, columns, parts = shape
     clipped, centre, lowest, drift = clip
     number = parts.dtype.type
@@ -246,20 +247,20 @@ def _read_blocks(gradient, at, stride, shape, begin, end, f, clip, halves, growt
             part = load8(parts, place) + f * change
             change = cover * change + cover_growth * part
             at_block = at + stride * rows[block] + CHANNELS * columns[block]
-            sums = _take_block(gradient, at_block, cover * part, change, sums)
+            sums = _gather_block(gradient, at_block, cover * part, change, sums)
     else:
         for block in range(begin, end):
             place = 2 * LANES * block
             change = load8(parts, place + LANES)
             part = load8(parts, place) + f * change
             at_block = at + stride * rows[block] + CHANNELS * columns[block]
-            sums = _take_block(gradient, at_block, part, change, sums)
+            sums = _gather_block(gradient, at_block, part, change, sums)
     return sums
 
 
 @njit(cache=True)
 def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
-    """Fill row y of the gradients; ``gradient`` is flat, its rows have the margin."""
+    """Fill row y of the gradients; ``gradient`` is flat, and its rows include the margin."""
     height, width = defocus.shape
     middle, starts = table.middle, table.first
     shape = (table.rows, table.columns, table.parts)
@@ -304,7 +305,7 @@ def _gather_row(y, values, defocus, gradient, table, shares, view, margin, grad_
 
 @njit(cache=True, parallel=True)
 def shaped_backward(values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
-    """Fill ``grad_values`` and add to ``grad_defocus``; arguments as :func:`_gather_row` takes them."""
+    """Fill ``grad_values`` and add to ``grad_defocus``; arguments as in :func:`_gather_row`."""
     for y in prange(defocus.shape[0]):
         _gather_row(
             np.int64(y), values, defocus, gradient, table, shares, view, margin, grad_values, grad_defocus
@@ -312,7 +313,7 @@ def shaped_backward(values, defocus, gradient, table, shares, view, margin, grad
 
 
 def _groups(values: np.ndarray) -> list[np.ndarray]:
-    """Cut the channels into groups of four, the last one filled up with zeros."""
+    """Split the channels into groups of four; zeros fill the last one."""
     missing = -values.shape[2] % CHANNELS
     filled = np.pad(values, ((0, 0), (0, 0), (0, missing))) if missing else values
     groups = range(0, filled.shape[2], CHANNELS)
@@ -320,7 +321,7 @@ def _groups(values: np.ndarray) -> list[np.ndarray]:
 
 
 def _join(groups: list[np.ndarray], channels: int) -> np.ndarray:
-    """Put groups of channels together again."""
+    """Join groups of channels."""
     joined = groups[0] if len(groups) == 1 else np.concatenate(groups, axis=2)
     return joined[:, :, :channels]
 
@@ -328,31 +329,31 @@ def _join(groups: list[np.ndarray], channels: int) -> np.ndarray:
 def _lattices(
     values: np.ndarray, defocus: np.ndarray, view: View
 ) -> Iterator[tuple[int, int, np.ndarray, np.ndarray, np.ndarray, View]]:
-    """Sources beyond the tables: where a lattice starts, where it has any, their values, defocus and view.
+    """Yield the sources beyond the tables: lattice start, mask, their values, defocus and view.
 
-    The values are quartered, for a pixel of a lattice stands for four.
+    The values are divided by four because a pixel of a lattice represents four pixels.
     """
     for y, x in np.ndindex(2, 2):
         lattice = defocus[y::2, x::2]
-        places = np.abs(lattice) > LARGEST_TABLE
-        if places.any():
+        mask = np.abs(lattice) > LARGEST_TABLE
+        if mask.any():
             shape = lattice_shape(defocus.shape[0], defocus.shape[1], y, x)
             coarse_values, coarse_defocus = (
                 np.zeros((*shape, CHANNELS), values.dtype),
                 np.zeros(shape, values.dtype),
             )
-            coarse_values[1:-1, 1:-1][places] = values[y::2, x::2][places] / 4
-            coarse_defocus[1:-1, 1:-1][places] = lattice[places] / 2
-            yield y, x, places, coarse_values, coarse_defocus, every_second(view, x - 2, y - 2)
+            coarse_values[1:-1, 1:-1][mask] = values[y::2, x::2][mask] / 4
+            coarse_defocus[1:-1, 1:-1][mask] = lattice[mask] / 2
+            yield y, x, mask, coarse_values, coarse_defocus, every_second(view, x - 2, y - 2)
 
 
-def lay_out(aperture: Aperture, radius: float) -> None:
-    """Make the tables of an opening for discs of up to ``radius`` pixels, before a picture needs them."""
+def prepare_tables(aperture: Aperture, radius: float) -> None:
+    """Prepare the tables of an aperture for discs of up to ``radius`` pixels, before a picture needs them."""
     share_table(aperture, shape_table(aperture, radius, "float32"))
 
 
 def _scatter(values: np.ndarray, defocus: np.ndarray, aperture: Aperture, view: View) -> np.ndarray:
-    """ScatterOperator (H, W, 4)."""
+    """Scatter four channels, (H, W, 4)."""
     table = shape_table(aperture, float(np.abs(defocus).max()), values.dtype.name)
     shares, margin = share_table(aperture, table), int(table.reach[-1]) + LANES
     sums = np.empty_like(values)
@@ -368,7 +369,7 @@ def _scatter(values: np.ndarray, defocus: np.ndarray, aperture: Aperture, view: 
 def _gather(
     values: np.ndarray, defocus: np.ndarray, gradient: np.ndarray, aperture: Aperture, view: View
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`_scatter`."""
+    """Return the adjoint of :func:`_scatter`."""
     table = shape_table(aperture, float(np.abs(defocus).max()), values.dtype.name)
     shares, margin = share_table(aperture, table), int(table.reach[-1]) + LANES
     padded = np.pad(gradient, ((0, 0), (margin, margin), (0, 0))).ravel()
@@ -393,7 +394,7 @@ def _prepare(
     scale: float,
     origin: tuple[int, int],
 ) -> tuple[np.ndarray, View]:
-    """The defocus as the kernels take it, and the grid's place in the picture."""
+    """Return the defocus in the form of the kernels, and the view of the grid in the picture."""
     height, width = defocus.shape
     view = make_view(aperture.cats_eye, full_shape or (height, width), scale, origin)
     return np.ascontiguousarray(np.clip(defocus, -LARGEST_RADIUS, LARGEST_RADIUS), dtype), view
@@ -408,21 +409,21 @@ def scatter_forward(
     scale: float = 1.0,
     origin: tuple[int, int] = (0, 0),
 ) -> np.ndarray:
-    """Scatter the values of every pixel over the shape of the opening, and add up.
+    """Scatter the values of every pixel over the shape of the aperture, and sum.
 
     Args:
         values: (H, W, C), float32 or float64; a channel of ones gives the weights. A pixel whose values
-            are all 0 costs nothing. Four channels at a time: one costs as much as four.
+            are all 0 costs nothing. Channels are processed in fours: one costs as much as four.
         defocus: Signed blur radius in pixels of this grid, (H, W), finite, + in front of focus. Up to 0.5
-            pixels (to both sides) a pixel stays as it is.
-        aperture: The opening.
-        full_shape: Height and width of the full-size picture, for the cat's-eye; default this one's.
+            pixels (on both sides) a pixel is unchanged.
+        aperture: Shape of the aperture.
+        full_shape: Height and width of the full-size picture, for the cat's-eye; default: this one's.
         scale: Full-size pixels per pixel: pixel x of this grid is centred on (x + 1/2) scale - 1/2.
         origin: Column and row of the full-size picture at which this one begins.
 
     Returns:
-        Sums (H, W, C), of the values' dtype. The parts of one pixel sum to one (with a cat's-eye within
-        half a percent) as long as they fall into the picture.
+        Sums (H, W, C), of the values' dtype. The fractions of one pixel sum to one (with a cat's-eye within
+        half a percent) as far as they are inside the picture.
     """
     defocus, view = _prepare(defocus, aperture, values.dtype, full_shape, scale, origin)
     return _join([_scatter(group, defocus, aperture, view) for group in _groups(values)], values.shape[2])
@@ -438,19 +439,19 @@ def scatter_backward(
     scale: float = 1.0,
     origin: tuple[int, int] = (0, 0),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`scatter_forward`, at the same cost.
+    """Return the adjoint of :func:`scatter_forward`, at the same cost.
 
     Args:
-        values: As given to the forward.
-        defocus: The same.
-        grad_sums: Gradient for the sums, (H, W, C).
-        aperture: As given to the forward.
-        full_shape: The same.
-        origin: The same.
-        scale: The same.
+        values: As in the forward pass.
+        defocus: As in the forward pass.
+        grad_sums: Gradient of the sums, (H, W, C).
+        aperture: As in the forward pass.
+        full_shape: As in the forward pass.
+        origin: As in the forward pass.
+        scale: As in the forward pass.
 
     Returns:
-        Gradients for the values (H, W, C) and the defocus (H, W). The latter is 0 where the magnitude is
+        Gradients of the values (H, W, C) and of the defocus (H, W). The latter is 0 where the magnitude is
         up to 1/2 or above ``LARGEST_RADIUS``.
     """
     clipped, view = _prepare(defocus, aperture, values.dtype, full_shape, scale, origin)

@@ -1,14 +1,14 @@
-"""What part of its light a point sends to each pixel, for one aperture and a radius table of blur radii.
+"""Fraction of its light that a point sends to each pixel, for one aperture and a table of blur radii.
 
-The light on a pixel at offset (i, j) is the opening's transmission, summed over the pixel's square in
-aperture coordinates, [(i - 1/2) / r, (i + 1/2) / r] by the same in j. Running sums of the transmission
-over a fine grid give it as four look-ups, and since neighbouring squares share their corners, the parts of
-all pixels sum to one for every radius. Between two steps of the radius table the parts go in a straight line:
+The light on a pixel at offset (i, j) is the transmission of the aperture, summed over the pixel's square in
+aperture coordinates, [(i - 1/2) / r, (i + 1/2) / r] and the same in j. Running sums of the transmission
+over a fine grid give it by four lookups, and since adjacent squares share their corners, the fractions of
+all pixels sum to one for every radius. Between two steps of the radius table the fractions are linear:
 the sum stays one, and the difference of the two is the derivative by the radius.
 
-A step keeps the lit part of its window as blocks of as many pixels of one row as a vector has, sorted by
-rows: the place of a block, and in ``parts`` its parts at the lower radius and the differences to the next
-one. A list of equal blocks needs no inner loop whose length the processor would have to guess.
+A step stores the lit part of its window as blocks of as many pixels of one row as a vector has, sorted by
+rows: the position of a block, and in ``parts`` its fractions at the lower radius and the differences to the
+next one. A list of equal blocks needs no inner loop of unpredictable length.
 """
 
 import math
@@ -21,34 +21,34 @@ from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.simd.float8 import LANES, ORDER
 from bokehnet.optics.aperture import Aperture, transmission
 
-__all__ = ["KEPT", "LARGEST_TABLE", "STEP", "ShapeTable", "shape_table"]
+__all__ = ["LARGEST_TABLE", "MAX_CACHED_APERTURES", "STEP", "ShapeTable", "shape_table"]
 
-# Pixels between two radii of the radius table.
+# Distance of two radii of the radius table, pixels.
 STEP = 0.25
 
 # Largest radius of a radius table (10 MB in float32 for each side of the focus that differs).
 LARGEST_TABLE = 64
 
-# Openings whose tables are kept: those of all presets, and a few more.
-KEPT = 10
+# Number of apertures whose tables are cached: those of all presets, and a few more.
+MAX_CACHED_APERTURES = 10
 
 # Cells along each side of the running sums, and samples along each side of a cell.
 _CELLS, _SAMPLES = 512, 2
 
-# Parts below this are rounding of the running sums.
-_NOTHING = 1e-12
+# Fractions below this are rounding errors of the running sums.
+_MIN_FRACTION = 1e-12
 
 
 class ShapeTable(NamedTuple):
-    """One aperture's radius table, as kernels take it. Side 0 is in front of focus, 1 behind it.
+    """Radius table of one aperture, in the form that kernels read. Side 0 is in front of focus, 1 behind it.
 
     Attributes:
-        reach: (steps,) rows of a step above and below its middle.
-        middle: (2, steps) index into ``first`` of a step's middle row.
-        first: (R,) index of a row's first block; it ends where the next row begins.
-        rows: (B,) row of each block, counted from the source.
-        columns: (B,) its first column.
-        parts: (B * 2 * LANES,) parts of the light, and their differences, block by block, in ``ORDER``.
+        reach: Rows of a step above and below its centre, (steps,).
+        middle: Index into ``first`` of a step's centre row, (2, steps).
+        first: Index of a row's first block, (R,); the row ends where the next one begins.
+        rows: Row of each block, counted from the source, (B,).
+        columns: First column of each block, (B,).
+        parts: Fractions of the light and their differences, block by block, in ``ORDER``, (B * 2 * LANES,).
     """
 
     reach: np.ndarray
@@ -61,7 +61,7 @@ class ShapeTable(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _running_sums(aperture: Aperture, side: int) -> np.ndarray:
-    """Running sums of the picture that a point draws on its ``side`` of the focus, +1 or -1."""
+    """Return the running sums of a point's image on its ``side`` of the focus, +1 or -1."""
     fine = _CELLS * _SAMPLES
     axis = side * ((np.arange(fine) + 0.5) * (2 / fine) - 1)
     light = transmission(aperture, axis[None, :], axis[:, None], side)
@@ -71,19 +71,19 @@ def _running_sums(aperture: Aperture, side: int) -> np.ndarray:
 
 
 def _parts(sums: np.ndarray, radius: float, reach: int) -> np.ndarray:
-    """Part of the light on each pixel of a (2 reach + 1)^2 window."""
+    """Return the fraction of the light on each pixel of a (2 reach + 1)^2 window."""
     edges = (np.arange(2 * reach + 2) - reach - 0.5) / radius
-    place = np.clip((edges + 1) * (_CELLS / 2), 0, _CELLS)
-    cell = np.minimum(place.astype(np.intp), _CELLS - 1)
-    inside = place - cell
+    position = np.clip((edges + 1) * (_CELLS / 2), 0, _CELLS)
+    cell = np.minimum(position.astype(np.intp), _CELLS - 1)
+    inside = position - cell
     down = sums[cell] * (1 - inside)[:, None] + sums[cell + 1] * inside[:, None]
     both = down[:, cell] * (1 - inside) + down[:, cell + 1] * inside
     parts = np.diff(np.diff(both, axis=0), axis=1)
-    return np.where(parts > _NOTHING, parts, 0.0)
+    return np.where(parts > _MIN_FRACTION, parts, 0.0)
 
 
 def _blocks(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Blocks in each row, (row, column) of each block in the window, and their parts (B, 2, LANES)."""
+    """Return the number of blocks per row, (row, column) of each, and their fractions (B, 2, LANES)."""
     lit = np.maximum(lower, upper) > 0
     start = lit.argmax(1)
     length = np.where(lit.any(1), lit.shape[1] - lit[:, ::-1].argmax(1) - start, 0)
@@ -96,7 +96,7 @@ def _blocks(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _radius_table(sums: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, first, blocks and parts of one side, counted from 0."""
+    """Return middle, first, blocks and parts of one side, counted from 0."""
     middle, first, blocks, parts = [], [], [], []
     rows = total = 0
     for step in range(steps):
@@ -113,24 +113,24 @@ def _radius_table(sums: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray,
 
 
 def shape_table(aperture: Aperture, radius: float, dtype: str) -> ShapeTable:
-    """Return a table that reaches ``radius`` or ``LARGEST_TABLE`` in numbers of ``dtype``; no cat's-eye.
+    """Return a table that reaches ``radius`` or ``LARGEST_TABLE``, of type ``dtype``, without cat's-eye.
 
-    Those of the last openings are kept. A larger one that is there serves for a smaller radius.
+    The tables of the last apertures are cached. A cached larger one serves a smaller radius.
     """
     limit = 8
     while limit < min(radius, LARGEST_TABLE):
         limit *= 2
-    # The step that starts at the limit, and one more to be the next one's.
+    # The step that starts at the limit, and the one that follows it.
     steps = math.ceil((limit - SMALLEST_RADIUS) / STEP) + 2
-    kept = _kept_table(aperture, dtype)
-    if not kept or len(kept[0].reach) < steps:
-        kept[:] = [_make_table(aperture, steps, dtype)]
-    return kept[0]
+    cached = _cached_table(aperture, dtype)
+    if not cached or len(cached[0].reach) < steps:
+        cached[:] = [_make_table(aperture, steps, dtype)]
+    return cached[0]
 
 
-@lru_cache(maxsize=KEPT)
-def _kept_table(aperture: Aperture, dtype: str) -> list[ShapeTable]:
-    """Return the place of the largest table made so far."""
+@lru_cache(maxsize=MAX_CACHED_APERTURES)
+def _cached_table(aperture: Aperture, dtype: str) -> list[ShapeTable]:
+    """Return the list that holds the largest table computed so far."""
     return []
 
 

@@ -1,12 +1,12 @@
-"""Optical vignetting inside the kernels: which part of each row of a shape passes the second pupil.
+"""Optical vignetting inside the kernels: interval of each row of a shape that the second pupil transmits.
 
-The second disc has the shape's own radius r; its centre lies ``r * shift`` from the shape's (the shift of
+The second disc has the shape's own radius r; its centre is ``r * shift`` from the shape's (the shift of
 :func:`cats_eye_shift` times the sign of the defocus). In each row the disc covers an interval that has the
-disc's exact area between the row's upper and lower border; a pixel keeps its part of the light times its
-length inside that interval. (Where an interval is less than a pixel long, nearly so.)
+disc's exact area between the row's upper and lower border; a pixel's fraction of the light is multiplied by
+its length inside that interval. (Approximately so where an interval is less than a pixel long.)
 
-What passes is divided by the share of the light that does, so that a source keeps all its light. Shares
-change slowly with shift and radius: they are tabulated, and linear between the places of the table.
+The transmitted light is divided by the transmitted fraction, so that a source keeps all its light. These
+fractions change slowly with shift and radius: they are tabulated, and interpolated linearly.
 """
 
 import math
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bokehnet.classical.scatter.aperture_table import KEPT, STEP, ShapeTable
+from bokehnet.classical.scatter.aperture_table import MAX_CACHED_APERTURES, STEP, ShapeTable
 from bokehnet.classical.scatter.disc_table import SMALLEST_RADIUS
 from bokehnet.classical.simd.float8 import LANES, broadcast8, indices8, load8, overlap8, sum8
 from bokehnet.kernels import njit
@@ -35,28 +35,28 @@ __all__ = [
     "share_table",
 ]
 
-# Where the second pupil leaves less than this, the shape stays whole: no place of a picture goes black.
+# Below this transmitted fraction the shape is not clipped: no position of a picture turns black.
 SMALLEST_SHARE = 0.02
 
-# Shifts tabulated along each axis, from -cats_eye to cats_eye.
+# Tabulated shifts along each axis, from -cats_eye to cats_eye.
 _SHIFTS = 33
 
-# Of the steps of the radius table from this one on, the shares of every eighth are computed.
-_FINE_STEPS, _COARSER = 128, 8
+# From this step of the radius table on, the fractions of every eighth step are computed.
+_DENSE_STEPS, _STRIDE = 128, 8
 
-# In the first few steps, where pixels of a shape come and go, the shares are tabulated at parts of a step.
+# In the first steps, where pixels of a shape appear and disappear, the fractions are tabulated within a step.
 SMALL_STEPS, STEP_PARTS = 8, 8
 
 
 class View(NamedTuple):
-    """Where a grid lies in the full-size picture: shift of the second pupil at (x, y) = (u + x du, v + y dv).
+    """Position of a grid in the full-size picture: second pupil's shift at (x, y) = (u + x du, v + y dv).
 
     Attributes:
         cats_eye: ``Aperture.cats_eye``.
         u: Shift at the pixel (0, 0), to the right.
-        v: The same, down.
-        du: What one pixel to the right adds.
-        dv: What one pixel down adds.
+        v: Shift at the pixel (0, 0), down.
+        du: Change of the shift per pixel to the right.
+        dv: Change of the shift per pixel down.
     """
 
     cats_eye: float
@@ -71,7 +71,7 @@ def make_view(
 ) -> View:
     """Return the view of a grid whose pixel x is centred on ``(x + 1/2) scale - 1/2`` of the full size.
 
-    There it begins at the column and row ``origin``.
+    The grid begins at the column and row ``origin`` of the full-size picture.
     """
     (height, width), (left, top) = full_shape, origin
     first, second = 0.5 * scale - 0.5, 1.5 * scale - 0.5
@@ -81,16 +81,16 @@ def make_view(
 
 
 def every_second(view: View, x: int, y: int) -> View:
-    """Return the view of a grid that starts at the pixel (x, y) of this one and takes every second pixel."""
+    """Return the view of a grid of every second pixel, from the pixel (x, y) of this one on."""
     return View(view.cats_eye, view.u + x * view.du, view.v + y * view.dv, 2 * view.du, 2 * view.dv)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _area_to(t):  # type: ignore[no-untyped-def]
-    """Area under the unit circle's upper half from 0 to t, of t's own number type.
+    """Return the area under the unit circle's upper half from 0 to t, in t's own number type.
 
-    What lies beyond |t| is (1 - |t|)^(3/2) times a smooth function, here a polynomial that is exact for
-    t = 0 and within 3e-8 up to 1: unlike the arc sine's, a loop over it becomes vector instructions.
+    The area beyond |t| is (1 - |t|)^(3/2) times a smooth function, here a polynomial that is exact for
+    t = 0 and within 3e-8 up to 1: unlike with the arc sine, a loop over it compiles to vector instructions.
     """
     number = type(t)
     quarter, a, b = number(0.25 * math.pi), number(0.17809490113050896), number(-0.027327132067406047)
@@ -105,23 +105,23 @@ def _area_to(t):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def chord_room(rows):  # type: ignore[no-untyped-def]
-    """Chords that are computed when ``rows`` are wanted: whole vectors, whatever the machine's."""
+    """Return the number of chords that are computed for ``rows``: whole vectors on any machine."""
     return (rows + 15) // 16 * 16
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
 def find_chords(radius, u, v, lowest, highest, halves, growths):  # type: ignore[no-untyped-def]
-    """Find the interval that the second disc covers in each row of a shape.
+    """Compute the interval that the second disc covers in each row of a shape.
 
     Args:
         radius: Blur radius in pixels, above 0.
         u: Shift in radii, with the sign of the defocus.
-        v: The same, down.
+        v: Shift down, in radii.
         lowest: First row, counted from the source.
         highest: Last row.
-        halves: (n,) to fill for row ``lowest + i``: half the chord, and half a pixel, as
-            :func:`overlap8` takes it; 0 where a row gets nothing. n >= :func:`chord_room` of the rows.
-        growths: (n,) to fill with their derivatives by the step of the radius table, or (0,).
+        halves: (n,), filled for row ``lowest + i``: half the chord plus half a pixel, the argument of
+            :func:`overlap8`; 0 where a row gets nothing. n >= :func:`chord_room` of the rows.
+        growths: (n,), filled with their derivatives by the step of the radius table, or (0,).
     """
     number = halves.dtype.type
     first, rise = number((lowest - 0.5) / radius - v), number(1 / radius)
@@ -142,16 +142,16 @@ def find_chords(radius, u, v, lowest, highest, halves, growths):  # type: ignore
 
 
 @njit(cache=True)
-def _share(table, middle, reach, step, along, u, v, halves):  # type: ignore[no-untyped-def]
-    """Part of a shape's light that passes the second disc."""
+def _transmitted(table, middle, reach, step, along, u, v, halves):  # type: ignore[no-untyped-def]
+    """Return the fraction of a shape's light that the second disc transmits."""
     number = table.parts.dtype.type
     radius = SMALLEST_RADIUS + (step + along) * STEP
     find_chords(radius, u, v, -reach, reach, halves, halves[:0])
     f, from_centre = broadcast8(number(along)), indices8(number(-radius * u))
     total = broadcast8(number(0))
     for block in range(table.first[middle - reach], table.first[middle + reach + 1]):
-        place = 2 * LANES * block
-        part = load8(table.parts, place) + f * load8(table.parts, place + LANES)
+        index = 2 * LANES * block
+        part = load8(table.parts, index) + f * load8(table.parts, index + LANES)
         distance = from_centre + broadcast8(number(table.columns[block]))
         total = total + part * overlap8(distance, broadcast8(halves[reach + table.rows[block]]))
     return sum8(total)
@@ -159,7 +159,7 @@ def _share(table, middle, reach, step, along, u, v, halves):  # type: ignore[no-
 
 @njit(cache=True)
 def _fill_shares(table, cats_eye, step, along, shares):  # type: ignore[no-untyped-def]
-    """Fill one place of a table of shares, (2, shifts, shifts)."""
+    """Fill one entry of a table of fractions, (2, shifts, shifts)."""
     shifts, reach = shares.shape[2], table.reach[step]
     halves = np.empty(chord_room(2 * reach + 1), table.parts.dtype)
     for side in range(2):
@@ -171,43 +171,44 @@ def _fill_shares(table, cats_eye, step, along, shares):  # type: ignore[no-untyp
             v = cats_eye * (2.0 * i / (shifts - 1) - 1.0)
             for j in range(shifts):
                 u = cats_eye * (2.0 * j / (shifts - 1) - 1.0)
-                shares[side, i, j] = _share(table, middle, reach, step, along, u, v, halves)
+                shares[side, i, j] = _transmitted(table, middle, reach, step, along, u, v, halves)
 
 
 def _make_shares(table: ShapeTable, cats_eye: float) -> np.ndarray:
     steps = len(table.reach)
     shares = np.empty((2, steps + SMALL_STEPS * STEP_PARTS + 1, _SHIFTS, _SHIFTS), np.float32)
-    known = sorted({*range(min(_FINE_STEPS, steps)), *range(_FINE_STEPS, steps, _COARSER), steps - 1})
-    for step in known:
+    computed_steps = sorted(
+        {*range(min(_DENSE_STEPS, steps)), *range(_DENSE_STEPS, steps, _STRIDE), steps - 1}
+    )
+    for step in computed_steps:
         _fill_shares(table, cats_eye, step, 0.0, shares[:, step])
-    for lower, upper in pairwise(known):
+    for lower, upper in pairwise(computed_steps):
         along = (np.arange(1, upper - lower) / (upper - lower))[:, None, None].astype(np.float32)
         low, high = shares[:, lower, None], shares[:, upper, None]
         shares[:, lower + 1 : upper] = low + along * (high - low)
-    for part in range(SMALL_STEPS * STEP_PARTS + 1):
-        step, along = divmod(part, STEP_PARTS)
-        _fill_shares(table, cats_eye, step, along / STEP_PARTS, shares[:, steps + part])
+    for substep in range(SMALL_STEPS * STEP_PARTS + 1):
+        step, along = divmod(substep, STEP_PARTS)
+        _fill_shares(table, cats_eye, step, along / STEP_PARTS, shares[:, steps + substep])
     return shares
 
 
 def share_table(aperture: Aperture, table: ShapeTable) -> np.ndarray:
-    """Return the share of the light that passes, float32, (side, place, v, u), shifts up to ``cats_eye``.
+    """Return the transmitted fraction of the light, float32, (side, entry, v, u), shifts up to ``cats_eye``.
 
-    The places are the steps of the radius table, and behind them parts of its first ``SMALL_STEPS`` steps and
-    where these end. Without a cat's-eye the table is empty. Tables are kept like the radius tables they are
-    of.
+    The entries are the steps of the radius table, followed by parts of its first ``SMALL_STEPS`` steps and
+    their end. Without a cat's-eye the table is empty. Tables are cached like the radius tables.
     """
     if aperture.cats_eye == 0:
         return np.zeros((0, 0, 0, 0), np.float32)
-    kept = _kept_shares(aperture, table.parts.dtype.name)
-    if not kept or kept[0].shape[1] <= len(table.reach) + SMALL_STEPS * STEP_PARTS:
-        kept[:] = [_make_shares(table, aperture.cats_eye)]
-    return kept[0]
+    cached = _cached_shares(aperture, table.parts.dtype.name)
+    if not cached or cached[0].shape[1] <= len(table.reach) + SMALL_STEPS * STEP_PARTS:
+        cached[:] = [_make_shares(table, aperture.cats_eye)]
+    return cached[0]
 
 
-@lru_cache(maxsize=KEPT)
-def _kept_shares(aperture: Aperture, dtype: str) -> list[np.ndarray]:
-    """Return the place of the largest table made so far."""
+@lru_cache(maxsize=MAX_CACHED_APERTURES)
+def _cached_shares(aperture: Aperture, dtype: str) -> list[np.ndarray]:
+    """Return the list that holds the largest table computed so far."""
     return []
 
 
@@ -220,7 +221,7 @@ def _between(shares, side, place, i, j, y, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def share_at(shares, cats_eye, side, step, along, u, v):  # type: ignore[no-untyped-def]
-    """Share of the light that passes, and its derivative by the radius."""
+    """Return the transmitted fraction of the light, and its derivative by the radius."""
     cells = shares.shape[2] - 1
     place_x = min(max((u / cats_eye + 1.0) * (0.5 * cells), 0.0), float(cells))
     place_y = min(max((v / cats_eye + 1.0) * (0.5 * cells), 0.0), float(cells))

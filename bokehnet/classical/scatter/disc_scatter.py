@@ -1,16 +1,16 @@
-"""Scatter every pixel over its disc, and the adjoint: kernels and public API. One grid, no shortcuts.
+"""Scatter of every pixel over its disc, and the adjoint: kernels and public API. One grid, exact.
 
 A pixel with blur radius r lights the disc of that radius around its centre; every pixel gets the exact
-area of the disc that falls on it (:mod:`bokehnet.classical.scatter.disc_table`), over the disc's area. Only
+area of the disc that covers it (:mod:`bokehnet.classical.scatter.disc_table`), over the disc's area. Only
 the ends of the intervals that make up a row are written, as differences along the row; one running sum per
-row then fills the insides, so that a pixel costs O(r), not O(r^2). The adjoint reads, at the same places,
-running sums of the gradient that come from the row's end.
+row then fills the insides, so that a pixel costs O(r), not O(r^2). The adjoint reads, at the same positions,
+running sums of the gradient from the row's end.
 
-Destination rows are worked in blocks of a fixed height. One thread owns a block and visits all
+Destination rows are processed in blocks of a fixed height. One thread owns a block and visits all
 sources that reach it in a fixed order: the result has the same bits for any number of threads. A block is
-kept in float64, so that beyond a bright disc nothing is left of it but 1e-16 of its light.
+float64, so that beyond a bright disc only 1e-16 of its light remains.
 
-Rows hold four channels side by side, and one more pixel behind the last, which nobody looks at.
+Rows interleave four channels, with one more pixel behind the last, which is never read.
 
 Source: Kosloff, Tao and Barsky, "Depth of field postprocessing for layered scenes using constant-time
 rectangle spreading", Graphics Interface 2009, for spreading by differences; the discs are ours.
@@ -32,20 +32,27 @@ from bokehnet.classical.scatter.disc_table import (
 from bokehnet.classical.simd.double4 import add_interval, difference, load4
 from bokehnet.kernels import njit
 
-__all__ = ["BLOCK_ROWS", "LARGEST_RADIUS", "in_fours", "joined", "scatter_backward", "scatter_forward"]
+__all__ = [
+    "BLOCK_ROWS",
+    "LARGEST_RADIUS",
+    "join_channels",
+    "scatter_backward",
+    "scatter_forward",
+    "split_channels",
+]
 
-# Far beyond any picture, and small enough that 1 / (pi r^2) stands far above the rounding of the sums.
+# Far beyond any picture, and small enough that 1 / (pi r^2) exceeds the rounding errors of the sums by far.
 LARGEST_RADIUS = 1e4
 
 BLOCK_ROWS = 64
 
-# How much farther than its radius a disc can reach: half a pixel, and to the end of its step in the table.
-_MARGIN = 1.5
+# Maximum reach of a disc beyond its radius, pixels: half a pixel, and up to the end of its step in the table.
+_MARGIN_PX = 1.5
 
 
-@njit(cache=True, parallel=True, fastmath=True)  # nothing is added: only the order of comparisons is free
+@njit(cache=True, parallel=True, fastmath=True)  # no additions: only the order of comparisons may change
 def _survey(values, defocus):  # type: ignore[no-untyped-def]
-    """Rows that the discs of each row can reach up or down (-1: all sharp); whether a value is negative."""
+    """Return the reach in rows of the discs of each row (-1: all sharp), and whether a value is negative."""
     height, width = defocus.shape
     reach, negative = np.empty(height, np.int64), np.zeros(height, np.bool_)
     for row in prange(height):
@@ -56,14 +63,14 @@ def _survey(values, defocus):  # type: ignore[no-untyped-def]
         for x in range(width):
             for channel in range(4):
                 below |= values[y, x, channel] < 0.0
-        reach[y] = int(min(largest, LARGEST_RADIUS) + _MARGIN) if largest > SMALLEST_RADIUS else -1
+        reach[y] = int(min(largest, LARGEST_RADIUS) + _MARGIN_PX) if largest > SMALLEST_RADIUS else -1
         negative[y] = below
     return reach, negative.any()
 
 
 @njit(cache=True)
 def _stride(blocks):  # type: ignore[no-untyped-def]
-    """Step by which to go round the blocks once; each thread's share then comes from all over the picture."""
+    """Return a step that visits all blocks once and gives each thread blocks of the whole picture."""
     step = max(1, int(0.618 * blocks))
     while math.gcd(step, blocks) != 1:
         step += 1
@@ -72,7 +79,7 @@ def _stride(blocks):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _four(array, y, x):  # type: ignore[no-untyped-def]
-    """The four channels of a pixel in float64."""
+    """Return the four channels of a pixel in float64."""
     return (
         np.float64(array[y, x, 0]),
         np.float64(array[y, x, 1]),
@@ -83,7 +90,7 @@ def _four(array, y, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _splat_whole(sums, stride, centre, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
-    """Write the ends of a disc that lies inside the block, in all four quarters."""
+    """Write the ends of a disc that is inside the block, in all four quadrants."""
     for n in range(np.uint64(start), np.uint64(end)):
         strength = weights[n, 0] + along * weights[n, 1]
         row, column = stride * np.int64(places[n, 0]), 4 * np.int64(places[n, 1])
@@ -95,8 +102,7 @@ def _splat_whole(sums, stride, centre, value, along, start, end, places, weights
 def _splat_half(sums, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
     """Write some ends of a disc around column x, below ``line`` or, with negative ``stride``, above it.
 
-    What lies left of the picture is written to its border, what lies right of it to the pixel behind the
-    last.
+    Ends left of the picture are written to its border, ends right of it to the pixel behind the last.
     """
     for n in range(np.uint64(start), np.uint64(end)):
         strength = weights[n, 0] + along * weights[n, 1]
@@ -107,7 +113,7 @@ def _splat_half(sums, stride, line, x, width, value, along, start, end, places, 
 
 @njit(cache=True)
 def _list_disc(radius, nearest, farthest, border, first, places, weights):  # type: ignore[no-untyped-def]
-    """List the ends of a disc that the table lacks, rows ``nearest`` to ``farthest``."""
+    """List the ends of a disc beyond the table, rows ``nearest`` to ``farthest``."""
     end = 0
     for k in range(nearest, farthest + 1):
         first[0, k] = end
@@ -117,14 +123,14 @@ def _list_disc(radius, nearest, farthest, border, first, places, weights):  # ty
 
 @njit(cache=True)
 def _new_lists(height, width):  # type: ignore[no-untyped-def]
-    """Room for the ends of one disc on ``height`` rows: ``first``, ``places`` and ``weights`` of a table."""
+    """Return buffers for the ends of one disc on ``height`` rows: ``first``, ``places``, ``weights``."""
     longest = width + 3 * height + 8
     return np.empty((1, height + 2), np.int32), np.empty((longest, 2), np.int16), np.empty((longest, 2))
 
 
 @njit(cache=True)
 def _splat_rows(values, defocus, reach, table, top, bottom, sums):  # type: ignore[no-untyped-def]
-    """Write all discs that reach the rows ``top`` to ``bottom`` (excluded) into ``sums``."""
+    """Write all discs that reach the rows ``top`` to ``bottom`` (exclusive) to ``sums``."""
     height, width = defocus.shape
     stride = 4 * (width + 1)
     own_first, own_places, own_weights = _new_lists(height, width)
@@ -135,7 +141,7 @@ def _splat_rows(values, defocus, reach, table, top, bottom, sums):  # type: igno
         line = (y - top) * stride
         for x in range(width):
             radius = np.float64(min(abs(defocus[y, x]), LARGEST_RADIUS))
-            if radius <= SMALLEST_RADIUS or radius + _MARGIN < nearest:
+            if radius <= SMALLEST_RADIUS or radius + _MARGIN_PX < nearest:
                 continue
             value = _four(values, y, x)
             if value[0] == 0 and value[1] == 0 and value[2] == 0 and value[3] == 0:
@@ -182,13 +188,13 @@ def _sum_rows(values, defocus, top, bottom, lowest, sums, out):  # type: ignore[
 
 @njit(cache=True, parallel=True)
 def scatter_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
-    """ScatterOperator ``values`` (H, W, 4) over discs into ``out``.
+    """Scatter ``values`` (H, W, 4) over discs into ``out``.
 
     Args:
-        values: What each pixel spreads.
-        defocus: Radii (H, W); the sign does not matter.
-        table: Of small discs.
-        out: Sums, (H, W, 4); not below 0 when no value is.
+        values: Values to spread, (H, W, 4).
+        defocus: Radii (H, W); the sign is ignored.
+        table: Table of small discs.
+        out: Sums, (H, W, 4); not below 0 if no value is.
     """
     height, width = defocus.shape
     reach, negative = _survey(values, defocus)
@@ -205,7 +211,7 @@ def scatter_discs(values, defocus, table, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _read_half(rests, stride, line, x, width, value, along, start, end, places, weights):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`_splat_half`: gradients for the value (4) and the radius."""
+    """Return the adjoint of :func:`_splat_half`: gradients of the value (4) and the radius."""
     a, b, c, d, slope = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(np.uint64(start), np.uint64(end)):
         strength = weights[n, 0] + along * weights[n, 1]
@@ -222,7 +228,7 @@ def _read_half(rests, stride, line, x, width, value, along, start, end, places, 
 
 @njit(cache=True, parallel=True)
 def sum_from_end(gradient):  # type: ignore[no-untyped-def]
-    """Sums of ``gradient`` (H, W, 4) from each pixel to the end of its row, flat (H (W + 1) 4)."""
+    """Return the sums of ``gradient`` (H, W, 4) from each pixel to the end of its row, flat (H (W + 1) 4)."""
     height, width, _ = gradient.shape
     rests = np.empty(height * (width + 1) * 4)
     for y in prange(height):
@@ -238,7 +244,7 @@ def sum_from_end(gradient):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
-    """Gradients for the rows ``top`` to ``bottom`` (excluded)."""
+    """Fill the gradients of the rows ``top`` to ``bottom`` (exclusive)."""
     height, width = defocus.shape
     stride = 4 * (width + 1)
     own_first, own_places, own_weights = _new_lists(height, width)
@@ -273,16 +279,16 @@ def _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values
 
 @njit(cache=True, parallel=True)
 def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defocus):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`scatter_discs`; adds to ``grad_defocus``.
+    """Compute the adjoint of :func:`scatter_discs`; adds to ``grad_defocus``.
 
     Args:
-        values: As in the forward, (H, W, 4).
-        defocus: Likewise.
-        table: Likewise.
-        gradient: For the sums, (H, W, 4).
-        rests: Its sums from the row's end, by :func:`sum_from_end`.
-        grad_values: To be filled, (H, W, 4).
-        grad_defocus: To be added to, (H, W).
+        values: As in the forward pass, (H, W, 4).
+        defocus: As in the forward pass, (H, W).
+        table: As in the forward pass.
+        gradient: Gradient of the sums, (H, W, 4).
+        rests: Its sums from the row's end, from :func:`sum_from_end`.
+        grad_values: Filled, (H, W, 4).
+        grad_defocus: Added to, (H, W).
     """
     height = defocus.shape[0]
     blocks = (height + BLOCK_ROWS - 1) // BLOCK_ROWS
@@ -293,8 +299,8 @@ def gather_discs(values, defocus, table, gradient, rests, grad_values, grad_defo
         _read_rows(values, defocus, table, gradient, rests, top, bottom, grad_values, grad_defocus)
 
 
-def in_fours(array: np.ndarray) -> list[np.ndarray]:
-    """Cut the channels into groups of four, which kernels take; the last one is filled up with zeros."""
+def split_channels(array: np.ndarray) -> list[np.ndarray]:
+    """Split the channels into groups of four; zeros fill the last one."""
     if array.shape[2] == 4:
         return [np.ascontiguousarray(array)]
     missing = -array.shape[2] % 4
@@ -302,51 +308,50 @@ def in_fours(array: np.ndarray) -> list[np.ndarray]:
     return [np.ascontiguousarray(part) for part in np.split(filled, filled.shape[2] // 4, axis=2)]
 
 
-def joined(groups: list[np.ndarray], channels: int) -> np.ndarray:
-    """Undo :func:`in_fours`."""
+def join_channels(groups: list[np.ndarray], channels: int) -> np.ndarray:
+    """Join the groups of :func:`split_channels`."""
     return groups[0] if channels == 4 else np.ascontiguousarray(np.concatenate(groups, 2)[..., :channels])
 
 
 def scatter_forward(values: np.ndarray, defocus: np.ndarray) -> np.ndarray:
-    """Scatter every pixel over its disc and add up; linear in ``values``.
+    """Scatter every pixel over its disc and sum; linear in ``values``.
 
     Args:
-        values: What each pixel spreads, (H, W, C), float32 or float64; a channel of ones gives the
+        values: Values to spread, (H, W, C), float32 or float64; a channel of ones gives the
             weights to divide by. Four channels are the fastest. A pixel of zeros costs nothing.
-        defocus: Blur radius in pixels, (H, W); only its magnitude matters. Up to 1/2 a pixel keeps what
-            it has.
+        defocus: Blur radius in pixels, (H, W); only its magnitude counts. Up to 1/2 a pixel is unchanged.
 
     Returns:
-        Sums (H, W, C) of the values' dtype. What a pixel spreads adds up to its value, whatever its
-        radius, as far as it falls into the picture.
+        Sums (H, W, C) of the values' dtype. The sum over a disc inside the picture is the value of its
+        source, whatever its radius.
     """
     sums = []
-    for group in in_fours(values):
+    for group in split_channels(values):
         sums.append(np.empty_like(group))
         with parallel_region:
             scatter_discs(group, np.ascontiguousarray(defocus), disc_table(), sums[-1])
-    return joined(sums, values.shape[2])
+    return join_channels(sums, values.shape[2])
 
 
 def scatter_backward(
     values: np.ndarray, defocus: np.ndarray, grad_sums: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Adjoint of :func:`scatter_forward`, at the same order of cost.
+    """Return the adjoint of :func:`scatter_forward`, at the same order of cost.
 
     Args:
-        values: As given to the forward, (H, W, C).
-        defocus: Likewise, (H, W).
-        grad_sums: Gradient for the sums, (H, W, C).
+        values: As in the forward pass, (H, W, C).
+        defocus: As in the forward pass, (H, W).
+        grad_sums: Gradient of the sums, (H, W, C).
 
     Returns:
-        Gradients for the values (H, W, C) and the defocus (H, W). The latter is 0 where the magnitude is
+        Gradients of the values (H, W, C) and of the defocus (H, W). The latter is 0 where the magnitude is
         up to 1/2 or above ``LARGEST_RADIUS``.
     """
     defocus = np.ascontiguousarray(defocus)
     grad_values, grad_defocus = [], np.zeros_like(defocus)
-    for group, gradient in zip(in_fours(values), in_fours(grad_sums), strict=True):
+    for group, gradient in zip(split_channels(values), split_channels(grad_sums), strict=True):
         grad_values.append(np.empty_like(group))
         with parallel_region:
             rests = sum_from_end(gradient)
             gather_discs(group, defocus, disc_table(), gradient, rests, grad_values[-1], grad_defocus)
-    return joined(grad_values, values.shape[2]), grad_defocus
+    return join_channels(grad_values, values.shape[2]), grad_defocus

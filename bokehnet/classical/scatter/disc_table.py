@@ -1,16 +1,16 @@
-"""The exact area of a disc on every pixel, in the form that spreading by differences needs.
+"""Exact area of a disc on every pixel, in the form that spreading by differences needs.
 
-A disc of radius r around a pixel's centre covers the pixel j columns and k rows away by an area
-``cover(k, j)``. In a row the cover falls with |j|, so the row is a sum of centred intervals: the interval
-over the columns -j .. j has the strength ``end(k, j) = cover(k, j) - cover(k, j + 1) >= 0``. Only the ends
-that are not 0 are listed, for k >= 0 and j >= 0: along the rim, about 3 r of them. The other quarters
-follow by symmetry; row 0 is listed as its lower half. Divided by the disc's area the intervals carry a
-weight of one in total.
+A disc of radius r around a pixel's centre covers the pixel j columns and k rows away by an area ``cover(k,
+j)``. In a row the cover falls with |j|, so the row is a sum of centred intervals: the interval over the
+columns -j .. j has the strength ``end(k, j) = cover(k, j) - cover(k, j + 1) >= 0``. Only the ends that are
+not 0 are listed, for k >= 0 and j >= 0: along the rim, about 3 r of them. The other quadrants follow by
+symmetry; row 0 is listed as its lower half. Divided by the disc's area, the weights of the intervals sum to
+one.
 
 Where the rim crosses a pixel, the area inside is a trapezoid under the chord plus the segment between
 chord and arc; its derivative by r is the length of the arc.
 
-Small discs are tabulated; between two neighbouring radii of the table the weights are linear in r. That
+Small discs are tabulated; between two adjacent radii of the table the weights are linear in r. That
 keeps their sum at one, and makes them a differentiable function whose derivative is tabulated too.
 """
 
@@ -24,23 +24,23 @@ from bokehnet.kernels import njit
 
 __all__ = ["SMALLEST_RADIUS", "TABLE_RADIUS", "DiscTable", "disc_table", "find_step", "list_row"]
 
-# A disc of half a pixel or less lies inside its own pixel: spreading is the identity there.
+# A disc of at most half a pixel is inside its own pixel: spreading is the identity.
 SMALLEST_RADIUS = 0.5
 
 # Radius up to which discs are tabulated, pixels.
 TABLE_RADIUS = 64.0
 
-# The table divides every octave of the radius less this into steps of equal length, so that they are finest
-# where a pixel's share changes fastest.
+# The table divides every octave of the radius minus this offset into steps of equal length, so that they are
+# finest where the coverage of a pixel changes fastest.
 _OFFSET = SMALLEST_RADIUS - 1 / 8
 
-# A step is an octave (exponent) and the first seven bits of the mantissa of a float32.
+# A step is identified by the exponent (octave) and the first seven bits of the mantissa of a float32.
 _STEP_BITS = 16
 
 
 @njit(cache=True)
 def _segment(chord, radius):  # type: ignore[no-untyped-def]
-    """Area between a chord and its arc, and the arc's length. The series is exact to 1e-9 where it serves."""
+    """Return the area between a chord and its arc, and the arc's length; exact to 1e-9."""
     q = 0.5 * chord / radius
     if q < 0.05:
         s = q * q
@@ -56,9 +56,9 @@ def list_row(radius, k, farthest, start, places, weights):  # type: ignore[no-un
 
     Args:
         radius: Radius in pixels, > 0.
-        k: The row, counted from the centre.
-        farthest: Ends beyond this column are gathered in it; nobody sees the difference there.
-        start: Index of the first free place of the lists.
+        k: Row, counted from the centre.
+        farthest: Ends beyond this column are accumulated in it; the difference is outside the picture.
+        start: Index of the first free entry of the lists.
         places: Row and column (k, j) of each end, (n, 2).
         weights: ``end(k, j)`` over the disc's area, and its derivative by the radius, (n, 2).
     """
@@ -69,7 +69,7 @@ def list_row(radius, k, farthest, start, places, weights):  # type: ignore[no-un
     x = math.sqrt(radius * radius - high * high)
     widest = math.sqrt(radius * radius - low * low)
     y = high
-    place = start
+    index = start
     cover, growth = high - low, 0.0
     # The rim enters the row at (x, high), passes one column after the other, and leaves it at (widest, low).
     first = int(math.floor(x + 0.5))
@@ -84,16 +84,16 @@ def list_row(radius, k, farthest, start, places, weights):  # type: ignore[no-un
             area, outer_growth = _segment(math.sqrt(width * width + height * height), radius)
             outer = (x - max(j - 0.5, 0.0)) * (high - low) + width * (0.5 * (y + y_out) - low) + area
             x, y = x_out, y_out
-            if j == 0:  # the half right of the centre, and the same left of it
+            if j == 0:  # both halves of the centre pixel
                 outer, outer_growth = 2.0 * outer, 2.0 * outer_growth
         if j > 0:
             end = scale * (cover - outer)
-            places[place, 0], places[place, 1] = k, min(j - 1, farthest)
-            weights[place, 0] = end
-            weights[place, 1] = scale * (growth - outer_growth) - 2.0 / radius * end
-            place += 1
+            places[index, 0], places[index, 1] = k, min(j - 1, farthest)
+            weights[index, 0] = end
+            weights[index, 1] = scale * (growth - outer_growth) - 2.0 / radius * end
+            index += 1
         cover, growth = outer, outer_growth
-    return place
+    return index
 
 
 class DiscTable(NamedTuple):
@@ -102,7 +102,7 @@ class DiscTable(NamedTuple):
     Attributes:
         radii: Radius at which step i starts, (n + 1,).
         reach: Last row of step i, (n,).
-        first: Index of the first end of row k of step i, (n, K + 1); the rows that a step lacks are empty.
+        first: Index of the first end of row k of step i, (n, K + 1); rows beyond a step's reach are empty.
         places: Row and column (k, j) of each end, (m, 2), int16.
         weights: Weight of each end at the step's start, and its derivative by the radius, (m, 2).
     """
@@ -126,7 +126,7 @@ def _add_ends(radius, sign, dense):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _fill(radii, first, places, weights):  # type: ignore[no-untyped-def]
-    """Fill the table's lists; the number of ends."""
+    """Fill the table's lists; return the number of ends."""
     size = first.shape[1] - 1
     count = 0
     for step in range(first.shape[0]):
@@ -148,7 +148,7 @@ def _fill(radii, first, places, weights):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def find_step(table, radius):  # type: ignore[no-untyped-def]
-    """Step of the table that holds ``radius``, the way from its start in pixels, and its last row."""
+    """Return the step of the table for ``radius``, the offset from its start in pixels, its last row."""
     step = (np.float32(radius - _OFFSET).view(np.int32) >> _STEP_BITS) - _FIRST_STEP
     return step, radius - table.radii[step], table.reach[step]
 

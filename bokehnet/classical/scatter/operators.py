@@ -1,4 +1,4 @@
-"""From an aperture to the operator that spreads its shape."""
+"""Scatter operator of an aperture."""
 
 from functools import lru_cache, partial
 
@@ -11,7 +11,7 @@ __all__ = ["scatter_operator"]
 
 
 def _variance(aperture: Aperture) -> float:
-    """Variance of the opening along an axis, the mean of both; 1/4 for a disc."""
+    """Return the variance of the aperture along an axis, the mean of both; 1/4 for a disc."""
     axis = (np.arange(512) + 0.5) / 256 - 1
     light = transmission(aperture, axis[None, :], axis[:, None])
     squares = axis[None, :] ** 2 + axis[:, None] ** 2
@@ -20,10 +20,10 @@ def _variance(aperture: Aperture) -> float:
 
 @lru_cache(maxsize=8)
 def scatter_operator(aperture: Aperture | None) -> ScatterOperator:
-    """Return the operator for :mod:`bokehnet.classical.scatter.pyramid_levels`; None is a plain disc."""
+    """Return the operator for :mod:`bokehnet.classical.scatter.pyramid_levels`; None means a disc."""
     if aperture is None or aperture.is_disc:
         return DISC
-    from bokehnet.classical.scatter import aperture_scatter  # numba kernels that a disc does without
+    from bokehnet.classical.scatter import aperture_scatter  # numba kernels that a disc does not need
 
     return ScatterOperator(
         forward=partial(aperture_scatter.scatter_forward, aperture=aperture),

@@ -1,4 +1,4 @@
-"""Slow and obviously right: what every fast variant of the scatter is held against."""
+"""Slow, simple reference for every fast variant of the scatter."""
 
 import math
 
@@ -10,7 +10,7 @@ __all__ = ["disc_coverage", "disc_weights", "scatter_reference"]
 
 
 def disc_coverage(radius: float, reach: int, oversampling: int = 200) -> np.ndarray:
-    """Area of a disc that falls on each pixel of a (2 reach + 1)^2 window, by counting sub-pixels."""
+    """Return the area of a disc on each pixel of a (2 reach + 1)^2 window, by counting sub-pixels."""
     edge = (np.arange((2 * reach + 1) * oversampling) + 0.5) / oversampling - reach - 0.5
     inside = edge[:, None] ** 2 + edge[None, :] ** 2 <= radius**2
     size = 2 * reach + 1
@@ -18,10 +18,10 @@ def disc_coverage(radius: float, reach: int, oversampling: int = 200) -> np.ndar
 
 
 def disc_weights(radius: float, reach: int, lines: int = 400) -> np.ndarray:
-    """Part of a disc's light on each pixel of a (2 reach + 1)^2 window, without differences or tables.
+    """Return the fraction of a disc's light on each pixel of a (2 reach + 1)^2 window, without tables.
 
-    Each row of pixels is cut into thin lines; the disc covers a line between two ends, and the weight of a
-    pixel is the length it has in common with that, averaged over its lines, over the disc's area.
+    Each row of pixels is cut into thin lines; the disc covers an interval of a line, and the weight of a
+    pixel is its overlap with the interval, averaged over its lines, over the disc's area.
     """
     radius = max(radius, SMALLEST_RADIUS)
     pixels = np.arange(-reach, reach + 1)

@@ -1,8 +1,8 @@
-"""Pictures of every second row and column: numba kernels from a picture to its four lattices and back.
+"""Lattices of every second row and column: numba kernels from a picture to its four lattices and back.
 
-The pixel (i, j) of the lattice that starts at (y, x), each 0 or 1, stands in the picture at
-(y + 2 i - 2, x + 2 j - 2): a lattice has one more row and column on every side than it has sources, so that
-linear interpolation between its pixels reaches the whole picture.
+The pixel (i, j) of the lattice that starts at (y, x), each 0 or 1, is at (y + 2 i - 2, x + 2 j - 2) of the
+picture: a lattice has one more row and column on every side than it has sources, so that linear interpolation
+between its pixels covers the whole picture.
 """
 
 import numpy as np
@@ -20,11 +20,11 @@ def lattice_shape(height: int, width: int, y: int, x: int) -> tuple[int, int]:
 
 @njit(cache=True, parallel=True)
 def add_lattice(coarse, y, x, sums):  # type: ignore[no-untyped-def]
-    """Add the lattice ``coarse`` (h, w, C) that starts at (y, x), interpolated, to ``sums`` (H, W, C)."""
+    """Add the interpolated lattice ``coarse`` (h, w, C) that starts at (y, x) to ``sums`` (H, W, C)."""
     height, width, channels = sums.shape
     for row in prange(height):
-        place = np.int64(row) + 2 - y
-        upper, lower = place // 2, (place + 1) // 2  # the same one in every second row
+        position = np.int64(row) + 2 - y
+        upper, lower = position // 2, (position + 1) // 2  # equal in every second row
         line = np.empty(coarse.shape[1:], coarse.dtype)
         for j in range(coarse.shape[1]):
             for c in range(channels):
@@ -37,7 +37,7 @@ def add_lattice(coarse, y, x, sums):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def gather_lattice(gradient, y, x, coarse):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`add_lattice`: fill ``coarse`` (h, w, C) from ``gradient`` (H, W, C)."""
+    """Compute the adjoint of :func:`add_lattice`: fill ``coarse`` (h, w, C) from ``gradient`` (H, W, C)."""
     height, width, channels = gradient.shape
     for i in prange(coarse.shape[0]):
         middle = 2 * np.int64(i) - 2 + y

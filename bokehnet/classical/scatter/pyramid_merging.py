@@ -1,7 +1,8 @@
 """Numba kernels between a picture and its half: merge sources on the way down, double sums on the way up.
 
-Four sources that form a 2x2 block become one pixel of the half-size picture when their discs are large and
-alike and none of them outshines its surroundings. All others stay. Each way has its adjoint beside it.
+Four sources that form a 2x2 block become one pixel of the half-size picture if their discs are large and
+similar and none of them is far brighter than its surroundings. All others stay. Each kernel is followed by
+its adjoint.
 """
 
 import math
@@ -13,13 +14,13 @@ from bokehnet.kernels import njit
 
 __all__ = ["TILE", "add_doubled", "halve_gradient", "merge_blocks", "split_gradients"]
 
-# Side of the tiles over which a pixel's surroundings are averaged.
+# Side of the tiles over which a pixel's surroundings are averaged, pixels.
 TILE = 8
 
 
 @njit(cache=True)
 def _merged_defocus(defocus, y, x, threshold, tolerance, excess):  # type: ignore[no-untyped-def]
-    """Defocus, on the half-size picture, of the block at (y, x); 0 where its discs are small or differ."""
+    """Return the half-size defocus of the block at (y, x); 0 if its discs are small or differ."""
     a, b = np.float64(defocus[y, x]), np.float64(defocus[y, x + 1])
     c, d = np.float64(defocus[y + 1, x]), np.float64(defocus[y + 1, x + 1])
     low, high = min(min(a, b), min(c, d)), max(max(a, b), max(c, d))
@@ -31,22 +32,22 @@ def _merged_defocus(defocus, y, x, threshold, tolerance, excess):  # type: ignor
 
 
 @njit(cache=True)
-def _choose_blocks(defocus, top, left, bottom, right, threshold, tolerance, excess, coarse_defocus):  # type: ignore[no-untyped-def]
-    """Fill a tile of ``coarse_defocus`` by the radii alone; whether there is anything to be merged."""
-    found = False
+def _select_blocks(defocus, top, left, bottom, right, threshold, tolerance, excess, coarse_defocus):  # type: ignore[no-untyped-def]
+    """Fill a tile of ``coarse_defocus`` by the radii alone; return whether any block can be merged."""
+    any_merged = False
     for y in range(top, bottom, 2):
         for x in range(left, right, 2):
             merged = 0.0
             if y + 1 < bottom and x + 1 < right:
                 merged = _merged_defocus(defocus, y, x, threshold, tolerance, excess)
             coarse_defocus[y // 2, x // 2] = merged
-            found |= merged != 0.0
-    return found
+            any_merged |= merged != 0.0
+    return any_merged
 
 
 @njit(cache=True)
 def _mean_magnitude(values, top, left, bottom, right):  # type: ignore[no-untyped-def]
-    """Mean magnitude of the four channels over a tile."""
+    """Return the mean magnitude of the four channels over a tile."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     for y in range(top, bottom):
         for x in range(left, right):
@@ -60,7 +61,7 @@ def _mean_magnitude(values, top, left, bottom, right):  # type: ignore[no-untype
 
 @njit(cache=True)
 def _outshines(values, y, x, mean, contrast):  # type: ignore[no-untyped-def]
-    """Whether one of the four pixels at (y, x) exceeds ``contrast`` times the mean in one of its channels."""
+    """Return whether one of the four pixels at (y, x) exceeds ``contrast`` times the mean in a channel."""
     above = False
     for v in range(y, y + 2):
         for u in range(x, x + 2):
@@ -78,14 +79,14 @@ def merge_blocks(  # type: ignore[no-untyped-def]
     """Move sources from the picture to its half.
 
     Args:
-        values: What each pixel spreads, (H, W, 4); becomes 0 where it is merged.
-        defocus: Its signed radius, (H, W); becomes 0 likewise.
+        values: Values to spread, (H, W, 4); set to 0 where they are merged.
+        defocus: Signed radius, (H, W); set to 0 where it is merged.
         threshold: Radius above which discs are merged, pixels.
-        tolerance: Largest difference of the radii in a block, as a part of the smallest.
-        contrast: A pixel above ``contrast`` times the mean of its tile keeps its block from being merged.
-        excess: What merging and doubling add to the square of the radius, pixels^2.
-        coarse_values: To be filled with the means of the merged blocks, else 0, (ceil H/2, ceil W/2, 4).
-        coarse_defocus: To be filled with their radii in pixels of the half, else 0.
+        tolerance: Largest difference of the radii in a block, as a fraction of the smallest.
+        contrast: A pixel above ``contrast`` times the mean of its tile prevents the merge of its block.
+        excess: Amount that merging and doubling add to the square of the radius, pixels^2.
+        coarse_values: Filled with the means of the merged blocks, else 0, (ceil H/2, ceil W/2, 4).
+        coarse_defocus: Filled with their radii in pixels of the half, else 0.
     """
     height, width = defocus.shape
     for tile in prange((height + TILE - 1) // TILE):
@@ -94,7 +95,7 @@ def merge_blocks(  # type: ignore[no-untyped-def]
         for left in range(0, width, TILE):
             right = min(left + TILE, width)
             mean = (0.0, 0.0, 0.0, 0.0)
-            if _choose_blocks(
+            if _select_blocks(
                 defocus, top, left, bottom, right, threshold, tolerance, excess, coarse_defocus
             ):
                 mean = _mean_magnitude(values, top, left, bottom, right)
@@ -120,7 +121,7 @@ def merge_blocks(  # type: ignore[no-untyped-def]
 def split_gradients(  # type: ignore[no-untyped-def]
     excess, coarse_defocus, coarse_grad_values, coarse_grad_defocus, grad_values, grad_defocus
 ):
-    """Adjoint of :func:`merge_blocks`: write the gradients of merged pixels over those of the kept ones."""
+    """Compute the adjoint of :func:`merge_blocks`: overwrite the gradients of merged pixels."""
     height, width = grad_defocus.shape
     for row in prange(height // 2):
         y = 2 * np.int64(row)
@@ -139,7 +140,7 @@ def split_gradients(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _second(i, size):  # type: ignore[no-untyped-def]
-    """The coarse pixel second nearest to pixel i; it has a quarter of the weight, the nearest the rest."""
+    """Return the coarse pixel second nearest to pixel i, of weight 1/4; the nearest has weight 3/4."""
     return min(max(i // 2 + 2 * (i % 2) - 1, 0), size - 1)
 
 
@@ -168,7 +169,7 @@ def add_doubled(coarse, sums):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def halve_gradient(gradient, coarse):  # type: ignore[no-untyped-def]
-    """Adjoint of :func:`add_doubled`: fill ``coarse`` (ceil H/2, ceil W/2, 4) from ``gradient`` (H, W, 4)."""
+    """Compute the adjoint of :func:`add_doubled`: ``coarse`` (ceil H/2, ceil W/2, 4) from ``gradient``."""
     height, width, _ = gradient.shape
     for coarse_row in prange(coarse.shape[0]):
         row = np.int64(coarse_row)

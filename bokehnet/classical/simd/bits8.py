@@ -1,4 +1,4 @@
-"""Sets of up to 64 small numbers, one in each lane, as the bits of words that lie in a table."""
+"""Sets of up to 64 small integers, one per lane, as the bits of words in a table."""
 
 from typing import Any
 
@@ -9,31 +9,31 @@ from bokehnet.classical.simd.float8 import LANES, Mask8, table_indices
 
 __all__ = ["MEMBERS", "meets8"]
 
-# Numbers that a set can hold: 0 to 63.
+# Size of the domain of a set: 0 to 63.
 MEMBERS = 64
 
-# Called with one argument less than it is defined with, which a type checker cannot know.
+# Called with one argument less than in the definition, which a type checker cannot know.
 intrinsic: Any = extending.intrinsic
 
 _WORDS = ir.VectorType(ir.IntType(MEMBERS), LANES)
 
 
-def _all(number: int) -> Any:
+def _broadcast_word(number: int) -> Any:
     return ir.Constant(_WORDS, [ir.Constant(_WORDS.element, number)] * LANES)
 
 
 @intrinsic
 def meets8(_, sets, rows, columns, width, first, last):  # type: ignore[no-untyped-def]
-    """Where a set holds one of the numbers ``first`` to ``last``, both included.
+    """Return the mask of lanes whose set contains one of ``first`` to ``last``, both inclusive.
 
     Args:
-        _: Given by numba.
-        sets: Contiguous, one axis, uint64; bit i tells whether i is there.
-        rows: Whole numbers, as floating point; no bounds are checked.
-        columns: Likewise.
-        width: Sets in a row.
-        first: 0 to 63, as floating point; what lies behind the point is dropped.
-        last: Likewise, not below ``first``.
+        _: Typing context of numba.
+        sets: Contiguous, one axis, uint64; bit i is set if i is in the set.
+        rows: Integers as floating point; no bounds are checked.
+        columns: Integers as floating point; no bounds are checked.
+        width: Sets per row.
+        first: 0 to 63, as floating point; the fraction is truncated.
+        last: 0 to 63, not below ``first``; the fraction is truncated.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -47,8 +47,10 @@ def meets8(_, sets, rows, columns, width, first, last):  # type: ignore[no-untyp
             words = builder.insert_element(words, builder.load(builder.gep(data, [place])), at)
         integers = ir.VectorType(ir.IntType(32), LANES)
         first, last = (builder.zext(builder.fptosi(value, integers), _WORDS) for value in (first, last))
-        wanted = builder.shl(_all(-1), first)
-        wanted = builder.and_(wanted, builder.lshr(_all(-1), builder.sub(_all(MEMBERS - 1), last)))
-        return builder.icmp_unsigned("!=", builder.and_(words, wanted), _all(0))
+        range_bits = builder.shl(_broadcast_word(-1), first)
+        range_bits = builder.and_(
+            range_bits, builder.lshr(_broadcast_word(-1), builder.sub(_broadcast_word(MEMBERS - 1), last))
+        )
+        return builder.icmp_unsigned("!=", builder.and_(words, range_bits), _broadcast_word(0))
 
     return Mask8()(sets, rows, columns, types.intp, first, last), generate

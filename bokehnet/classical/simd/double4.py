@@ -1,7 +1,8 @@
-"""Four neighbouring float64 numbers at once, for the innermost lines of the kernels.
+"""Four adjacent float64 numbers at once, for the innermost lines of the kernels.
 
-The compiler does not find these vector instructions by itself in a loop over four channels; told so, it
-needs less than half of the time. Any machine can run them: where four do not fit, the compiler splits.
+The compiler does not generate these vector instructions by itself for a loop over four channels; with them,
+the loop needs less than half of the time. Any machine can run them: where four do not fit, the compiler
+splits.
 """
 
 from typing import Any
@@ -11,7 +12,7 @@ from numba import extending, types
 
 __all__ = ["add_interval", "difference", "load4"]
 
-# Called with one argument less than it is defined with, which a type checker cannot know.
+# Called with one argument less than in the definition, which a type checker cannot know.
 intrinsic: Any = extending.intrinsic
 
 _DOUBLE4 = ir.VectorType(ir.DoubleType(), 4)
@@ -22,7 +23,7 @@ def _lane(index: int) -> Any:
 
 
 def _pack(builder: Any, numbers: Any) -> Any:
-    """Tuple of four numbers as a vector."""
+    """Return a tuple of four numbers as a vector."""
     vector = ir.Constant(_DOUBLE4, ir.Undefined)
     for c in range(4):
         vector = builder.insert_element(vector, builder.extract_value(numbers, c), _lane(c))
@@ -30,28 +31,28 @@ def _pack(builder: Any, numbers: Any) -> Any:
 
 
 def _splat(builder: Any, number: Any) -> Any:
-    """One number four times."""
+    """Return one number four times, as a vector."""
     vector = ir.Constant(_DOUBLE4, ir.Undefined)
     for c in range(4):
         vector = builder.insert_element(vector, number, _lane(c))
     return vector
 
 
-def _place(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
-    """Address of ``array[index]``, as that of a vector."""
+def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
+    """Return the address of ``array[index]``, as that of a vector."""
     data = context.make_array(signature.args[0])(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), _DOUBLE4.as_pointer())
 
 
 @intrinsic
 def add_interval(typing_context, array, left, right, strength, numbers):  # type: ignore[no-untyped-def]
-    """Add ``strength * numbers`` to four places of ``array`` from ``left`` on; take it off from ``right`` on.
+    """Add ``strength * numbers`` to four elements of ``array`` from ``left`` on; subtract it at ``right``.
 
     Args:
-        typing_context: Given by numba.
+        typing_context: Typing context of numba.
         array: Contiguous, one axis, float64.
-        left: Index, not checked; the four places must exist.
-        right: Likewise.
+        left: Index, not checked; the four elements must exist.
+        right: Index, not checked; the four elements must exist.
         strength: One float64.
         numbers: Tuple of four float64.
     """
@@ -60,15 +61,15 @@ def add_interval(typing_context, array, left, right, strength, numbers):  # type
         array, left, right, strength, numbers = arguments
         product = builder.fmul(_splat(builder, strength), _pack(builder, numbers))
         for index, combine in ((left, builder.fadd), (right, builder.fsub)):
-            place = _place(context, builder, signature, array, index)
-            builder.store(combine(builder.load(place, align=8), product), place, align=8)
+            address = _address(context, builder, signature, array, index)
+            builder.store(combine(builder.load(address, align=8), product), address, align=8)
         return context.get_dummy_value()
 
     return types.void(array, left, right, strength, numbers), codegen
 
 
 def _unpack(context: Any, builder: Any, signature: Any, vector: Any) -> Any:
-    """Vector as a tuple of four numbers."""
+    """Return a vector as a tuple of four numbers."""
     numbers = ir.Constant(context.get_value_type(signature.return_type), ir.Undefined)
     for c in range(4):
         numbers = builder.insert_value(numbers, builder.extract_element(vector, _lane(c)), c)
@@ -77,16 +78,16 @@ def _unpack(context: Any, builder: Any, signature: Any, vector: Any) -> Any:
 
 @intrinsic
 def load4(typing_context, array, index):  # type: ignore[no-untyped-def]
-    """``array[index : index + 4]`` as a tuple; no bounds are checked.
+    """Return ``array[index : index + 4]`` as a tuple; no bounds are checked.
 
     Args:
-        typing_context: Given by numba.
+        typing_context: Typing context of numba.
         array: Contiguous, one axis, float64.
         index: Not negative.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        vector = builder.load(_place(context, builder, signature, *arguments), align=8)
+        vector = builder.load(_address(context, builder, signature, *arguments), align=8)
         return _unpack(context, builder, signature, vector)
 
     return types.UniTuple(types.float64, 4)(array, index), codegen
@@ -94,19 +95,19 @@ def load4(typing_context, array, index):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def difference(typing_context, array, left, right):  # type: ignore[no-untyped-def]
-    """``array[left : left + 4] - array[right : right + 4]`` as a tuple; no bounds are checked.
+    """Return ``array[left : left + 4] - array[right : right + 4]`` as a tuple; no bounds are checked.
 
     Args:
-        typing_context: Given by numba.
+        typing_context: Typing context of numba.
         array: Contiguous, one axis, float64.
         left: Not negative.
-        right: Likewise.
+        right: Not negative.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array, left, right = arguments
-        minuend = builder.load(_place(context, builder, signature, array, left), align=8)
-        subtrahend = builder.load(_place(context, builder, signature, array, right), align=8)
+        minuend = builder.load(_address(context, builder, signature, array, left), align=8)
+        subtrahend = builder.load(_address(context, builder, signature, array, right), align=8)
         return _unpack(context, builder, signature, builder.fsub(minuend, subtrahend))
 
     return types.UniTuple(types.float64, 4)(array, left, right), codegen

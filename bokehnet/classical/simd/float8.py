@@ -1,11 +1,11 @@
-"""Eight numbers in one SIMD register, for numba kernels whose inner loop is the whole cost; masks of eight.
+"""Eight numbers in one SIMD register, and masks of eight, for the innermost loops of numba kernels.
 
-They are eight neighbouring pixels in ``ORDER``, or two pixels of four channels.
+They are eight adjacent pixels in ``ORDER``, or two pixels of four channels.
 
-Numba hands plain loops to LLVM's vectoriser, which must first prove at run time that no two arrays
-overlap. For rows of 8 to 40 numbers that proof, and the scalar loop beside it, costs more than the work.
-These few operations name the vectors outright; LLVM maps them to what the machine has (one AVX register,
-two SSE or NEON ones). ``a * b + c`` is one fused operation where there is one.
+Numba passes plain loops to LLVM's vectoriser, which must first prove at run time that no two arrays
+overlap. For rows of 8 to 40 numbers that proof, and the scalar loop next to it, cost more than the work.
+These few operations name the vectors explicitly; LLVM maps them to the machine's (one AVX register,
+two SSE or NEON ones). ``a * b + c`` is one fused operation where the machine has one.
 """
 
 import operator
@@ -46,11 +46,11 @@ __all__ = [
 
 LANES = 8
 
-# Pixels of a block as they lie in its lanes: even ones in one half of the register, odd ones in the other,
-# so that two neighbours are repeated for four channels each without crossing from half to half.
+# Order of a block's pixels in the lanes: even ones in one half of the register, odd ones in the other,
+# so that two adjacent pixels are repeated for four channels each without crossing from half to half.
 ORDER = (0, 2, 4, 6, 1, 3, 5, 7)
 
-# Called with one argument less than it is defined with, which a type checker cannot know.
+# Called with one argument less than in the definition, which a type checker cannot know.
 intrinsic: Any = extending.intrinsic
 
 
@@ -77,21 +77,21 @@ def _constant(element: Any, numbers: Sequence[float]) -> Any:
 
 
 def _splat(builder: Any, scalar: Any) -> Any:
-    """A number eight times, as an instruction of the function being built."""
+    """Return a number eight times, as an instruction of the function under construction."""
     empty = ir.Constant(_vector(scalar.type), ir.Undefined)
     first = builder.insert_element(empty, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, _constant(ir.IntType(32), [0] * LANES))
 
 
-def _place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
-    """Pointer to eight elements of a contiguous array, starting at ``index``."""
+def _address(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
+    """Return a pointer to eight elements of a contiguous array, starting at ``index``."""
     data = context.make_array(kind)(context, builder, array).data
     element = context.get_value_type(kind.dtype)
     return builder.bitcast(builder.gep(data, [index]), _vector(element).as_pointer()), element
 
 
 def _larger(builder: Any, a: Any, b: Any) -> Any:
-    """The larger of two numbers or vectors, as an instruction of the function being built."""
+    """Return the larger of two numbers or vectors, as an instruction of the function under construction."""
     return builder.select(builder.fcmp_ordered(">", a, b), a, b)
 
 
@@ -100,17 +100,17 @@ def _magnitude(builder: Any, value: Any) -> Any:
 
 
 def _smaller(builder: Any, a: Any, b: Any) -> Any:
-    """The smaller one; see :func:`_larger`."""
+    """Return the smaller of two numbers or vectors; see :func:`_larger`."""
     return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
 @intrinsic
 def load8(_, array, index):  # type: ignore[no-untyped-def]
-    """Eight numbers of the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
+    """Return eight numbers of the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place, element = _place(context, builder, signature.args[0], *arguments)
-        loaded = builder.load(place)
+        address, element = _address(context, builder, signature.args[0], *arguments)
+        loaded = builder.load(address)
         loaded.align = context.get_abi_sizeof(element)
         return loaded
 
@@ -119,12 +119,12 @@ def load8(_, array, index):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def load4_twice(_, array, index):  # type: ignore[no-untyped-def]
-    """Four numbers of the 1-D contiguous ``array`` from ``index`` on, two times; no bounds are checked."""
+    """Return four numbers of the 1-D contiguous ``array`` from ``index`` on, twice; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place, element = _place(context, builder, signature.args[0], *arguments)
+        address, element = _address(context, builder, signature.args[0], *arguments)
         four = ir.VectorType(element, LANES // 2)
-        loaded = builder.load(builder.bitcast(place, four.as_pointer()))
+        loaded = builder.load(builder.bitcast(address, four.as_pointer()))
         loaded.align = context.get_abi_sizeof(element)
         order = _constant(ir.IntType(32), [*range(LANES // 2), *range(LANES // 2)])
         return builder.shuffle_vector(loaded, loaded, order)
@@ -134,7 +134,7 @@ def load4_twice(_, array, index):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def repeat4(_, pixels):  # type: ignore[no-untyped-def]
-    """Four lanes: pixels 0 and 1 of a block four times each, then 2 and 3, and so on."""
+    """Return four lanes: pixels 0 and 1 of a block four times each, then 2 and 3, and so on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         (value,) = arguments
@@ -152,8 +152,8 @@ def store8(_, array, index, lanes):  # type: ignore[no-untyped-def]
     """Write eight numbers to the 1-D contiguous ``array`` from ``index`` on; no bounds are checked."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place, element = _place(context, builder, signature.args[0], *arguments[:2])
-        builder.store(arguments[2], place).align = context.get_abi_sizeof(element)
+        address, element = _address(context, builder, signature.args[0], *arguments[:2])
+        builder.store(arguments[2], address).align = context.get_abi_sizeof(element)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes), generate
@@ -161,7 +161,7 @@ def store8(_, array, index, lanes):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def broadcast8(_, scalar):  # type: ignore[no-untyped-def]
-    """The same number eight times."""
+    """Return the same number eight times."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _splat(builder, arguments[0])
@@ -171,7 +171,7 @@ def broadcast8(_, scalar):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def indices8(_, first):  # type: ignore[no-untyped-def]
-    """Numbers ``first`` to ``first + 7`` of the pixels of a block."""
+    """Return the numbers ``first`` to ``first + 7`` of the pixels of a block."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         steps = _constant(arguments[0].type, [float(pixel) for pixel in ORDER])
@@ -182,7 +182,7 @@ def indices8(_, first):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def overlap8(_, distance, half):  # type: ignore[no-untyped-def]
-    """Part of pixels ``distance`` away that lies within ``half`` - 1/2: half - |distance| in [0, 1]."""
+    """Return the part of pixels at ``distance`` within ``half`` - 1/2: half - |distance| in [0, 1]."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         distance, half = arguments
@@ -195,7 +195,7 @@ def overlap8(_, distance, half):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def overlap_growth8(_, distance, half, half_growth, centre_growth):  # type: ignore[no-untyped-def]
-    """Derivative of :func:`overlap8` while ``half`` and the centre move as given; all are lanes."""
+    """Return the derivative of :func:`overlap8` for the derivatives of ``half`` and the centre; all lanes."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         distance, half, half_growth, centre_growth = arguments
@@ -213,7 +213,7 @@ def overlap_growth8(_, distance, half, half_growth, centre_growth):  # type: ign
 
 @intrinsic
 def sum8(_, lanes):  # type: ignore[no-untyped-def]
-    """Sum of the eight numbers, always added in the same order."""
+    """Return the sum of the eight numbers, always added in the same order."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         (value,) = arguments
@@ -241,7 +241,7 @@ def _elementwise(instruction: str) -> Any:
     return compute
 
 
-def _give_operator(symbol: Any, instruction: str) -> None:
+def _overload_operator(symbol: Any, instruction: str) -> None:
     compute = _elementwise(instruction)
 
     @overload(symbol)
@@ -250,15 +250,15 @@ def _give_operator(symbol: Any, instruction: str) -> None:
         return (lambda a, b: compute(a, b)) if both else None
 
 
-_give_operator(operator.add, "fadd")
-_give_operator(operator.sub, "fsub")
-_give_operator(operator.mul, "fmul")
+_overload_operator(operator.add, "fadd")
+_overload_operator(operator.sub, "fsub")
+_overload_operator(operator.mul, "fmul")
 
 _INT = ir.IntType(32)
 
 
 class Mask8(types.Type):
-    """Eight answers, yes or no."""
+    """Eight booleans."""
 
     def __init__(self) -> None:
         super().__init__(name="Mask")
@@ -275,7 +275,7 @@ class _Mask8Model(models.PrimitiveModel):
 
 @intrinsic
 def less8(_, a, b):  # type: ignore[no-untyped-def]
-    """Where ``a < b``."""
+    """Return the mask ``a < b``."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.fcmp_ordered("<", *arguments)
@@ -285,7 +285,7 @@ def less8(_, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def and8(_, a, b):  # type: ignore[no-untyped-def]
-    """Where both masks hold."""
+    """Return the conjunction of both masks."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.and_(*arguments)
@@ -295,7 +295,7 @@ def and8(_, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def and_not8(_, a, b):  # type: ignore[no-untyped-def]
-    """Where mask ``a`` holds and ``b`` does not."""
+    """Return the mask of ``a`` without ``b``."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.and_(arguments[0], builder.not_(arguments[1]))
@@ -305,7 +305,7 @@ def and_not8(_, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def any8(_, mask):  # type: ignore[no-untyped-def]
-    """Whether a mask holds anywhere."""
+    """Return whether a mask is set in any lane."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         whole = builder.bitcast(arguments[0], ir.IntType(LANES))
@@ -316,7 +316,7 @@ def any8(_, mask):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def select8(_, mask, a, b):  # type: ignore[no-untyped-def]
-    """``a`` where the mask holds, ``b`` elsewhere."""
+    """Return ``a`` where the mask is set, ``b`` elsewhere."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.select(*arguments)
@@ -326,7 +326,7 @@ def select8(_, mask, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def min8(_, a, b):  # type: ignore[no-untyped-def]
-    """The smaller of both."""
+    """Return the smaller of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _smaller(builder, *arguments)
@@ -336,7 +336,7 @@ def min8(_, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def max8(_, a, b):  # type: ignore[no-untyped-def]
-    """The larger of both."""
+    """Return the larger of both."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return _larger(builder, *arguments)
@@ -346,7 +346,7 @@ def max8(_, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def divide8(_, a, b):  # type: ignore[no-untyped-def]
-    """``a / b``; division by zero is not checked."""
+    """Return ``a / b``; division by zero is not checked."""
 
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         return builder.fdiv(*arguments)
@@ -355,7 +355,7 @@ def divide8(_, a, b):  # type: ignore[no-untyped-def]
 
 
 def _apply(name: str) -> Any:
-    """A function of one vector that LLVM knows by ``name``."""
+    """Return a function of one vector with the LLVM intrinsic ``name``."""
 
     @intrinsic
     def compute(_, lanes):  # type: ignore[no-untyped-def]
@@ -363,9 +363,9 @@ def _apply(name: str) -> Any:
             (value,) = arguments
             suffix = {"float": "f32", "double": "f64"}[str(value.type.element)]
             kind = ir.FunctionType(value.type, [value.type])
-            known = f"llvm.{name}.v{LANES}{suffix}"
+            intrinsic_name = f"llvm.{name}.v{LANES}{suffix}"
             module = builder.module
-            function = module.globals.get(known) or ir.Function(module, kind, known)
+            function = module.globals.get(intrinsic_name) or ir.Function(module, kind, intrinsic_name)
             return builder.call(function, [value])
 
         return lanes(lanes), generate
@@ -379,23 +379,23 @@ sqrt8 = _apply("sqrt")
 
 
 def table_indices(builder: Any, rows: Any, columns: Any, width: Any) -> Any:
-    """``row * width + column`` of whole numbers held as floating point, below 2^31, as eight integers."""
+    """Return ``row * width + column`` of integers in floating point, below 2^31, as eight integers."""
     rows, columns = (builder.fptosi(value, ir.VectorType(_INT, LANES)) for value in (rows, columns))
     return builder.add(builder.mul(rows, _splat(builder, builder.trunc(width, _INT))), columns)
 
 
 @intrinsic
 def gather_pairs8(_, array, rows, columns, width, stride, offset):  # type: ignore[no-untyped-def]
-    """Two neighbouring numbers of a table for each lane, as a tuple of two lanes.
+    """Return two adjacent numbers of a table for each lane, as a tuple of two lanes.
 
     Args:
-        _: Given by numba.
+        _: Typing context of numba.
         array: Contiguous, one axis.
-        rows: Whole numbers, as floating point; no bounds are checked.
-        columns: Likewise.
-        width: Places in a row.
-        stride: Numbers in a place.
-        offset: Which of them come first.
+        rows: Integers as floating point; no bounds are checked.
+        columns: Integers as floating point; no bounds are checked.
+        width: Cells per row.
+        stride: Numbers per cell.
+        offset: Index of the first of the two in its cell.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -431,16 +431,16 @@ def gather_pairs8(_, array, rows, columns, width, stride, offset):  # type: igno
 
 @intrinsic
 def gather_triples8(_, array, rows, columns, places, width, count):  # type: ignore[no-untyped-def]
-    """Three neighbouring numbers of a table for each lane, as a tuple of three lanes.
+    """Return three adjacent numbers of a table for each lane, as a tuple of three lanes.
 
     Args:
-        _: Given by numba.
+        _: Typing context of numba.
         array: Contiguous, (rows, width, count, 3), as one axis.
-        rows: Whole numbers, as floating point; no bounds are checked.
-        columns: Likewise.
-        places: Likewise.
+        rows: Integers as floating point; no bounds are checked.
+        columns: Integers as floating point; no bounds are checked.
+        places: Cells of a column, integers as floating point; no bounds are checked.
         width: Columns of the table.
-        count: Places in a column.
+        count: Cells per column.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -1,11 +1,11 @@
-"""Tiles of a picture on a Ray cluster: each is a task; one whose worker dies is done again elsewhere."""
+"""Tiles of a picture on a Ray cluster: one task each, repeated elsewhere if its worker dies."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from bokehnet.cluster import as_they_end, connected
+from bokehnet.cluster import cluster_connection, results_as_completed
 from bokehnet.scenes.tiles import RunTiles, TileTask, run_tile
 
 __all__ = ["tiles_on_cluster"]
@@ -13,28 +13,28 @@ __all__ = ["tiles_on_cluster"]
 
 @contextlib.contextmanager
 def tiles_on_cluster(address: str) -> Iterator[RunTiles]:
-    """Give what runs tiles on a cluster.
+    """Yield a function that runs tiles on a cluster.
 
-    Workers read the scene themselves, so their machines must see the same folders. A tile that is done twice,
-    since its worker died late, is the same both times.
+    Workers read the scene themselves, so their machines must see the same folders. A tile that runs twice
+    because its worker died gives the same result both times.
 
     Args:
-        address: Of a cluster that runs, as :func:`bokehnet.cluster.connected` takes it.
+        address: Address of a running cluster, as for :func:`bokehnet.cluster.cluster_connection`.
 
     Raises:
         MissingExtraError: Ray is not installed.
         ParameterError: There is no cluster at ``address``.
     """
-    with connected(address, "--ray") as (ray, _):
+    with cluster_connection(address, "--ray") as (ray, _):
 
         def run(tasks: list[TileTask]) -> Iterable[tuple[int, np.ndarray]]:
-            return as_they_end(ray, _run, enumerate(tasks), len(tasks))
+            return results_as_completed(ray, _run, enumerate(tasks), len(tasks))
 
         yield run
 
 
 def _run(task: TileTask) -> np.ndarray:
-    """A tile in a worker, on one core."""
+    """Run a tile in a worker, on one core."""
     import torch
 
     torch.set_num_threads(1)

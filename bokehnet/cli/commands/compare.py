@@ -1,11 +1,11 @@
-"""``bokehnet compare``: one picture by several engines, as a sheet and as a page with a slider."""
+"""``bokehnet compare``: one picture rendered by several engines, as a sheet and as a page with a slider."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bokehnet.cli.options import Given, with_options
+from bokehnet.cli.options import OptionValues, with_options
 from bokehnet.errors import ParameterError
 from bokehnet.settings.scene_settings import EngineSettings, OutputSettings
 from bokehnet.settings.settings import RenderSettings, group_types
@@ -16,27 +16,33 @@ __all__ = ["compare"]
 @with_options([group for group in group_types() if group not in (EngineSettings, OutputSettings)])
 def compare(
     image: Annotated[str, typer.Argument(metavar="IMAGE", help="All-in-focus picture, as for render.")],
-    output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Where the sheet goes.")],
+    output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Output file of the sheet.")],
     engines: Annotated[
-        str, typer.Option(metavar="NAME,...", help="Engines, those of the literature included.")
+        str, typer.Option(metavar="NAME,...", help="Engines or methods of the literature, joined by commas.")
     ] = "scatter,rays",
     truth: Annotated[
-        str | None, typer.Option(metavar="FILE", help="What a lens sees: scores and errors are shown.")
+        str | None, typer.Option(metavar="FILE", help="Reference picture; adds scores and error images.")
     ] = None,
     crop: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,W,H", help="What is shown; default: two places that differ most."),
+        typer.Option(
+            metavar="X,Y,W,H", help="Crop to show, pixels. Default: the two regions that differ most."
+        ),
     ] = None,
     page: Annotated[
         str | None,
-        typer.Option("--html", metavar="FILE", help="A page that shows any two whole pictures by a slider."),
+        typer.Option(
+            "--html",
+            metavar="FILE",
+            help="Output file of a web page that compares two pictures with a slider.",
+        ),
     ] = None,
     *,
-    given: Given,
+    option_values: OptionValues,
 ) -> None:
-    """Render a picture by several engines, and lay them side by side.
+    """Render a picture with several engines and show the results side by side.
 
-    A line for each is printed: PSNR, edge PSNR, SSIM and FLIP where the truth is known, seconds and memory.
+    Prints one line per engine: PSNR, edge PSNR, SSIM and FLIP (with --truth), seconds and memory.
     """
     from bokehnet.cli.commands.compare_page import comparison_page  # after parsing, so --help stays fast
     from bokehnet.cli.progress import compile_notice, progress
@@ -44,30 +50,30 @@ def compare(
     from bokehnet.io.image import check_writable, read_image, write_image
     from bokehnet.scene.focus import check_focus
     from bokehnet.scene.scene import read_scene
-    from bokehnet.tools.comparison import compare_engines, comparison_sheet, interesting_places
+    from bokehnet.tools.comparison import compare_engines, comparison_sheet, largest_difference_crops
 
-    settings = RenderSettings().updated(given)
+    settings = RenderSettings().updated(option_values)
     check_focus(settings)
     check_writable(output)
     if page is not None:
         check_target(page)
     names = [name.strip() for name in engines.split(",") if name.strip()]
     scene = read_scene(Path(image), settings)
-    wanted = None if truth is None else read_image(truth)
+    reference = None if truth is None else read_image(truth)
     place = None if crop is None else _place(crop, *scene.image.shape[:2])
     try:
         with compile_notice(), progress("rendering", counted=False) as report:
-            found = compare_engines(scene, settings, names, wanted, report)
+            results = compare_engines(scene, settings, names, reference, report)
     except ParameterError as error:
         if error.parameter != "engines":
             raise
         raise error.renamed("--engines") from error
-    places = interesting_places(found) if place is None else [place]
-    write_image(output, comparison_sheet(scene.image, found, places, wanted))
+    places = largest_difference_crops(results) if place is None else [place]
+    write_image(output, comparison_sheet(scene.image, results, places, reference))
     if page is not None:
-        write_text(page, comparison_page(scene.image, found, wanted))
-    for one in found:
-        typer.echo(one.line)
+        write_text(page, comparison_page(scene.image, results, reference))
+    for result in results:
+        typer.echo(result.line)
 
 
 def _place(text: str, height: int, width: int) -> tuple[int, int, int, int]:

@@ -1,4 +1,4 @@
-"""A page, complete in one file, that lays any two of some pictures over each other with a slider."""
+"""Self-contained web page that compares any two of several pictures with a slider."""
 
 import base64
 import html
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.io.image import write_image
-from bokehnet.tools.comparison import Compared
+from bokehnet.tools.comparison import EngineResult
 
 __all__ = ["comparison_page"]
 
@@ -26,7 +26,7 @@ td:first-child, th:first-child {{ text-align: left; }}
 </style>
 <p>Left <select id="left"></select> Right <select id="right"></select></p>
 <div id="both"><img id="under" alt=""><img id="over" alt=""></div>
-<p><input id="slider" type="range" min="0" max="100" value="50" aria-label="where the left picture ends"></p>
+<p><input id="slider" type="range" min="0" max="100" value="50" aria-label="boundary of the pictures"></p>
 <table>
 <tr><th>engine</th><th>PSNR</th><th>edge PSNR</th><th>SSIM</th><th>FLIP</th><th>seconds</th><th>MB</th></tr>
 {rows}</table>
@@ -50,32 +50,39 @@ show();
 """
 
 
-def comparison_page(image: np.ndarray, found: Sequence[Compared], truth: np.ndarray | None = None) -> str:
+def comparison_page(
+    image: np.ndarray, results: Sequence[EngineResult], truth: np.ndarray | None = None
+) -> str:
     """Return the page as HTML.
 
     Args:
-        image: The picture, scene-linear, (H, W, 3).
-        found: What the engines made of it.
-        truth: Scene-linear, (H, W, 3).
+        image: All-in-focus picture, scene-linear, (H, W, 3).
+        results: Results of the engines.
+        truth: Reference picture, scene-linear, (H, W, 3).
     """
     shown = {"in focus": image} | ({} if truth is None else {"truth": truth})
-    shown |= {one.engine: one.bokeh for one in found}
+    shown |= {result.engine: result.bokeh for result in results}
     pictures = ",\n".join(f'"{html.escape(name)}": "{_data(picture)}"' for name, picture in shown.items())
-    return _PAGE.format(rows="\n".join(_row(one) for one in found), pictures=pictures)
+    return _PAGE.format(rows="\n".join(_row(result) for result in results), pictures=pictures)
 
 
-def _row(one: Compared) -> str:
+def _row(result: EngineResult) -> str:
     numbers = ["", "", "", ""]
-    if one.scores is not None:
-        told = one.scores
-        numbers = [f"{told.psnr:.2f}", f"{told.edge_psnr:.2f}", f"{told.ssim:.4f}", f"{told.flip:.4f}"]
-    cells = [html.escape(one.engine), *numbers, f"{one.seconds:.2f}"]
-    cells.append("" if one.memory is None else f"{one.memory / 1e6:.0f}")
+    if result.scores is not None:
+        scores = result.scores
+        numbers = [
+            f"{scores.psnr:.2f}",
+            f"{scores.edge_psnr:.2f}",
+            f"{scores.ssim:.4f}",
+            f"{scores.flip:.4f}",
+        ]
+    cells = [html.escape(result.engine), *numbers, f"{result.seconds:.2f}"]
+    cells.append("" if result.memory is None else f"{result.memory / 1e6:.0f}")
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 
 def _data(picture: np.ndarray) -> str:
-    """A picture as a PNG of 8 bits inside a URL."""
+    """Return a picture as a data URL of an 8-bit PNG."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "picture.png"
         write_image(path, np.clip(picture, 0, 1).astype(np.float32))

@@ -1,4 +1,4 @@
-"""``bokehnet demo``: the picture that ships with the package, at three focus distances."""
+"""``bokehnet demo``: the shipped demo picture at three focus distances."""
 
 from pathlib import Path
 from typing import Annotated, get_args
@@ -13,18 +13,20 @@ __all__ = ["demo"]
 def demo(
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", help="Where the contact sheet goes; its extension picks the format."),
+        typer.Option(
+            "--output", "-o", help="Output file of the contact sheet; its extension sets the format."
+        ),
     ] = Path("bokehnet_demo.png"),
-    engine: Annotated[str, typer.Option(help=f"One of {', '.join(get_args(EngineName))}.")] = "rays",
+    engine: Annotated[str, typer.Option(help=f"Engine: {', '.join(get_args(EngineName))}.")] = "rays",
 ) -> None:
-    """Render a picture that comes with the package at three focus distances, as one contact sheet."""
+    """Render the shipped demo picture at three focus distances as a contact sheet."""
     from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
     from bokehnet.io.image import check_writable, write_image
     from bokehnet.render.renderer import BokehRenderer
     from bokehnet.tools.demo import demo_sheet
 
     check_writable(output)
-    renderer = BokehRenderer(engine)  # type: ignore[arg-type]  # it says what is expected
+    renderer = BokehRenderer(engine)  # type: ignore[arg-type]  # checks the name
     with compile_notice(), progress("rendering", counted=False) as report:
         write_image(output, demo_sheet(renderer, report))
     typer.echo(f"wrote {output}: the input, its disparity and three focus distances (engine {engine})")

@@ -1,4 +1,4 @@
-"""``bokehnet depth``: disparity for a photo that comes without."""
+"""``bokehnet depth``: disparity of a photo from a network or from its own file."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,31 +13,32 @@ _MM_PER_M = 1000.0
 
 
 def depth(
-    image: Annotated[Path, typer.Argument(help="The photo, also HEIC; EXR and HDR are read as linear.")],
+    image: Annotated[Path, typer.Argument(help="Photo, HEIC included; EXR and HDR are read as linear.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="EXR, or PNG for relative disparity; near is large.")
+        Path,
+        typer.Option("--output", "-o", help="Output: EXR, or PNG for relative disparity; near is bright."),
     ],
     model: Annotated[
         Path | None,
         typer.Option(
             metavar="NAME|FILE.onnx",
-            help="Network that guesses depth: a file, or a name that bokehnet models lists; default: the map "
-            "inside a phone's photo.",
+            help="Depth network: an ONNX file, or a name listed by `bokehnet models`. Default: the map in "
+            "a phone's photo.",
         ),
     ] = None,
     convention: Annotated[
         str | None,
         typer.Option(
             metavar="NAME|FILE.toml",
-            help="What the network of a file sees and returns: depth-anything-v2 (default), "
-            "depth-anything-v2-metric, midas, midas-dpt, depth-pro, moge-2 and others, or a file.",
+            help="Input and output format of an ONNX file as --model: depth-anything-v2 (default), "
+            "depth-anything-v2-metric, midas, midas-dpt, depth-pro, moge-2 and others, or a TOML file.",
         ),
     ] = None,
-    threads: Annotated[int, typer.Option(min=0, help="Of the network; 0 takes all cores.")] = 0,
+    threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0 uses all cores.")] = 0,
 ) -> None:
-    """Write the disparity of a photo, guessed by a network or stored by a phone.
+    """Write the disparity map of a photo, estimated by a network or stored by a phone.
 
-    Relative disparity runs from 0, far, to 1, near; metric disparity is in 1/m.
+    Relative disparity ranges from 0 (far) to 1 (near); metric disparity is in 1/m.
     """
     # After parsing, so that --help stays fast.
     from bokehnet.arrays.resample import resample
@@ -66,12 +67,12 @@ def depth(
     except ParameterError as error:
         if error.parameter != "input.disparity":
             raise
-        expected = f"a network, since {image} holds no depth map"
+        expected = f"a network, since {image} has no depth map"
         raise ParameterError(
             "--model",
             expected,
             shown="none",
-            remedy="give its FILE.onnx, or a name that bokehnet models lists",
+            remedy="give an ONNX file, or a name listed by `bokehnet models`",
         ) from error
     _check_extension(output, scene.depth.kind)
     metric = scene.depth.kind == "metric"

@@ -1,4 +1,4 @@
-"""``bokehnet export``: the renderer as a file for any ONNX Runtime."""
+"""``bokehnet export``: an engine as one ONNX file."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,14 +9,17 @@ __all__ = ["export"]
 
 
 def export(
-    output: Annotated[Path, typer.Option("--output", "-o", help="The ONNX file to write.")],
-    engine: Annotated[str, typer.Option(help="What renders: fast, or neural, better and slower.")] = "fast",
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output file, .onnx.")],
+    engine: Annotated[str, typer.Option(help="Engine: fast, or neural (better and slower).")] = "fast",
     weights: Annotated[
-        Path | None, typer.Option(help="Folder with other networks; they must correct the scatter.")
+        Path | None,
+        typer.Option(
+            help="Folder with networks to use in place of the shipped ones; they must correct engine scatter."
+        ),
     ] = None,
-    full: Annotated[bool, typer.Option("--full", hidden=True)] = False,  # older scripts; changes nothing
+    full: Annotated[bool, typer.Option("--full", hidden=True)] = False,  # no effect; for older scripts
 ) -> None:
-    """Write an engine as one ONNX file (image, disparity, K, focus, gamma to bokeh)."""
+    """Write an engine as one ONNX file: inputs image, disparity, K, focus, gamma; output bokeh."""
     from bokehnet.checks import require_extra  # after parsing, so --help stays fast
     from bokehnet.errors import ModelFileError
     from bokehnet.io.atomic import check_target
@@ -26,7 +29,7 @@ def export(
     from bokehnet.cli.progress import compile_notice, progress
     from bokehnet.onnx_file.renderer import export_renderer
 
-    with compile_notice(), progress("proving") as report:
+    with compile_notice(), progress("verifying") as report:
         parity = export_renderer(output, weights, report, engine=engine)
     size = output.stat().st_size / 1e6
-    typer.echo(f"wrote {output}: {size:.1f} MB, {parity:.0f} dB or more to the engine {engine}")
+    typer.echo(f"wrote {output}: {size:.1f} MB, PSNR of at least {parity:.0f} dB against engine {engine}")

@@ -1,4 +1,4 @@
-"""``bokehnet info``: what is in an image file."""
+"""``bokehnet info``: description of an image file."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,31 +9,34 @@ __all__ = ["info"]
 
 
 def info(
-    file: Annotated[Path, typer.Argument(help="JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM file.")],
+    file: Annotated[
+        Path, typer.Argument(help="Image file: JPEG, PNG, TIFF, WebP, JPEG XL, EXR, HDR or PFM.")
+    ],
 ) -> None:
-    """Say what is in an image: size, channels, colour space, depth range."""
+    """Print size, channels, colour space and depth range of an image."""
     from bokehnet.cli.progress import progress  # after parsing, so --help stays fast
     from bokehnet.io.info import image_info
 
     with progress("reading", counted=False) as report:
-        found = image_info(file, report)
-    turned = "" if found.orientation == 1 else f" (turned upright, EXIF orientation {found.orientation})"
-    space = found.color_space
+        description = image_info(file, report)
+    orientation = description.orientation
+    turned = "" if orientation == 1 else f" (rotated upright, EXIF orientation {orientation})"
+    space = description.color_space
     decoded = space if space == "linear" else f"{space} as a picture, unchanged as a map"
-    if found.refusal:
-        decoded = f"no picture ({found.refusal.removeprefix(f'{file}: ')}); unchanged as a map"
-    parts = "" if found.parts == 1 else f" in {found.parts} parts"
+    if description.refusal:
+        decoded = f"no picture ({description.refusal.removeprefix(f'{file}: ')}); unchanged as a map"
+    parts = "" if description.parts == 1 else f" in {description.parts} parts"
     rows = {
-        "format": found.file_format,
-        "size": f"{found.width} x {found.height} pixels{turned}",
-        "channels": f"{' '.join(found.channels)} ({found.pixel_type}){parts}",
+        "format": description.file_format,
+        "size": f"{description.width} x {description.height} pixels{turned}",
+        "channels": f"{' '.join(description.channels)} ({description.pixel_type}){parts}",
         "read as": decoded,
     }
-    for name, values in found.ranges.items():
-        odd = [
-            f"{count} {what}" for count, what in ((values.infinite, "infinite"), (values.nan, "NaN")) if count
+    for name, values in description.ranges.items():
+        non_finite = [
+            f"{count} {kind}" for count, kind in ((values.infinite, "infinite"), (values.nan, "NaN")) if count
         ]
-        rows[f"range of {name}"] = ", ".join([f"{values.lowest:g} to {values.highest:g}", *odd])
+        rows[f"range of {name}"] = ", ".join([f"{values.lowest:g} to {values.highest:g}", *non_finite])
     width = max(map(len, rows))
     typer.echo(file)
     for label, text in rows.items():

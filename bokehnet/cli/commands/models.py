@@ -1,4 +1,4 @@
-"""``bokehnet models``: depth networks by name, and their download; consent before a first use."""
+"""``bokehnet models``: depth networks by name, their download, and consent before the first use."""
 
 import sys
 from pathlib import Path
@@ -15,10 +15,10 @@ __all__ = ["ensure_model", "models"]
 
 
 def models(
-    name: Annotated[str | None, typer.Argument(help="Tell all about this one.")] = None,
-    get: Annotated[bool, typer.Option("--get", help="Download it now; this agrees to its licence.")] = False,
+    name: Annotated[str | None, typer.Argument(help="Network to describe. Default: list all.")] = None,
+    get: Annotated[bool, typer.Option("--get", help="Download it; this accepts its licence.")] = False,
 ) -> None:
-    """List the depth networks that --depth-model knows by name, or tell about one, or download it."""
+    """List the depth networks that --depth-model accepts by name, describe one, or download it."""
     from bokehnet.inference.depth_models import depth_model_names, find_depth_model
 
     known = [model for each in depth_model_names() if (model := find_depth_model(each))]
@@ -29,52 +29,52 @@ def models(
         for model in known:
             typer.echo(f"{model.name:{width}}  {_state(model):14}  {model.licence:13}  {model.about}")
         return
-    chosen = find_depth_model(name)
-    if chosen is None:
+    selected = find_depth_model(name)
+    if selected is None:
         names = ", ".join(depth_model_names())
         raise ParameterError("NAME", expected=f"one of {names}", got=name)
     if get:
         from bokehnet.inference.model_download import model_file
 
-        typer.echo(f"{chosen.name}: {model_file(chosen, allowed=True)}")
+        typer.echo(f"{selected.name}: {model_file(selected, allowed=True)}")
         return
     rows = {
-        "about": chosen.about,
-        "state": _state(chosen),
-        "repository": chosen.repository,
-        "file": chosen.file or "none",
-        "size": chosen.size or "unknown",
-        "licence": chosen.licence,
-        "convention": chosen.convention,
-        "revision": chosen.revision or "not pinned",
-        "sha256": chosen.sha256 or "not pinned",
+        "about": selected.about,
+        "state": _state(selected),
+        "repository": selected.repository,
+        "file": selected.file or "none",
+        "size": selected.size or "unknown",
+        "licence": selected.licence,
+        "convention": selected.convention,
+        "revision": selected.revision or "not pinned",
+        "sha256": selected.sha256 or "not pinned",
     }
     for key, value in rows.items():
         typer.echo(f"{key:11} {value}")
-    if chosen.refusal:
-        typer.echo(f"{'refused':11} {chosen.refusal}")
+    if selected.refusal:
+        typer.echo(f"{'refused':11} {selected.refusal}")
 
 
-def ensure_model(wanted: Path | str | None) -> None:
-    """See that a named network is on this machine; on a terminal, ask before it is downloaded.
+def ensure_model(reference: Path | str | None) -> None:
+    """Ensure that a named network is on this machine; on a terminal, ask before downloading it.
 
     Args:
-        wanted: What ``--depth-model`` says; files and None need nothing.
+        reference: Value of ``--depth-model``; nothing is done for files and None.
 
     Raises:
-        ModelFileError: It cannot be had, or nobody has agreed.
+        ModelFileError: It cannot be downloaded, or the user has not agreed.
         MissingExtraError: ``huggingface_hub`` is not installed.
     """
-    if wanted is None:
+    if reference is None:
         return
     from bokehnet.inference.depth_models import depth_model_names, find_depth_model
 
-    model = find_depth_model(wanted)
+    model = find_depth_model(reference)
     if model is None:
-        if Path(wanted).suffix or Path(wanted).exists() or len(Path(wanted).parts) > 1:
+        if Path(reference).suffix or Path(reference).exists() or len(Path(reference).parts) > 1:
             return  # a file
         names = ", ".join(depth_model_names())
-        raise ModelFileError(f"{wanted}: expected an ONNX file, or one of {names}, found neither")
+        raise ModelFileError(f"{reference}: expected an ONNX file, or one of {names}, found neither")
     from bokehnet.inference.model_download import cached_file, consent_text, downloads_allowed, model_file
 
     if cached_file(model) is not None:
@@ -84,14 +84,12 @@ def ensure_model(wanted: Path | str | None) -> None:
         typer.echo(consent_text(model), err=True)
         agreed = typer.confirm("Download it?", err=True)
         if not agreed:
-            raise ModelFileError(
-                f"{model.name}: not downloaded, as you said; any ONNX file can be given instead"
-            )
+            raise ModelFileError(f"{model.name}: download declined; any ONNX file can be used instead")
     model_file(model, allowed=agreed)
 
 
 def _state(model: "DepthModel") -> str:
-    """Whether it is here, can be had, or not."""
+    """Return the availability of a network, as listed."""
     from bokehnet.inference.model_download import cached_file
 
     if model.unpublished:

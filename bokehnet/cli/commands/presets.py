@@ -1,4 +1,4 @@
-"""``bokehnet presets``: what looks there are, and the file of one to copy and change."""
+"""``bokehnet presets``: list of the shipped looks, and the file of one to copy and change."""
 
 from typing import Annotated
 
@@ -12,11 +12,9 @@ __all__ = ["presets"]
 
 
 def presets(
-    name: Annotated[
-        str | None, typer.Argument(help="Print the file of this preset, to copy and change.")
-    ] = None,
+    name: Annotated[str | None, typer.Argument(help="Preset whose file to print. Default: list all.")] = None,
 ) -> None:
-    """List the looks for bokehnet render --preset, or show one of them."""
+    """List the presets for `bokehnet render --preset`, or print the file of one."""
     if name is not None:
         typer.echo(read_text(preset_file(name), "preset").rstrip())
         return

@@ -1,4 +1,4 @@
-"""``bokehnet synth``: write training pairs."""
+"""``bokehnet synth``: rendering of training pairs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,19 +9,23 @@ __all__ = ["synth"]
 
 
 def synth(
-    config: Annotated[Path, typer.Option(help="What to make: a TOML file, see configs/synth_*.toml.")],
-    out: Annotated[Path, typer.Option(help="Folder for the shards; a set begun there is completed.")],
-    workers: Annotated[int, typer.Option(min=1, help="Processes that render.")] = 1,
+    config: Annotated[
+        Path, typer.Option(help="Configuration of the data set, TOML; see configs/synth_*.toml.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the shards; an unfinished set in it is completed.")],
+    workers: Annotated[int, typer.Option(min=1, help="Number of rendering processes.")] = 1,
     ray: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Render on this Ray cluster instead: HOST:PORT, ray://HOST:PORT or auto (extra: cluster).",
+            help="Ray cluster to render on: HOST:PORT, ray://HOST:PORT or auto (needs extra: cluster).",
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Replace a value of the configuration: scenes=100."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Override a value of the configuration, such as scenes=100."
+        ),
     ] = None,
 ) -> None:
     """Render random scenes with the ray tracer and write them as training pairs."""

@@ -1,4 +1,4 @@
-"""``bokehnet trace``: a scene through a lens, by ray tracing."""
+"""``bokehnet trace``: ray tracing of a scene through a lens."""
 
 import contextlib
 from collections.abc import Iterator
@@ -14,57 +14,64 @@ __all__ = ["trace"]
 
 _METHODS = ("distribution", "accumulation", "peeled")
 
-# Surfaces of a pixel that are kept without --layers; tiles of a picture on a cluster without --tiles.
-_LAYERS, _TILES = 6, 32
+# Defaults: surfaces per pixel with --method peeled, and strips of a picture on a cluster.
+_DEFAULT_LAYERS, _DEFAULT_TILES = 6, 32
 
 
 def trace(
     scene: Annotated[Path, typer.Argument(help="Scene file, TOML; see configs/scene_*.toml.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="EXR file; a picture begun there is carried on.")
+        Path, typer.Option("--output", "-o", help="Output file, EXR; an unfinished one is continued.")
     ],
     method: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="distribution: each pixel's rays fill the pupil (default); accumulation: whole pictures, "
-            "each from one point of it; peeled: surfaces one behind the other.",
+            help="distribution (default): the rays of each pixel cover the pupil; accumulation: average of "
+            "pinhole pictures over the pupil; peeled: successive surfaces along pinhole rays.",
         ),
     ] = None,
-    samples: Annotated[int | None, typer.Option(min=1, help="Of each pixel; default: the scene's.")] = None,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="Rays per pixel. Default: as in the scene.")
+    ] = None,
     views: Annotated[
-        int | None, typer.Option(min=1, help="With --method accumulation: how many pictures.")
+        int | None, typer.Option(min=1, help="With --method accumulation: number of pinhole pictures.")
     ] = None,
     adaptive: Annotated[
         bool,
-        typer.Option("--adaptive", help="Send more rays where they differ; --samples is then the mean."),
+        typer.Option("--adaptive", help="Trace more rays in noisy pixels; --samples is then the mean."),
     ] = False,
-    seed: Annotated[int | None, typer.Option(help="Of the noise; default: the scene's.")] = None,
-    width: Annotated[int | None, typer.Option(help="Pixels; default: the scene's.")] = None,
-    height: Annotated[int | None, typer.Option(help="Pixels; default: the scene's.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Random seed. Default: as in the scene.")] = None,
+    width: Annotated[int | None, typer.Option(help="Width, pixels. Default: as in the scene.")] = None,
+    height: Annotated[int | None, typer.Option(help="Height, pixels. Default: as in the scene.")] = None,
     layers: Annotated[
-        int | None, typer.Option(min=1, help="Write this many surfaces along each pinhole ray instead.")
+        int | None,
+        typer.Option(min=1, help="With --method peeled (implied): surfaces per pixel. Default: 6."),
     ] = None,
     tiles: Annotated[
-        int | None, typer.Option(min=1, help="Trace the picture in so many strips, which takes less memory.")
+        int | None, typer.Option(min=1, help="Number of strips to trace one by one, which saves memory.")
     ] = None,
     ray: Annotated[
         str | None,
-        typer.Option("--ray", metavar="ADDRESS", help="Trace the strips on the Ray cluster there, or auto."),
+        typer.Option(
+            "--ray", metavar="ADDRESS", help="Ray cluster to trace the strips on: address, or auto."
+        ),
     ] = None,
-    device: Annotated[str, typer.Option(help="Where rays are followed: cpu, cuda.")] = "cpu",
-    fresh: Annotated[bool, typer.Option("--fresh", help="Replace what is there, whatever it is.")] = False,
+    device: Annotated[str, typer.Option(help="Device that traces the rays: cpu or cuda.")] = "cpu",
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Start anew and replace an existing output file.")
+    ] = False,
 ) -> None:
-    """Trace a scene: bokeh, all-in-focus, depth, normals and more in one EXR file.
+    """Ray-trace a scene: bokeh, all-in-focus picture, depth, normals and more in one EXR file.
 
-    Ctrl-C keeps the samples so far; the same command goes on from there.
+    Ctrl-C keeps the samples so far; the same command continues from there.
     """
     from bokehnet.io.image import check_writable  # after parsing, so --help stays fast
     from bokehnet.scenes import read_scene
 
     _check_together(method, samples, views, layers, adaptive, tiles, ray)
     peeled = method == "peeled" or layers is not None
-    given = {
+    options = {
         "render.samples": samples if views is None else views,
         "render.seed": seed,
         "render.method": None if peeled else method,
@@ -74,10 +81,10 @@ def trace(
     }
     check_writable(output, (".exr",))
     _check_device(device)
-    overrides = {key: value for key, value in given.items() if value is not None}
+    overrides = {key: value for key, value in options.items() if value is not None}
     job = read_scene(scene, overrides, device)
     if peeled:
-        _peel_layers(job, output, device, layers or _LAYERS)
+        _peel_layers(job, output, device, layers or _DEFAULT_LAYERS)
         return
     if tiles is None and ray is None:
         advance = _whole(job, device)
@@ -86,7 +93,7 @@ def trace(
             raise ParameterError("--tiles", "a scene without render.adaptive", shown="one with it")
         if tiles is not None and tiles > job.camera.height:
             raise ParameterError("--tiles", f"at most the {job.camera.height} rows of the picture", tiles)
-        count = min(tiles or _TILES, job.camera.height)
+        count = min(tiles or _DEFAULT_TILES, job.camera.height)
         advance = _in_tiles(job, scene.absolute(), overrides, device, count, ray)
     _trace_film(job, output, device, fresh, advance)
 
@@ -100,7 +107,7 @@ def _check_together(
     tiles: int | None,
     ray: str | None,
 ) -> None:
-    """Raise ``ParameterError`` where options do not go together."""
+    """Raise ``ParameterError`` if options contradict each other."""
     from bokehnet.checks import check_choice
 
     if method is not None:
@@ -115,19 +122,19 @@ def _check_together(
         raise ParameterError("--adaptive", "--method distribution", shown=f"--method {method}")
     in_parts = "--ray" if ray is not None else "--tiles"
     if (tiles is not None or ray is not None) and (adaptive or method == "peeled" or layers is not None):
-        found = "--adaptive" if adaptive else "peeled layers"
-        raise ParameterError(in_parts, "pixels of equally many samples", shown=found)
+        conflict = "--adaptive" if adaptive else "peeled layers"
+        raise ParameterError(in_parts, "the same number of samples in all pixels", shown=conflict)
 
 
 def _whole(job: Any, device: str) -> Any:
-    """What carries a film on, in this process, until it has its samples."""
+    """Return a function that advances a film in this process until it has its samples."""
     from bokehnet.raytrace.adaptive import advance_adaptive
 
     tracer = job.tracer(device)
 
-    def advance(film: Any, wanted: int) -> Iterator[Any]:
-        while film.samples < wanted:
-            film = advance_adaptive(tracer, film) if job.render.adaptive else tracer.advance(film, wanted)
+    def advance(film: Any, samples: int) -> Iterator[Any]:
+        while film.samples < samples:
+            film = advance_adaptive(tracer, film) if job.render.adaptive else tracer.advance(film, samples)
             yield film
 
     return advance
@@ -136,7 +143,7 @@ def _whole(job: Any, device: str) -> Any:
 def _in_tiles(
     job: Any, scene: Path, overrides: dict[str, Any], device: str, count: int, address: str | None
 ) -> Any:
-    """The same in tiles, here or on a cluster."""
+    """Return a function that advances a film in tiles, in this process or on a cluster."""
     from bokehnet.cli.commands.cluster_tiles import tiles_on_cluster
     from bokehnet.scenes.tiles import TileTask, advance_tiles, run_tile, tile_rows
 
@@ -153,13 +160,13 @@ def _in_tiles(
         )
 
     @contextlib.contextmanager
-    def here() -> Iterator[Any]:
+    def in_process() -> Iterator[Any]:
         yield lambda tasks: ((index, run_tile(task)) for index, task in enumerate(tasks))
 
-    def advance(film: Any, wanted: int) -> Iterator[Any]:
+    def advance(film: Any, samples: int) -> Iterator[Any]:
         rows = tile_rows(job.camera.height, count)
-        with here() if address is None else tiles_on_cluster(address) as run:
-            yield from advance_tiles(film, rows, task, run, wanted)
+        with in_process() if address is None else tiles_on_cluster(address) as run:
+            yield from advance_tiles(film, rows, task, run, samples)
 
     return advance
 
@@ -170,23 +177,23 @@ def _trace_film(job: Any, output: Path, device: str, fresh: bool, advance: Any) 
 
     tracer = job.tracer(device)
     film = load_film(output, job.digest, device) if output.exists() and not fresh else tracer.begin()
-    wanted = job.render.samples
-    if film.samples >= wanted:
-        typer.echo(f"{output} has {film.samples} samples already")
+    samples = job.render.samples
+    if film.samples >= samples:
+        typer.echo(f"{output} already has {film.samples} samples")
         return
-    begun = film.samples
+    first = film.samples
     try:
         with progress("tracing samples") as report:
-            report(begun, wanted)
-            for after in advance(film, wanted):
-                film = after
-                report(min(film.samples, wanted), wanted)
+            report(first, samples)
+            for advanced in advance(film, samples):
+                film = advanced
+                report(min(film.samples, samples), samples)
     finally:
-        if film.samples > begun:
+        if film.samples > first:
             names = [body.name for body in job.world.bodies]
             maps = tracer.maps()
             save_film(output, film, replace(maps, depth=job.sensor_depth(maps.depth)), job.digest, names)
-            typer.echo(f"wrote {output}: {film.samples} of {wanted} samples")
+            typer.echo(f"wrote {output}: {film.samples} of {samples} samples")
 
 
 def _peel_layers(job: Any, output: Path, device: str, layers: int) -> None:
@@ -210,10 +217,10 @@ def _peel_layers(job: Any, output: Path, device: str, layers: int) -> None:
 
 
 def _check_device(device: str) -> None:
-    """Raise ``ParameterError`` unless torch can compute there."""
+    """Raise ``ParameterError`` unless torch can use the device."""
     import torch
 
     try:
         torch.zeros(1, device=device)
     except (AssertionError, RuntimeError) as error:
-        raise ParameterError("--device", expected="one that torch can use here", got=device) from error
+        raise ParameterError("--device", expected="a device that torch can use here", got=device) from error

@@ -1,4 +1,4 @@
-"""``bokehnet warm-up``: compile what rendering needs before it is needed, as in the image of a container."""
+"""``bokehnet warm-up``: compilation of kernels in advance, e.g. in a container image."""
 
 from typing import Annotated, Any
 
@@ -6,7 +6,7 @@ import typer
 
 __all__ = ["warm_up"]
 
-# Settings whose kernels differ: one for each thing that a lens, an opening or an engine may add.
+# Settings with different kernels: one per feature of a lens, an aperture or an engine.
 _NEURAL = ("hybrid", "fast", "neural")
 _PLAIN: tuple[dict[str, Any], ...] = ({}, *({"engine": {"name": name}} for name in _NEURAL))
 _LOOKS: tuple[dict[str, Any], ...] = (
@@ -22,10 +22,10 @@ _LOOKS: tuple[dict[str, Any], ...] = (
 
 def warm_up(
     everything: Annotated[
-        bool, typer.Option("--all", help="Also what shapes of the opening, lenses, fringes and grain need.")
+        bool, typer.Option("--all", help="Also compile for aperture shapes, lenses, fringes and grain.")
     ] = False,
 ) -> None:
-    """Compile what rendering needs, once for this machine, and render small pictures with it."""
+    """Compile all kernels of a render once for this machine, by rendering small pictures."""
     from bokehnet.cli.progress import compile_notice, progress  # after parsing, so --help stays fast
     from bokehnet.precompiled.kernel import KERNELS
     from bokehnet.render.renderer import BokehRenderer
@@ -38,6 +38,6 @@ def warm_up(
             report(done, len(looks))
             renderer.render(scene, demo_settings("middle").updated(look))
         report(len(looks), len(looks))
-    found = [run for kernel in KERNELS.values() for run in kernel.machine_code.values()]
-    ready = sum(run is not None for run in found)
-    typer.echo(f"ready: {ready} kernels came with the package, {len(found) - ready} are compiled by numba")
+    variants = [code for kernel in KERNELS.values() for code in kernel.machine_code.values()]
+    shipped = sum(code is not None for code in variants)
+    typer.echo(f"ready: {shipped} kernels shipped precompiled, {len(variants) - shipped} compiled by numba")

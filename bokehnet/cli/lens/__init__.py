@@ -1,4 +1,4 @@
-"""``bokehnet lens``: reports, files of other programs, tables and fits.
+"""``bokehnet lens``: reports, import of lens files, tables and fits.
 
 Open first: ``command.py``.
 """

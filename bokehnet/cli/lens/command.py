@@ -1,4 +1,4 @@
-"""``bokehnet lens``: what is known of a lens, files of other programs, two lenses side by side."""
+"""``bokehnet lens``: data of a lens, import of lens files, comparison of two lenses."""
 
 import json
 import math
@@ -17,7 +17,7 @@ __all__ = ["lens"]
 
 
 class _LensGroup(QuickGroup):
-    """The commands about lenses; what is none of them is the name of a lens to show."""
+    """Group of lens commands; any other first word is the name of a lens to show."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if not args or (args[0] not in self.commands and args[0] not in ("-h", "--help")):
@@ -27,44 +27,51 @@ class _LensGroup(QuickGroup):
 
 lens = typer.Typer(
     name="lens",
-    help="Tell what is known of a lens, take lens files of other programs, compare. NAME alone is show NAME.",
+    help="Show, import, compare, fit and tabulate lenses. `bokehnet lens NAME` is `bokehnet lens show NAME`.",
     cls=_LensGroup,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
 )
 
-_Focal = Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")]
-_FNumber = Annotated[float | None, typer.Option(help="Stop down to this f-number.")]
-_Focus = Annotated[float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")]
+_Focal = Annotated[float | None, typer.Option(help="Focal length to scale the lens to, mm.")]
+_FNumber = Annotated[float | None, typer.Option(help="F-number to stop down to. Default: wide open.")]
+_Focus = Annotated[
+    float | None, typer.Option(help="Focus distance, metres from the entrance pupil. Default: infinity.")
+]
 _Paraxial = Annotated[
-    bool, typer.Option("--paraxial", help="Focus rays near the axis, not the whole opening's least blur.")
+    bool,
+    typer.Option(
+        "--paraxial", help="Focus paraxial rays, instead of minimising the blur of the full aperture."
+    ),
 ]
 _Sheet = Annotated[
     Path | None,
-    typer.Option("--output", "-o", help="Write the sheet here: .html, .pdf, or a picture such as .png."),
+    typer.Option("--output", "-o", help="Output file of the sheet: .html, .pdf, or an image such as .png."),
 ]
-# Endings of sheets that are pages; others are figures.
+# Extensions of sheets that are web pages; others are figures.
 _PAGES = (".html", ".htm")
-_Json = Annotated[bool, typer.Option("--json", help="Numbers as JSON.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
 
 
 @lens.command()
 def show(
     name: Annotated[
         str | None,
-        typer.Argument(help="Name in the catalog, or a lens file; without one the catalog is listed."),
+        typer.Argument(help="Name in the catalog, or a lens file. Default: list the catalog."),
     ] = None,
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
     paraxial: _Paraxial = False,
-    plot: Annotated[Path | None, typer.Option(help="Draw lens, spots and depth of field here.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Output file of a plot: lens, spots and depth of field.")
+    ] = None,
     psf_sheet: Annotated[
         Path | None,
-        typer.Option(help="Draw blur of points here: traced beside reduced, over field and depth."),
+        typer.Option(help="Output file of a sheet of traced and modelled point spread functions."),
     ] = None,
 ) -> None:
-    """Tell focal length, pupils and light of a lens, or list the catalog."""
+    """Print focal length, pupils and light transmission of a lens, or list the catalog."""
     from bokehnet.lenses.catalog import catalog_names, find_prescription
     from bokehnet.lenses.reports.report import describe_lens
 
@@ -74,11 +81,11 @@ def show(
         names = catalog_names()
         width = max(map(len, names))
         for entry in names:
-            found = find_prescription(entry)
-            typer.echo(f"  {entry:<{width}}  {found.focal_length:g} mm f/{found.f_number:g}, {found.name}")
+            listed = find_prescription(entry)
+            typer.echo(f"  {entry:<{width}}  {listed.focal_length:g} mm f/{listed.f_number:g}, {listed.name}")
         return
-    chosen = _load(name, focal, f_number, focus, paraxial)
-    rows = describe_lens(chosen)
+    loaded = _load(name, focal, f_number, focus, paraxial)
+    rows = describe_lens(loaded)
     if plot is not None:
         from bokehnet.cli.progress import progress
         from bokehnet.io.image import check_writable
@@ -88,12 +95,12 @@ def show(
         check_writable(plot, FIGURE_EXTENSIONS)
         with progress("drawing", counted=False) as report:
             report(0, 1)
-            write_figure(plot_lens(chosen), plot, dpi=130)
+            write_figure(plot_lens(loaded), plot, dpi=130)
             report(1, 1)
     if psf_sheet is not None:
-        rows["blur of points"] = _draw_psfs(chosen, psf_sheet)
+        rows["blur of points"] = _draw_psfs(loaded, psf_sheet)
     width = max(map(len, rows))
-    typer.echo(chosen.prescription.name)
+    typer.echo(loaded.prescription.name)
     for label, text in rows.items():
         typer.echo(f"  {label:<{width}}  {text}")
 
@@ -103,18 +110,16 @@ def import_file(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A lens file: .zmx, .seq, .len, .json, .roa, .csv or .fx; FILE@2 is a second position."
+            help="Lens file: .zmx, .seq, .len, .json, .roa, .csv or .fx; FILE@2 is its second configuration."
         ),
     ],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the lens here, as TOML.")
-    ] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Output file, .toml.")] = None,
     glasses: Annotated[
         list[Path] | None,
-        typer.Option(help="Glass catalogue: AGF, refractiveindex.info's YAML, or a folder; can be repeated."),
+        typer.Option(help="Glass catalogue: AGF, YAML of refractiveindex.info, or a folder; repeatable."),
     ] = None,
 ) -> None:
-    """Read a lens file of another program, say what it holds, and write it as one of ours."""
+    """Read a lens file of another program, describe it, and convert it to bokehnet's format."""
     from bokehnet.errors import ConfigError
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.lenses.files.reading import import_lens
@@ -123,24 +128,24 @@ def import_file(
 
     if output is not None:
         check_target(output, error=ConfigError)
-    found = import_lens(file, glasses or ())
-    made = PrescriptionLens(prescription=found.prescription)
+    imported = import_lens(file, glasses or ())
+    loaded = PrescriptionLens(prescription=imported.prescription)
     if output is not None:
-        write_text(output, prescription_toml(found.prescription), error=ConfigError)
-    glass = sum(row.medium() is not None for row in found.prescription.surfaces)
-    typer.echo(found.prescription.name)
-    typer.echo(f"  {made.focal_length:.6g} mm f/{made.fastest:.4g}, {glass} pieces of glass")
-    for sentence in found.said:
+        write_text(output, prescription_toml(imported.prescription), error=ConfigError)
+    glass = sum(row.medium() is not None for row in imported.prescription.surfaces)
+    typer.echo(imported.prescription.name)
+    typer.echo(f"  {loaded.focal_length:.6g} mm f/{loaded.min_f_number:.4g}, {glass} glass elements")
+    for sentence in imported.said:
         typer.echo(f"  {sentence}")
-    if found.skipped:
-        passed = ", ".join(f"{key} ({count})" for key, count in sorted(found.skipped.items()))
-        typer.echo(f"  passed over: {passed}")
+    if imported.skipped:
+        ignored = ", ".join(f"{key} ({count})" for key, count in sorted(imported.skipped.items()))
+        typer.echo(f"  ignored: {ignored}")
 
 
 @lens.command()
 def compare(
     first: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
-    second: Annotated[str, typer.Argument(help="Another one.")],
+    second: Annotated[str, typer.Argument(help="Lens to compare it with.")],
     output: _Sheet = None,
     focal: _Focal = None,
     f_number: _FNumber = None,
@@ -148,7 +153,7 @@ def compare(
     paraxial: _Paraxial = False,
     as_json: _Json = False,
 ) -> None:
-    """Tell the numbers of two lenses side by side, or draw their sheets so."""
+    """Print the data of two lenses side by side, or draw their sheets side by side."""
     from bokehnet.lenses.reports.facts import lens_facts
     from bokehnet.lenses.reports.report_sheet import lens_curves
 
@@ -179,18 +184,18 @@ def report(
     paraxial: _Paraxial = False,
     as_json: _Json = False,
 ) -> None:
-    """Show all that is known of a lens on one sheet, or tell it as JSON."""
+    """Draw all data of a lens on one sheet, or print it as JSON."""
     from bokehnet.lenses.reports.report_sheet import lens_curves
 
     if output is None and not as_json:
         raise ParameterError("--output", expected="a file for the sheet, or --json", shown="neither")
     if output is not None:
         _check_sheet(output)
-    chosen = _load(name, focal, f_number, focus, paraxial)
+    loaded = _load(name, focal, f_number, focus, paraxial)
     if output is not None:
-        _write_sheet([chosen], output)
+        _write_sheet([loaded], output)
     if as_json:
-        typer.echo(json.dumps(lens_curves(chosen), indent=2))
+        typer.echo(json.dumps(lens_curves(loaded), indent=2))
 
 
 def _check_sheet(output: Path) -> None:
@@ -207,13 +212,13 @@ def _write_sheet(lenses: list[Any], output: Path) -> None:
     from bokehnet.lenses.reports.report_sheet import report_figure, report_page
     from bokehnet.tools.figure_file import write_figure
 
-    with progress("drawing", counted=False) as tell:
-        tell(0, 1)
+    with progress("drawing", counted=False) as report_progress:
+        report_progress(0, 1)
         if output.suffix.lower() in _PAGES:
             write_text(output, report_page(lenses), error=ImageFileError)
         else:
             write_figure(report_figure(lenses), output, dpi=110)
-        tell(1, 1)
+        report_progress(1, 1)
 
 
 lens.command()(copy)
@@ -225,23 +230,23 @@ lens.command()(transfer)
 
 
 def _flat(facts: dict[str, Any]) -> dict[str, str]:
-    """Label and text of each number; those of fields with their height, the sums of all surfaces."""
-    told: dict[str, str] = {}
+    """Return label and text of each number: fields with their height, Seidel sums over all surfaces."""
+    texts: dict[str, str] = {}
     for key, value in facts.items():
         label = key.replace("_", " ")
         if isinstance(value, dict):
-            told |= {f"{label}, {inner}": f"{number:.5g}" for inner, number in value.items()}
+            texts |= {f"{label}, {inner}": f"{number:.5g}" for inner, number in value.items()}
         elif key == "fields":
             for field, name in zip(value, ("middle", "0.7", "corner"), strict=True):
                 for inner, number in field.items():
                     text = "none" if number is None else f"{number:.4g}"
-                    told[f"{inner.replace('_', ' ')}, {name}"] = text
+                    texts[f"{inner.replace('_', ' ')}, {name}"] = text
         elif key == "seidel":
             for inner in [name for name in value[0] if name != "surface"]:
-                told[f"Seidel sum, {inner}"] = f"{sum(row[inner] for row in value):.4g}"
+                texts[f"Seidel sum, {inner}"] = f"{sum(row[inner] for row in value):.4g}"
         elif not isinstance(value, str):
-            told[label] = "infinity" if value is None else f"{value:.5g}"
-    return told
+            texts[label] = "infinity" if value is None else f"{value:.5g}"
+    return texts
 
 
 def _load(name: str, focal: float | None, f_number: float | None, focus: float | None, paraxial: bool) -> Any:
@@ -257,7 +262,7 @@ def _load(name: str, focal: float | None, f_number: float | None, focus: float |
 
 
 def _draw_psfs(lens: Any, path: Path) -> str:
-    """Write the sheet and say how well reduced and traced blur agree."""
+    """Write the sheet and return the agreement of modelled and traced point spread functions."""
     from bokehnet.cli.progress import progress
     from bokehnet.io.image import check_writable
     from bokehnet.tools.psf_sheet import write_psf_sheet
@@ -265,5 +270,6 @@ def _draw_psfs(lens: Any, path: Path) -> str:
     check_writable(path)
     with progress("tracing") as report:
         pairs = write_psf_sheet(lens, path, report)
-    found = [pair.correlation for pair in pairs]
-    return f"reduced against traced: correlation {sum(found) / len(found):.3f}, worst {min(found):.3f}"
+    correlations = [pair.correlation for pair in pairs]
+    mean, worst = sum(correlations) / len(correlations), min(correlations)
+    return f"modelled against traced: correlation {mean:.3f}, worst {worst:.3f}"

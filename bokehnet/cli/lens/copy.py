@@ -1,4 +1,4 @@
-"""``bokehnet lens copy``: one copy of a lens as it is put together, or what many of them do."""
+"""``bokehnet lens copy``: misaligned copies of a lens, as manufactured, and their image errors."""
 
 import json
 import math
@@ -11,39 +11,42 @@ from bokehnet.errors import ConfigError, ParameterError
 
 __all__ = ["copy"]
 
-# Copies that can be told of in one run.
-_MOST = 1000
+# Maximum number of copies in one run.
+_MAX_COPIES = 1000
 
 
 def copy(
     name: Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Write the copy here, .toml, a lens file.")
+        Path | None, typer.Option("--output", "-o", help="Output file of the copy, a lens file, .toml.")
     ] = None,
     copy_to_copy: Annotated[
-        float, typer.Option(help="The slider: 0 is the design, 1 the limits below, more of them above.")
+        float,
+        typer.Option(help="Factor on the tolerances below: 0 is the design, 1 (default) the tolerances."),
     ] = 1.0,
-    seed: Annotated[int, typer.Option(help="Which copy, from 0 up.")] = 0,
-    copies: Annotated[int, typer.Option(help="Tell of so many copies, from --seed on.")] = 1,
-    decentre: Annotated[float, typer.Option(help="Of elements from the axis at most, mm.")] = 0.02,
-    tilt: Annotated[float, typer.Option(help="Of elements at most, degrees.")] = 0.02,
-    spacing: Annotated[float, typer.Option(help="Of gaps of air at most, mm longer or shorter.")] = 0.02,
-    focal: Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")] = None,
-    f_number: Annotated[float | None, typer.Option(help="Stop down to this f-number.")] = None,
-    focus: Annotated[
-        float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")
+    seed: Annotated[int, typer.Option(help="Number of the copy, from 0.")] = 0,
+    copies: Annotated[int, typer.Option(help="Number of copies to analyse, starting with --seed.")] = 1,
+    decentre: Annotated[float, typer.Option(help="Tolerance of the decentre of elements, mm.")] = 0.02,
+    tilt: Annotated[float, typer.Option(help="Tolerance of the tilt of elements, degrees.")] = 0.02,
+    spacing: Annotated[float, typer.Option(help="Tolerance of the air gaps, mm.")] = 0.02,
+    focal: Annotated[float | None, typer.Option(help="Focal length to scale the lens to, mm.")] = None,
+    f_number: Annotated[
+        float | None, typer.Option(help="F-number to stop down to. Default: wide open.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Numbers as JSON.")] = False,
+    focus: Annotated[
+        float | None, typer.Option(help="Focus distance, metres from the entrance pupil. Default: infinity.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")] = False,
 ) -> None:
-    """Put elements a little off their places, as in one copy of a lens, and tell what that does."""
+    """Misalign the elements of a lens, as in manufactured copies, and print the effects."""
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.lenses.assembly.misalignment import misalignment
     from bokehnet.lenses.assembly.tolerances import Tolerances, assembled
     from bokehnet.lenses.catalog import load_lens
     from bokehnet.lenses.prescription_toml import prescription_toml
 
-    if not 1 <= copies <= _MOST:
-        raise ParameterError("--copies", expected=f"1 to {_MOST}", got=copies)
+    if not 1 <= copies <= _MAX_COPIES:
+        raise ParameterError("--copies", expected=f"1 to {_MAX_COPIES}", got=copies)
     if output is not None:
         if output.suffix.lower() != ".toml":
             raise ParameterError("--output", expected="a file that ends in .toml", got=str(output))
@@ -56,12 +59,12 @@ def copy(
     distance = math.inf if focus is None else 1000 * focus
     design = load_lens(name, focal_length=focal, f_number=f_number, focus_distance=distance)
     rows = [_row("design", design, misalignment(design))]
-    made = None
+    copied = None
     for number in range(seed, seed + copies):
-        made = _at_work(design, assembled(design.prescription, limits, number))
-        rows.append(_row(f"copy {number}", made, misalignment(made)))
-    if output is not None and made is not None:
-        write_text(output, prescription_toml(made.prescription), error=ConfigError)
+        copied = _with_iris_of(design, assembled(design.prescription, limits, number))
+        rows.append(_row(f"copy {number}", copied, misalignment(copied)))
+    if output is not None and copied is not None:
+        write_text(output, prescription_toml(copied.prescription), error=ConfigError)
     if as_json:
         typer.echo(json.dumps(rows, indent=2))
         return
@@ -69,29 +72,29 @@ def copy(
     heads = (
         "",
         "focal, mm",
-        "picture moved, µm",
-        "image leans, '",
+        "image shift, µm",
+        "image tilt, '",
         "coma, µm",
         "spot, µm",
         "at 0.7, µm",
     )
-    lines = [heads, *(_told(row) for row in rows)]
+    lines = [heads, *(_cells(row) for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(heads))]
     for line in lines:
         typer.echo("  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip())
 
 
-def _at_work(design: Any, prescription: Any) -> Any:
-    """The copy, the iris as it is in the design: gaps change the f-number a little."""
+def _with_iris_of(design: Any, prescription: Any) -> Any:
+    """Return the copy stopped down like the design, as far as possible: gaps change its f-number slightly."""
     from bokehnet.lenses.prescription import PrescriptionLens
 
-    made = PrescriptionLens(prescription=prescription)
-    stopped = None if design.f_number is None else max(design.f_number, made.fastest)
+    wide_open = PrescriptionLens(prescription=prescription)
+    stopped = None if design.f_number is None else max(design.f_number, wide_open.min_f_number)
     return PrescriptionLens(prescription=prescription, f_number=stopped, focus_distance=design.focus_distance)
 
 
 def _row(label: str, lens: Any, found: Any) -> dict[str, Any]:
-    """Numbers of a copy, mm; the sensor that would be sharp on all sides leans by so many degrees."""
+    """Return the image errors of a copy, mm; ``image_lean`` is the tilt of its image plane, degrees."""
     cone = 2 * lens.working_f_number
     return {
         "lens": label,
@@ -104,7 +107,7 @@ def _row(label: str, lens: Any, found: Any) -> dict[str, Any]:
     }
 
 
-def _told(row: dict[str, Any]) -> tuple[str, ...]:
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     moved, coma = (1000 * math.hypot(*row[key]) for key in ("moved", "coma"))
     return (
         row["lens"],

@@ -1,4 +1,4 @@
-"""``bokehnet lens fit``: the look of a lens from a photograph of lamps out of focus."""
+"""``bokehnet lens fit``: the look of a lens, fitted to a photo of defocused lights."""
 
 import dataclasses
 import math
@@ -17,26 +17,27 @@ _GREY = (0.2126, 0.7152, 0.0722)
 def fit(
     photo: Annotated[
         Path,
-        typer.Argument(help="The whole photograph, lamps out of focus, not clipped; or any, with --sharp."),
+        typer.Argument(help="Uncropped photo with defocused, unclipped lights; with --sharp: any photo."),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Write the look here, as a .toml preset.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output file of the preset, .toml.")],
     lights: Annotated[
-        str, typer.Option(help="auto, or the lamps: X,Y,RADIUS in pixels, more behind a semicolon.")
+        str,
+        typer.Option(help="Discs to fit: auto (default), or X,Y,RADIUS in pixels, separated by semicolons."),
     ] = "auto",
     in_front: Annotated[
-        bool, typer.Option("--in-front", help="The lamps are nearer than the focus, not behind it.")
+        bool, typer.Option("--in-front", help="The lights are in front of focus instead of behind it.")
     ] = False,
     residual: Annotated[
-        Path | None, typer.Option(help="Draw the photograph, the fit and four times what is left here.")
+        Path | None, typer.Option(help="Output image: photo, fit, and 4 times their difference.")
     ] = None,
     sharp: Annotated[
-        Path | None, typer.Option(help="The same view, sharp everywhere; fits blur and focus as well.")
+        Path | None, typer.Option(help="All-in-focus picture of the same view; also fits blur and focus.")
     ] = None,
     disparity: Annotated[
-        Path | None, typer.Option(help="With --sharp: its disparity, near is bright.")
+        Path | None, typer.Option(help="With --sharp: its disparity map; bright is near.")
     ] = None,
 ) -> None:
-    """Fit the opening of a lens to the discs of lamps in a photograph, or to a sharp picture with depth."""
+    """Fit aperture and fringes of a lens to the defocused lights of a photo, or to a pair of pictures."""
     import numpy as np
 
     from bokehnet.cli.progress import progress
@@ -49,31 +50,31 @@ def fit(
     if residual is not None:
         check_writable(residual)
     if (sharp is None) != (disparity is None):
-        found_one = "--sharp" if disparity is None else "--disparity"
-        raise ParameterError(found_one, expected="--sharp and --disparity", shown="one of them")
+        present = "--sharp" if disparity is None else "--disparity"
+        raise ParameterError(present, expected="--sharp and --disparity", shown="one of them")
     if sharp is not None and disparity is not None:
         _fit_pair(photo, sharp, disparity, output, residual)
         return
-    chosen = None if lights == "auto" else _discs(lights)
+    listed = None if lights == "auto" else _discs(lights)
     image = read_image(photo)
-    discs = find_discs(image @ np.array(_GREY)) if chosen is None else chosen
+    discs = find_discs(image @ np.array(_GREY)) if listed is None else listed
     with progress("fitting", counted=False) as report:
         report(0, 1)
-        found = fit_look(image, discs, behind=not in_front)
+        fitted = fit_look(image, discs, behind=not in_front)
         report(1, 1)
-    rows = _rows(found.look, colours=True)
-    told = "".join(f"{name} = {value}\n" for name, value in rows.items())
-    write_text(output, f'description = "Fitted to the lamps of a photograph"\n{told}', error=ConfigError)
+    rows = _rows(fitted.look, colours=True)
+    lines = "".join(f"{name} = {value}\n" for name, value in rows.items())
+    write_text(output, f'description = "Fitted to the lights of a photo"\n{lines}', error=ConfigError)
     if residual is not None:
-        left = np.clip(4 * np.abs(image - found.drawn), 0, 1)
-        write_image(residual, np.hstack([image, found.drawn, left]))
-    _tell(rows, found.deviation)
-    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(found.others.items()))
-    typer.echo(f"  {len(found.discs)} discs; left of their light {found.left:.4f}; by blades {others}")
+        difference = np.clip(4 * np.abs(image - fitted.drawn), 0, 1)
+        write_image(residual, np.hstack([image, fitted.drawn, difference]))
+    _print_values(rows, fitted.deviation)
+    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(fitted.others.items()))
+    typer.echo(f"  {len(fitted.discs)} discs; residual light {fitted.left:.4f}; by blades {others}")
 
 
 def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual: Path | None) -> None:
-    """Fit blur, focus and the opening; the look goes to the file, blur and focus are told."""
+    """Fit blur, focus and aperture; write the look to the file and print blur and focus."""
     import numpy as np
 
     from bokehnet.cli.progress import progress
@@ -86,23 +87,24 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
     scene = read_scene(sharp, source=RelativeDisparity(map=disparity))
     with progress("fitting", counted=False) as report:
         report(0, 1)
-        found = fit_pair(scene.image, np.asarray(scene.depth.values), read_image(photo))
+        fitted = fit_pair(scene.image, np.asarray(scene.depth.values), read_image(photo))
         report(1, 1)
-    rows = _rows(found.look, colours=False)
-    told = "".join(f"{name} = {value}\n" for name, value in rows.items())
-    write_text(output, f'description = "Fitted to a pair of pictures"\n{told}', error=ConfigError)
+    rows = _rows(fitted.look, colours=False)
+    lines = "".join(f"{name} = {value}\n" for name, value in rows.items())
+    write_text(output, f'description = "Fitted to a pair of pictures"\n{lines}', error=ConfigError)
     if residual is not None:
-        high, wide = found.drawn.shape[:2]
-        step = read_image(photo).shape[0] // high
-        seen = read_image(photo)[: high * step, : wide * step].reshape(high, step, wide, step, 3).mean((1, 3))
-        left = np.clip(4 * np.abs(seen - found.drawn), 0, 1) * found.taken[..., None]
-        write_image(residual, np.hstack([seen, found.drawn, left]).astype(np.float32))
-    _tell({"blur": found.blur, "focus": found.focus} | rows, found.deviation)
-    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(found.others.items()))
-    typer.echo(f"  left of square roots of light {found.left:.4f}; by blades {others}")
+        height, width = fitted.rendered.shape[:2]
+        step = read_image(photo).shape[0] // height
+        cropped = read_image(photo)[: height * step, : width * step]
+        reduced = cropped.reshape(height, step, width, step, 3).mean((1, 3))
+        difference = np.clip(4 * np.abs(reduced - fitted.rendered), 0, 1) * fitted.mask[..., None]
+        write_image(residual, np.hstack([reduced, fitted.rendered, difference]).astype(np.float32))
+    _print_values({"blur": fitted.blur, "focus": fitted.focus} | rows, fitted.deviation)
+    others = ", ".join(f"{count}: {left:.4f}" for count, left in sorted(fitted.residuals.items()))
+    typer.echo(f"  residual of square roots of light {fitted.residual:.4f}; by blades {others}")
 
 
-# Options, what a fitted look calls them, and decimals that are written.
+# Option, field of a fitted look, and number of decimals to write.
 _OPTIONS = {
     "blades": ("blades", 0),
     "blade-curvature": ("curvature", 4),
@@ -117,33 +119,33 @@ _BLADES, _COLOURS = ("blade-curvature", "aperture-rotation"), ("axial-fringe", "
 
 
 def _rows(look: Any, colours: bool) -> dict[str, float]:
-    """Options of a look, by name; those of its colours where they were fitted."""
-    left_out = (() if look.blades else _BLADES) + (() if colours else _COLOURS)
+    """Return the options of a look by name; those of fringes only if ``colours``."""
+    excluded = (() if look.blades else _BLADES) + (() if colours else _COLOURS)
     return {
         option: round(getattr(look, field), decimals)
         for option, (field, decimals) in _OPTIONS.items()
-        if option not in left_out
+        if option not in excluded
     }
 
 
-def _tell(rows: dict[str, float], deviation: dict[str, float]) -> None:
-    """Print each number with its doubt."""
+def _print_values(rows: dict[str, float], deviation: dict[str, float]) -> None:
+    """Print each value with its standard deviation."""
     for name, value in rows.items():
-        doubt = deviation.get(_OPTIONS[name][0] if name in _OPTIONS else name)
-        typer.echo(f"  {name:<18}{value:>9.4g}" + ("" if doubt is None else f"  +- {doubt:.2g}"))
+        sigma = deviation.get(_OPTIONS[name][0] if name in _OPTIONS else name)
+        typer.echo(f"  {name:<18}{value:>9.4g}" + ("" if sigma is None else f"  +- {sigma:.2g}"))
 
 
 def _discs(text: str) -> list[Any]:
     from bokehnet.lenses.fit.discs import Disc
 
     try:
-        found = []
+        discs = []
         for part in text.split(";"):
             x, y, radius = map(float, part.split(","))
-            found.append(Disc(x=x, y=y, radius=radius))
+            discs.append(Disc(x=x, y=y, radius=radius))
     except (TypeError, ValueError) as error:
         raise ParameterError("--lights", expected="auto, or X,Y,RADIUS;X,Y,RADIUS", got=text) from error
-    for disc in found:
+    for disc in discs:
         if not all(map(math.isfinite, dataclasses.astuple(disc))) or disc.radius <= 0:
-            raise ParameterError("--lights", expected="finite places and radii above 0", got=text)
-    return found
+            raise ParameterError("--lights", expected="finite positions and radii above 0", got=text)
+    return discs

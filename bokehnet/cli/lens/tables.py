@@ -1,4 +1,4 @@
-"""``bokehnet lens aberrations``, ``preset``, ``profile``, ``transfer``: lenses as tables, looks, look-ups."""
+"""``bokehnet lens aberrations``, ``preset``, ``profile``, ``transfer``: lenses as tables and presets."""
 
 import dataclasses
 import math
@@ -13,23 +13,27 @@ from bokehnet.errors import ConfigError, ParameterError
 __all__ = ["aberrations", "preset", "profile", "transfer"]
 
 _Name = Annotated[str, typer.Argument(help="Name in the catalog, or a lens file.")]
-_Focal = Annotated[float | None, typer.Option(help="Scale the lens to this focal length, mm.")]
-_FNumber = Annotated[float | None, typer.Option(help="Stop down to this f-number.")]
-_Focus = Annotated[float | None, typer.Option(help="Focus at this depth, metres from the entrance pupil.")]
+_Focal = Annotated[float | None, typer.Option(help="Focal length to scale the lens to, mm.")]
+_FNumber = Annotated[float | None, typer.Option(help="F-number to stop down to. Default: wide open.")]
+_Focus = Annotated[
+    float | None, typer.Option(help="Focus distance, metres from the entrance pupil. Default: infinity.")
+]
 
 
 def aberrations(
     name: _Name,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Write the table here, .csv.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output file of the table, .csv.")],
     theory: Annotated[
         Literal["traced", "seidel"],
-        typer.Option(help="By rays through the glass, or by third-order theory at 64 wavelengths."),
+        typer.Option(
+            help="Rays through the glass (traced), or third-order theory at 64 wavelengths (seidel)."
+        ),
     ] = "traced",
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
 ) -> None:
-    """Write the aberrations of a lens as a table by wavelength, which --aberration-table takes."""
+    """Write the aberrations of a lens as a table by wavelength, for --aberration-table."""
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
@@ -37,21 +41,25 @@ def aberrations(
 
     check_target(output, error=ConfigError)
     lens = _load(name, focal, f_number, focus)
-    found = seidel_aberration_map(lens) if theory == "seidel" else fit_aberration_map(lens)
-    write_text(output, aberration_table(found, _remarks(lens)), error=ConfigError)
-    typer.echo(f"{output}: {len(found.wavelengths)} wavelengths, {len(found.vignetting_apertures)} rims")
+    table = seidel_aberration_map(lens) if theory == "seidel" else fit_aberration_map(lens)
+    write_text(output, aberration_table(table, _remarks(lens)), error=ConfigError)
+    wavelengths, rims = len(table.wavelengths), len(table.vignetting_apertures)
+    typer.echo(f"wrote {output}: {wavelengths} wavelengths, {rims} vignetting apertures")
 
 
 def preset(
     name: _Name,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Write the look here, .toml; its table stands beside it.")
+        Path,
+        typer.Option(
+            "--output", "-o", help="Output file of the preset, .toml; adds a .csv of the same name."
+        ),
     ],
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
 ) -> None:
-    """Make a look of a lens: its aberrations as a table, its darkening as a vignette."""
+    """Convert a lens to a preset: a table of its aberrations, and its vignetting."""
     from bokehnet.cli.progress import progress
     from bokehnet.io.atomic import check_target, write_text
     from bokehnet.lenses.aberrations.aberration_table import aberration_table
@@ -65,42 +73,44 @@ def preset(
     lens = _load(name, focal, f_number, focus)
     with progress("tracing", counted=False) as report:
         report(0, 1)
-        made = lens_preset(lens)
+        look = lens_preset(lens)
         report(1, 1)
     title = f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}"
     description = (
-        f"{title}: points match traced ones by {made.correlation:.3f}, the worst by {made.worst:.3f}"
+        f"{title}: correlation with traced points {look.correlation:.3f}, worst {look.min_correlation:.3f}"
     )
     escaped = "".join(c for c in description if c.isprintable()).replace("\\", "\\\\").replace('"', '\\"')
     file = table.name.replace("\\", "\\\\").replace('"', '\\"')
     lines = [f'description = "{escaped}"', f'aberration-table = "{file}"']
-    if abs(made.vignette.stops) > 1e-3:
+    if abs(look.vignette.stops) > 1e-3:
         lines += [
-            f"vignette = {made.vignette.stops:.4f}",
-            f"vignette-radius = {made.vignette.radius:.4f}",
-            f"vignette-softness = {made.vignette.softness:.4f}",
+            f"vignette = {look.vignette.stops:.4f}",
+            f"vignette-radius = {look.vignette.radius:.4f}",
+            f"vignette-softness = {look.vignette.softness:.4f}",
         ]
-    write_text(table, aberration_table(made.aberrations, _remarks(lens)), error=ConfigError)
+    write_text(table, aberration_table(look.aberrations, _remarks(lens)), error=ConfigError)
     write_text(output, "\n".join([*lines, ""]), error=ConfigError)
     typer.echo(description)
-    typer.echo(f"  light off by {100 * made.light_error:.2g} % of the middle's at most")
+    typer.echo(
+        f"  largest error of the vignetting: {100 * look.light_error:.2g} % of the light at the centre"
+    )
 
 
 def transfer(
     name: _Name,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Store the table here, .npz, which is a lens file then."),
+        typer.Option("--output", "-o", help="Output file of the table, .npz, usable as a lens file."),
     ] = None,
-    degree: Annotated[int, typer.Option(help="Of the polynomials, 1 to 8.")] = 4,
+    degree: Annotated[int, typer.Option(help="Degree of the polynomials, 1 to 8.")] = 4,
     one_colour: Annotated[
-        bool, typer.Option("--one-colour", help="Of the design wavelength only, not 400 to 700 nm.")
+        bool, typer.Option("--one-colour", help="Use only the design wavelength instead of 400 to 700 nm.")
     ] = False,
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
 ) -> None:
-    """Build the ray transfer function of a lens, tell how far its rays are from traced ones, store it."""
+    """Fit the ray transfer function of a lens, print its ray errors, and store it."""
     from bokehnet.io.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.transfer import TransferLens
     from bokehnet.lenses.lookup.transfer_file import transfer_errors, write_transfer
@@ -130,15 +140,15 @@ def transfer(
 def profile(
     name: _Name,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Store the texture here, .npz, with its lens.")
+        Path | None, typer.Option("--output", "-o", help="Output file of the texture with its lens, .npz.")
     ] = None,
-    rows: Annotated[int, typer.Option(help="Distances of the image in the texture, 2 to 4096.")] = 64,
-    columns: Annotated[int, typer.Option(help="Radii in the texture, 2 to 4096.")] = 64,
+    rows: Annotated[int, typer.Option(help="Number of image distances in the texture, 2 to 4096.")] = 64,
+    columns: Annotated[int, typer.Option(help="Number of radii in the texture, 2 to 4096.")] = 64,
     focal: _Focal = None,
     f_number: _FNumber = None,
     focus: _Focus = None,
 ) -> None:
-    """Trace the profile texture of a lens, compare it with its aberration map, store it."""
+    """Trace the profile texture of a lens, compare it with the aberration map, and store it."""
     from bokehnet.cli.progress import progress
     from bokehnet.io.atomic import check_target, write_atomic
     from bokehnet.lenses.lookup.profile_comparison import compare_profiles
@@ -161,7 +171,7 @@ def profile(
             output, lambda path: _store(partial(write_profile, texture), lens, path), error=ConfigError
         )
     typer.echo(f"{lens.prescription.name}, {lens.focal_length:.4g} mm f/{lens.thick.f_number:.3g}")
-    typer.echo(f"  {'':<16}   bytes  made in, s  a blur in, ms  error on the axis  at 0.5  at 0.9")
+    typer.echo(f"  {'':<16}   bytes    build, s       blur, ms  error on the axis  at 0.5  at 0.9")
     for kind in kinds:
         near, half, far = kind.errors
         typer.echo(

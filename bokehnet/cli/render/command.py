@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from bokehnet.cli.options import Given, resolved_settings, with_options
+from bokehnet.cli.options import OptionValues, resolved_settings, with_options
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.sequence.sequence import SequenceSettings
@@ -19,44 +19,48 @@ __all__ = ["render"]
 @with_options([*group_types(), SequenceSettings, RunSettings])
 def render(
     image: Annotated[
-        str, typer.Argument(metavar="IMAGE", help="All-in-focus picture; EXR and HDR are read as linear.")
+        str,
+        typer.Argument(
+            metavar="IMAGE", help="All-in-focus picture or video; EXR and HDR are read as linear."
+        ),
     ],
     output: Annotated[
         str,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="Where the result goes; its extension picks the format."
-        ),
+        typer.Option("--output", "-o", metavar="FILE", help="Output file; its extension sets the format."),
     ],
     preset: Annotated[
         str | None,
         typer.Option(
             metavar="NAME|FILE.toml",
-            help="A look, as bokehnet presets lists them; options given beside it prevail.",
+            help="Look: a name listed by `bokehnet presets`, or a file. Options override it.",
             autocompletion=presets,
         ),
     ] = None,
     settings: Annotated[
         str | None,
-        typer.Option(metavar="FILE.toml", help="Settings by groups; preset and options prevail."),
+        typer.Option(metavar="FILE.toml", help="Settings file. Preset and options override it."),
     ] = None,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Say nothing but errors; default: one line when it is done.")
+        bool, typer.Option("--quiet", "-q", help="Print only errors. Default: a one-line summary.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Say what each step took, too; of each frame.")
+        bool, typer.Option("--verbose", "-v", help="Print the time of each step as well, for each frame.")
     ] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout in place of the line.")
+        bool, typer.Option("--json", help="Print the summary as one JSON object to stdout.")
     ] = False,
     *,
-    given: Given,
+    option_values: OptionValues,
 ) -> None:
     """Render bokeh from an image and its depth or disparity.
 
-    What was done is told in one line on stderr: size, engine, focus, largest blur, repair of the map, time.
+    Prints a one-line summary to stderr: size, engine, focus, largest blur, repair of the map, time.
     """
-    sequence, run = SequenceSettings(**given.pop("sequence", {})), RunSettings(**given.pop("run", {}))
-    resolved = resolved_settings(settings, preset, given)
+    sequence, run = (
+        SequenceSettings(**option_values.pop("sequence", {})),
+        RunSettings(**option_values.pop("run", {})),
+    )
+    resolved = resolved_settings(settings, preset, option_values)
     from bokehnet.cli.commands.models import ensure_model
     from bokehnet.cli.progress import compile_notice
     from bokehnet.cli.render.frame import (  # after parsing, so --help stays fast
@@ -64,11 +68,11 @@ def render(
         frame_jobs,
         render_one,
     )
-    from bokehnet.cli.render.summary import make_talk
+    from bokehnet.cli.render.summary import make_summary_printer
     from bokehnet.io.video.frames import is_video
     from bokehnet.sequence.frame_names import is_pattern
 
-    talk = make_talk(quiet=quiet, verbose=verbose, as_json=as_json)
+    printer = make_summary_printer(quiet=quiet, verbose=verbose, as_json=as_json)
 
     if is_video(image):
         from bokehnet.cli.render.video import render_video
@@ -82,8 +86,8 @@ def render(
         if (sequence, run) != (SequenceSettings(), RunSettings()):
             raise ParameterError(
                 "sequence.frames",
-                expected="frames, which --jobs, --overwrite, --pull, --ray, --steady, "
-                "and what ends in -from and -to need",
+                expected="frames, which --jobs, --overwrite, --pull, --ray, --steady "
+                "and the options -from and -to need",
                 shown="none",
             )
         if is_pattern(job.image) and not job.image.exists():
@@ -95,22 +99,22 @@ def render(
         job.check()
         ensure_model(resolved.input.depth_model)
         with compile_notice(hidden=quiet):
-            talk.of_one(render_one(job, quiet=quiet))
+            printer.print_single(render_one(job, quiet=quiet))
         return
-    wanted = frame_jobs(job, sequence)
+    jobs = frame_jobs(job, sequence)
     ensure_model(resolved.input.depth_model)
     if run.ray is not None and run.jobs is not None:
         raise ParameterError("--ray", expected="either this or --jobs", shown="both", remedy="leave one out")
     from bokehnet.cli.render.cluster_frames import render_on_cluster
-    from bokehnet.cli.render.workers import render_frames  # which single pictures start faster without
+    from bokehnet.cli.render.workers import render_frames  # keeps single pictures fast
 
-    elsewhere = None if run.ray is None else partial(render_on_cluster, address=run.ray)
+    cluster = None if run.ray is None else partial(render_on_cluster, address=run.ray)
     with compile_notice(hidden=quiet):
         render_frames(
-            wanted,
+            jobs,
             processes=run.jobs or 1,
-            elsewhere=elsewhere,
+            cluster=cluster,
             overwrite=run.overwrite,
             steady=run.steady == "on",
-            talk=talk,
+            printer=printer,
         )

@@ -1,4 +1,4 @@
-"""Frames: the files of each, what may be asked for, and the rendering of one."""
+"""Frames: jobs with their files, checks before rendering, and the rendering of one frame."""
 
 import os
 from collections.abc import Callable
@@ -12,15 +12,15 @@ from bokehnet.cli.progress import stages
 from bokehnet.cli.render.summary import FrameSummary
 from bokehnet.cli.render.warming import loading_kernels
 from bokehnet.errors import ImageFileError, ParameterError
-from bokehnet.inference.process_memory import keep_freed
+from bokehnet.inference.process_memory import keep_freed_memory
 from bokehnet.io.formats.whole_picture import WHOLE_EXTENSIONS
 from bokehnet.io.image import check_writable
-from bokehnet.io.overwrite_guard import check_not_over
-from bokehnet.progress import Progress
+from bokehnet.io.overwrite_guard import check_overwrite
+from bokehnet.progress import Progress, ignore_progress
 from bokehnet.render.memory_bounds import check_memory
 from bokehnet.render.output import check_output
 from bokehnet.render.renderer import BokehRenderer
-from bokehnet.scene.depth.depth_source import tells_distances
+from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.scene.focus import check_focus
 from bokehnet.scene.scene import read_scene
 from bokehnet.sequence.frame_names import frame_path, is_pattern
@@ -33,15 +33,15 @@ __all__ = ["FrameJob", "frame_jobs", "make_renderer", "render_frame", "render_on
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameJob:
-    """One frame to render.
+    """Job to render one frame.
 
     Attributes:
-        image: The all-in-focus picture.
-        output: Where the result goes.
-        settings: All else.
-        number: Of the frame in its sequence.
-        shot: What was decided for all of its frames.
-        index: Of the frame in the shot, counted from 0.
+        image: File of the all-in-focus picture.
+        output: File of the result.
+        settings: Settings of the render.
+        number: Frame number in its sequence.
+        shot: Decisions common to all frames of the shot.
+        index: Index of the frame in the shot, from 0.
     """
 
     image: Path
@@ -52,20 +52,20 @@ class FrameJob:
     index: int = 0
 
     def check(self) -> None:
-        """Raise unless the settings fit together and the result can be written; no picture is read."""
+        """Raise unless the settings are consistent and the result can be written; reads no picture."""
         check_focus(self.settings)
         check_writable(self.output)
         check_output(self.output, self.settings.output)
         if self.settings.engine.max_memory is not None and self.output.suffix.lower() in WHOLE_EXTENSIONS:
             raise ParameterError(
                 "engine.max_memory",
-                "none for AVIF and HEIC, whose encoders hold whole pictures",
+                "no limit for AVIF and HEIC, whose encoders need the whole picture",
                 self.settings.engine.max_memory,
                 "leave it out, or write .jpg, .png or .tif",
             )
         try:
-            read, fine = input_files(self.settings).values(), self.settings.input.supersampled > 1
-            check_not_over(self.output, self.image, read, reduced=fine)
+            inputs, is_reduced = input_files(self.settings).values(), self.settings.input.supersampled > 1
+            check_overwrite(self.output, self.image, inputs, reduced=is_reduced)
         except ParameterError as error:
             raise error.renamed("--output") from error
         folder = self.settings.output.save_maps
@@ -79,30 +79,30 @@ class FrameJob:
 
 
 def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]:
-    """Return what is to be rendered for each frame.
+    """Return the job of each frame.
 
     Args:
-        job: For all frames; its paths may have a place for the number.
-        sequence: Which frames, and what changes over them.
+        job: Job for all frames; its paths may have a placeholder for the frame number.
+        sequence: Frame numbers, and settings that change over them.
 
     Raises:
-        ParameterError: All results would go to one file, or over what they are made of.
-        BokehnetError: As :meth:`FrameJob.check`, of any frame.
+        ParameterError: All results would go to one file, or overwrite an input.
+        BokehnetError: As :meth:`FrameJob.check`, for any frame.
     """
     frames = sequence.frames or ()
     if len(frames) > 1 and not is_pattern(job.output):
         raise ParameterError(
             "--output",
-            expected="a name with a place for the frame, such as out.####.png",
+            expected="a name with a placeholder for the frame, such as out.####.png",
             shown=str(job.output),
         )
-    given = job.settings
-    metric = tells_distances(given, blur_pulled=sequence.blur_from is not None)
+    base = job.settings
+    metric = gives_metric_depth(base, blur_pulled=sequence.blur_from is not None)
     pull = make_pull(frames, sequence, metric=metric)
-    maps = given.output.save_maps
+    maps = base.output.save_maps
     jobs = {}
     for frame in frames:
-        settings = settings_at_frame(given, frame, pull)
+        settings = settings_at_frame(base, frame, pull)
         if maps is not None:
             settings = replace(settings, output=replace(settings.output, save_maps=maps / f"{frame:04d}"))
         jobs[frame] = FrameJob(
@@ -111,25 +111,25 @@ def frame_jobs(job: FrameJob, sequence: SequenceSettings) -> dict[int, FrameJob]
             settings=settings,
             number=frame,
         )
-    read = {path for one in jobs.values() for path in (one.image, *input_files(one.settings).values())}
+    inputs = {path for one in jobs.values() for path in (one.image, *input_files(one.settings).values())}
     for one in jobs.values():
-        if one.output in read:
+        if one.output in inputs:
             raise ParameterError(
                 "--output",
-                expected="another name than those that are read",
-                shown=f"{one.output}, read for a frame",
+                expected="a name different from all inputs",
+                shown=f"{one.output}, an input of a frame",
             )
         one.check()
     return jobs
 
 
 def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
-    """Return a renderer whose engine, networks and look are there: what is wrong with them is told now.
+    """Return a renderer for some settings; raise now if its engine, networks or look are invalid.
 
-    Without a bound on memory the process keeps what it frees from now on.
+    Without a memory bound the process keeps freed memory from now on.
     """
     if settings.engine.max_memory is None:
-        keep_freed()
+        keep_freed_memory()
     renderer = BokehRenderer(settings.engine.name, weights=settings.engine.weights, threads=threads)
     renderer.check(settings)
     return renderer
@@ -138,20 +138,20 @@ def make_renderer(settings: RenderSettings, threads: int = 0) -> BokehRenderer:
 def render_frame(
     job: FrameJob,
     renderer: BokehRenderer,
-    begin: Callable[[str], Progress] = lambda label: _untold,
+    begin: Callable[[str], Progress] = lambda label: ignore_progress,
     meanwhile: Callable[[BokehRenderer, RenderSettings], AbstractContextManager] | None = None,
 ) -> FrameSummary:
-    """Read, render and write one frame; the output appears complete or not at all.
+    """Read, render and write one frame; the output file appears complete or not at all.
 
     Args:
-        job: The frame.
-        renderer: Fit for its settings.
-        begin: Is told of every stage; gives what its progress is reported to.
-        meanwhile: Makes what surrounds the reading and the repair of the map, much of which is done outside
-            Python.
+        job: Job of the frame.
+        renderer: Renderer made for its settings.
+        begin: Callback that begins a stage by its label and returns its progress callback.
+        meanwhile: Factory of a context manager around reading and depth repair, which leave Python's
+            interpreter lock free most of the time.
 
     Raises:
-        BokehnetError: A file cannot be read or written, or numbers and files do not fit together.
+        BokehnetError: A file cannot be read or written, or settings and files are inconsistent.
     """
     times = [perf_counter()]
     with nullcontext() if meanwhile is None else meanwhile(renderer, job.settings):
@@ -172,22 +172,18 @@ def render_frame(
         result.save_maps(job.settings.output.save_maps, job.settings)
     result.save(job.output, report)
     times.append(perf_counter())
-    taken = (end - begin for begin, end in pairwise(times))
+    durations = (end - begin for begin, end in pairwise(times))
     height, width = result.bokeh.shape[:2]
     return FrameSummary(
         output=str(job.output),
         width=width,
         height=height,
         report=result.report,
-        seconds=dict(zip(("read", "prepare", "render", "write"), taken, strict=True)),
+        seconds=dict(zip(("read", "prepare", "render", "write"), durations, strict=True)),
     )
 
 
-def _untold(done: int, total: int) -> None:
-    """Progress that nobody follows."""
-
-
 def render_one(job: FrameJob, *, quiet: bool = False) -> FrameSummary:
-    """Render a frame with a bar for each stage that takes long, unless it is to be quiet."""
+    """Render a frame with a progress bar for each long stage, unless ``quiet``."""
     with stages(hidden=quiet) as begin:
         return render_frame(job, make_renderer(job.settings), begin, loading_kernels)

@@ -1,4 +1,4 @@
-"""Settings of ``bokehnet render`` beside those of the picture: how many frames are worked through."""
+"""Settings of a run of ``bokehnet render``: parallel jobs, cluster, overwriting, video codec."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -11,23 +11,26 @@ __all__ = ["RunSettings"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RunSettings(Group):
-    """How the frames of a sequence are worked through."""
+    """Processing of the frames of a sequence."""
 
     GROUP: ClassVar[str] = "run"
     TITLE: ClassVar[str] = SequenceSettings.TITLE
 
-    jobs: int | None = setting(None, "With --frames: how many are rendered at a time; default 1.", low=1)
+    jobs: int | None = setting(None, "With --frames: number of parallel processes. Default: 1.", low=1)
     ray: str | None = setting(
         None,
-        "With --frames: address of a Ray cluster that renders them; its machines see the same folders.",
+        "With --frames: address of a Ray cluster to render on; its machines must see the same folders.",
         metavar="ADDRESS",
     )
-    overwrite: bool = setting(False, "With --frames: render again what is there; default: skip it.")
+    overwrite: bool = setting(False, "With --frames: render existing outputs again instead of skipping them.")
     video_codec: Literal["h264", "h265", "prores", "ffv1"] | None = setting(
         None,
-        "Of a video; default: prores in .mov, ffv1 in .mkv, h264 or, of more than 8 bits, h265 in .mp4.",
+        "Codec of a video: h264, h265, prores or ffv1. Default: prores in .mov, ffv1 in .mkv, h264 in .mp4 "
+        "(h265 above 8 bits).",
         metavar="NAME",
     )
     steady: Literal["on", "off"] = setting(
-        "on", "Of a shot: on (default) or off: its disparity maps are made steady along its motion."
+        "on",
+        "Temporal smoothing of relative disparity maps along the motion of a video or sequence: on (default) "
+        "or off.",
     )

@@ -1,4 +1,4 @@
-"""The frames of a sequence as one shot: what is decided once for them goes into their jobs."""
+"""Frames of a sequence as one shot: decisions common to all frames are added to their jobs."""
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,9 +12,9 @@ from bokehnet.progress import Progress
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.scene.depth.depth_source import DepthSource, NetworkDepth
 from bokehnet.scene.scene import Scene, read_scene
-from bokehnet.sequence.resumable_folder import claim_folder, own_folder, stamp
+from bokehnet.sequence.resumable_folder import claim_folder, exclusive_folder, file_signature
 from bokehnet.sequence.sequence import input_files
-from bokehnet.sequence.shot import Shot, decide_shot, gets_steady, open_source
+from bokehnet.sequence.shot import Shot, analyse_shot, can_filter_maps, open_source
 from bokehnet.settings.settings import RenderSettings
 from bokehnet.version import __version__
 
@@ -23,7 +23,7 @@ __all__ = ["decided_jobs"]
 
 @dataclass(frozen=True, slots=True)
 class _Files:
-    """Frames that are read from files; see :class:`bokehnet.sequence.shot.ShotFrames`."""
+    """Frames read from files; see :class:`bokehnet.sequence.shot.ShotFrames`."""
 
     jobs: Sequence[FrameJob]
 
@@ -34,15 +34,15 @@ class _Files:
     def settings_of(self, index: int) -> RenderSettings:
         return self.jobs[index].settings
 
-    def scenes(self, wanted: Sequence[int], shot: Shot) -> Iterator[Scene | None]:
+    def scenes(self, indices: Sequence[int], shot: Shot) -> Iterator[Scene | None]:
         network: DepthSource | None = None
-        for index in wanted:
+        for index in indices:
             job = self.jobs[index]
             try:
                 source = shot.source(index, job.settings) or network or open_source(job.settings)
                 network = source if isinstance(source, NetworkDepth) else None
                 scene = read_scene(job.image, job.settings, source=source, number=job.number)
-            except BokehnetError:  # which is told when the frame is rendered
+            except BokehnetError:  # raised again when the frame is rendered
                 scene = None
             yield scene
 
@@ -55,36 +55,36 @@ def decided_jobs(
     steady: bool = True,
     begin: Callable[[str], Progress],
 ) -> Iterator[tuple[dict[int, FrameJob], Shot]]:
-    """Give jobs that know what was decided once for all frames of their shot, and what that is.
+    """Yield the jobs with the decisions common to all frames of their shot, and those decisions.
 
-    Steady maps lie in a hidden folder beside the results, until the block ends and all results are there.
-    A run that is stopped leaves them to the next one, unless files or settings have changed.
+    Smoothed maps are kept in a hidden folder next to the results until the block ends and all results exist.
+    An interrupted run leaves them to the next run, unless files or settings change.
 
     Args:
-        jobs: By frame, all of the shot.
-        renderer: Fit for their settings.
-        steady: Whether relative maps are made steady along the motion of the shot.
-        begin: Is told of every stage; gives what its progress is reported to.
+        jobs: Frame number to job, all frames of the shot.
+        renderer: Renderer made for their settings.
+        steady: True to smooth relative maps along the motion of the shot.
+        begin: Callback that begins a stage by its label and returns its progress callback.
 
     Raises:
-        BokehnetError: The folder cannot be made or written.
+        BokehnetError: The folder cannot be created or written.
     """
     frames = list(jobs.values())
-    own = {_depth_files(job) for job in frames}
-    if len({(job.image, *_depth_files(job)) for job in frames}) < 2:  # a still: its frames decide alike
+    depth_files = {_depth_files(job) for job in frames}
+    if len({(job.image, *_depth_files(job)) for job in frames}) < 2:  # a still: all frames decide equally
         yield dict(jobs), Shot()
         return
     model = frames[0].settings.input.depth_model is not None
-    steady = steady and gets_steady(frames[0].settings, many=model or len(own) > 1)
+    steady = steady and can_filter_maps(frames[0].settings, many=model or len(depth_files) > 1)
     if not steady:
-        shot = decide_shot(_Files(frames), renderer, folder=None, steady=False, begin=begin)
+        shot = analyse_shot(_Files(frames), renderer, folder=None, steady=False, begin=begin)
         yield _with_shot(jobs, shot), shot
         return
     output = frames[0].output.absolute()
-    with own_folder(output.with_name(f".bokehnet-shot-{output.name}-{frames[-1].number}")) as held:
+    with exclusive_folder(output.with_name(f".bokehnet-shot-{output.name}-{frames[-1].number}")) as held:
         folder = held / "shot"
-        claim_folder(folder, _told(frames))
-        shot = decide_shot(_Files(frames), renderer, folder=folder, steady=True, begin=begin)
+        claim_folder(folder, _fingerprint(frames))
+        shot = analyse_shot(_Files(frames), renderer, folder=folder, steady=True, begin=begin)
         yield _with_shot(jobs, shot), shot
         if all(job.output.exists() for job in frames):
             shutil.rmtree(held, ignore_errors=True)
@@ -98,13 +98,13 @@ def _depth_files(job: FrameJob) -> tuple[Path, ...]:
     return tuple(path for name, path in input_files(job.settings).items() if name != "matte")
 
 
-def _told(frames: Sequence[FrameJob]) -> dict[str, object]:
-    """All that steady maps and the plan of their repair depend on."""
+def _fingerprint(frames: Sequence[FrameJob]) -> dict[str, object]:
+    """Return everything that smoothed maps and their repair plan depend on."""
     files = [path for job in frames for path in (job.image, *input_files(job.settings).values())]
-    told = frames[0].settings.to_table()
+    settings = frames[0].settings.to_table()
     return {
         "frames": [job.number for job in frames],
-        "settings": {group: told.get(group) for group in ("depth", "input")},
-        "files": [stamp(path) if path.exists() else [str(path)] for path in dict.fromkeys(files)],
+        "settings": {group: settings.get(group) for group in ("depth", "input")},
+        "files": [file_signature(path) if path.exists() else [str(path)] for path in dict.fromkeys(files)],
         "version": __version__,
     }

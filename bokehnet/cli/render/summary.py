@@ -1,4 +1,4 @@
-"""What a rendering did: one line on stderr for people, one JSON object on stdout for programs."""
+"""Summaries of renders: one line on stderr for people, one JSON object on stdout for programs."""
 
 import json
 import sys
@@ -8,25 +8,25 @@ from typing import Any
 
 import typer
 
-from bokehnet.cli.options import in_options
+from bokehnet.cli.options import with_option_names
 from bokehnet.cli.progress import write_above
 from bokehnet.errors import ParameterError
 from bokehnet.render.result import RenderReport
 from bokehnet.sequence.shot import Shot
 
-__all__ = ["FrameSummary", "Talk", "make_talk"]
+__all__ = ["FrameSummary", "SummaryPrinter", "make_summary_printer"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FrameSummary:
-    """What was done for one picture.
+    """Summary of the render of one picture.
 
     Attributes:
-        output: The file that was written.
-        width: Of it, pixels.
-        height: The same.
-        report: What was decided.
-        seconds: What each step took: read, prepare (mend the map, find the focus), render, write.
+        output: Output file.
+        width: Width of the output, pixels.
+        height: Height of the output, pixels.
+        report: Report of the renderer.
+        seconds: Time of each step: read, prepare (depth repair and focus), render, write.
     """
 
     output: str
@@ -36,19 +36,19 @@ class FrameSummary:
     seconds: Mapping[str, float]
 
     def line(self) -> str:
-        """Tell it in one line."""
+        """Return the summary as one line."""
         parts = [f"{self.width}x{self.height}", self.report.engine, self._focus()]
         parts += [f"blur up to {self.report.largest_blur:.3g} px", self._repair()]
         return f"{self.output}: {', '.join(filter(None, [*parts, f'{sum(self.seconds.values()):.1f} s']))}"
 
     def steps(self) -> str:
-        """Tell in one line what each step took, and by which filter pixels were parted."""
+        """Return the time of each step and the pixel filter as one line."""
         steps = ", ".join(f"{step} {seconds:.2f} s" for step, seconds in self.seconds.items())
-        chosen = self.report.pixel_filter
-        return steps if chosen is None else f"{steps}, pixel filter {chosen}"
+        pixel_filter = self.report.pixel_filter
+        return steps if pixel_filter is None else f"{steps}, pixel filter {pixel_filter}"
 
     def table(self) -> dict[str, Any]:
-        """Tell it to a program; what was not found is null."""
+        """Return the summary as JSON-ready values; unknown values are None."""
         report = self.report
         return {
             "output": self.output,
@@ -63,7 +63,7 @@ class FrameSummary:
             "pixel_filter": report.pixel_filter and str(report.pixel_filter.pixel_filter),
             "pixel_filter_reason": report.pixel_filter and report.pixel_filter.reason,
             "pixel_filter_confidence": report.pixel_filter and report.pixel_filter.confidence,
-            "notes": [in_options(note) for note in report.notes],
+            "notes": [with_option_names(note) for note in report.notes],
             "seconds": {step: round(seconds, 3) for step, seconds in self.seconds.items()},
         }
 
@@ -75,81 +75,81 @@ class FrameSummary:
 
     def _repair(self) -> str:
         if self.report.repaired is None:
-            return "map as it is"
+            return "map unchanged"
         return f"map {'repaired' if self.report.repaired else 'not repaired'} ({self.report.repair_reason})"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Talk:
-    """How much a command says.
+class SummaryPrinter:
+    """Printer of summaries.
 
     Attributes:
-        quiet: Nothing but errors.
-        verbose: What each step took, too.
-        as_json: One JSON object on stdout in place of the line.
+        quiet: True to print only errors.
+        verbose: True to print the time of each step as well.
+        as_json: True to print one JSON object to stdout instead of the line.
     """
 
     quiet: bool = False
     verbose: bool = False
     as_json: bool = False
 
-    def of_one(self, summary: FrameSummary) -> None:
-        """Tell what was done for a picture."""
+    def print_single(self, summary: FrameSummary) -> None:
+        """Print the summary of a single picture."""
         if self.as_json:
             _print_json(summary.table())
         elif not self.quiet:
             for note in summary.report.notes:
-                _say(f"note: {in_options(note)}")
-            _say(summary.line())
+                _print_line(f"note: {with_option_names(note)}")
+            _print_line(summary.line())
         if self.verbose:
-            _say(f"{summary.steps()}{_peak_memory()}")
+            _print_line(f"{summary.steps()}{_peak_memory()}")
 
-    def of_frames(
+    def print_sequence(
         self,
         done: Mapping[int, FrameSummary],
         *,
-        there: int,
+        existing: int,
         failed: Mapping[int, str],
         seconds: float,
         shot: Shot,
     ) -> None:
-        """Tell what was done for a sequence.
+        """Print the summary of a sequence.
 
         Args:
-            done: What was rendered, by frame.
-            there: How many frames were there already.
-            failed: Why others were not rendered.
-            seconds: What all took.
-            shot: What was decided once for all of them.
+            done: Summaries of the rendered frames.
+            existing: Number of frames that existed before.
+            failed: Error messages of the failed frames.
+            seconds: Total time.
+            shot: Decisions common to all frames.
         """
         if self.as_json:
             frames = {str(frame): done[frame].table() for frame in sorted(done)}
             errors = {str(frame): failed[frame] for frame in sorted(failed)}
-            table = {"frames": frames, "there": there, "failed": errors, "seconds": round(seconds, 3)}
+            table = {"frames": frames, "there": existing, "failed": errors, "seconds": round(seconds, 3)}
             plan = None if shot.plan is None else asdict(shot.plan)
             _print_json(table | {"steady": shot.steady is not None, "plan": plan})
         elif not self.quiet:
-            older = f", {there} there already (--overwrite renders them again)" if there else ""
-            steady = ", maps made steady" if shot.steady is not None else ""
-            _say(f"{_count(len(done))} rendered{older}{steady}, {seconds:.1f} s")
+            skipped = f", {existing} exist already (--overwrite renders them again)" if existing else ""
+            smoothed = ", maps smoothed in time" if shot.steady is not None else ""
+            _print_line(f"{_count(len(done))} rendered{skipped}{smoothed}, {seconds:.1f} s")
 
-    def of_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
-        """Tell what was done for a frame of a sequence if that is asked for; of the first what looks odd."""
+    def print_frame(self, frame: int, summary: FrameSummary, *, first: bool = False) -> None:
+        """Print the summary of a frame if ``verbose``, and the notes of the first frame."""
         if first and not self.quiet and not self.as_json:
             for note in summary.report.notes:
-                write_above(f"bokehnet: note: {in_options(note)}")
+                write_above(f"bokehnet: note: {with_option_names(note)}")
         if self.verbose:
             write_above(f"bokehnet: frame {frame}: {summary.line()} ({summary.steps()})")
 
 
-def make_talk(*, quiet: bool, verbose: bool, as_json: bool) -> Talk:
-    """Check what was asked for; ``ParameterError`` where it contradicts itself."""
+def make_summary_printer(*, quiet: bool, verbose: bool, as_json: bool) -> SummaryPrinter:
+    """Return a printer of summaries; raise ``ParameterError`` if the options contradict each other."""
     if quiet and verbose:
-        raise ParameterError("--quiet", "to stand without --verbose", shown="both", remedy="leave one out")
-    return Talk(quiet=quiet, verbose=verbose, as_json=as_json)
+        raise ParameterError("--quiet", "no --verbose with it", shown="both", remedy="leave one out")
+    return SummaryPrinter(quiet=quiet, verbose=verbose, as_json=as_json)
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     typer.echo(f"bokehnet: {text}", err=True)
 
 
@@ -162,10 +162,10 @@ def _count(frames: int) -> str:
 
 
 def _peak_memory() -> str:
-    """The most memory that this process has held, where the system tells it."""
+    """Return the peak memory of this process as text, or nothing if the system does not report it."""
     try:
         import resource
     except ImportError:  # Windows
         return ""
     unit = 1 if sys.platform == "darwin" else 1024
-    return f", {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9:.2f} GB at most"
+    return f", {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e9:.2f} GB peak memory"

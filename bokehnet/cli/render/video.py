@@ -1,4 +1,4 @@
-"""``bokehnet render`` of a video."""
+"""``bokehnet render`` for videos."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ from bokehnet.cli.render.frame import make_renderer
 from bokehnet.cli.render.run_settings import RunSettings
 from bokehnet.errors import ParameterError
 from bokehnet.io.video.frames import choose_codec, video_info
-from bokehnet.scene.depth.depth_source import tells_distances
+from bokehnet.scene.depth.depth_source import gives_metric_depth
 from bokehnet.sequence.sequence import SequenceSettings, make_pull
 from bokehnet.sequence.video import VideoJob
 from bokehnet.settings.settings import RenderSettings
@@ -30,16 +30,18 @@ def render_video(
     quiet: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Render a video, or go on where a run of the same command was stopped.
+    """Render a video, or continue an interrupted run of the same command.
 
     Raises:
-        BokehnetError: Options do not fit a video, or a file cannot be read or written.
+        BokehnetError: An option does not apply to videos, or a file cannot be read or written.
     """
-    for name, given in (("--frames", sequence.frames), ("--jobs", run.jobs), ("--ray", run.ray)):
-        if given is not None:
-            raise ParameterError(name, expected="none for a video, all of which is rendered", shown="one")
+    for name, value in (("--frames", sequence.frames), ("--jobs", run.jobs), ("--ray", run.ray)):
+        if value is not None:
+            raise ParameterError(
+                name, expected="no such option for a video, which is rendered whole", shown="one"
+            )
     begun, info = perf_counter(), video_info(video)
-    metric = tells_distances(settings, blur_pulled=sequence.blur_from is not None)
+    metric = gives_metric_depth(settings, blur_pulled=sequence.blur_from is not None)
     job = VideoJob(
         info=info,
         output=output,
@@ -54,11 +56,11 @@ def render_video(
         report = job.run(make_renderer(settings), begin)
     seconds = perf_counter() - begun
     if as_json:
-        told = {"output": str(output), "codec": job.codec, "seconds": round(seconds, 3), **asdict(report)}
-        print(json.dumps(told))  # noqa: T201
+        table = {"output": str(output), "codec": job.codec, "seconds": round(seconds, 3), **asdict(report)}
+        print(json.dumps(table))  # noqa: T201
     elif not quiet:
-        there = report.frames - report.rendered
+        resumed = report.frames - report.rendered
         line = f"{output}: {report.frames} frames of {info.width}x{info.height}, {job.codec}"
-        line += f", {there} of them rendered before" if there else ""
-        line += ", maps made steady" if report.steady else ""
+        line += f", {resumed} of them rendered before" if resumed else ""
+        line += ", maps smoothed in time" if report.steady else ""
         print(f"{line}, {seconds:.1f} s", file=sys.stderr)  # noqa: T201

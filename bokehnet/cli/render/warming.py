@@ -1,4 +1,4 @@
-"""Opening networks and loading kernels while something else is done."""
+"""Loading of networks and kernels in a background thread."""
 
 import threading
 from collections.abc import Iterator
@@ -11,30 +11,30 @@ from bokehnet.settings.settings import RenderSettings
 __all__ = ["loading_kernels"]
 
 
-class _NotCompiledYet(Exception):  # noqa: N818 - it is no error
-    """A kernel is not in the cache."""
+class _NotCompiledYet(Exception):  # noqa: N818 - control flow
+    """Raised if a kernel is not in the cache."""
 
 
 @contextmanager
 def loading_kernels(renderer: BokehRenderer, settings: RenderSettings) -> Iterator[None]:
-    """Open the networks and load the kernels that a rendering needs, in a thread, while the block runs.
+    """Open the networks and load the kernels of a render in a thread while the block runs.
 
-    Nothing is compiled there: that takes long, and could not be interrupted.
+    The thread never compiles: that takes long and cannot be interrupted.
     """
     from numba.core import event
 
     def load() -> None:
-        mine = threading.get_ident()
+        own_thread = threading.get_ident()
 
         class Refusal(event.Listener):  # type: ignore[misc]
             def on_start(self, event: Any) -> None:
-                if threading.get_ident() == mine:
+                if threading.get_ident() == own_thread:
                     raise _NotCompiledYet
 
             def on_end(self, event: Any) -> None:
                 pass
 
-        # What is wrong otherwise is told by the picture itself.
+        # The render itself raises any other error.
         with suppress(Exception), event.install_listener("numba:compile", Refusal()):
             renderer.warm_up(settings)
 

@@ -1,4 +1,4 @@
-"""Many frames, by one process or by several, each of which may fail without the others."""
+"""Rendering of many frames in one or several processes; a failed frame does not stop the others."""
 
 import contextlib
 import multiprocessing
@@ -17,11 +17,11 @@ from time import perf_counter
 import numba
 import OpenImageIO as oiio  # noqa: N813
 
-from bokehnet.cli.options import told
+from bokehnet.cli.options import message_of
 from bokehnet.cli.progress import compile_notice, progress, stages, write_above
 from bokehnet.cli.render.frame import FrameJob, make_renderer, render_frame
 from bokehnet.cli.render.shot_files import decided_jobs
-from bokehnet.cli.render.summary import FrameSummary, Talk
+from bokehnet.cli.render.summary import FrameSummary, SummaryPrinter
 from bokehnet.errors import BokehnetError
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.sequence.frame_names import format_frames
@@ -30,12 +30,12 @@ from bokehnet.settings.settings import RenderSettings
 
 __all__ = ["available_cores", "render_frames", "render_in_processes", "try_frame"]
 
-# Each frame when it is done, with what was done or why it failed.
+# Frames on completion, each with its summary or its error message.
 Outcomes = Generator[tuple[int, FrameSummary | str], None, None]
 
 
 def available_cores() -> int:
-    """Number of cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -45,68 +45,70 @@ def render_frames(
     jobs: Mapping[int, FrameJob],
     *,
     processes: int = 1,
-    elsewhere: Callable[[Mapping[int, FrameJob], RenderSettings], Outcomes] | None = None,
+    cluster: Callable[[Mapping[int, FrameJob], RenderSettings], Outcomes] | None = None,
     overwrite: bool = False,
     steady: bool = True,
-    talk: Talk | None = None,
+    printer: SummaryPrinter | None = None,
 ) -> None:
-    """Render the frames that are not there yet; files are written in one step, so what is there is complete.
+    """Render all frames whose outputs do not exist; atomic writes guarantee that existing ones are complete.
 
-    A frame that fails is told on stderr and does not stop the others.
+    A frame that fails prints an error to stderr and does not stop the others.
 
     Args:
-        jobs: By frame.
-        processes: How many render at a time, with their share of the cores each.
-        elsewhere: Renders jobs by frame in place of this machine, as :func:`render_in_processes` does.
-        overwrite: Render again what is there.
-        steady: Whether relative maps are made steady along the motion of the shot, which are all jobs.
-        talk: How much is said.
+        jobs: Frame number to job, all frames of the shot.
+        processes: Number of parallel processes; each gets an equal number of the cores.
+        cluster: Function that renders jobs elsewhere, with the interface of :func:`render_in_processes`.
+        overwrite: True to render existing outputs again.
+        steady: True to smooth relative maps along the motion of the shot.
+        printer: Printer of summaries.
 
     Raises:
-        BokehnetError: Some frames failed, and which; or the renderer cannot be made.
+        BokehnetError: Some frames failed, or the renderer cannot be made.
     """
-    talk, begun = talk or Talk(), perf_counter()
-    wanted = [frame for frame, job in jobs.items() if overwrite or not job.output.exists()]
+    printer, begun = printer or SummaryPrinter(), perf_counter()
+    pending = [frame for frame, job in jobs.items() if overwrite or not job.output.exists()]
     done: dict[int, FrameSummary] = {}
     failed: dict[int, str] = {}
-    settings = next(iter(jobs.values())).settings  # in what makes a renderer, frames are alike
-    renderer = make_renderer(settings)  # here first, so that wrong weights are told once
-    with ExitStack() as kept:
+    settings = next(iter(jobs.values())).settings  # equal for all frames where a renderer depends on them
+    renderer = make_renderer(settings)  # made before the workers: invalid weights raise once
+    with ExitStack() as stack:
         decided, shot = dict(jobs), Shot()
-        if wanted:
-            with stages(hidden=talk.quiet) as begin:
-                within = decided_jobs(jobs, renderer, steady=steady, begin=begin)
-                decided, shot = kept.enter_context(within)
-        left = {frame: decided[frame] for frame in wanted}
+        if pending:
+            with stages(hidden=printer.quiet) as begin:
+                context = decided_jobs(jobs, renderer, steady=steady, begin=begin)
+                decided, shot = stack.enter_context(context)
+        remaining = {frame: decided[frame] for frame in pending}
         outcomes: Outcomes
-        if elsewhere is not None:
+        if cluster is not None:
             del renderer
-            outcomes = elsewhere(left, settings)
-        elif processes > 1 and len(left) > 1:
+            outcomes = cluster(remaining, settings)
+        elif processes > 1 and len(remaining) > 1:
             del renderer
-            outcomes = render_in_processes(left, settings, min(processes, len(left)), quiet=talk.quiet)
+            outcomes = render_in_processes(
+                remaining, settings, min(processes, len(remaining)), quiet=printer.quiet
+            )
         else:
-            outcomes = _render_here(left, renderer)
-        with progress("rendering frames", hidden=talk.quiet) as report, closing(outcomes):
-            report(0, len(left))
+            outcomes = _render_in_process(remaining, renderer)
+        with progress("rendering frames", hidden=printer.quiet) as report, closing(outcomes):
+            report(0, len(remaining))
             for count, (frame, outcome) in enumerate(outcomes, start=1):
                 if isinstance(outcome, str):
                     failed[frame] = outcome
                     write_above(f"bokehnet: frame {frame}: {outcome}")
                 else:
                     done[frame] = outcome
-                    talk.of_frame(frame, outcome, first=len(done) == 1)
-                report(count, len(left))
-    seconds, there = perf_counter() - begun, len(jobs) - len(wanted)
-    talk.of_frames(done, there=there, failed=failed, seconds=seconds, shot=shot)
+                    printer.print_frame(frame, outcome, first=len(done) == 1)
+                report(count, len(remaining))
+    seconds, existing = perf_counter() - begun, len(jobs) - len(pending)
+    printer.print_sequence(done, existing=existing, failed=failed, seconds=seconds, shot=shot)
     if failed:
         raise BokehnetError(
-            f"{len(failed)} of {len(wanted)} frames failed: {format_frames(sorted(failed))}; "
-            "the same command tries them again"
+            f"{len(failed)} of {len(pending)} frames failed: {format_frames(sorted(failed))}; "
+            "run the same command to try them again"
         )
 
 
-def _render_here(
+def _render_in_process(
     jobs: Mapping[int, FrameJob], renderer: BokehRenderer
 ) -> Generator[tuple[int, FrameSummary | str], None, None]:
     for frame, job in jobs.items():
@@ -114,11 +116,11 @@ def _render_here(
 
 
 def try_frame(job: FrameJob, renderer: BokehRenderer) -> FrameSummary | str:
-    """Render one frame; return what was done, or why it failed: one line, the traceback of a bug."""
+    """Render one frame; return its summary, a one-line error message, or the traceback of a bug."""
     try:
         return render_frame(job, renderer)
     except BokehnetError as error:
-        return " ".join(told(error).split())
+        return " ".join(message_of(error).split())
     except MemoryError as error:
         return f"out of memory, try fewer --jobs ({error})"
     except Exception:
@@ -128,16 +130,16 @@ def try_frame(job: FrameJob, renderer: BokehRenderer) -> FrameSummary | str:
 def render_in_processes(
     jobs: Mapping[int, FrameJob], settings: RenderSettings, processes: int, *, quiet: bool = False
 ) -> Generator[tuple[int, FrameSummary | str], None, None]:
-    """Render ``jobs`` by frame, and yield each frame when it is done, with what was done or why it failed.
+    """Render ``jobs`` and yield each frame on completion, with its summary or its error message.
 
-    Each process takes its share of the cores. One that dies fails its frame alone, another one takes its
-    place. When the caller stops, by Ctrl-C too, all end at once and leave no half of a file.
+    The processes share the cores equally. If one dies, only its frame fails and a new process replaces it.
+    When the caller stops, also by Ctrl-C, all processes end at once and leave no partial files.
 
     Args:
-        jobs: By frame; started in their order.
-        settings: What makes a renderer for all of them.
-        processes: How many at a time.
-        quiet: Whether they say nothing while they compile.
+        jobs: Frame number to job; started in this order.
+        settings: Settings for the renderer of all jobs.
+        processes: Number of parallel processes.
+        quiet: True to omit the notice while kernels compile.
     """
     waiting = deque(jobs.items())
     threads = max(1, available_cores() // processes)
@@ -147,11 +149,11 @@ def render_in_processes(
         while waiting or busy:
             while waiting and len(busy) < processes:
                 worker = (
-                    idle.pop() if idle else _Worker(settings, threads, tell_compiling=not (busy or quiet))
+                    idle.pop() if idle else _Worker(settings, threads, show_compiling=not (busy or quiet))
                 )
                 frame, job = waiting.popleft()
                 busy[worker.pipe] = worker, frame
-                with contextlib.suppress(BrokenPipeError):  # it died; the pipe tells so below
+                with contextlib.suppress(BrokenPipeError):  # the worker died; handled below
                     worker.pipe.send(job)
             for pipe in wait(list(busy)):
                 assert isinstance(pipe, Connection)
@@ -160,7 +162,7 @@ def render_in_processes(
                     outcome: FrameSummary | str = pipe.recv()
                     idle.append(worker)
                 except (EOFError, ConnectionResetError):
-                    outcome = worker.last_words()
+                    outcome = worker.death_message()
                 yield frame, outcome
     finally:
         for worker in [*idle, *(worker for worker, _ in busy.values())]:
@@ -168,26 +170,26 @@ def render_in_processes(
 
 
 class _Worker:
-    """A process that renders what is sent to ``pipe``, and answers with what was done or why it failed."""
+    """Process that renders jobs sent to ``pipe`` and answers with a summary or an error message."""
 
-    def __init__(self, settings: RenderSettings, threads: int, tell_compiling: bool) -> None:
+    def __init__(self, settings: RenderSettings, threads: int, show_compiling: bool) -> None:
         context = multiprocessing.get_context("spawn")
-        self.pipe, theirs = context.Pipe()
+        self.pipe, worker_end = context.Pipe()
         self._process: SpawnProcess = context.Process(
-            target=_serve, args=(theirs, settings, threads, tell_compiling), daemon=True
+            target=_serve, args=(worker_end, settings, threads, show_compiling), daemon=True
         )
         with _interrupts_held():
             self._process.start()
-        theirs.close()  # so that the pipe ends with the process
+        worker_end.close()  # so that the pipe closes with the process
 
     def end(self) -> None:
-        """Stop, within a frame too; what it was writing is removed."""
+        """Stop the process, even within a frame; partial files are removed."""
         self._process.terminate()
         self.pipe.close()
         self._process.join()
 
-    def last_words(self) -> str:
-        """Say how the process died."""
+    def death_message(self) -> str:
+        """Return a message about the cause of the process's death."""
         self._process.join()
         self.pipe.close()
         code = self._process.exitcode
@@ -196,17 +198,17 @@ class _Worker:
         return f"the process that rendered it died ({reason})"
 
 
-def _serve(pipe: Connection, settings: RenderSettings, threads: int, tell_compiling: bool) -> None:
-    """Render until the pipe closes; the main function of a worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers clean up behind themselves
+def _serve(pipe: Connection, settings: RenderSettings, threads: int, show_compiling: bool) -> None:
+    """Render until the pipe closes; main function of a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent handles it
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # writers remove partial files
     _limit_threads(threads)
     renderer = make_renderer(settings, threads)
-    with compile_notice() if tell_compiling else contextlib.nullcontext():
+    with compile_notice() if show_compiling else contextlib.nullcontext():
         while True:
             try:
                 job = pipe.recv()
-            except (EOFError, ConnectionResetError):  # the parent is done, or gone
+            except (EOFError, ConnectionResetError):  # the parent has finished or died
                 return
             outcome = try_frame(job, renderer)
             with contextlib.suppress(BrokenPipeError):
@@ -220,11 +222,11 @@ def _limit_threads(threads: int) -> None:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Let Ctrl-C wait: a process that starts inherits this, and does not die of it before it is ready."""
+    """Block SIGINT: a starting process inherits this and survives Ctrl-C until it is ready."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # else the first process starts it, which lets interrupts through again
+    resource_tracker.ensure_running()  # starting it later would unblock SIGINT
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

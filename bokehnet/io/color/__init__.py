@@ -1,1 +1,1 @@
-"""Colour of files: primaries, transfer curves, ICC profiles and dithering."""
+"""Colour spaces of files: primaries, transfer curves, ICC profiles and dithering."""

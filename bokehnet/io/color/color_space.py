@@ -1,7 +1,7 @@
-"""Colour spaces: what red, green and blue of a file are, and the way between two of them.
+"""Colour spaces and conversion between them.
 
-A picture is rendered in the light of its own primaries: its values are decoded by the curves of its space and
-nothing else, and go back the same way. So no colour is clipped, none turns negative, and nothing is lost.
+A picture is rendered in linear light of its own primaries: its values are only decoded by the curves of its
+space, and encoded the same way. So no colour is clipped or becomes negative, and nothing is lost.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 D50 = (0.9642, 1.0, 0.8249)
-"""White of the connection space, XYZ.
+"""White of the profile connection space, XYZ.
 
 Source: ICC.1:2022, "Image technology colour management", 7.2.16.
 """
@@ -39,8 +39,8 @@ _D65 = (0.3127, 0.3290)
 # Lam, "Metamerism and colour constancy", 1985, as ICC.1:2022 gives it in annex E.
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
-# Matrices that differ by less are the same, with the rounding of profiles.
-_SAME = 1e-3
+# Matrices that differ by less are treated as equal, because profiles round their values.
+_MATRIX_TOLERANCE = 1e-3
 
 Chromaticities = tuple[tuple[float, float], ...]
 
@@ -51,22 +51,22 @@ _ADOBE: Chromaticities = ((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), _D65)
 _ROMM: Chromaticities = ((0.7347, 0.2653), (0.1596, 0.8404), (0.0366, 0.0001), (0.3457, 0.3585))
 _REC2020: Chromaticities = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), _D65)
 
-# ITU-R BT.2020-2, table 4: V = alpha L^0.45 - (alpha - 1) from beta on, 4.5 L below.
+# ITU-R BT.2020-2, table 4: V = alpha L^0.45 - (alpha - 1) for L >= beta, otherwise 4.5 L.
 _ALPHA, _BETA = 1.09929682680944, 0.018053968510807
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColorSpace:
-    """What the values of a picture mean.
+    """Primaries and transfer curves of a picture.
 
     Attributes:
-        name: For people.
-        to_pcs: From linear red, green and blue to XYZ relative to D50, by rows.
-        curves: From stored red, green and blue to light.
-        icc: The profile as the file holds it; None without one.
-        cicp: Its code points (primaries, transfer, matrix, range) where these tell the space.
-        grey: Whether the profile is of a grey picture; it has one curve then.
-        note: What of the profile is not followed, in a few words.
+        name: Display name.
+        to_pcs: Matrix from linear red, green and blue to XYZ relative to D50, by rows.
+        curves: Curves from stored red, green and blue to light.
+        icc: Profile as stored in the file, or None.
+        cicp: Code points (primaries, transfer, matrix, range) if they define the space.
+        grey: True for the profile of a grey picture, which has one curve.
+        note: Unsupported content of the profile, in a few words.
 
     Source: ICC.1:2022, "Image technology colour management", annex F.3 (three-component matrix-based
         profiles).
@@ -82,20 +82,20 @@ class ColorSpace:
 
     @property
     def is_linear(self) -> bool:
-        """Whether stored values are light already."""
+        """True if stored values are linear light."""
         return all(curve == LINEAR for curve in self.curves)
 
     def shares_primaries(self, other: "ColorSpace") -> bool:
-        """Whether equal light is an equal colour in both, but for rounding."""
+        """Return whether both spaces have the same primaries, up to rounding."""
         difference = np.subtract(_between(self.to_pcs, other.to_pcs), np.eye(3))
-        return bool(np.abs(difference).max() < _SAME)
+        return bool(np.abs(difference).max() < _MATRIX_TOLERANCE)
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """Return light of stored values (..., 1 or 3), of the same type."""
+        """Return the light of stored values (..., 1 or 3), of the same type."""
         return self._apply("decode", stored)
 
     def encode(self, light: NDArray[Any]) -> NDArray[Any]:
-        """Return stored values of light (..., 1 or 3) of at least 0."""
+        """Return the stored values of light (..., 1 or 3), at least 0."""
         return self._apply("encode", light)
 
     def _apply(self, direction: str, values: NDArray[Any]) -> NDArray[Any]:
@@ -112,13 +112,13 @@ def convert(
     target: ColorSpace,
     out: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
-    """Return the same colours in the primaries of another space; those outside it have negative values.
+    """Return the same colours in the primaries of another space; out-of-gamut colours have negative values.
 
     Args:
         light: Linear in the primaries of ``source``, (H, W, 3).
-        source: Where it is from.
-        target: Where it goes.
-        out: Where the result goes, in place of a new array; it may be ``light``.
+        source: Colour space of ``light``.
+        target: Colour space of the result.
+        out: Array for the result; may be ``light``. None allocates one.
     """
     if source.shares_primaries(target):
         return light
@@ -127,7 +127,7 @@ def convert(
 
 
 def adaptation(white: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
-    """Return the matrix that carries XYZ seen under ``white`` (XYZ) to D50.
+    """Return the matrix that adapts XYZ under ``white`` (XYZ) to D50.
 
     Source: ICC.1:2022, annex E, "Chromatic adaptation tag".
     """
@@ -137,18 +137,18 @@ def adaptation(white: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
 
 
 def space_of_chromaticities(
-    name: str, chromaticities: Sequence[Sequence[float]], curve: Curve, **known: Any
+    name: str, chromaticities: Sequence[Sequence[float]], curve: Curve, **attributes: Any
 ) -> ColorSpace:
-    """Return the space of these primaries.
+    """Return the colour space with these primaries.
 
     Args:
-        name: For people.
+        name: Display name.
         chromaticities: Red, green, blue and white, CIE xy.
-        curve: From stored values to light.
-        known: Other attributes.
+        curve: Curve from stored values to light.
+        attributes: Other attributes of the space.
 
     Raises:
-        ValueError: There is no such space: primaries on one line, or no white.
+        ValueError: The primaries are collinear, or the white is invalid.
 
     Source: SMPTE RP 177, "Derivation of basic television color equations", 1993.
     """
@@ -160,11 +160,11 @@ def space_of_chromaticities(
         raise ValueError("primaries lie on one line")
     matrix = xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3])
     to_pcs = tuple(map(tuple, (adaptation(xyz[:, 3]) @ matrix).tolist()))
-    return ColorSpace(name=name, to_pcs=to_pcs, curves=(curve, curve, curve), **known)
+    return ColorSpace(name=name, to_pcs=to_pcs, curves=(curve, curve, curve), **attributes)
 
 
 def chromaticities_of(space: ColorSpace) -> tuple[float, ...]:
-    """Return red, green, blue and white of a space, CIE xy one after the other, seen under D65."""
+    """Return red, green, blue and white of a space, CIE xy one after the other, adapted to D65."""
     white = np.array([_D65[0] / _D65[1], 1, (1 - sum(_D65)) / _D65[1]])
     xyz = np.linalg.solve(adaptation(white), np.asarray(space.to_pcs, np.float64))
     xy = (xyz[:2] / xyz.sum(axis=0)).T
@@ -192,7 +192,7 @@ COLOR_SPACES: dict[str, ColorSpace] = {
 }
 
 # ITU-T H.273, "Coding-independent code points", 2021, tables 2 and 3. Transfer functions of television
-# pictures (1, 6, 14, 15) are shown as sRGB where they stand in still pictures, and so read.
+# pictures (1, 6, 14, 15) are displayed as sRGB in still pictures, and are read as such.
 _PRIMARIES = {1: _REC709, 2: _REC709, 9: _REC2020, 12: _P3}
 _TRANSFERS = {1: SRGB_CURVE, 2: SRGB_CURVE, 4: power(2.2), 5: power(2.8), 6: SRGB_CURVE, 8: LINEAR}
 _TRANSFERS |= {13: SRGB_CURVE, 14: SRGB_CURVE, 15: SRGB_CURVE, 16: PQ, 18: HLG}
@@ -202,7 +202,7 @@ _TRANSFER_NAMES = {4: "gamma 2.2", 5: "gamma 2.8", 8: "linear", 16: "PQ", 18: "H
 
 @cache
 def cicp_space(primaries: int, transfer: int) -> ColorSpace | None:
-    """Return the space of code points; None for those that are not known here.
+    """Return the colour space of code points; None if they are unsupported.
 
     Source: ITU-T H.273, "Coding-independent code points for video signal type identification", 2021.
     """
@@ -220,5 +220,5 @@ def cicp_space(primaries: int, transfer: int) -> ColorSpace | None:
 def _between(
     source: tuple[tuple[float, ...], ...], target: tuple[tuple[float, ...], ...]
 ) -> tuple[tuple[float, ...], ...]:
-    """Matrix from linear values of one space to those of another, by rows."""
+    """Return the matrix between the linear values of two spaces, by rows."""
     return tuple(map(tuple, np.linalg.solve(np.asarray(target), np.asarray(source)).tolist()))

@@ -1,4 +1,4 @@
-"""The colour space that a file says its picture has."""
+"""Colour space of the picture in a file."""
 
 import struct
 from dataclasses import replace
@@ -23,30 +23,30 @@ from bokehnet.io.pixels import ImageFile, Part
 
 __all__ = ["coded_space", "file_color_space"]
 
-_WITHOUT_PROFILE = ("openexr", "hdr", "pfm")
+_NO_PROFILE_FORMATS = ("openexr", "hdr", "pfm")
 
-# A power that viewers show as sRGB, within rounding.
-_USUAL_GAMMA = 1 / 2.2
-_SAME_GAMMA = 0.01
+# Exponent that viewers display as sRGB, with its tolerance.
+_DEFAULT_GAMMA = 1 / 2.2
+_GAMMA_TOLERANCE = 0.01
 
 
 def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> ColorSpace:
-    """Return what the stored values of a picture mean.
+    """Return the colour space of the stored values of a picture.
 
-    The first of these counts: code points (cICP), the profile, in PNG its chunks ``sRGB``, ``gAMA`` and
-    ``cHRM``, what a camera says in EXIF. Without any, whole numbers are sRGB and others linear light.
+    In order of precedence: code points (cICP), the profile, in PNG the chunks ``sRGB``, ``gAMA`` and
+    ``cHRM``, the EXIF of a camera. Without any, integers are sRGB and other values linear light.
 
     Args:
-        file: An open file.
-        part: Of that file.
-        exif: Of that file.
+        file: Open file.
+        part: Part of that file.
+        exif: EXIF of that file.
 
     Raises:
-        ImageFileError: The profile is damaged or of a kind that is not followed.
+        ImageFileError: The profile is damaged or its kind is unsupported.
 
     Source: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025, 4.3: precedence.
     """
-    if file.file_format in _WITHOUT_PROFILE:
+    if file.file_format in _NO_PROFILE_FORMATS:
         return LINEAR_REC709
     png = dict(png_chunks(file.path, (b"cICP", b"sRGB", b"gAMA", b"cHRM"))) if _is_png(file) else {}
     if len(code := png.get(b"cICP", b"")) == 4:
@@ -66,10 +66,10 @@ def file_color_space(file: ImageFile, part: Part, exif: bytes | None = None) -> 
 
 
 def coded_space(path: Path | str, primaries: int, transfer: int) -> ColorSpace | None:
-    """Return the space of code points; None where they leave it open.
+    """Return the colour space of code points; None if they are unspecified.
 
     Raises:
-        ImageFileError: They name a space that is not known here.
+        ImageFileError: The code points are unsupported.
     """
     if primaries == 2 or transfer == 2:  # unspecified
         return None
@@ -90,23 +90,23 @@ def _space_of_chunks(path: Path, gamma: bytes, chromaticities: bytes) -> ColorSp
     curve, primaries = SRGB_CURVE, None
     if len(gamma) == 4:
         exponent = struct.unpack(">I", gamma)[0] / 100000
-        if exponent > 0 and abs(exponent - _USUAL_GAMMA) > _SAME_GAMMA:
+        if exponent > 0 and abs(exponent - _DEFAULT_GAMMA) > _GAMMA_TOLERANCE:
             curve = power(1 / exponent)
     if len(chromaticities) == 32:
         numbers = [value / 100000 for value in struct.unpack(">8I", chromaticities)]
         primaries = [numbers[start : start + 2] for start in (2, 4, 6, 0)]
     if primaries is None:
-        return SRGB if curve == SRGB_CURVE else _like_srgb(curve)
+        return SRGB if curve == SRGB_CURVE else _srgb_with_curve(curve)
     try:
         space = space_of_chromaticities("the primaries of its header", primaries, curve)
     except ValueError as problem:
         raise ImageFileError(
-            f"{path}: the primaries in its header make no colours ({problem}); remove the chunk cHRM"
+            f"{path}: the primaries in its header are invalid ({problem}); remove the chunk cHRM"
         ) from problem
     if space.shares_primaries(SRGB):
-        return SRGB if curve == SRGB_CURVE else _like_srgb(curve)
+        return SRGB if curve == SRGB_CURVE else _srgb_with_curve(curve)
     return space
 
 
-def _like_srgb(curve: Curve) -> ColorSpace:
+def _srgb_with_curve(curve: Curve) -> ColorSpace:
     return replace(SRGB, name="sRGB with another gamma", curves=(curve, curve, curve))

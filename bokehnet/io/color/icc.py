@@ -1,4 +1,4 @@
-"""ICC colour profiles of matrix and curves, and of grey: read and made.
+"""Read and write ICC colour profiles of matrix and curves, and of grey.
 
 Source: ICC.1:2022, "Image technology colour management - Architecture, profile format and data structure".
 """
@@ -19,13 +19,13 @@ _HEADER = 128
 _COLORANTS = (b"rXYZ", b"gXYZ", b"bXYZ")
 _CURVES = (b"rTRC", b"gTRC", b"bTRC")
 _TABLES = (b"A2B0", b"A2B1", b"A2B2", b"D2B0", b"D2B1")
-_MOST_SAMPLES = 2**16
+_MAX_CURVE_SAMPLES = 2**16
 _FIXED = 65536.0  # s15Fixed16Number
 
-# Which of g, a, b, c, d, e, f the kinds 0 to 4 of parametric curves store, 10.18.
-_STORED = ("g", "gab", "gabc", "gabcd", "gabcdef")
+# Parameters among g, a, b, c, d, e, f that the kinds 0 to 4 of parametric curves store, 10.18.
+_STORED_PARAMETERS = ("g", "gab", "gabc", "gabcd", "gabcdef")
 
-_STRAIGHT = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+_IDENTITY = (1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 # IEC 61966-2-1 as a parametric curve.
 _SRGB_VALUES = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045, 0.0, 0.0)
@@ -34,22 +34,22 @@ _WAY_OUT = "convert the picture to sRGB or Display P3 first, in any photo editor
 
 
 @lru_cache(maxsize=8)
-def read_profile(data: bytes, what: str) -> ColorSpace:
-    """Return the colour space that a profile tells.
+def read_profile(data: bytes, source: str) -> ColorSpace:
+    """Return the colour space of a profile.
 
     Args:
-        data: The profile.
-        what: File that holds it, for messages.
+        data: Bytes of the profile.
+        source: File that holds it, for messages.
 
     Raises:
-        ImageFileError: It is damaged, or of another kind than matrix and curves, or grey.
+        ImageFileError: The profile is damaged, or neither grey nor of matrix and curves.
     """
     try:
         tags = _tags(data)
         name = _description(tags) or "a profile without a name"
     except (ValueError, struct.error) as problem:
         raise ImageFileError(
-            f"{what}: its colour profile is damaged ({problem}); remove it, or {_WAY_OUT}"
+            f"{source}: its colour profile is damaged ({problem}); remove it, or {_WAY_OUT}"
         ) from problem
     model = data[16:20]
     try:
@@ -60,12 +60,12 @@ def read_profile(data: bytes, what: str) -> ColorSpace:
             return _matrix_profile(data, tags, name)
     except (ValueError, struct.error) as problem:
         raise ImageFileError(
-            f"{what}: its colour profile {name!r} is damaged ({problem}); remove it, or {_WAY_OUT}"
+            f"{source}: its colour profile {name!r} is damaged ({problem}); remove it, or {_WAY_OUT}"
         ) from problem
     kind = model.decode("latin-1").strip()
-    found = f"{kind} by a table" if _has_table(tags) else f"{kind} without curves"
+    description = f"{kind} by a table" if _has_table(tags) else f"{kind} without curves"
     raise ImageFileError(
-        f"{what}: expected a colour profile of matrix and curves, found {name!r}, {found}; {_WAY_OUT}"
+        f"{source}: expected a colour profile of matrix and curves, found {name!r}, {description}; {_WAY_OUT}"
     )
 
 
@@ -89,9 +89,9 @@ def _has_table(tags: Mapping[bytes, bytes]) -> bool:
 
 
 def _tags(data: bytes) -> dict[bytes, bytes]:
-    """Cut a profile into its tags."""
+    """Split a profile into its tags."""
     if len(data) < _HEADER + 4 or data[36:40] != b"acsp":
-        raise ValueError("no profile begins there")
+        raise ValueError("the data do not begin with a profile")
     (count,) = struct.unpack_from(">I", data, _HEADER)
     if count > 1000:
         raise ValueError(f"{count} tags")
@@ -105,7 +105,7 @@ def _tags(data: bytes) -> dict[bytes, bytes]:
 
 
 def _description(tags: Mapping[bytes, bytes]) -> str:
-    """The profile's name, of version 2 or 4; empty if there is none."""
+    """Return the name of a profile of version 2 or 4; empty if there is none."""
     tag = tags.get(b"desc", b"")
     text = ""
     if tag[:4] == b"desc" and len(tag) > 12:
@@ -119,7 +119,7 @@ def _description(tags: Mapping[bytes, bytes]) -> str:
 
 def _xyz(tag: bytes) -> tuple[float, ...]:
     if tag[:4] != b"XYZ ":
-        raise ValueError("a colorant is no XYZ value")
+        raise ValueError("a colorant is not an XYZ value")
     return tuple(value / _FIXED for value in struct.unpack_from(">3i", tag, 8))
 
 
@@ -137,7 +137,7 @@ def _curve(tag: bytes) -> Curve:
 def _stored_curve(tag: bytes) -> Curve:
     if tag[:4] == b"curv":
         (count,) = struct.unpack_from(">I", tag, 8)
-        if count > _MOST_SAMPLES:
+        if count > _MAX_CURVE_SAMPLES:
             raise ValueError(f"a curve of {count} samples")
         samples = struct.unpack_from(f">{count}H", tag, 12)
         if count < 2:
@@ -147,15 +147,15 @@ def _stored_curve(tag: bytes) -> Curve:
         return Curve("table", tuple(sample / 65535 for sample in samples))
     if tag[:4] == b"para":
         (kind,) = struct.unpack_from(">H", tag, 8)
-        if kind >= len(_STORED):
+        if kind >= len(_STORED_PARAMETERS):
             raise ValueError(f"a curve of the unknown kind {kind}")
-        numbers = struct.unpack_from(f">{len(_STORED[kind])}i", tag, 12)
+        numbers = struct.unpack_from(f">{len(_STORED_PARAMETERS[kind])}i", tag, 12)
         return _parametric(kind, [number / _FIXED for number in numbers])
     raise ValueError(f"a curve of the unknown type {tag[:4].decode('latin-1')!r}")
 
 
 def _parametric(kind: int, numbers: list[float]) -> Curve:
-    """Bring all kinds to the last one, which holds the others."""
+    """Return a parametric curve of any kind as the most general kind."""
     if kind == 0:
         curve = power(numbers[0])
     elif kind in (1, 2):
@@ -166,7 +166,7 @@ def _parametric(kind: int, numbers: list[float]) -> Curve:
         g, a, b, c, d, *offsets = numbers
         e, f = offsets or (0.0, 0.0)
         curve = Curve("parametric", (g, a, b, c, d, e, f))
-    if curve.values in (_STRAIGHT, (*_STRAIGHT[:3], 0.0, *_STRAIGHT[4:])):
+    if curve.values in (_IDENTITY, (*_IDENTITY[:3], 0.0, *_IDENTITY[4:])):
         return LINEAR
     if curve.kind == "parametric" and not (curve.values[0] > 0 and curve.values[1] > 0):
         raise ValueError("a curve does not rise")
@@ -175,29 +175,29 @@ def _parametric(kind: int, numbers: list[float]) -> Curve:
 
 @lru_cache(maxsize=16)
 def make_profile(space: ColorSpace) -> bytes | None:
-    """Return a profile (version 4.3) that tells ``space``; None where curves of a profile cannot.
+    """Return a profile (version 4.3) for ``space``; None if its curves cannot be stored in a profile.
 
-    The same space gives the same bytes.
+    Equal spaces give equal bytes.
     """
     curves = [_curve_tag(curve) for curve in space.curves]
     columns = np.asarray(space.to_pcs).T
     tags = {
-        b"desc": _text(space.name),
-        b"cprt": _text("No copyright, use freely"),
+        b"desc": _text_tag(space.name),
+        b"cprt": _text_tag("No copyright, use freely"),
         b"wtpt": _xyz_tag(D50),
     }
     for tag, column, name, curve in zip(_COLORANTS, columns, _CURVES, curves, strict=True):
         if curve is None:
             return None
         tags[tag], tags[name] = _xyz_tag(column), curve
-    places: dict[bytes, int] = {}
+    offsets: dict[bytes, int] = {}
     start = _HEADER + 4 + 12 * len(tags)
     table, body = b"", b""
-    for tag, content in tags.items():  # equal tags share their place
-        if content not in places:
-            places[content] = start + len(body)
+    for tag, content in tags.items():  # equal tags share their data
+        if content not in offsets:
+            offsets[content] = start + len(body)
             body += content + bytes(-len(content) % 4)
-        table += struct.pack(">4s2I", tag, places[content], len(content))
+        table += struct.pack(">4s2I", tag, offsets[content], len(content))
     head = struct.pack(
         ">I4sI4s4s4s6H4s4sI4s4sQI3I",
         start + len(body),
@@ -236,7 +236,7 @@ def _curve_tag(curve: Curve) -> bytes | None:
     return b"para" + struct.pack(">I2H7i", 0, 4, 0, *fixed)
 
 
-def _text(text: str) -> bytes:
+def _text_tag(text: str) -> bytes:
     encoded = text.encode("utf-16-be")
     return b"mluc" + struct.pack(">3I2s2s2I", 0, 1, 12, b"en", b"US", len(encoded), 28) + encoded
 

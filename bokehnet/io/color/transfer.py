@@ -1,4 +1,4 @@
-"""Transfer curves: stored values to light and back, as formulas or as the tables of a colour profile."""
+"""Transfer curves between stored values and light, as formulas or as tables of colour profiles."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -27,13 +27,13 @@ _HLG_WHITE = (np.exp((0.75 - _C) / _A) + _B) / 12  # 75 % is reference white: BT
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """How stored values from 0 to 1 tell light; odd where values are negative.
+    """Transfer curve of stored values from 0 to 1; odd for negative values.
 
     Attributes:
-        kind: ``"parametric"`` follows seven numbers g, a, b, c, d, e, f: ``(a x + b)^g + e`` from ``x = d``
-            on, ``c x + f`` below. ``"table"`` goes straight between samples at even distances. The others
-            are the formulas of their standards.
-        values: The seven numbers, or the samples.
+        kind: ``"parametric"`` has seven parameters g, a, b, c, d, e, f: ``(a x + b)^g + e`` for
+            ``x >= d``, otherwise ``c x + f``. ``"table"`` interpolates linearly between equidistant samples.
+            The others are the formulas of their standards.
+        values: Seven parameters, or samples.
 
     Source: ICC.1:2022, "Image technology colour management", 10.18; IEC 61966-2-1; ITU-R BT.2100-2.
     """
@@ -42,7 +42,7 @@ class Curve:
     values: tuple[float, ...] = ()
 
     def decode(self, stored: NDArray[Any]) -> NDArray[Any]:
-        """Return light of stored values, of the same shape and type; 1 is white."""
+        """Return the light of stored values, of the same shape and type; 1 is white."""
         if self.kind == "linear":
             return stored
         if self.kind == "srgb":
@@ -52,10 +52,10 @@ class Curve:
         return np.asarray(light, stored.dtype)
 
     def encode(self, light: NDArray[Any]) -> NDArray[Any]:
-        """Return stored values of light of at least 0; the inverse of :meth:`decode`.
+        """Return the stored values of non-negative light; the inverse of :meth:`decode`.
 
-        Where several values tell the same light, as the ends of tables do, black is the smallest of them,
-        other light the largest.
+        If several values decode to the same light, as at the ends of tables, black is the smallest of
+        them, other light the largest.
         """
         if self.kind == "linear":
             return light
@@ -81,8 +81,8 @@ class Curve:
 
     def _table_back(self, light: NDArray[Any]) -> NDArray[Any]:
         rising = np.maximum.accumulate(self.values)
-        found = np.interp(light, rising, np.linspace(0, 1, len(rising)))
-        return np.where(light <= rising[0], 0, found)
+        stored = np.interp(light, rising, np.linspace(0, 1, len(rising)))
+        return np.where(light <= rising[0], 0, stored)
 
     def _pq(self, x: NDArray[Any]) -> NDArray[Any]:
         root = np.minimum(x, 1) ** (1 / _M2)

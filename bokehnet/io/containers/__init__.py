@@ -1,1 +1,1 @@
-"""Containers of files: the position of their pieces, found without decoding pixels, and input checks."""
+"""File containers: location of their segments without decoding pixels, and input checks."""

@@ -1,4 +1,4 @@
-"""Whether a file is there, can be named to the decoders, is not cut off, and is no bomb."""
+"""Checks before decoding: existence, encodable name, truncation, pixel limit."""
 
 import os
 import re
@@ -11,19 +11,19 @@ from bokehnet.io.containers.tiff_extent import tiff_end
 
 __all__ = ["PIXEL_LIMIT_VARIABLE", "check_intact", "check_name", "check_pixel_count"]
 
-# A few kilobytes can tell of gigabytes of pixels: larger pictures are read only when they are expected.
+# A file of a few kilobytes can announce gigabytes of pixels: larger pictures need an explicit limit.
 PIXEL_LIMIT_VARIABLE = "BOKEHNET_MAX_PIXELS"
-_MOST_PIXELS = 200_000_000
+_DEFAULT_MAX_PIXELS = 200_000_000
 
 _JPEG_START, _JPEG_END = b"\xff\xd8", 0xD9
-_ALONE = (0x01, 0xD8)  # markers without a length; those within a scan are not looked for
+_NO_LENGTH = (0x01, 0xD8)  # markers without a length; restart markers within a scan are not searched
 _MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]", re.DOTALL)
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def check_name(path: Path) -> None:
-    """Raise unless the decoders can be given the name of this file."""
+    """Raise unless the name of this file can be passed to the decoders."""
     try:
         str(path).encode()
     except UnicodeEncodeError as problem:
@@ -31,7 +31,7 @@ def check_name(path: Path) -> None:
 
 
 def check_intact(path: Path) -> None:
-    """Raise ``ImageFileError`` unless ``path`` can be read and, as PNG, JPEG or TIFF, is whole."""
+    """Raise ``ImageFileError`` unless ``path`` is readable and, as PNG, JPEG or TIFF, complete."""
     check_name(path)
     if path.is_dir():
         raise ImageFileError(f"{path}: expected an image file, found a folder")
@@ -45,14 +45,14 @@ def check_intact(path: Path) -> None:
         raise ImageFileError(f"{path}: the file is empty (0 bytes)")
     _check_png(path)
     _check_jpeg(path)
-    # Of a palette that is cut off the decoder makes up the rest.
+    # The decoder silently completes a truncated palette.
     size = path.stat().st_size
     if tiff_end(path) > size:
         raise ImageFileError(f"{path}: the TIFF file is truncated at byte {size}")
 
 
 def _check_png(path: Path) -> None:
-    """Check lengths and checksums of a PNG file, because libpng tells of damage on stderr by itself."""
+    """Check lengths and checksums of a PNG file, because libpng itself reports damage on stderr."""
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(8) != _PNG_SIGNATURE:
@@ -68,40 +68,40 @@ def _check_png(path: Path) -> None:
 
 
 def _check_jpeg(path: Path) -> None:
-    """Check that a JPEG file ends, because of a cut progressive one the decoder makes up the rest.
+    """Check that a JPEG file is complete, because the decoder completes a truncated progressive one.
 
-    Source: ITU-T T.81, annex B: segments tell their lengths, and scans end with the next marker.
+    Source: ITU-T T.81, annex B: segments contain their lengths, and scans end with the next marker.
     """
     with path.open("rb") as file:
         if file.read(2) != _JPEG_START:
             return
         file.seek(0)
         data = file.read()
-    at = 2
-    while found := _MARKER.search(data, at):
-        at, kind = found.end(), found[0][-1]
+    position = 2
+    while match := _MARKER.search(data, position):
+        position, kind = match.end(), match[0][-1]
         if kind == _JPEG_END:
             return
-        if kind not in _ALONE:
-            at += int.from_bytes(data[at : at + 2])
+        if kind not in _NO_LENGTH:
+            position += int.from_bytes(data[position : position + 2])
     raise ImageFileError(f"{path}: the JPEG file is truncated at byte {len(data)}")
 
 
-def check_pixel_count(path: Path | str, width: int, height: int, what: str = "") -> None:
-    """Raise ``ImageFileError`` if a header tells of more pixels than are allowed.
+def check_pixel_count(path: Path | str, width: int, height: int, unit: str = "") -> None:
+    """Raise ``ImageFileError`` if a header announces more pixels than are allowed.
 
     Raises:
-        ImageFileError: more than ``BOKEHNET_MAX_PIXELS`` in the environment, by default 200 million.
-        ParameterError: that variable is no number.
+        ImageFileError: More than ``BOKEHNET_MAX_PIXELS`` in the environment, by default 200 million.
+        ParameterError: That variable is not a number.
     """
     text = os.environ.get(PIXEL_LIMIT_VARIABLE, "")
     try:
-        most = int(float(text)) if text else _MOST_PIXELS
+        max_pixels = int(float(text)) if text else _DEFAULT_MAX_PIXELS
     except (ValueError, OverflowError) as problem:
         raise ParameterError(PIXEL_LIMIT_VARIABLE, "a number of pixels", text) from problem
-    if width * height > most:
-        found = f"{width} {what}" if what else f"{width}x{height} pixels"
+    if width * height > max_pixels:
+        size = f"{width} {unit}" if unit else f"{width}x{height} pixels"
         raise ImageFileError(
-            f"{path}: {found} are more than the limit of {most}; "
+            f"{path}: {size} are more than the limit of {max_pixels}; "
             f"if that is right, raise {PIXEL_LIMIT_VARIABLE} in the environment"
         )

@@ -1,4 +1,4 @@
-"""Where the pieces of a JPEG stream lie, without decoding a pixel."""
+"""Segments of a JPEG stream, located without decoding pixels."""
 
 import re
 import struct
@@ -25,7 +25,7 @@ ICC_SEGMENT = b"ICC_PROFILE\0"
 
 _APP0 = 0xE0
 _START, _END, _SCAN = 0xD8, 0xD9, 0xDA
-_MOST_BYTES = 65533  # of the payload of a segment
+_MAX_PAYLOAD_BYTES = 65533
 
 # A marker is 0xFF and a byte that is not stuffing (00), fill (FF), TEM (01) or a restart (D0 to D7).
 _MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
@@ -33,11 +33,11 @@ _MARKER = re.compile(rb"\xff([^\x00\x01\xd0-\xd7\xff])", re.DOTALL)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JpegLayout:
-    """What :func:`jpeg_layout` found.
+    """Metadata segments and end of a JPEG picture.
 
     Attributes:
         app1: Payloads of the APP1 segments (EXIF, XMP), in order.
-        end: Offset of the first byte behind the picture; the length of the data when its end is missing.
+        end: Offset of the first byte after the picture; the length of the data if its end is missing.
     """
 
     app1: tuple[bytes, ...]
@@ -45,12 +45,12 @@ class JpegLayout:
 
 
 def jpeg_layout(data: bytes, start: int = 0) -> JpegLayout:
-    """Walk over the markers of the picture that begins at ``start``.
+    """Return the layout of the picture that begins at ``start``.
 
-    Lengths beyond the end cut a payload short; whoever reads it finds out.
+    A segment length beyond the end of the data truncates the payload; its reader detects that.
 
     Args:
-        data: The file.
+        data: Content of the file.
         start: Offset of ``JPEG_START``.
 
     Source: ITU-T T.81, "Digital compression and coding of continuous-tone still images", 1992, annex B.
@@ -71,28 +71,28 @@ def jpeg_layout(data: bytes, start: int = 0) -> JpegLayout:
 
 
 def jpeg_segments(path: Path) -> list[tuple[int, bytes]]:
-    """Return markers and payloads of a file up to its pixels; what is damaged ends the list."""
-    found: list[tuple[int, bytes]] = []
+    """Return markers and payloads of a file up to its pixels; damage ends the list."""
+    segments: list[tuple[int, bytes]] = []
     with path.open("rb") as file:
         file.seek(2)
         while True:
             head = file.read(4)
             if len(head) < 4 or head[0] != 0xFF or head[1] in (_SCAN, _END):
-                return found
+                return segments
             marker, length = head[1], int.from_bytes(head[2:], "big")
-            if marker == 0xFF:  # a byte that fills
+            if marker == 0xFF:  # fill byte
                 file.seek(-3, 1)
                 continue
             payload = file.read(max(0, length - 2))
-            found.append((marker, payload))
+            segments.append((marker, payload))
 
 
 def icc_segments(profile: bytes) -> list[tuple[int, bytes]]:
-    """Cut a colour profile into segments.
+    """Split a colour profile into segments.
 
     Source: ICC.1:2022, annex B.4, "Embedding ICC profiles in JPEG files".
     """
-    room = _MOST_BYTES - len(ICC_SEGMENT) - 2
+    room = _MAX_PAYLOAD_BYTES - len(ICC_SEGMENT) - 2
     pieces = [profile[start : start + room] for start in range(0, len(profile), room)]
     return [
         (APP2, ICC_SEGMENT + bytes([number, len(pieces)]) + piece)
@@ -101,9 +101,9 @@ def icc_segments(profile: bytes) -> list[tuple[int, bytes]]:
 
 
 def insert_segments(data: bytes, segments: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return a JPEG file with these segments in the place of its own of EXIF and XMP.
+    """Return a JPEG file with these segments in place of its own EXIF and XMP segments.
 
-    Those that are too long are left out.
+    Segments that are too long are omitted.
     """
     start = 2
     kept = b""
@@ -114,6 +114,6 @@ def insert_segments(data: bytes, segments: Iterable[tuple[int, bytes]]) -> bytes
     added = b"".join(
         struct.pack(">BBH", 0xFF, marker, len(payload) + 2) + payload
         for marker, payload in segments
-        if len(payload) <= _MOST_BYTES
+        if len(payload) <= _MAX_PAYLOAD_BYTES
     )
     return data[:2] + kept + added + data[start:]

@@ -1,4 +1,4 @@
-"""The boxes of a JPEG XL file: metadata are read and put in before the pixels.
+"""Boxes of a JPEG XL file: read metadata and insert them before the pixels.
 
 Source: ISO/IEC 18181-2, "JPEG XL image coding system, file format", 2024, clause 9: boxes.
 """
@@ -10,47 +10,47 @@ __all__ = ["jxl_boxes", "jxl_with"]
 
 _SIGNATURE = b"\0\0\0\x0cJXL \r\n\x87\n"
 _TYPE = b"\0\0\0\x14ftypjxl \0\0\0\0jxl "
-_BARE = b"\xff\x0a"  # pixels without any box around them
+_BARE = b"\xff\x0a"  # codestream without a container
 _FIRST = (b"JXL ", b"ftyp", b"jxll")
 _EXIF, _XMP = b"Exif", b"xml "
-_LONGEST = 2**27  # bytes of metadata that are read
+_MAX_METADATA_BYTES = 2**27
 
 
 def jxl_boxes(path: Path) -> dict[bytes, bytes]:
-    """Return the metadata by the names of their boxes, ``Exif`` and ``xml ``, beginning with their content.
+    """Return the metadata by box name, ``Exif`` and ``xml ``, without the offset field of ``Exif``.
 
-    What is damaged or compressed once more is left out.
+    Damaged and additionally compressed boxes are omitted.
     """
-    found: dict[bytes, bytes] = {}
+    boxes: dict[bytes, bytes] = {}
     with path.open("rb") as file:
         if file.read(len(_SIGNATURE)) != _SIGNATURE:
-            return found
+            return boxes
         while len(head := file.read(8)) == 8:
             length, name = struct.unpack(">I4s", head)
-            taken = 8
+            head_bytes = 8
             if length == 1:
-                length, taken = int.from_bytes(file.read(8), "big"), 16
-            if length < taken or length > 2**62:  # 0: the last box, which holds pixels
+                length, head_bytes = int.from_bytes(file.read(8), "big"), 16
+            if length < head_bytes or length > 2**62:  # 0: the last box, which holds pixels
                 break
-            if name in (_EXIF, _XMP) and length < _LONGEST:
-                content = file.read(length - taken)
-                if len(content) == length - taken:
-                    found.setdefault(name, content)
+            if name in (_EXIF, _XMP) and length < _MAX_METADATA_BYTES:
+                content = file.read(length - head_bytes)
+                if len(content) == length - head_bytes:
+                    boxes.setdefault(name, content)
             else:
-                file.seek(length - taken, 1)
-    if _EXIF in found:
-        start = 4 + int.from_bytes(found[_EXIF][:4], "big")
-        found[_EXIF] = found[_EXIF][start:]
-    return found
+                file.seek(length - head_bytes, 1)
+    if _EXIF in boxes:
+        start = 4 + int.from_bytes(boxes[_EXIF][:4], "big")
+        boxes[_EXIF] = boxes[_EXIF][start:]
+    return boxes
 
 
 def jxl_with(data: bytes, *, exif: bytes | None, xmp: bytes | None) -> bytes:
-    """Return a JPEG XL file that has none with these metadata.
+    """Return a JPEG XL file without metadata with these metadata inserted.
 
     Args:
-        data: The file.
-        exif: Beginning with its TIFF header.
-        xmp: A packet.
+        data: Content of the file.
+        exif: EXIF that begins with its TIFF header.
+        xmp: XMP packet.
     """
     if data.startswith(_BARE):
         data = _SIGNATURE + _TYPE + _box(b"jxlc", data)

@@ -1,4 +1,4 @@
-"""PNG files written on all cores: bands of rows are filtered and compressed apart, then joined."""
+"""Write PNG files on all cores: bands of rows are filtered and compressed separately, then joined."""
 
 import os
 import struct
@@ -19,13 +19,13 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Colour types by number of channels: grey, RGB, RGB with straight alpha.
 _COLOUR_TYPES = {1: 0, 3: 2, 4: 6}
 
-# Bytes of a band, about: what deflate forgets between two of them costs less than a thousandth.
-_BAND = 2**20
+# Approximate bytes per band: restarting deflate between bands costs less than a thousandth of the size.
+_BAND_BYTES = 2**20
 
-_LONGEST = 2**27  # bytes of a chunk of metadata that are read
+_MAX_METADATA_BYTES = 2**27  # of a chunk
 
-# On photographs within half a percent of level 6, in less than half of its time.
-_LEVEL = 3
+# On photographs the size is within half a percent of level 6, in less than half of its time.
+_COMPRESSION_LEVEL = 3
 
 
 def write_png(
@@ -35,18 +35,18 @@ def write_png(
     stored: Callable[[slice], NDArray[Any]],
     chunks: Sequence[tuple[bytes, bytes]] = ((b"sRGB", b"\0"),),
 ) -> None:
-    """Write a PNG file; where the disk is full, ``OSError`` tells it, and a part of the file is left.
+    """Write a PNG file; on a full disk raise ``OSError`` and leave a partial file.
 
     Args:
-        path: of the file, overwritten.
+        path: File to overwrite.
         shape: (H, W, C), C = 1, 3 or 4.
         dtype: uint8 or uint16.
-        stored: gives some of the rows as they are to be stored, (rows, W, C); called by several threads.
-        chunks: names and contents of what stands before the pixels.
+        stored: Function from rows to their stored values, (rows, W, C); called by several threads.
+        chunks: Names and contents of the chunks before the pixels.
 
     Source:
-        W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025; for pieces of a deflate
-        stream that are made apart: Adler, "pigz", 2007.
+        W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025; for separately
+        compressed pieces of a deflate stream: Adler, "pigz", 2007.
     """
     height, width, channels = shape
     size = np.dtype(dtype).itemsize
@@ -57,7 +57,7 @@ def write_png(
         for kind, content in chunks:
             file.write(_chunk(kind, content))
         checksum = 1
-        start = b"\x78\x5e"  # of a zlib stream with a window of 32 KB
+        start = b"\x78\x5e"  # zlib header for a window of 32 KB
         for filtered, packed in _bands(shape, size, stored):
             checksum = zlib.adler32(filtered, checksum)
             file.write(_chunk(b"IDAT", start + packed))
@@ -66,23 +66,23 @@ def write_png(
         file.write(_chunk(b"IEND", b""))
 
 
-def png_chunks(path: Path, wanted: Sequence[bytes]) -> list[tuple[bytes, bytes]]:
-    """Return names and contents of chunks of these names, in order; the file is whole."""
-    found = []
+def png_chunks(path: Path, names: Sequence[bytes]) -> list[tuple[bytes, bytes]]:
+    """Return names and contents of the chunks of these names, in order; the file must be complete."""
+    chunks = []
     with path.open("rb") as file:
         file.seek(len(_SIGNATURE))
         while len(head := file.read(8)) == 8:
             length, kind = struct.unpack(">I4s", head)
-            if kind in wanted and length < _LONGEST:
-                found.append((kind, file.read(length)))
+            if kind in names and length < _MAX_METADATA_BYTES:
+                chunks.append((kind, file.read(length)))
                 file.seek(4, 1)
             else:
                 file.seek(length + 4, 1)
-    return found
+    return chunks
 
 
 def png_text(content: bytes, keyword: str) -> bytes | None:
-    """Return the text of an iTXt chunk, UTF-8, where it has this keyword."""
+    """Return the UTF-8 text of an iTXt chunk with this keyword, otherwise None."""
     name, _, rest = content.partition(b"\0")
     if name != keyword.encode() or len(rest) < 2:
         return None
@@ -90,7 +90,7 @@ def png_text(content: bytes, keyword: str) -> bytes | None:
     if not rest[0]:
         return text
     try:
-        return zlib.decompressobj().decompress(text, _LONGEST)
+        return zlib.decompressobj().decompress(text, _MAX_METADATA_BYTES)
     except zlib.error:
         return None
 
@@ -112,9 +112,9 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 def _bands(
     shape: tuple[int, int, int], size: int, stored: Callable[[slice], NDArray[Any]]
 ) -> Iterator[tuple[bytes, bytes]]:
-    """Filtered and compressed bands from top to bottom; few are held at a time."""
+    """Yield filtered and compressed bands from top to bottom; a bounded number is held in memory."""
     height, width, channels = shape
-    rows = max(1, _BAND // (width * channels * size))
+    rows = max(1, _BAND_BYTES // (width * channels * size))
 
     def pack(top: int) -> tuple[bytes, bytes]:
         first = max(0, top - 1)
@@ -123,7 +123,7 @@ def _bands(
         if top == 0:
             lines = np.concatenate([np.zeros_like(lines[:1]), lines])
         filtered = _filtered(lines, channels * size).tobytes()
-        deflate = zlib.compressobj(_LEVEL, zlib.DEFLATED, -15, 9)
+        deflate = zlib.compressobj(_COMPRESSION_LEVEL, zlib.DEFLATED, -15, 9)
         return filtered, deflate.compress(filtered) + deflate.flush(zlib.Z_SYNC_FLUSH)
 
     workers = min(8, os.cpu_count() or 1)
@@ -138,37 +138,37 @@ def _bands(
 
 
 def _filtered(lines: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
-    """Return rows of bytes as differences to what stands before them, the kind of difference in front.
+    """Return rows of bytes as differences to their predictions, preceded by the filter type.
 
     Args:
         lines: (1 + rows, bytes); the first is the row above.
-        step: Bytes of a pixel.
+        step: Bytes per pixel.
 
     Returns:
-        (rows, 1 + bytes): of three filters each row has the one whose differences are smallest in sum.
+        (rows, 1 + bytes): for each row, the filter of three with the smallest sum of differences.
     """
-    here, above = lines[1:], lines[:-1]
-    left, corner = np.zeros_like(here), np.zeros_like(here)
-    left[:, step:], corner[:, step:] = here[:, :-step], above[:, :-step]
-    best = here - left
-    kinds = np.ones(len(here), np.uint8)
-    least = _cost(best)
-    for kind, guess in ((2, above), (4, _paeth(left, above, corner))):
-        other = here - guess
-        cost = _cost(other)
-        better = cost < least
-        best[better], kinds[better], least[better] = other[better], kind, cost[better]
+    current, above = lines[1:], lines[:-1]
+    left, corner = np.zeros_like(current), np.zeros_like(current)
+    left[:, step:], corner[:, step:] = current[:, :-step], above[:, :-step]
+    best = current - left
+    kinds = np.ones(len(current), np.uint8)
+    min_cost = _cost(best)
+    for kind, prediction in ((2, above), (4, _paeth(left, above, corner))):
+        differences = current - prediction
+        cost = _cost(differences)
+        better = cost < min_cost
+        best[better], kinds[better], min_cost[better] = differences[better], kind, cost[better]
     return np.concatenate([kinds[:, None], best], axis=1)
 
 
 def _cost(differences: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Sum of the sizes of differences modulo 256, by row."""
+    """Return the sum of the absolute differences modulo 256, by row."""
     signed = differences.view(np.int8)
     return np.abs(signed.astype(np.int16)).sum(axis=1, dtype=np.int64)
 
 
 def _paeth(left: NDArray[np.uint8], above: NDArray[np.uint8], corner: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Whichever neighbour lies nearest to left + above - corner; ties go to the left one, then that above."""
+    """Return the neighbour nearest to left + above - corner; ties prefer the left one, then the one above."""
     a, b, c = (x.astype(np.int16) for x in (left, above, corner))
     to_left, to_above = np.abs(b - c), np.abs(a - c)
     to_corner = np.abs(a + b - 2 * c)

@@ -1,1 +1,1 @@
-"""Depth that phones store in photos: one file a maker, and the coding of grey values that they share."""
+"""Depth maps that phones embed in photos: one module per vendor, and their common value coding."""

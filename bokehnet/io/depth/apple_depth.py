@@ -1,4 +1,4 @@
-"""Depth maps in photos of iPhones: what their XMP says, and where a JPEG holds them.
+"""Depth maps in iPhone photos: their XMP, and their position in a JPEG file.
 
 Source:
     Apple, "AVDepthData" and "Creating auxiliary depth data manually", developer.apple.com: disparity
@@ -20,21 +20,21 @@ __all__ = ["apple_coding", "apple_depth"]
 PIXEL_DATA = "http://ns.apple.com/pixeldatainfo/1.0/"
 _DEPTH_DATA = "http://ns.apple.com/depthData/1.0/"
 _MM_PER_M = 1000.0
-_MOST_PICTURES = 16  # in one file
+_MAX_PICTURES = 16  # per file
 
 
 def apple_depth(path: Path | str, data: bytes, end: int) -> StoredDepth | None:
-    """Find the depth map of an iPhone photo saved as JPEG: a second picture behind the first; None without.
+    """Return the depth map of an iPhone photo in JPEG, a picture after the first one; None if absent.
 
     Args:
-        path: Of the file, for messages.
-        data: The file.
-        end: Where its first picture ends.
+        path: File, for messages.
+        data: Content of the file.
+        end: End of its first picture.
 
     Raises:
         ImageFileError: The metadata of the map are damaged.
     """
-    for start in _further_pictures(data, end):
+    for start in _following_pictures(data, end):
         layout = jpeg_layout(data, start)
         if not any(PIXEL_DATA.encode() in payload for payload in layout.app1):
             continue
@@ -45,10 +45,10 @@ def apple_depth(path: Path | str, data: bytes, end: int) -> StoredDepth | None:
 
 
 def apple_coding(path: Path | str, roots: list[Element]) -> DepthCoding | None:
-    """What the values of an auxiliary picture mean by its XMP; None when it is no depth map.
+    """Return the coding of an auxiliary picture according to its XMP; None if it is no depth map.
 
     Args:
-        path: Of the file, for messages.
+        path: File, for messages.
         roots: XMP of that picture.
 
     Raises:
@@ -69,12 +69,12 @@ def apple_coding(path: Path | str, roots: list[Element]) -> DepthCoding | None:
         )
     absolute = xmp_properties(roots, _DEPTH_DATA).get("Accuracy") == "absolute"
     ends = (low, high) if kind == "disparity" else (1 / low, 1 / high)
-    return DepthCoding(ends=ends, even=kind, unit=_MM_PER_M if absolute else None)
+    return DepthCoding(ends=ends, linear_in=kind, unit=_MM_PER_M if absolute else None)
 
 
-def _further_pictures(data: bytes, position: int) -> Iterator[int]:
-    """Where JPEG pictures begin behind ``position``, a few of them."""
-    for _ in range(_MOST_PICTURES):
+def _following_pictures(data: bytes, position: int) -> Iterator[int]:
+    """Yield the start offsets of JPEG pictures after ``position``, at most ``_MAX_PICTURES``."""
+    for _ in range(_MAX_PICTURES):
         position = data.find(JPEG_START, position)
         if position < 0:
             return

@@ -1,4 +1,4 @@
-"""What the grey values of a stored depth map mean: one rule for every phone."""
+"""Conversion of the grey values of a stored depth map to disparity, shared by all phones."""
 
 import math
 from dataclasses import dataclass
@@ -11,36 +11,36 @@ __all__ = ["DepthCoding", "StoredDepth"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DepthCoding:
-    """Stored values in [0, 1] as inverse depth.
+    """Mapping of stored values in [0, 1] to inverse depth.
 
     Attributes:
         ends: Inverse depth of the stored values 0 and 1, 1/unit; they differ.
-        even: What rises evenly with the stored value: ``"disparity"`` or ``"depth"`` (then both ends are
-            finite and above 0).
-        unit: Length of the unit, mm; None when the photo does not tell, so that only the order and the
+        linear_in: Quantity that is linear in the stored value: ``"disparity"`` or ``"depth"`` (then both
+            ends are finite and above 0).
+        unit: Length of the unit, mm; None if the photo does not state it, so that only the order and the
             proportions of the inverse depths are known.
     """
 
     ends: tuple[float, float]
-    even: str = "disparity"
+    linear_in: str = "disparity"
     unit: float | None = None
 
     def decode(self, stored: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return disparity, near is large: in 1/mm, or in [0, 1] between the ends where the unit is unknown.
+        """Return disparity, larger is nearer: in 1/mm, or in [0, 1] between the ends if the unit is unknown.
 
         Args:
             stored: Grey values in [0, 1], any shape.
         """
         first, last = self.ends
         values = stored.astype(np.float64)
-        if self.even == "disparity":
+        if self.linear_in == "disparity":
             disparity = first + (last - first) * values
         else:
             disparity = 1 / ((1 - values) / first + values / last)
         return self._in_unit(disparity).astype(np.float32)
 
     def focus(self, disparity: float) -> float | None:
-        """Bring the inverse of a focus distance, 1/unit, to that of :meth:`decode`; None for nonsense."""
+        """Convert an inverse focus distance, 1/unit, to the scale of :meth:`decode`; None if invalid."""
         if not (math.isfinite(disparity) and disparity >= 0):
             return None
         value = float(self._in_unit(np.float64(disparity)))
@@ -55,13 +55,13 @@ class DepthCoding:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StoredDepth:
-    """A depth map as a photo holds it, still encoded.
+    """Encoded depth map of a photo.
 
     Attributes:
-        picture: A JPEG or PNG file, grey.
-        coding: What its values mean.
-        focus: Inverse of the distance in focus, 1/unit of the coding; None when the photo does not tell.
-        original: The picture before the phone blurred it, a JPEG or PNG file, where the photo keeps it.
+        picture: JPEG or PNG file, grey.
+        coding: Mapping of its values to inverse depth.
+        focus: Inverse of the distance in focus, 1/unit of the coding; None if the photo does not state it.
+        original: Picture before the phone blurred it, a JPEG or PNG file, or None.
     """
 
     picture: bytes

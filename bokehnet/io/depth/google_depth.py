@@ -1,4 +1,4 @@
-"""Depth maps in photos of Android phones: GDepth and Dynamic Depth, both told by XMP.
+"""Depth maps in photos of Android phones: GDepth and Dynamic Depth, both described by XMP.
 
 Source:
     Google, "Depth Map Metadata", developers.google.com/depthmap-metadata, 2023: properties and encoding.
@@ -24,13 +24,13 @@ _GDEPTH, _GFOCUS, _GIMAGE = _PHOTOS + "depthmap/", _PHOTOS + "focus/", _PHOTOS +
 _DYNAMIC = "http://ns.google.com/photos/dd/1.0/"
 _CAMERA, _DEPTH_MAP, _IMAGE = _DYNAMIC + "camera/", _DYNAMIC + "depthmap/", _DYNAMIC + "image/"
 
-# Namespaces of a container and of its items: those of the paper, and those that later phones write.
+# Namespaces of a container and of its items: those of the specification, and those of later phones.
 _CONTAINERS = (
     (_DYNAMIC + "container/", _DYNAMIC + "item/"),
     (_PHOTOS + "container/", _PHOTOS + "container/item/"),
 )
 
-# mm. A missing unit should mean metres, but the phones that leave it out store an unknown scale.
+# mm. A missing unit should mean metres, but the phones that omit it store an unknown scale.
 _LENGTHS = {"m": 1000.0, "meters": 1000.0, "mm": 1.0, "millimeters": 1.0}
 _DIOPTRES = ("d", "diopters")
 _MM_PER_M = 1000.0
@@ -38,26 +38,26 @@ _MM_PER_M = 1000.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Item:
-    """A file that is appended to the photo."""
+    """A file appended to the photo."""
 
-    names: tuple[str | None, str | None]  # its URI and its semantic
+    names: tuple[str | None, str | None]  # URI and semantic
     start: int
     length: int
 
 
 def google_depth(path: Path | str, data: bytes, end: int, roots: Sequence[Element]) -> StoredDepth | None:
-    """Find the depth map of an Android photo; None if there is none.
+    """Return the depth map of an Android photo; None if there is none.
 
-    Depth along the ray (``MeasureType`` OpticRay) is taken as depth along the axis.
+    Depth along the ray (``MeasureType`` OpticRay) is treated as depth along the axis.
 
     Args:
-        path: Of the file, for messages.
-        data: The file.
-        end: Where its first picture ends.
+        path: File, for messages.
+        data: Content of the file.
+        end: End of its first picture.
         roots: Its XMP packets, the standard one first.
 
     Raises:
-        ImageFileError: Something is announced that is damaged, missing or not as specified.
+        ImageFileError: Announced data are damaged, missing or not as specified.
     """
     fields = xmp_properties(roots, _GDEPTH)
     if "Data" in fields:
@@ -84,13 +84,13 @@ def _stored(
     focal = _number(path, "GFocus:FocalDistance", xmp_properties(roots, _GFOCUS).get("FocalDistance"))
     dioptres = fields.get("Units", "").lower() in _DIOPTRES
     focus = None
-    if focal is not None and focal > 0 and _usable(fields, path):
+    if focal is not None and focal > 0 and _has_valid_range(fields, path):
         focus = focal if dioptres else 1 / focal
     return StoredDepth(picture=picture, coding=_coding(path, fields), focus=focus, original=original)
 
 
 def _coding(path: Path | str, fields: Mapping[str, str]) -> DepthCoding:
-    """What the stored values mean; Near is stored as 0 and Far as 1."""
+    """Return the coding of the stored values; Near is stored as 0 and Far as 1."""
     kind = fields.get("Format", "RangeInverse").lower()
     if kind not in ("rangeinverse", "rangelinear"):
         raise ImageFileError(
@@ -98,15 +98,15 @@ def _coding(path: Path | str, fields: Mapping[str, str]) -> DepthCoding:
         )
     unit = fields.get("Units", "").lower()
     dioptres = unit in _DIOPTRES
-    # RangeInverse spreads the inverse of Near..Far evenly, and that is depth when they are dioptres.
-    even = "disparity" if (kind == "rangeinverse") != dioptres else "depth"
+    # RangeInverse is linear in the inverse of Near..Far, which is depth if they are dioptres.
+    linear_in = "disparity" if (kind == "rangeinverse") != dioptres else "depth"
     length = _MM_PER_M if dioptres else _LENGTHS.get(unit)
-    if _usable(fields, path):
+    if _has_valid_range(fields, path):
         near, far = (float(fields[name]) for name in ("Near", "Far"))
         ends = (near, far) if dioptres else (1 / near, 1 / far)
-        if even == "disparity" or min(ends) > 0:
-            return DepthCoding(ends=ends, even=even, unit=length)
-    elif length is None and even == "disparity":  # the range is of no use without a unit
+        if linear_in == "disparity" or min(ends) > 0:
+            return DepthCoding(ends=ends, linear_in=linear_in, unit=length)
+    elif length is None and linear_in == "disparity":  # without a unit the range is not needed
         return DepthCoding(ends=(1.0, 0.0))
     raise ImageFileError(
         f"{path}: expected a depth map with 0 < Near < Far, "
@@ -114,8 +114,8 @@ def _coding(path: Path | str, fields: Mapping[str, str]) -> DepthCoding:
     )
 
 
-def _usable(fields: Mapping[str, str], path: Path | str) -> bool:
-    """Whether Near and Far make a range."""
+def _has_valid_range(fields: Mapping[str, str], path: Path | str) -> bool:
+    """Return whether Near and Far form a valid range."""
     near, far = (_number(path, name, fields.get(name)) for name in ("Near", "Far"))
     if near is None or far is None:
         return False
@@ -125,7 +125,7 @@ def _usable(fields: Mapping[str, str], path: Path | str) -> bool:
 
 
 def _depth_map_fields(roots: Sequence[Element]) -> dict[str, str]:
-    """Properties of the first depth map of any camera; without one, those of the whole packet."""
+    """Return the properties of the first depth map of any camera; without one, those of all packets."""
     maps = [element for root in roots for element in root.iter(f"{{{_CAMERA}}}DepthMap")]
     for element in maps:
         fields = xmp_properties([element], _DEPTH_MAP)
@@ -144,14 +144,14 @@ def _original_uri(roots: Sequence[Element]) -> str | None:
 
 
 def _items(path: Path | str, roots: Sequence[Element], end: int) -> list[_Item]:
-    """The files behind the first picture, which is the first item of the directory."""
+    """Return the files after the first picture, which is the first item of the directory."""
     for container, namespace in _CONTAINERS:
         elements = [element for root in roots for element in root.iter(f"{{{container}}}Item")]
         items: list[_Item] = []
         position = end
         for index, element in enumerate(elements):
             fields = xmp_properties([element], namespace)
-            length, padding = (_whole(path, name, fields.get(name)) for name in ("Length", "Padding"))
+            length, padding = (_byte_count(path, name, fields.get(name)) for name in ("Length", "Padding"))
             if index:
                 names = fields.get("DataURI"), fields.get("Semantic")
                 items.append(_Item(names=names, start=position, length=length))
@@ -163,7 +163,7 @@ def _items(path: Path | str, roots: Sequence[Element], end: int) -> list[_Item]:
 
 
 def _find(items: Sequence[_Item], uri: str | None, semantics: Sequence[str]) -> _Item | None:
-    """The item of this URI, else of one of these semantics."""
+    """Return the item with this URI, otherwise with one of these semantics."""
     by_uri = (item for item in items if uri is not None and item.names[0] == uri)
     by_semantic = (item for item in items if item.names[1] in semantics)
     return next(by_uri, None) or next(by_semantic, None)
@@ -179,7 +179,7 @@ def _cut(path: Path | str, data: bytes, item: _Item) -> bytes:
 
 
 def _base64(path: Path | str, name: str, text: str) -> bytes:
-    packed = "".join(text.split()).rstrip("=")  # some phones leave the padding out
+    packed = "".join(text.split()).rstrip("=")  # some phones omit the padding
     try:
         return base64.b64decode(packed + "=" * (-len(packed) % 4), validate=True)
     except (binascii.Error, ValueError) as error:
@@ -198,8 +198,8 @@ def _number(path: Path | str, name: str, text: str | None) -> float | None:
     return value
 
 
-def _whole(path: Path | str, name: str, text: str | None) -> int:
-    """A count of bytes in the container's directory; absent is 0."""
+def _byte_count(path: Path | str, name: str, text: str | None) -> int:
+    """Return a number of bytes in the container's directory; absent is 0."""
     digits = "0" if text is None else text
     if not (digits.isascii() and digits.isdigit() and len(digits) < 16):
         raise ImageFileError(f"{path}: Item:{name}: expected a number of bytes, found {digits[:40]!r}")

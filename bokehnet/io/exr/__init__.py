@@ -1,1 +1,1 @@
-"""OpenEXR below the decoder: headers as they are stored, and deep samples."""
+"""OpenEXR files at byte level: stored headers and deep samples."""

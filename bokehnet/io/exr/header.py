@@ -1,6 +1,6 @@
-"""The headers of an OpenEXR file as they are stored: attributes by name, with their types and bytes.
+"""Stored headers of an OpenEXR file: attributes by name, with their types and bytes.
 
-The decoder renames and drops some attributes; here none is touched. Nothing of the pixels is decoded.
+The decoder renames and drops some attributes; this module keeps all of them. It decodes no pixels.
 """
 
 import struct
@@ -27,7 +27,7 @@ Value = float | str | tuple[float, ...]
 
 _MAGIC = b"\x76\x2f\x31\x01"
 _TILED, _LONG_NAMES, _DEEP, _MULTI_PART = 0x200, 0x400, 0x800, 0x1000
-_LONGEST_NAME = 255
+_MAX_NAME_BYTES = 255
 _NUMBERS = {
     "int": "<i",
     "float": "<f",
@@ -42,13 +42,13 @@ _NUMBERS = {
 
 @dataclass(frozen=True)
 class Attribute:
-    """One attribute: the name of its type and its bytes."""
+    """Attribute with the name of its type and its bytes."""
 
     kind: str
     data: bytes
 
     def value(self) -> Value | None:
-        """Return the number, numbers or text; None for other types. A rational is divided."""
+        """Return the number, numbers or text; None for other types. A rational becomes a quotient."""
         if self.kind == "string":
             return self.data.decode("utf-8", "replace")
         layout = _NUMBERS.get(self.kind)
@@ -62,10 +62,10 @@ class Attribute:
 
 @dataclass(frozen=True, kw_only=True)
 class ExrHeaders:
-    """What stands before the offset tables of a file.
+    """Headers of a file, before its offset tables.
 
-    ``parts`` holds the attributes of each part in the order of the file, ``flags`` the version field with
-    its flag bits, and ``end`` the position of the first byte behind the headers.
+    ``parts`` holds the attributes of each part in file order, ``flags`` the version field with its flag
+    bits, and ``end`` the offset of the first byte after the headers.
     """
 
     flags: int
@@ -74,7 +74,7 @@ class ExrHeaders:
 
     @property
     def multi_part(self) -> bool:
-        """Whether chunks carry part numbers."""
+        """True if chunks carry part numbers."""
         return bool(self.flags & _MULTI_PART)
 
     def pack(self) -> bytes:
@@ -89,10 +89,10 @@ class ExrHeaders:
 
 
 def channel_list(channels: Attribute) -> dict[str, int]:
-    """Return the type of each channel in the order of the file: 0 for uint, 1 for half, 2 for float.
+    """Return the type of each channel in file order: 0 for uint, 1 for half, 2 for float.
 
     Raises:
-        ValueError: the list is damaged, or names a type that there is not.
+        ValueError: The list is damaged, or contains an unknown type.
     """
     kinds: dict[str, int] = {}
     for name, rest in _entries(channels):
@@ -104,7 +104,7 @@ def channel_list(channels: Attribute) -> dict[str, int]:
 
 
 def _entries(channels: Attribute) -> Iterator[tuple[bytes, bytes]]:
-    """Name of each channel, and its type, linearity and two sampling rates, 16 bytes."""
+    """Yield the name of each channel, and its type, linearity and two sampling rates, 16 bytes."""
     rest = channels.data
     while name := rest[: rest.index(b"\0")]:
         rest = rest[len(name) + 1 :]
@@ -113,7 +113,7 @@ def _entries(channels: Attribute) -> Iterator[tuple[bytes, bytes]]:
 
 
 def with_channels(channels: Attribute, others: Attribute) -> Attribute:
-    """A list with the channels of another one that it does not have, in the order of their names."""
+    """Return a list extended by the channels that only ``others`` has, sorted by name."""
     merged = {**dict(_entries(others)), **dict(_entries(channels))}
     data = b"".join(name + b"\0" + merged[name] for name in sorted(merged))
     return Attribute(channels.kind, data + b"\0")
@@ -121,17 +121,17 @@ def with_channels(channels: Attribute, others: Attribute) -> Attribute:
 
 def sub_sampled(channels: Attribute) -> list[str]:
     """Return the channels that do not have a value for every pixel, such as chroma."""
-    whole = struct.pack("<2i", 1, 1)
-    return [name.decode("latin-1") for name, rest in _entries(channels) if rest[8:16] != whole]
+    full_rate = struct.pack("<2i", 1, 1)
+    return [name.decode("latin-1") for name, rest in _entries(channels) if rest[8:16] != full_rate]
 
 
 def channel_sizes(channels: Attribute) -> dict[str, int]:
-    """Return the bytes of a value by channel, in the order of the file: 2 for half, 4 for float and uint."""
+    """Return the bytes per value by channel, in file order: 2 for half, 4 for float and uint."""
     return {name: 2 if kind == 1 else 4 for name, kind in channel_list(channels).items()}
 
 
 def is_exr(path: Path) -> bool:
-    """Whether the file starts as OpenEXR files do."""
+    """Return whether a file begins like an OpenEXR file."""
     with path.open("rb") as file:
         return file.read(4) == _MAGIC
 
@@ -140,7 +140,7 @@ def read_headers(path: Path) -> ExrHeaders:
     """Read all headers of an OpenEXR file.
 
     Raises:
-        ImageFileError: they are truncated or damaged.
+        ImageFileError: The headers are truncated or damaged.
 
     Source: "OpenEXR File Layout", openexr.com.
     """
@@ -164,7 +164,7 @@ def read_headers(path: Path) -> ExrHeaders:
 
 
 def _read_attributes(file: BinaryIO, size: int) -> dict[str, Attribute]:
-    """Read the attributes of one part, up to and with the byte that ends them."""
+    """Read the attributes of one part, including the terminating byte."""
     attributes: dict[str, Attribute] = {}
     while name := _read_name(file):
         kind = _read_name(file)
@@ -172,15 +172,15 @@ def _read_attributes(file: BinaryIO, size: int) -> dict[str, Attribute]:
         if not 0 <= length <= size - file.tell():
             raise ValueError(f"attribute {name!r} has {length} bytes")
         if name in attributes:
-            raise ValueError(f"attribute {name!r} stands there twice")
+            raise ValueError(f"attribute {name!r} occurs twice")
         attributes[name] = Attribute(kind, file.read(length))
     return attributes
 
 
 def _read_name(file: BinaryIO) -> str:
-    """Read a name that ends with a zero byte; empty where a list of attributes ends."""
+    """Read a null-terminated name; empty at the end of a list of attributes."""
     start = file.tell()
-    text = file.read(_LONGEST_NAME + 1)
+    text = file.read(_MAX_NAME_BYTES + 1)
     length = text.find(b"\0")
     if length < 0:
         raise ValueError("a name does not end")

@@ -1,1 +1,1 @@
-"""Encoders: arrays to image files, and HEIF and AVIF, which encode a picture as a whole."""
+"""Encoders of image files: band by band, or as a whole for HEIF and AVIF."""

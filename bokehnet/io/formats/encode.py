@@ -1,4 +1,4 @@
-"""Arrays to image files."""
+"""Encode arrays as image files."""
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ from bokehnet.progress import Progress, part_of
 
 __all__ = ["check_readable", "encode"]
 
-_BAND = 256  # rows at a time, many enough for the encoders' own threads
+_BAND_ROWS = 256  # enough for the encoders' own threads
 
 
 def encode(
@@ -34,26 +34,26 @@ def encode(
     finish: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Encode a picture a band of rows after the other and put it in place atomically.
+    """Encode a picture band by band and put it in place atomically.
 
     Args:
-        path: where the file goes; the extension picks the format.
+        path: File to write; the extension selects the format.
         shape: (H, W, C).
-        dtype: of the file: float32, float16, uint8 or uint16.
-        stored: gives some of the rows as they are to be stored, (rows, W, C), in any type that can be
-            converted; called by several threads.
-        channels: their names.
-        attributes: of the file, such as its compression.
-        chunks: of a PNG file, before its pixels.
-        finish: adds to the file when its pixels are in it.
-        progress: is told how far it is, by several threads.
+        dtype: Type in the file: float32, float16, uint8 or uint16.
+        stored: Function from rows to their stored values, (rows, W, C), in any type that can be converted;
+            called by several threads.
+        channels: Names of the channels.
+        attributes: Attributes of the file, such as its compression.
+        chunks: Chunks of a PNG file before its pixels.
+        finish: Callback that adds to the file after its pixels are written.
+        progress: Progress callback, called by several threads.
 
     Raises:
-        ImageFileError: the file cannot be written.
+        ImageFileError: The file cannot be written.
     """
-    checked = path.suffix.lower() not in (".png", ".pfm")
+    verified = path.suffix.lower() not in (".png", ".pfm")
     if progress is not None:
-        stored = _counted(stored, shape[0], part_of(progress, 0, 2) if checked else progress)
+        stored = _counted(stored, shape[0], part_of(progress, 0, 2) if verified else progress)
     if path.suffix.lower() == ".png":
         write_atomic(path, lambda temporary: write_png(temporary, shape, dtype, stored, chunks))
         return
@@ -64,7 +64,7 @@ def encode(
     spec = oiio.ImageSpec(shape[1], shape[0], shape[2], kind)
     spec.channelnames = tuple(channels)
     if path.suffix.lower() in (".exr", ".tif", ".tiff"):
-        spec.attribute("DateTime", "")  # else the time of writing is added, and no two files are alike
+        spec.attribute("DateTime", "")  # otherwise the current time is added, and files are not reproducible
     for name, value in attributes.items():
         if isinstance(value, bytes):
             spec.attribute(name, oiio.TypeDesc(f"uint8[{len(value)}]"), np.frombuffer(value, np.uint8))
@@ -78,8 +78,8 @@ def encode(
         if output is None or not output.open(str(temporary), spec):
             raise OSError(output.geterror() if output else oiio.geterror())
         written = True
-        for top in range(0, shape[0], _BAND):
-            bottom = min(top + _BAND, shape[0])
+        for top in range(0, shape[0], _BAND_ROWS):
+            bottom = min(top + _BAND_ROWS, shape[0])
             band = _make_band(stored, top, (bottom - top, *shape[1:]), dtype)
             written = written and output.write_scanlines(top, bottom, 0, band)
         problem = output.geterror()
@@ -90,7 +90,7 @@ def encode(
             finish(temporary)
         check_readable(temporary, progress=part_of(progress, 1, 2))
 
-    # On a full disk the encoders crash or hang, so the room is proven first; none needs more than this.
+    # On a full disk the encoders crash or hang, so free space is checked first; none needs more than this.
     room = shape[0] * shape[1] * shape[2] * np.dtype(dtype).itemsize
     write_atomic(path, fill, room=room * 3 // 2 + 2**16)
 
@@ -98,25 +98,25 @@ def encode(
 def _counted(
     stored: Callable[[slice], NDArray[Any]], height: int, progress: Progress | None
 ) -> Callable[[slice], NDArray[Any]]:
-    """Tell how many of the rows were asked for; some are, twice."""
-    lock, given = threading.Lock(), 0
+    """Return ``stored`` with a progress report of the requested rows; some are requested twice."""
+    lock, count = threading.Lock(), 0
 
-    def give(rows: slice) -> NDArray[Any]:
-        nonlocal given
+    def counted(rows: slice) -> NDArray[Any]:
+        nonlocal count
         values = stored(rows)
         with lock:
-            given = min(given + len(values), height)
+            count = min(count + len(values), height)
             if progress is not None:
-                progress(given, height)
+                progress(count, height)
         return values
 
-    return give
+    return counted
 
 
 def _make_band(
     stored: Callable[[slice], NDArray[Any]], top: int, shape: tuple[int, ...], dtype: Any
 ) -> NDArray[Any]:
-    """Return the rows of a picture from ``top`` on."""
+    """Return the rows of a picture that begin at ``top``."""
 
     def make(rows: slice) -> NDArray[Any]:
         return stored(slice(top + rows.start, top + rows.stop))
@@ -125,11 +125,11 @@ def _make_band(
 
 
 def check_readable(path: Path, part: int = 0, progress: Progress | None = None) -> None:
-    """Raise ``OSError`` unless the pixels can be read: encoders miss some failures of their last write."""
+    """Raise ``OSError`` unless the pixels can be read: encoders do not report every failed last write."""
     try:
         with ImageFile(path, progress) as file:
-            found = file.parts[part]
-            for rows in file.bands(found):
-                file.read_stored(found, rows)
+            parts = file.parts[part]
+            for rows in file.bands(parts):
+                file.read_stored(parts, rows)
     except ImageFileError as damage:
         raise OSError("what was written cannot be read back; is the disk full?") from damage

@@ -1,4 +1,4 @@
-"""HEIF pictures (HEIC of iPhones) and their depth maps, through the extra ``heif``."""
+"""Read HEIF pictures (HEIC of iPhones) and their depth maps, through the extra ``heif``."""
 
 import re
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from bokehnet.io.color.icc import read_profile
 from bokehnet.io.containers.input_checks import check_pixel_count
 from bokehnet.io.depth.apple_depth import PIXEL_DATA, apple_coding
 from bokehnet.io.depth.depth_coding import DepthCoding
-from bokehnet.io.metadata.photo_metadata import Metadata, checked
+from bokehnet.io.metadata.photo_metadata import Metadata, validated
 from bokehnet.io.metadata.xmp import parse_xmp
 
 if TYPE_CHECKING:
@@ -29,18 +29,18 @@ HEIF_EXTENSIONS = (".heic", ".heif")
 
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _HDR_TRANSFERS = (16, 18)  # PQ and HLG: ITU-T H.273, table 3
-_LEFT_OUT = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
+_MAPS_OMITTED = "its depth maps, gain maps and additional pictures do not match the result and are omitted"
 
-# What the decoder raises.
-_DAMAGE = (OSError, ValueError, RuntimeError, SyntaxError, EOFError)
+# Exceptions of the decoder.
+_DECODER_ERRORS = (OSError, ValueError, RuntimeError, SyntaxError, EOFError)
 
-# Packets of further pictures are not handed out by the decoder: found as Adobe's XMP specification,
-# part 3, "packet scanning", tells.
+# The decoder does not return packets of auxiliary pictures: they are located by "packet scanning" of
+# Adobe's XMP specification, part 3.
 _PACKET = re.compile(rb"<x:xmpmeta.*?</x:xmpmeta>", re.DOTALL)
 
 
 def is_heif(path: Path | str) -> bool:
-    """Whether a file begins as a HEIF picture coded by HEVC; False for one that cannot be read."""
+    """Return whether a file begins like a HEIF picture coded with HEVC; False if it cannot be read."""
     try:
         with Path(path).open("rb") as file:
             head = file.read(12)
@@ -51,12 +51,12 @@ def is_heif(path: Path | str) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeifPicture:
-    """The primary picture of a file.
+    """Primary picture of a file.
 
     Attributes:
-        image: Linear light in the primaries of ``space``, upright, (H, W, 3), laid over black.
-        space: What its values meant.
-        bits: Of each channel, 8 or more.
+        image: Linear light in the primaries of ``space``, upright, (H, W, 3), over black.
+        space: Colour space of the stored values.
+        bits: Bits per channel, 8 or more.
         metadata: EXIF and XMP.
     """
 
@@ -67,7 +67,7 @@ class HeifPicture:
 
 
 def heif_size(path: Path | str) -> tuple[int, int]:
-    """Height and width of the primary picture; its header alone is read.
+    """Return height and width of the primary picture; reads only its header.
 
     Raises:
         ImageFileError: The file is damaged.
@@ -78,16 +78,16 @@ def heif_size(path: Path | str) -> tuple[int, int]:
 
 
 def read_heif(path: Path | str) -> HeifPicture:
-    """Read the primary picture as light, upright; 1 is white.
+    """Read the primary picture as upright light; 1 is white.
 
-    Decoded through its colour profile or its code points (PQ and HLG among them), else from sRGB. Alpha is
-    dropped by laying the picture over black.
+    The values are decoded through the colour profile or the code points (PQ and HLG among them), otherwise
+    from sRGB. Alpha is dropped by compositing over black.
 
     Args:
         path: HEIC or HEIF file.
 
     Raises:
-        ImageFileError: The file is damaged or too large, or its profile is of a kind that is not followed.
+        ImageFileError: The file is damaged or too large, or the kind of its profile is unsupported.
         MissingExtraError: pillow-heif is not installed.
     """
     file = _open(path)
@@ -97,19 +97,19 @@ def read_heif(path: Path | str) -> HeifPicture:
     image = in_row_blocks(space.decode, np.broadcast_to(values[..., :colours], (*values.shape[:2], 3)))
     if file.has_alpha:
         image = image * values[..., -1:]
-    found = checked(path, Metadata(exif=file.info.get("exif"), xmp=file.info.get("xmp")))
+    metadata = validated(path, Metadata(exif=file.info.get("exif"), xmp=file.info.get("xmp")))
     maps = file.info.get("depth_images") or file.info.get("aux")
-    left_out = (*found.left_out, _LEFT_OUT) if maps else found.left_out
+    omitted = (*metadata.omitted, _MAPS_OMITTED) if maps else metadata.omitted
     return HeifPicture(
         image=np.ascontiguousarray(image, np.float32),
         space=space,
         bits=int(file.info.get("bit_depth", 8)),
-        metadata=Metadata(exif=found.exif, xmp=found.xmp, left_out=tuple(dict.fromkeys(left_out))),
+        metadata=Metadata(exif=metadata.exif, xmp=metadata.xmp, omitted=tuple(dict.fromkeys(omitted))),
     )
 
 
 def _space(path: Path | str, file: "HeifFile") -> ColorSpace:
-    """What the values mean; code points of HDR prevail, then the profile, then other code points."""
+    """Return the colour space; code points of HDR come first, then the profile, then other code points."""
     code = file.info.get("nclx_profile") or {}
     primaries, transfer = (
         int(code.get(f"{name}", 2)) for name in ("color_primaries", "transfer_characteristics")
@@ -121,14 +121,14 @@ def _space(path: Path | str, file: "HeifFile") -> ColorSpace:
 
 
 def read_heif_depth(path: Path | str) -> tuple[NDArray[np.float32], DepthCoding] | None:
-    """Read the depth map of the primary picture, upright as that; None if there is none.
+    """Read the depth map of the primary picture, upright; None if there is none.
 
     Args:
         path: HEIC or HEIF file.
 
     Returns:
-        Stored values (H, W) in [0, 1], and what they mean. Without Apple's metadata they are taken for
-        relative disparity, near is bright.
+        Stored values (H, W) in [0, 1], and their coding. Without Apple's metadata they are treated as
+        relative disparity, bright is near.
 
     Raises:
         ImageFileError: The file or the map is damaged, or the map holds evenly spaced depths.
@@ -165,7 +165,7 @@ def _open(path: Path | str) -> "HeifFile":
 
     try:
         file = pillow_heif.open_heif(Path(path), convert_hdr_to_8bit=False)
-    except _DAMAGE as error:
+    except _DECODER_ERRORS as error:
         raise ImageFileError(f"{path}: the HEIF file is truncated or damaged ({_one_line(error)})") from error
     if not len(file):
         raise ImageFileError(f"{path}: the HEIF file is damaged, it holds no picture")
@@ -178,13 +178,13 @@ def _pixels(path: Path | str, image: "HeifFile | HeifDepthImage") -> NDArray[np.
     check_pixel_count(path, width, height)
     try:
         values = np.asarray(image)
-    except _DAMAGE as error:
+    except _DECODER_ERRORS as error:
         raise ImageFileError(f"{path}: the pixels are truncated or damaged ({_one_line(error)})") from error
     values = values if values.ndim == 3 else values[..., None]
     top = np.iinfo(values.dtype).max
     bits = image.info.get("bit_depth")
     bits = bits if isinstance(bits, int) else 8
-    if values.dtype == np.uint16 and 8 < bits < 16:  # at the upper end of 16
+    if values.dtype == np.uint16 and 8 < bits < 16:  # left-aligned in 16 bits
         top = (2**bits - 1) << (16 - bits)
     return values.astype(np.float32) / np.float32(top)
 

@@ -1,4 +1,4 @@
-"""AVIF and HEIC, whose encoders take a picture as a whole: those of the extras ``avif`` and ``heif``."""
+"""Write AVIF and HEIC, whose encoders need the entire picture at once: extras ``avif`` and ``heif``."""
 
 import io
 from collections.abc import Callable
@@ -18,25 +18,25 @@ from bokehnet.progress import Progress
 
 __all__ = ["WHOLE_EXTENSIONS", "Coding", "check_encoder", "encode_whole"]
 
-# Name of the format, and the extra that brings its encoder.
+# Name of the format, and the extra that provides its encoder.
 _FORMATS = {".avif": ("AVIF", "avif"), ".heic": ("HEIC", "heif"), ".heif": ("HEIF", "heif")}
 WHOLE_EXTENSIONS = tuple(_FORMATS)
 
 # Code points of sRGB with the matrix of BT.601: ITU-T H.273, tables 2 to 4.
 _SRGB_CODE = {"color_primaries": 1, "transfer_characteristic": 13, "matrix_coefficients": 6}
 
-# What the encoders and decoders raise.
+# Exceptions of the encoders and decoders.
 _FAILURES = (OSError, ValueError, RuntimeError, SyntaxError, EOFError)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coding:
-    """How the pixels are coded.
+    """Coding parameters of the pixels.
 
     Attributes:
         bits: 8, or 10 for HEIC.
         quality: 1 to 100.
-        subsampling: Of the colours: 4:4:4, 4:2:2 or 4:2:0.
+        subsampling: Chroma subsampling: 4:4:4, 4:2:2 or 4:2:0.
         icc: Colour profile; None for sRGB.
     """
 
@@ -50,8 +50,8 @@ def check_encoder(path: Path) -> None:
     """Raise unless the encoder for the extension of ``path`` is installed.
 
     Raises:
-        ImageFileError: Its library is there, but was built without it.
-        MissingExtraError: Its library is not installed.
+        ImageFileError: The installed library was built without the encoder.
+        MissingExtraError: The library is not installed.
     """
     extension = path.suffix.lower()
     name, extra = _FORMATS[extension]
@@ -89,15 +89,15 @@ def encode_whole(
     metadata: Metadata,
     progress: Progress | None = None,
 ) -> None:
-    """Encode a picture, see that it can be read back, and put it in place atomically.
+    """Encode a picture, check that it can be read back, and put it in place atomically.
 
     Args:
-        path: Where the file goes; the extension picks the format.
-        shape: (H, W, C), with three colours and perhaps alpha.
-        stored: Gives some of the rows as whole numbers of ``coding.bits``; called by several threads.
-        coding: Of the pixels.
+        path: File to write; the extension selects the format.
+        shape: (H, W, C), with three colours and optionally alpha.
+        stored: Function from rows to integers of ``coding.bits``; called by several threads.
+        coding: Coding parameters of the pixels.
         metadata: EXIF and XMP, refreshed for this picture.
-        progress: Is told when the pixels are there and when they are coded.
+        progress: Progress callback, called when the pixels are computed and when they are encoded.
 
     Raises:
         ImageFileError: The file cannot be written.
@@ -106,13 +106,13 @@ def encode_whole(
     values = make_in_row_blocks(stored, shape, dtype)
     if progress is not None:
         progress(1, 2)
-    told = {"exif": metadata.exif, "xmp": metadata.xmp, "icc_profile": coding.icc}
-    further = {"quality": coding.quality} | {name: data for name, data in told.items() if data}
+    embedded = {"exif": metadata.exif, "xmp": metadata.xmp, "icc_profile": coding.icc}
+    options = {"quality": coding.quality} | {name: data for name, data in embedded.items() if data}
     encode = _avif if path.suffix.lower() == ".avif" else _heic
 
     def fill(temporary: Path) -> None:
         try:
-            data = encode(values, coding, further)
+            data = encode(values, coding, options)
         except _FAILURES as error:
             raise OSError(" ".join(str(error).split())) from error
         temporary.write_bytes(data)
@@ -122,24 +122,24 @@ def encode_whole(
         progress(2, 2)
 
 
-def _avif(values: NDArray[Any], coding: Coding, further: dict[str, Any]) -> bytes:
+def _avif(values: NDArray[Any], coding: Coding, options: dict[str, Any]) -> bytes:
     from PIL import Image
 
     file = io.BytesIO()
     picture = Image.fromarray(values)
-    picture.save(file, "AVIF", subsampling=coding.subsampling, **further)
+    picture.save(file, "AVIF", subsampling=coding.subsampling, **options)
     file.seek(0)
     Image.open(file).load()
     return file.getvalue()
 
 
-def _heic(values: NDArray[Any], coding: Coding, further: dict[str, Any]) -> bytes:
+def _heic(values: NDArray[Any], coding: Coding, options: dict[str, Any]) -> bytes:
     import pillow_heif
 
     height, width, channels = values.shape
     mode = {3: "RGB", 4: "RGBA"}[channels]
     if coding.bits > 8:
-        mode, values = f"{mode};16", values << (16 - coding.bits)  # at the upper end of 16
+        mode, values = f"{mode};16", values << (16 - coding.bits)  # left-aligned in 16 bits
     file = io.BytesIO()
     pillow_heif.encode(
         mode,
@@ -148,7 +148,7 @@ def _heic(values: NDArray[Any], coding: Coding, further: dict[str, Any]) -> byte
         file,
         chroma=coding.subsampling.replace(":", ""),
         **_SRGB_CODE,
-        **further,
+        **options,
     )
     np.asarray(pillow_heif.open_heif(io.BytesIO(file.getvalue()), convert_hdr_to_8bit=False))
     return file.getvalue()

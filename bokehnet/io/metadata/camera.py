@@ -1,4 +1,4 @@
-"""The camera that a file tells of: OpenEXR attributes as renderers and cameras write them, and EXIF."""
+"""Camera data in a file: OpenEXR attributes of renderers and cameras, and EXIF."""
 
 import fnmatch
 import math
@@ -12,8 +12,8 @@ __all__ = ["Camera", "camera_from_exif", "camera_from_exr"]
 
 _M, _CM, _UM = 1000.0, 10.0, 0.001  # mm in each
 
-# Names of attributes, the first that holds a number above 0 counts, and mm (or 1) in their unit.
-# Focus distances that renderers give in units of their scenes are left out: the unit is not in the file.
+# Attribute names in order of preference (the first number above 0 is used), and mm (or 1) per unit.
+# Focus distances in the units of a renderer's scene are omitted: the unit is not in the file.
 _FOCAL_LENGTH = {
     "effectiveFocalLength": 1.0,  # OpenEXR
     "nominalFocalLength": 1.0,
@@ -49,13 +49,13 @@ _EXIF_INFINITY = float(2**32 - 1)
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """What a file says of its camera; None where it does not say.
+    """Camera data of a file; None for missing values.
 
     Attributes:
-        focal_length: mm.
+        focal_length: Focal length, mm.
         f_number: Focal length over the diameter of the entrance pupil.
-        focus_distance: mm, may be infinite.
-        sensor_width: mm of the sensor under the width of the shown picture, upright.
+        focus_distance: Distance in focus, mm, may be infinite.
+        sensor_width: Sensor width that corresponds to the width of the upright display window, mm.
     """
 
     focal_length: float | None = None
@@ -65,18 +65,18 @@ class Camera:
 
 
 def camera_from_exr(attributes: Mapping[str, Value]) -> Camera | None:
-    """Find the camera in the attributes of an EXR header; None when there is nothing.
+    """Return the camera data in the attributes of an EXR header; None if there are none.
 
     Args:
-        attributes: numbers, tuples of numbers (the first one counts) and texts by name as stored.
+        attributes: Numbers, tuples of numbers (the first one counts) and texts by name, as stored.
 
     Source:
         OpenEXR, "Standard Attributes" (effectiveFocalLength and nominalFocalLength in mm, aperture in
         f-stops, focus in m, sensorPhotositePitch in um, sensorOverallDimensions in mm), openexr.com.
         Blender, ``BKE_stamp_info_callback`` ("Lens"). Unreal Engine, ``UMoviePipelineImagePassBase``
         ("unreal/camera/.../", focus in cm). V-Ray, Arnold, Redshift and Iray: headers of published
-        files and the public Nuke scripts that read them; for V-Ray the field of view, which stands beside,
-        confirms that both lengths are mm and the aperture is the width.
+        files and the public Nuke scripts that read them; for V-Ray the field of view in the same header
+        confirms that both lengths are in mm and that the aperture is the width.
     """
     camera = Camera(
         focal_length=_first(attributes, _FOCAL_LENGTH),
@@ -88,15 +88,15 @@ def camera_from_exr(attributes: Mapping[str, Value]) -> Camera | None:
 
 
 def camera_from_exif(tags: Mapping[str, Value], width: int, height: int) -> Camera | None:
-    """Find the camera in EXIF tags, named as OpenImageIO names them; None when there is nothing.
+    """Return the camera data in EXIF tags, named as by OpenImageIO; None if there are none.
 
-    The width of the sensor follows from the 35 mm equivalent, which survives resizing, else from the
+    The width of the sensor follows from the 35 mm equivalent, which survives resizing, otherwise from the
     resolution of the focal plane.
 
     Args:
-        tags: numbers by name.
-        width: of the upright picture, pixels.
-        height: of the upright picture, pixels.
+        tags: Numbers by name.
+        width: Width of the upright picture, pixels.
+        height: Height of the upright picture, pixels.
 
     Source:
         CIPA DC-008, "Exchangeable image file format (Exif)", 2019. CIPA DCG-001, "Guideline for noting
@@ -122,10 +122,10 @@ def camera_from_exif(tags: Mapping[str, Value], width: int, height: int) -> Came
 
 
 def _first(
-    attributes: Mapping[str, Value], wanted: Mapping[str, float], *, infinite: bool = False
+    attributes: Mapping[str, Value], patterns: Mapping[str, float], *, infinite: bool = False
 ) -> float | None:
-    """Return the first usable number of the wanted attributes in mm, or None."""
-    for pattern, unit in wanted.items():
+    """Return the first usable number among the attributes of these names in mm, or None."""
+    for pattern, unit in patterns.items():
         for name in fnmatch.filter(attributes, pattern) if "*" in pattern else [pattern]:
             number = _number(attributes.get(name), infinite=infinite)
             if number is not None:
@@ -134,7 +134,7 @@ def _first(
 
 
 def _photosites(attributes: Mapping[str, Value]) -> float | None:
-    """Return the width of the photosites that the picture was made of, mm."""
+    """Return the width of the used photosites, mm."""
     pitch = _number(attributes.get("sensorPhotositePitch"))
     used = attributes.get("sensorAcquisitionRectangle")
     if pitch is None or not isinstance(used, tuple) or len(used) != 4 or used[2] <= used[0]:
@@ -143,13 +143,13 @@ def _photosites(attributes: Mapping[str, Value]) -> float | None:
 
 
 def _number(value: Value | None, *, infinite: bool = False) -> float | None:
-    """Return a number above 0, of a text such as "50.00" or "50 mm" too, or None."""
+    """Return a number above 0, also from a text such as "50.00" or "50 mm", or None."""
     if isinstance(value, tuple):
         value = value[0] if value else None
     if isinstance(value, str):
-        found = re.fullmatch(r"\s*(?:[fF]/)?([0-9.]+(?:[eE][-+]?[0-9]+)?|inf)\s*(?:mm)?\s*\0*", value)
+        match = re.fullmatch(r"\s*(?:[fF]/)?([0-9.]+(?:[eE][-+]?[0-9]+)?|inf)\s*(?:mm)?\s*\0*", value)
         try:
-            value = float(found[1]) if found else None
+            value = float(match[1]) if match else None
         except ValueError:
             return None
     if value is None or not value > 0 or (math.isinf(value) and not infinite):

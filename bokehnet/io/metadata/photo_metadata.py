@@ -1,4 +1,4 @@
-"""EXIF and XMP of a photograph, carried to the file of its blurred twin."""
+"""Read EXIF and XMP of a photograph and write them into the file of its blurred version."""
 
 import mmap
 import struct
@@ -27,12 +27,12 @@ __all__ = ["Metadata", "add_metadata", "read_metadata"]
 
 _EXIF_SEGMENT = b"Exif\0\0"
 _EXTENDED_XMP = b"http://ns.adobe.com/xmp/extension/\0"
-_FURTHER_PICTURES = b"MPF\0"
+_MULTI_PICTURE = b"MPF\0"
 _XMP_TEXT = "XML:com.adobe.xmp"
 _TIFF_STARTS = (b"II*\0", b"MM\0*")
 
-_MAPS = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
-_DAMAGED = "its {} is damaged and left out"
+_MAPS = "its depth maps, gain maps and additional pictures do not match the result and are omitted"
+_DAMAGED = "its {} is damaged and omitted"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,23 +40,23 @@ class Metadata:
     """EXIF and XMP of a photograph.
 
     Attributes:
-        exif: Beginning with its TIFF header; None without.
-        xmp: A packet; None without.
-        left_out: What of the file will not be in the result, a line each.
+        exif: EXIF that begins with its TIFF header, or None.
+        xmp: XMP packet, or None.
+        omitted: One line for each content of the file that the result does not contain.
     """
 
     exif: bytes | None = None
     xmp: bytes | None = None
-    left_out: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
 
     def refreshed(self, path: Path | str, width: int, height: int, *, is_srgb: bool | None) -> "Metadata":
-        """Return the same for an upright picture of this size: no thumbnail, orientation 1.
+        """Return the metadata for an upright picture of this size: no thumbnail, orientation 1.
 
         Args:
-            path: Of the file that they are from, for messages.
-            width: Of the picture.
-            height: Of the picture.
-            is_srgb: Whether its colours are sRGB; None where they are what they were.
+            path: File of the metadata, for messages.
+            width: Width of the picture, pixels.
+            height: Height of the picture, pixels.
+            is_srgb: True for sRGB, False for another colour space, None for the original one.
         """
         exif, xmp = self.exif, self.xmp
         if exif is not None:
@@ -67,60 +67,60 @@ class Metadata:
 
 
 def read_metadata(path: Path, file_format: str) -> Metadata:
-    """Read what a JPEG, PNG, TIFF, WebP or JPEG XL file tells besides its pixels; nothing of other formats.
+    """Read EXIF and XMP of a JPEG, PNG, TIFF, WebP or JPEG XL file; other formats return none.
 
-    Metadata that are damaged are left out, which is told: they do not spoil a picture.
+    Damaged metadata are omitted with a note: they do not prevent the use of the picture.
 
     Args:
-        path: The file.
+        path: Image file.
         file_format: ``"jpeg"``, ``"png"``, ``"tiff"``, ``"webp"``, ``"jpegxl"`` or another one.
     """
     readers: dict[str, Callable[[Path], Metadata]] = {
-        "jpeg": _of_jpeg,
-        "png": _of_png,
-        "tiff": _of_tiff,
-        "webp": _of_webp,
-        "jpegxl": _of_jxl,
+        "jpeg": _jpeg_metadata,
+        "png": _png_metadata,
+        "tiff": _tiff_metadata,
+        "webp": _webp_metadata,
+        "jpegxl": _jxl_metadata,
     }
-    return checked(path, readers[file_format](path)) if file_format in readers else Metadata()
+    return validated(path, readers[file_format](path)) if file_format in readers else Metadata()
 
 
-def checked(path: Path | str, found: Metadata) -> Metadata:
-    """Return what of EXIF and XMP is whole, and tell of maps that they announce."""
-    exif, xmp, told = found.exif, found.xmp, list(found.left_out)
+def validated(path: Path | str, metadata: Metadata) -> Metadata:
+    """Return the intact parts of the metadata, with notes on damage and on announced maps."""
+    exif, xmp, omitted = metadata.exif, metadata.xmp, list(metadata.omitted)
     if exif is not None:
         exif = exif.removeprefix(_EXIF_SEGMENT)
         try:
             refreshed_exif(exif, 1, 1, is_srgb=True)
         except (ValueError, struct.error):
             exif = None
-            told.append(_DAMAGED.format("EXIF"))
+            omitted.append(_DAMAGED.format("EXIF"))
     if xmp is not None:
         try:
             if refreshed_xmp(path, xmp)[1]:
-                told.append(_MAPS)
+                omitted.append(_MAPS)
         except ImageFileError:
             xmp = None
-            told.append(_DAMAGED.format("XMP"))
-    return Metadata(exif=exif, xmp=xmp, left_out=tuple(dict.fromkeys(told)))
+            omitted.append(_DAMAGED.format("XMP"))
+    return Metadata(exif=exif, xmp=xmp, omitted=tuple(dict.fromkeys(omitted)))
 
 
-def _of_jpeg(path: Path) -> Metadata:
+def _jpeg_metadata(path: Path) -> Metadata:
     exif, xmp = None, None
-    told: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
     for marker, payload in jpeg_segments(path):
         if marker == APP1 and payload.startswith(_EXIF_SEGMENT):
             exif = exif or payload
         elif marker == APP1 and payload.startswith(STANDARD_XMP):
             xmp = xmp or payload[len(STANDARD_XMP) :]
         elif (marker == APP1 and payload.startswith(_EXTENDED_XMP)) or (
-            marker == APP2 and payload.startswith(_FURTHER_PICTURES)
+            marker == APP2 and payload.startswith(_MULTI_PICTURE)
         ):
-            told = (_MAPS,)
-    return Metadata(exif=exif, xmp=xmp, left_out=told)
+            omitted = (_MAPS,)
+    return Metadata(exif=exif, xmp=xmp, omitted=omitted)
 
 
-def _of_png(path: Path) -> Metadata:
+def _png_metadata(path: Path) -> Metadata:
     exif, xmp = None, None
     for kind, data in png_chunks(path, (b"eXIf", b"iTXt")):
         if kind == b"eXIf":
@@ -130,24 +130,24 @@ def _of_png(path: Path) -> Metadata:
     return Metadata(exif=exif, xmp=xmp)
 
 
-def _of_webp(path: Path) -> Metadata:
+def _webp_metadata(path: Path) -> Metadata:
     chunks = webp_chunks(path)
     return Metadata(exif=chunks.get(b"EXIF"), xmp=chunks.get(b"XMP "))
 
 
-def _of_jxl(path: Path) -> Metadata:
+def _jxl_metadata(path: Path) -> Metadata:
     boxes = jxl_boxes(path)
     return Metadata(exif=boxes.get(b"Exif"), xmp=boxes.get(b"xml "))
 
 
-def _of_tiff(path: Path) -> Metadata:
+def _tiff_metadata(path: Path) -> Metadata:
     with _mapped(path) as data:
-        if bytes(data[:4]) not in _TIFF_STARTS:  # more than 4 GB: directories of another kind
+        if bytes(data[:4]) not in _TIFF_STARTS:  # BigTIFF, above 4 GB, has other directories
             return Metadata()
         try:
             directory, _ = read_directory(data)
         except ValueError:
-            return Metadata(left_out=(_DAMAGED.format("EXIF"),))
+            return Metadata(omitted=(_DAMAGED.format("EXIF"),))
         packet = directory.get(XMP_PACKET)
         values = () if packet is None else packet.values
         xmp = values if isinstance(values, bytes) else bytes(int(value) & 255 for value in values)
@@ -155,16 +155,16 @@ def _of_tiff(path: Path) -> Metadata:
 
 
 def add_metadata(path: Path, width: int, height: int, metadata: Metadata, icc: bytes | None) -> None:
-    """Put profile and metadata into a file that holds the pixels alone, and nothing else; by the extension.
+    """Insert profile and metadata into a file that holds only pixels; the extension selects the format.
 
-    PNG files get theirs while they are written.
+    PNG files receive theirs while they are written.
 
     Args:
         path: JPEG, WebP, JPEG XL or TIFF file.
-        width: Of the picture.
-        height: Of the picture.
-        metadata: Refreshed for this picture.
-        icc: Colour profile; that of a TIFF and of a JPEG XL is there already.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
+        metadata: Metadata refreshed for this picture.
+        icc: Colour profile; TIFF and JPEG XL files contain it already.
     """
     exif, xmp = metadata.exif, metadata.xmp
     extension = path.suffix.lower()

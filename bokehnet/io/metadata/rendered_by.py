@@ -1,4 +1,4 @@
-"""Which renderer wrote an EXR file, as its header tells."""
+"""Detect the renderer that wrote an EXR file from its header."""
 
 import fnmatch
 from collections.abc import Mapping
@@ -7,8 +7,8 @@ from bokehnet.io.exr.header import Value
 
 __all__ = ["renderer_of"]
 
-# Patterns of attributes' names.
-_SIGNS = {
+# Patterns of attribute names.
+_ATTRIBUTE_PATTERNS = {
     "cycles.*.samples": "cycles",
     "BlenderMultiChannel": "blender",
     "arnold/*": "arnold",
@@ -16,14 +16,14 @@ _SIGNS = {
 
 
 def renderer_of(attributes: Mapping[str, Value]) -> str | None:
-    """Return the renderer that wrote a header: "cycles", "blender", "arnold", or None where none of them did.
+    """Return the renderer that wrote a header: "cycles", "blender", "arnold", or None if unknown.
 
-    None of them tells its pixel filter, so that its usual one is the best guess. Others tell their names too
-    (``vrayInfo/``, ``rs/`` of Redshift, ``husk:`` of Karma), but have filters that are not known here, or
-    several from version to version; RenderMan tells no name.
+    None of them stores its pixel filter, so the default filter is the best guess. Other renderers store
+    their names too (``vrayInfo/``, ``rs/`` of Redshift, ``husk:`` of Karma), but their filters are unknown
+    or vary between versions; RenderMan stores no name.
 
     Args:
-        attributes: By name as stored.
+        attributes: Attributes by name as stored.
 
     Source:
         Cycles, ``blender/session.cpp``, ``stamp_view_layer_metadata`` (``cycles.<view layer>.samples``).
@@ -34,7 +34,7 @@ def renderer_of(attributes: Mapping[str, Value]) -> str | None:
         >>> renderer_of({"Camera": "Camera", "cycles.ViewLayer.samples": "16"})
         'cycles'
     """
-    for pattern, renderer in _SIGNS.items():
+    for pattern, renderer in _ATTRIBUTE_PATTERNS.items():
         if fnmatch.filter(attributes, pattern):
             return renderer
     return None

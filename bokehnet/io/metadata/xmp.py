@@ -1,7 +1,7 @@
-"""XMP metadata: packets put together from the segments of a JPEG, parsed without trusting them.
+"""XMP metadata: assemble packets from the segments of a JPEG, and parse untrusted packets safely.
 
-The parser is the standard library's expat with every document type declaration refused: without one there
-are no entities, so neither expansion bombs nor references to other files, and no package is needed for it.
+The parser is the standard library's expat, with every document type declaration refused: without one there
+are no entities, hence neither expansion bombs nor references to other files, and no dependency is needed.
 """
 
 import re
@@ -17,14 +17,14 @@ __all__ = ["STANDARD_XMP", "jpeg_xmp", "parse_xmp", "refreshed_xmp", "xmp_proper
 STANDARD_XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _EXTENDED = b"http://ns.adobe.com/xmp/extension/\0"
 _NOTE = "http://ns.adobe.com/xmp/note/"
-_GUID = 32  # characters of the name of an extended packet, then its length and the offset of this piece
+_GUID = 32  # characters of the GUID of an extended packet; its length and the offset of this piece follow
 _HEAD = _GUID + 8
-_DEEPEST = 100  # nested elements; real packets have about ten
+_MAX_NESTING = 100  # nested elements; real packets have about ten
 
-# Beginnings of namespaces that tell of depth, gain maps, videos and originals beside a picture, and
-# of the extended packet that holds some of them: none fits to a picture that was blurred.
-_BESIDE = (
-    *(f"http://ns.google.com/photos/1.0/{what}/" for what in ("depthmap", "image", "focus", "container")),
+# Namespace prefixes of depth, gain maps, videos and originals that accompany a picture, and of the extended
+# packet that holds some of them: none of them matches a blurred picture.
+_ACCOMPANYING = (
+    *(f"http://ns.google.com/photos/1.0/{name}/" for name in ("depthmap", "image", "focus", "container")),
     "http://ns.google.com/photos/1.0/camera/",
     "http://ns.google.com/photos/dd/",
     "http://ns.adobe.com/hdr-gain-map/",
@@ -40,10 +40,10 @@ _ORIENTATION = re.compile(rb"""(tiff:Orientation\s*(?:=\s*["']|>\s*))[2-8]""")
 
 
 def jpeg_xmp(path: Path | str, app1: Sequence[bytes]) -> list[Element]:
-    """Return the standard packet of a picture and the extended one that it names, parsed; else nothing.
+    """Return the parsed standard packet of a picture and its extended packet; empty if there is none.
 
     Args:
-        path: Of the file, for messages.
+        path: File, for messages.
         app1: Payloads of its APP1 segments.
 
     Raises:
@@ -57,21 +57,21 @@ def jpeg_xmp(path: Path | str, app1: Sequence[bytes]) -> list[Element]:
     names = [xmp_properties([root], _NOTE).get("HasExtendedXMP") for root in packets]
     pieces = [payload[len(_EXTENDED) :] for payload in app1 if payload.startswith(_EXTENDED)]
     for name in dict.fromkeys(name for name in names if name):
-        mine = [piece for piece in pieces if piece[:_GUID].lower() == name.lower().encode()]
-        if mine:  # else an editor has dropped it
-            packets.append(parse_xmp(path, _put_together(path, mine)))
+        own = [piece for piece in pieces if piece[:_GUID].lower() == name.lower().encode()]
+        if own:  # otherwise an editor has dropped it
+            packets.append(parse_xmp(path, _join_pieces(path, own)))
     return packets
 
 
 def parse_xmp(path: Path | str, packet: bytes) -> Element:
-    """Parse one packet; names come as ``{namespace}name``.
+    """Parse one packet; names have the form ``{namespace}name``.
 
     Args:
-        path: Of the file, for messages.
+        path: File, for messages.
         packet: XML, with or without its ``xpacket`` frame and padding.
 
     Raises:
-        ImageFileError: It is not well-formed, declares a document type or is nested too deeply.
+        ImageFileError: The packet is not well-formed, declares a document type or is nested too deeply.
     """
     builder, parser = TreeBuilder(), expat.ParserCreate(namespace_separator="}")
     depth = 0
@@ -79,8 +79,8 @@ def parse_xmp(path: Path | str, packet: bytes) -> Element:
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > _DEEPEST:
-            raise ImageFileError(f"{path}: the XMP metadata is nested deeper than {_DEEPEST} elements")
+        if depth > _MAX_NESTING:
+            raise ImageFileError(f"{path}: the XMP metadata is nested deeper than {_MAX_NESTING} elements")
         builder.start(_qualified(name), {_qualified(key): value for key, value in attributes.items()})
 
     def end(name: str) -> None:
@@ -98,23 +98,23 @@ def parse_xmp(path: Path | str, packet: bytes) -> Element:
     parser.StartDoctypeDeclHandler = refuse
     try:
         parser.Parse(packet.strip(b"\0 \t\r\n"), True)
-    except (expat.ExpatError, LookupError, ValueError) as error:  # the latter two: its encoding
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the latter two: unknown encoding
         raise ImageFileError(f"{path}: the XMP metadata is damaged ({error})") from error
     return builder.close()
 
 
 def xmp_properties(roots: Iterable[Element], namespace: str) -> dict[str, str]:
-    """Collect simple properties of a namespace, written as attributes or as elements; the first one counts.
+    """Return the simple properties of a namespace, written as attributes or elements; the first one counts.
 
     Args:
-        roots: Where to look, at any depth.
-        namespace: Its URI.
+        roots: Elements to search, at any depth.
+        namespace: URI of the namespace.
 
     Returns:
         Text by name without the namespace.
     """
     prefix = f"{{{namespace}}}"
-    found: dict[str, str] = {}
+    properties: dict[str, str] = {}
     for root in roots:
         for element in root.iter():
             written = list(element.attrib.items())
@@ -122,25 +122,25 @@ def xmp_properties(roots: Iterable[Element], namespace: str) -> dict[str, str]:
                 written.append((element.tag, element.text))
             for name, text in written:
                 if name.startswith(prefix):
-                    found.setdefault(name.removeprefix(prefix), text.strip())
-    return found
+                    properties.setdefault(name.removeprefix(prefix), text.strip())
+    return properties
 
 
 def refreshed_xmp(path: Path | str, packet: bytes) -> tuple[bytes, bool]:
-    """Return a packet for the upright, blurred twin of its picture, and whether maps were told of.
+    """Return a packet for the upright, blurred version of its picture, and whether it announced maps.
 
-    The orientation becomes 1. What tells of depth, gain maps and other pictures beside it goes, thumbnails
-    too; a packet that has none of these stays as it is otherwise.
+    The orientation becomes 1. Depth, gain maps, accompanying pictures and thumbnails are removed; a packet
+    without these remains otherwise unchanged.
 
     Args:
-        path: Of the file, for messages.
-        packet: As stored.
+        path: File, for messages.
+        packet: Packet as stored.
 
     Raises:
-        ImageFileError: As :func:`parse_xmp`, where the packet has to be taken apart.
+        ImageFileError: As for :func:`parse_xmp`, if the packet must be parsed.
     """
     packet = _ORIENTATION.sub(rb"\g<1>1", packet)
-    maps = any(start.encode() in packet for start in _BESIDE)
+    maps = any(start.encode() in packet for start in _ACCOMPANYING)
     if not maps and b"Thumbnails" not in packet:
         return packet, False
     root = parse_xmp(path, packet)
@@ -148,22 +148,22 @@ def refreshed_xmp(path: Path | str, packet: bytes) -> tuple[bytes, bool]:
     declared = dict(_DECLARED.findall(packet.decode("utf-8", "replace")))
     prefixes = {uri: prefix for prefix, uri in declared.items()}
     begin = "<?xpacket begin='\ufeff' id='W5M0MpCehiHzreSzNTczkc9d'?>\n"
-    return f"{begin}{_written(root, prefixes)}\n<?xpacket end='w'?>".encode(), maps
+    return f"{begin}{_serialise(root, prefixes)}\n<?xpacket end='w'?>".encode(), maps
 
 
 def _strip(element: Element) -> None:
-    for name in [name for name in element.attrib if name[1:].startswith(_BESIDE)]:
+    for name in [name for name in element.attrib if name[1:].startswith(_ACCOMPANYING)]:
         del element.attrib[name]
     for child in list(element):
-        if child.tag[1:].startswith(_BESIDE) or child.tag == _THUMBNAILS:
+        if child.tag[1:].startswith(_ACCOMPANYING) or child.tag == _THUMBNAILS:
             element.remove(child)
         else:
             _strip(child)
 
 
-def _written(root: Element, prefixes: Mapping[str, str]) -> str:
-    """An element as text, its namespaces under the prefixes that they had."""
-    from xml.sax.saxutils import escape, quoteattr  # here: it loads what fetches files from the network
+def _serialise(root: Element, prefixes: Mapping[str, str]) -> str:
+    """Return an element as text, with the original prefixes of its namespaces."""
+    from xml.sax.saxutils import escape, quoteattr  # lazy: imports modules that access the network
 
     used = dict(prefixes)
 
@@ -178,33 +178,35 @@ def _written(root: Element, prefixes: Mapping[str, str]) -> str:
     def text_of(element: Element) -> str:
         tag = short(element.tag)
         attributes = "".join(f" {short(name)}={quoteattr(text)}" for name, text in element.attrib.items())
-        inside = escape(element.text or "") + "".join(
+        content = escape(element.text or "") + "".join(
             text_of(child) + escape(child.tail or "") for child in element
         )
-        return f"<{tag}{attributes}>{inside}</{tag}>"
+        return f"<{tag}{attributes}>{content}</{tag}>"
 
     body = text_of(root)
     tag = short(root.tag)
     declared = "".join(
-        f" xmlns:{prefix}={quoteattr(uri)}" for uri, prefix in used.items() if not uri.startswith(_BESIDE)
+        f" xmlns:{prefix}={quoteattr(uri)}"
+        for uri, prefix in used.items()
+        if not uri.startswith(_ACCOMPANYING)
     )
     return f"<{tag}{declared}{body[1 + len(tag) :]}"
 
 
-def _put_together(path: Path | str, pieces: list[bytes]) -> bytes:
+def _join_pieces(path: Path | str, pieces: list[bytes]) -> bytes:
     """Join the pieces of an extended packet, which may come in any order."""
     if any(len(piece) < _HEAD for piece in pieces):
         raise ImageFileError(f"{path}: a piece of the extended XMP metadata is cut short")
-    whole = int.from_bytes(pieces[0][_GUID : _GUID + 4], "big")
+    total = int.from_bytes(pieces[0][_GUID : _GUID + 4], "big")
     parts, length = [], 0
     for piece in sorted(pieces, key=_offset):
         if _offset(piece) != length:
             raise ImageFileError(f"{path}: the extended XMP metadata has a gap or overlap at byte {length}")
         parts.append(piece[_HEAD:])
         length += len(parts[-1])
-    if length != whole:
+    if length != total:
         raise ImageFileError(
-            f"{path}: expected {whole} bytes of extended XMP metadata, found {length}; copy the photo again"
+            f"{path}: expected {total} bytes of extended XMP metadata, found {length}; copy the photo again"
         )
     return b"".join(parts)
 

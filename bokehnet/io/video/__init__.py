@@ -1,1 +1,1 @@
-"""Videos: frames to scene-linear light and back, by PyAV (extra ``video``)."""
+"""Videos: read frames as scene-linear light and write them, with PyAV (extra ``video``)."""

@@ -1,4 +1,4 @@
-"""Planes of luma and chroma to encoded red, green and blue, and back.
+"""Conversion between luma and chroma planes and encoded red, green and blue.
 
 Source: ITU-T H.273, "Coding-independent code points for video signal type identification", 2021, 8.3.
 """
@@ -14,22 +14,22 @@ __all__ = ["PixelFormat"]
 
 Array = npt.NDArray[np.float32]
 
-# Matrix coefficients to the shares of red and blue in luma, H.273, table 4.
-_SHARES = {1: (0.2126, 0.0722), 5: (0.299, 0.114), 6: (0.299, 0.114), 9: (0.2627, 0.0593)}
+# Matrix coefficients to the weights of red and blue in luma, H.273, table 4.
+_LUMA_WEIGHTS = {1: (0.2126, 0.0722), 5: (0.299, 0.114), 6: (0.299, 0.114), 9: (0.2627, 0.0593)}
 
-# Height from which on pictures without a matrix are taken as Rec. 709; smaller ones are Rec. 601.
-_HIGH_DEFINITION = 720
+# Pictures without a matrix are treated as Rec. 709 from this height on; smaller ones as Rec. 601.
+_MIN_REC709_HEIGHT_PX = 720
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PixelFormat:
-    """How planes tell colours.
+    """Representation of colours in luma and chroma planes.
 
     Attributes:
-        bits: Of a number.
-        halved: Whether chroma has half the columns and half the rows.
-        matrix: Matrix coefficients of H.273; 2 where nothing is said.
-        full: Whether numbers use all of their range; else luma runs from 16 to 235, in 8 bits.
+        bits: Bits per value.
+        halved: True for each axis, columns and rows, in which chroma has half the resolution.
+        matrix: Matrix coefficients of H.273; 2 if unspecified.
+        full: True if values use their full range; otherwise luma is 16 to 235, in 8 bits.
 
     Examples:
         >>> grey = np.full((4, 4, 3), 0.5, np.float32)
@@ -45,53 +45,53 @@ class PixelFormat:
 
     @classmethod
     def named(cls, name: str, matrix: int, full: bool) -> "PixelFormat":
-        """Return the format that FFmpeg calls so, as yuv420p10le.
+        """Return the format with this FFmpeg name, such as yuv420p10le.
 
         Raises:
-            ImageFileError: It is none of planes of luma and chroma of 8 to 16 bits.
+            ImageFileError: The format does not have planes of luma and chroma of 8 to 16 bits.
         """
         kind = name.removesuffix("le").replace("yuvj", "yuv")
         chroma, _, bits = kind.removeprefix("yuv").partition("p")
         halves = {"420": (True, True), "422": (True, False), "444": (False, False)}
         if not kind.startswith("yuv") or chroma not in halves or not (bits or "8").isdigit():
-            raise ImageFileError(f"expected a video of luma and chroma in planes, found pixels of {name}")
+            raise ImageFileError(f"expected a video with planes of luma and chroma, found pixels of {name}")
         full = full or name.startswith("yuvj")
         return cls(bits=int(bits or 8), halved=halves[chroma], matrix=matrix, full=full)
 
     def colors(self, planes: list[npt.NDArray[np.unsignedinteger]]) -> Array:
-        """Return encoded red, green and blue, (H, W, 3), of luma (H, W) and chroma."""
+        """Return encoded red, green and blue, (H, W, 3), from luma (H, W) and chroma."""
         luma, *chroma = (np.asarray(plane, np.float32) for plane in planes)
         (low, white), (middle, span) = self._scales()
         height, width = luma.shape
         y = (luma - low) / white
-        blue, red = ((self._larger(plane, height, width) - middle) / span for plane in chroma)
-        kr, kb = self._shares(height)
+        blue, red = ((self._upsample(plane, height, width) - middle) / span for plane in chroma)
+        kr, kb = self._luma_weights(height)
         r, b = y + 2 * (1 - kr) * red, y + 2 * (1 - kb) * blue
         return np.stack([r, (y - kr * r - kb * b) / (1 - kr - kb), b], 2).astype(np.float32)
 
     def planes(self, colors: Array) -> list[npt.NDArray[np.uint16]]:
-        """Return luma (H, W) and chroma, rounded, of encoded red, green and blue (H, W, 3)."""
+        """Return rounded luma (H, W) and chroma of encoded red, green and blue (H, W, 3)."""
         (low, white), (middle, span) = self._scales()
-        kr, kb = self._shares(len(colors))
+        kr, kb = self._luma_weights(len(colors))
         r, g, b = np.moveaxis(np.asarray(colors, np.float32), 2, 0)
         y = kr * r + (1 - kr - kb) * g + kb * b
-        made = [low + white * y]
-        for value, share in ((b, kb), (r, kr)):
-            made.append(middle + span * self._smaller((value - y) / (2 * (1 - share))))
-        return [np.clip(np.rint(plane), 0, 2**self.bits - 1).astype(np.uint16) for plane in made]
+        planes = [low + white * y]
+        for value, weight in ((b, kb), (r, kr)):
+            planes.append(middle + span * self._downsample((value - y) / (2 * (1 - weight))))
+        return [np.clip(np.rint(plane), 0, 2**self.bits - 1).astype(np.uint16) for plane in planes]
 
     def _scales(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Black and the span up to white of luma; the middle and the span of chroma."""
-        unit, most = 2.0 ** (self.bits - 8), 2.0**self.bits - 1
+        """Return black and the span to white of luma; the middle and the span of chroma."""
+        unit, max_value = 2.0 ** (self.bits - 8), 2.0**self.bits - 1
         if self.full:
-            return (0.0, most), (128 * unit, most)
+            return (0.0, max_value), (128 * unit, max_value)
         return (16 * unit, 219 * unit), (128 * unit, 224 * unit)
 
-    def _shares(self, height: int) -> tuple[float, float]:
-        return _SHARES.get(self.matrix, _SHARES[1 if height >= _HIGH_DEFINITION else 6])
+    def _luma_weights(self, height: int) -> tuple[float, float]:
+        return _LUMA_WEIGHTS.get(self.matrix, _LUMA_WEIGHTS[1 if height >= _MIN_REC709_HEIGHT_PX else 6])
 
-    def _larger(self, plane: Array, height: int, width: int) -> Array:
-        """Chroma at the size of luma: columns of it lie on luma's, rows between two of luma's."""
+    def _upsample(self, plane: Array, height: int, width: int) -> Array:
+        """Return chroma at the size of luma: its columns coincide with luma's, its rows lie between two."""
         if self.halved[1]:
             above = np.concatenate([plane[:1], plane[:-1]])
             below = np.concatenate([plane[1:], plane[-1:]])
@@ -102,7 +102,7 @@ class PixelFormat:
             plane = np.stack([plane, 0.5 * (plane + after)], 2).reshape(len(plane), -1)[:, :width]
         return plane
 
-    def _smaller(self, plane: Array) -> Array:
+    def _downsample(self, plane: Array) -> Array:
         if self.halved[0]:
             padded = np.pad(plane, [(0, 0), (1, 1)], "edge")
             plane = (0.25 * padded[:, :-2] + 0.5 * padded[:, 1:-1] + 0.25 * padded[:, 2:])[:, ::2]

@@ -1,4 +1,4 @@
-"""Videos: their frames as light, and the same again with other frames, by PyAV (extra ``video``)."""
+"""Read the frames of videos as light, and write videos with other frames, with PyAV (extra ``video``)."""
 
 import contextlib
 import heapq
@@ -36,8 +36,8 @@ Array = npt.NDArray[np.float32]
 
 VIDEO_EXTENSIONS = (".mp4", ".m4v", ".mov", ".mkv")
 
-# Name to FFmpeg's encoder and its options. Without frames that look ahead, time stamps rise as they are
-# written, and segments can be put one behind the other.
+# FFmpeg's encoder and its options by name. Without B-frames, time stamps rise in the order of writing, and
+# segments can be concatenated.
 CODECS: dict[str, tuple[str, dict[str, str]]] = {
     "h264": ("libx264", {"crf": "16", "preset": "medium", "bf": "0"}),
     "h265": ("libx265", {"crf": "16", "preset": "medium", "x265-params": "bframes=0:log-level=error"}),
@@ -48,20 +48,20 @@ CODECS: dict[str, tuple[str, dict[str, str]]] = {
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VideoInfo:
-    """What a video's file says.
+    """Header data of a video.
 
     Attributes:
-        path: The file.
-        width: Pixels.
-        height: Pixels.
-        times: Of its frames, in units of ``time_base``, rising.
-        time_base: Seconds.
-        rate: Frames a second on average, for encoders; the times prevail.
-        pixels: FFmpeg's name of its pixel format.
-        codes: Primaries, transfer and matrix of ITU-T H.273; 2 where nothing is said.
-        full: Whether numbers use all of their range.
-        space: What its colours mean.
-        timecode: Of the first frame; empty without.
+        path: Video file.
+        width: Width, pixels.
+        height: Height, pixels.
+        times: Rising times of its frames, in units of ``time_base``.
+        time_base: Unit of time, seconds.
+        rate: Average frames per second, for encoders; ``times`` are authoritative.
+        pixels: FFmpeg's name of the pixel format.
+        codes: Primaries, transfer and matrix of ITU-T H.273; 2 if unspecified.
+        full: True if values use their full range.
+        space: Colour space.
+        timecode: Timecode of the first frame; empty if absent.
         aspect: Width of a pixel over its height.
     """
 
@@ -80,24 +80,24 @@ class VideoInfo:
 
     @property
     def bits(self) -> int:
-        """Of a number of its pixels."""
+        """Bits per value of its pixels."""
         return PixelFormat.named(_planar(self.pixels), self.codes[2], self.full).bits
 
 
 def is_video(path: Path | str) -> bool:
-    """Whether a file's name is that of a video."""
+    """Return whether the extension of a file is that of a video."""
     return Path(path).suffix.lower() in VIDEO_EXTENSIONS
 
 
 def video_info(path: Path | str) -> VideoInfo:
-    """Read what a video's file says, and when its frames are shown.
+    """Read the header of a video and the times of its frames.
 
     Raises:
-        ImageFileError: It cannot be read, holds no pictures, or its colours are not known here.
+        ImageFileError: The file cannot be read, holds no pictures, or its colour space is unsupported.
         MissingExtraError: PyAV is not installed.
     """
-    with _opened(path) as container:
-        stream = _pictures(path, container)
+    with _open(path) as container:
+        stream = _video_stream(path, container)
         context = stream.codec_context
         tags = (context.color_primaries, context.color_trc, context.colorspace)
         primaries, transfer, matrix = (int(tag or 0) or 2 for tag in tags)
@@ -127,18 +127,18 @@ def video_info(path: Path | str) -> VideoInfo:
 
 
 def read_video(info: VideoInfo, first: int = 0) -> Iterator[Array]:
-    """Give the frames from one on, scene-linear in the video's primaries, (H, W, 3).
+    """Yield the frames from ``first`` on, scene-linear in the video's primaries, (H, W, 3).
 
     Raises:
         ImageFileError: The file is damaged.
     """
-    for colors in _encoded(info, first):
+    for colors in _encoded_frames(info, first):
         yield info.space.decode(colors)
 
 
 def read_luma(info: VideoInfo, first: int = 0) -> Iterator[Array]:
-    """Give the mean of the colours of the frames from one on as stored, (H, W): maps of disparity, 0 to 1."""
-    for colors in _encoded(info, first):
+    """Yield the mean of the stored colours of the frames from ``first`` on, (H, W), 0 to 1, as disparity."""
+    for colors in _encoded_frames(info, first):
         yield np.clip(colors.mean(2), 0, 1)
 
 
@@ -146,21 +146,21 @@ def write_segment(path: Path, info: VideoInfo, frames: Iterable[tuple[int, Array
     """Write some frames of a video, atomically.
 
     Args:
-        path: Where they go.
-        info: Of the video they are made of: size, colours and range are kept.
-        frames: Time, in the video's units, and scene-linear light, (H, W, 3).
+        path: File to write.
+        info: Source video: its size, colours and range are kept.
+        frames: Times in the video's units, and scene-linear light, (H, W, 3).
         codec: One of ``CODECS``.
     """
-    av = _av()
+    av = _import_av()
     name = target_pixels(info, codec)
     pixels = PixelFormat.named(name, info.codes[2], info.full)
     context = av.CodecContext.create(CODECS[codec][0], "w")
-    _set_up(av, context, info, codec)
+    _configure(av, context, info, codec)
     context.options = dict(CODECS[codec][1])
     packets = []
     for time, light in frames:
         colors = info.space.encode(np.clip(light, 0, None))
-        frame = _frame(av, name, pixels.planes(colors))
+        frame = _make_frame(av, name, pixels.planes(colors))
         frame.pts, frame.time_base = time, info.time_base
         packets += context.encode(frame)
     packets += context.encode(None)
@@ -179,36 +179,39 @@ def write_segment(path: Path, info: VideoInfo, frames: Iterable[tuple[int, Array
 
 
 def join_segments(path: Path, info: VideoInfo, segments: list[Path], codec: str) -> None:
-    """Write a video of segments, with the sound and the timecode of the one they are made of, atomically.
+    """Write a video from segments, with the sound and the timecode of the source video, atomically.
 
     Raises:
         ImageFileError: The format cannot hold the sound, or segments are missing.
     """
-    av = _av()
+    av = _import_av()
 
     def fill(temporary: Path) -> None:
         with av.open(str(info.path)) as source, av.open(str(temporary), "w") as target:
             encoder, options = CODECS[codec]
             stream = target.add_stream(encoder, rate=info.rate, options=dict(options))
-            _set_up(av, stream.codec_context, info, codec)
+            _configure(av, stream.codec_context, info, codec)
             stream.time_base = info.time_base
             if info.timecode:
                 stream.metadata["timecode"] = target.metadata["timecode"] = info.timecode
             sounds = {one.index: target.add_stream_from_template(one) for one in source.streams.audio}
-            seen, heard = _seen(av, segments, stream, info), _heard(source, sounds)
-            for _, packet in heapq.merge(seen, heard, key=lambda timed: timed[0]):
+            pictures = _video_packets(av, segments, stream, info)
+            for _, packet in heapq.merge(
+                pictures, _audio_packets(source, sounds), key=lambda timed: timed[0]
+            ):
                 target.mux(packet)
 
     try:
         write_atomic(path, fill)
     except (av.error.FFmpegError, ValueError) as error:
         raise ImageFileError(
-            f"{path}: this format cannot hold what {info.path} does ({_reason(error)}); write to .mov or .mkv"
+            f"{path}: this format cannot hold the streams of {info.path} ({_reason(error)}); "
+            "write to .mov or .mkv"
         ) from error
 
 
 def target_pixels(info: VideoInfo, codec: str) -> str:
-    """FFmpeg's name of the pixels that a codec stores for a video."""
+    """Return FFmpeg's name of the pixel format that a codec stores for a video."""
     if codec == "ffv1":
         return _planar(info.pixels).replace("yuvj", "yuv")
     if codec == "prores":
@@ -216,15 +219,15 @@ def target_pixels(info: VideoInfo, codec: str) -> str:
     return "yuv420p10le" if codec == "h265" and info.bits > 8 else "yuv420p"
 
 
-def choose_codec(path: Path, info: VideoInfo, wanted: str | None) -> str:
-    """The codec of a result: by its extension, and the bits of the video.
+def choose_codec(path: Path, info: VideoInfo, requested: str | None) -> str:
+    """Return the codec of a result: the requested one, otherwise by its extension and the bits of the video.
 
     Raises:
-        ParameterError: The codec cannot keep what is wanted, or the format does not hold it.
+        ParameterError: The codec cannot keep the transfer function, or the format does not support it.
     """
     extension = path.suffix.lower()
-    own = {".mov": "prores", ".mkv": "ffv1"}.get(extension, "h264" if info.bits == 8 else "h265")
-    codec = wanted or own
+    default = {".mov": "prores", ".mkv": "ffv1"}.get(extension, "h264" if info.bits == 8 else "h265")
+    codec = requested or default
     if extension in (".mp4", ".m4v") and codec in ("prores", "ffv1"):
         raise ParameterError("--video-codec", "h264 or h265 in MP4", codec, "write to .mov or .mkv")
     if codec == "h264" and info.codes[1] in (16, 18):
@@ -232,16 +235,16 @@ def choose_codec(path: Path, info: VideoInfo, wanted: str | None) -> str:
     return codec
 
 
-def _av() -> Any:
+def _import_av() -> Any:
     require_extra("av", "video")
     return importlib.import_module("av")
 
 
-def _encoded(info: VideoInfo, first: int) -> Iterator[Array]:
+def _encoded_frames(info: VideoInfo, first: int) -> Iterator[Array]:
     name = _planar(info.pixels)
     pixels = PixelFormat.named(name, info.codes[2], info.full)
-    with _opened(info.path) as container:
-        stream = _pictures(info.path, container)
+    with _open(info.path) as container:
+        stream = _video_stream(info.path, container)
         stream.thread_type = "AUTO"
         count = 0
         for frame in container.decode(stream):
@@ -257,27 +260,27 @@ def _encoded(info: VideoInfo, first: int) -> Iterator[Array]:
 
 def _planes(frame: Any, pixels: PixelFormat) -> list[npt.NDArray[np.unsignedinteger]]:
     kind: Any = np.uint8 if pixels.bits == 8 else "<u2"
-    found = []
+    planes = []
     for plane in frame.planes:
         rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[: plane.height]
-        found.append(np.ascontiguousarray(rows).view(kind)[:, : plane.width])
-    return found
+        planes.append(np.ascontiguousarray(rows).view(kind)[:, : plane.width])
+    return planes
 
 
-def _frame(av: Any, name: str, planes: list[npt.NDArray[np.uint16]]) -> Any:
+def _make_frame(av: Any, name: str, planes: list[npt.NDArray[np.uint16]]) -> Any:
     height, width = planes[0].shape
     frame = av.VideoFrame(width, height, name)
     for plane, values in zip(frame.planes, planes, strict=True):
         rows = values.astype(np.uint8 if frame.format.components[0].bits == 8 else "<u2")
-        held = np.zeros((plane.buffer_size // plane.line_size, plane.line_size), np.uint8)
+        padded = np.zeros((plane.buffer_size // plane.line_size, plane.line_size), np.uint8)
         stored = np.ascontiguousarray(rows).view(np.uint8)
-        held[: len(stored), : stored.shape[1]] = stored
-        plane.update(held.tobytes())
+        padded[: len(stored), : stored.shape[1]] = stored
+        plane.update(padded.tobytes())
     return frame
 
 
-def _set_up(av: Any, context: Any, info: VideoInfo, codec: str) -> None:
-    """Let an encoder keep size, times, colours and range of a video."""
+def _configure(av: Any, context: Any, info: VideoInfo, codec: str) -> None:
+    """Set size, times, colours and range of an encoder to those of a video."""
     context.width, context.height, context.pix_fmt = info.width, info.height, target_pixels(info, codec)
     context.time_base, context.framerate, context.gop_size = info.time_base, info.rate, 24
     context.color_primaries, context.color_trc, context.colorspace = info.codes
@@ -286,8 +289,10 @@ def _set_up(av: Any, context: Any, info: VideoInfo, codec: str) -> None:
     context.flags |= int(av.codec.context.Flags.global_header)
 
 
-def _seen(av: Any, segments: list[Path], stream: Any, info: VideoInfo) -> Iterator[tuple[float, Any]]:
-    """The pictures of all segments with their times in seconds; each is as long as it lasts to the next."""
+def _video_packets(
+    av: Any, segments: list[Path], stream: Any, info: VideoInfo
+) -> Iterator[tuple[float, Any]]:
+    """Yield the pictures of all segments with their times in seconds; each lasts until the next one."""
     ends = dict(zip(info.times, info.times[1:], strict=False))
     written = []
     for segment in segments:
@@ -308,7 +313,7 @@ def _seen(av: Any, segments: list[Path], stream: Any, info: VideoInfo) -> Iterat
         raise ImageFileError(f"{info.path}: expected {len(info.times)} rendered frames, found {len(written)}")
 
 
-def _heard(source: Any, sounds: dict[int, Any]) -> Iterator[tuple[float, Any]]:
+def _audio_packets(source: Any, sounds: dict[int, Any]) -> Iterator[tuple[float, Any]]:
     if not sounds:
         return
     for packet in source.demux(tuple(source.streams.audio)):
@@ -319,18 +324,18 @@ def _heard(source: Any, sounds: dict[int, Any]) -> Iterator[tuple[float, Any]]:
 
 
 @contextlib.contextmanager
-def _opened(path: Path | str) -> Iterator[Any]:
-    av = _av()
+def _open(path: Path | str) -> Iterator[Any]:
+    av = _import_av()
     try:
         with av.open(str(path)) as container:
             yield container
     except (av.error.FFmpegError, OSError) as error:
         raise ImageFileError(
-            f"{path}: expected a video, found what cannot be read: {_reason(error)}"
+            f"{path}: expected a video, the file cannot be read: {_reason(error)}"
         ) from error
 
 
-def _pictures(path: Path | str, container: Any) -> Any:
+def _video_stream(path: Path | str, container: Any) -> Any:
     if not container.streams.video:
         raise ImageFileError(f"{path}: expected a video, found no pictures in it")
     return container.streams.video[0]

@@ -1,6 +1,6 @@
-"""Aberrations of a lens: maps fitted to traced rays, point-spread functions, wave-fronts, light fall-off.
+"""Aberrations of a lens: fitted aberration maps, point spread functions, wavefronts, relative illumination.
 
-In: a :class:`~bokehnet.lenses.prescription.PrescriptionLens`. Out: what renderers take of it.
+Input: a :class:`~bokehnet.lenses.prescription.PrescriptionLens`. Output: the data that renderers use.
 
 Open first: ``aberration_fit.py``.
 """

@@ -1,8 +1,8 @@
-"""Aberration maps kept on disk, so that a lens is traced once.
+"""Disk cache of aberration maps, so that each lens is traced once.
 
-One file for each lens and setting, in ``bokehnet`` under ``$XDG_CACHE_HOME`` or ``~/.cache``; it may be
-deleted at any time. A file that is damaged or of something else is made anew, and where none can be written
-the lens is traced each time.
+One file per lens and setting, in ``bokehnet`` under ``$XDG_CACHE_HOME`` or ``~/.cache``; files may be
+deleted at any time. A damaged or foreign file is rewritten. If the cache is not writable, the lens is traced
+each time.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from bokehnet.optics.aberrations.aberration_map import TERMS, AberrationMap
 
 __all__ = ["cache_folder", "cached_aberration_map"]
 
-# To be raised when fits change or files do.
+# Increased whenever the fit or the file format changes.
 _VERSION = 2
 _ARRAYS = ("wavelengths", "transverse_aberration", "pupil_aberration", "vignetting_apertures")
 
@@ -37,14 +37,14 @@ def cached_aberration_map(
     wavelengths: Sequence[float] = WAVELENGTHS,
     folder: Path | None = None,
 ) -> AberrationMap:
-    """Return what :func:`fit_aberration_map` gives for a lens, from disk where it is known.
+    """Return :func:`fit_aberration_map` of a lens, from disk if cached.
 
     Args:
-        lens: The lens.
-        half_diagonal: Of the picture, mm on the sensor; None is the radius that the lens is made for.
+        lens: Lens to fit.
+        half_diagonal: Half-diagonal of the picture, mm on the sensor; None is the image radius of the lens.
         distortion: Keep the distortion of the picture in the map.
-        wavelengths: Nanometres.
-        folder: Where maps are kept; None is :func:`cache_folder`.
+        wavelengths: Wavelengths, nm.
+        folder: Cache folder; None is :func:`cache_folder`.
 
     Raises:
         LensError: As :func:`fit_aberration_map`.
@@ -53,9 +53,9 @@ def cached_aberration_map(
     key = _key(lens, radius, distortion, wavelengths)
     folder = cache_folder() if folder is None else folder
     path = None if folder is None else folder / f"pencil-{hashlib.sha256(key.encode()).hexdigest()[:32]}.npz"
-    found = None if path is None else _read(path, key)
-    if found is not None:
-        return found
+    cached = None if path is None else _read(path, key)
+    if cached is not None:
+        return cached
     aberration_map = fit_aberration_map(
         lens, half_diagonal=radius, distortion=distortion, wavelengths=wavelengths
     )
@@ -66,14 +66,14 @@ def cached_aberration_map(
 
 
 def cache_folder() -> Path | None:
-    """Where maps are kept; None where the user has no home. A relative ``$XDG_CACHE_HOME`` does not count.
+    """Return the cache folder; None if the user has no home folder. Ignores a relative ``$XDG_CACHE_HOME``.
 
     Source:
         Bastian et al., "XDG base directory specification", freedesktop.org, 2021.
     """
-    wanted = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if wanted.is_absolute():
-        return wanted / "bokehnet"
+    xdg_cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if xdg_cache.is_absolute():
+        return xdg_cache / "bokehnet"
     try:
         return Path.home() / ".cache" / "bokehnet"
     except RuntimeError:
@@ -81,7 +81,7 @@ def cache_folder() -> Path | None:
 
 
 def _key(lens: PrescriptionLens, half_diagonal: float, distortion: bool, wavelengths: Sequence[float]) -> str:
-    """All that a map depends on, as text."""
+    """Return all inputs of a map as text."""
     return json.dumps(
         {
             "version": _VERSION,
@@ -118,7 +118,7 @@ def _read(path: Path, key: str) -> AberrationMap | None:
 
 
 def _write(path: Path, key: str, aberration_map: AberrationMap) -> None:
-    """Fill a hidden file beside ``path``, then give it the name in one step."""
+    """Write a hidden file next to ``path``, then rename it atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=".pencil-", suffix=".npz", dir=path.parent)
     try:

@@ -1,14 +1,14 @@
-"""From a prescription to its aberration map, by tracing rays.
+"""Fit of an aberration map to traced rays of a prescription.
 
-Aperture coordinates are places in the stop, so that the iris cuts at |a| = 1, made even
-(:mod:`bokehnet.lenses.aberrations.uniform_irradiance_pupil`). What rays miss by is fitted by least squares
-over the rays that pass.
+Aperture coordinates are points of the stop, so that the iris clips at |a| = 1, transformed to uniform
+irradiance (:mod:`bokehnet.lenses.aberrations.uniform_irradiance_pupil`). The aberrations are fitted by least
+squares over the rays that pass.
 
-A picture taken through the lens stopped far down shows each thing where the ray through the middle of the
-stop has it. Such a picture is what renderers are given, distortion and all; the map then is in the
-coordinates of that picture: the transverse aberration of the middle ray is left out, and what remains is
-stretched as the picture is. With ``distortion=True`` it is in those of the perfect picture instead, and holds
-everything.
+A picture taken through the lens stopped far down shows each point at the position of its chief ray. Renderers
+receive such a picture, including its distortion; the map then uses the coordinates of that picture: the
+transverse aberration of the chief ray is excluded, and the remainder is scaled by the local stretch of the
+picture. With ``distortion=True`` the map uses the coordinates of the ideal picture instead, and includes
+the distortion.
 """
 
 from collections.abc import Sequence
@@ -28,66 +28,71 @@ from bokehnet.optics.aberrations.aberration_map import TERMS, AberrationMap
 
 __all__ = ["WAVELENGTHS", "aberration_misfit", "fit_aberration_map"]
 
-# Nanometres; the design wavelength joins them. Indices bend most in the blue.
+# Fitted wavelengths in addition to the design wavelength, nm; denser in the blue, where dispersion is
+# largest.
 WAVELENGTHS = (400.0, 422.0, 447.0, 480.0, 530.0, 640.0, 700.0)
 
-# Fields from the middle to a little beyond the corner, and rays along each side of the pupil.
-_FIELDS, _FARTHEST, _SIDE = 17, 1.1, 40
-# Rays are aimed a little beyond what passes, and count a little beyond the rims.
-_AIM_RESERVE, _RESERVE = 1.08, 1.03
-# How far from the axis the effective pupil of a lens is known, in radii of its picture.
-_KNOWN = 1.2
-# Powers of the squared field that describe the middle rays.
+# Number of fields, the last one in half-diagonals, and number of rays along each side of the pupil.
+_FIELDS, _MAX_FIELD, _SIDE = 17, 1.1, 40
+# Size of the grid of rays relative to the effective pupil, and relative height up to which rays are fitted.
+_AIM_RESERVE, _HEIGHT_RESERVE = 1.08, 1.03
+# Field radius of the effective pupil of a lens, in image radii.
+_PUPIL_FIELD = 1.2
+# Number of powers of the squared field that describe the chief rays.
 _POWERS = 7
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Frame:
-    """Lengths that turn rays into misses, and the picture of the middle rays.
+    """Lengths that convert rays to aberrations, and the picture of the chief rays.
 
     Attributes:
-        half_diagonal: Of the picture, mm.
+        half_diagonal: Half-diagonal of the picture, mm.
         picture: Millimetres in the picture per unit of slope.
         focus: Inverse focus distance, 1/mm.
-        pupil_radius: Of the entrance pupil, mm.
-        even: Aperture coordinates.
-        seen: The place of the perfect picture that the middle ray of p shows is ``p seen(p.p)``, coefficients
-            of rising powers; None keeps the perfect picture.
-        entry: The same for where it crosses the entrance pupil, in ``-pupil_radius``.
+        pupil_radius: Radius of the entrance pupil, mm.
+        aperture_coordinates: Mapping from points of the stop to aperture coordinates.
+        chief_position: Coefficients, of ascending powers, of the position in the ideal picture of the chief
+            ray of p, ``p chief_position(p.p)``; None keeps the ideal picture.
+        chief_entry: Coefficients of its intersection with the entrance pupil, in ``-pupil_radius``.
     """
 
     half_diagonal: float
     picture: float
     focus: float
     pupil_radius: float
-    even: UniformIrradiancePupil
-    seen: np.ndarray | None
-    entry: np.ndarray | None
+    aperture_coordinates: UniformIrradiancePupil
+    chief_position: np.ndarray | None
+    chief_entry: np.ndarray | None
 
-    def lines(self, rays: StopRays, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Transverse aberration E and coordinates A of rays from field positions h, each (..., 2)."""
+    def aberrations(self, rays: StopRays, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return transverse aberration E and coordinates A of rays from field positions h, each (..., 2)."""
         transverse_aberration = field - self.picture / self.half_diagonal * (
             rays.slope + self.focus * rays.origin
         )
-        bent = -rays.origin / self.pupil_radius
-        if self.seen is None or self.entry is None:
-            return transverse_aberration, bent
+        coordinates = -rays.origin / self.pupil_radius
+        if self.chief_position is None or self.chief_entry is None:
+            return transverse_aberration, coordinates
         square = (field * field).sum(-1)
-        seen, entry = (np.polynomial.polynomial.polyval(square, row) for row in (self.seen, self.entry))
-        along = np.polynomial.polynomial.polyval(square, (2 * np.arange(_POWERS) + 1) * self.seen)
-        transverse_aberration, bent = (
-            transverse_aberration - field * (1 - seen)[..., None],
-            bent - field * entry[..., None],
+        chief_position, chief_entry = (
+            np.polynomial.polynomial.polyval(square, row) for row in (self.chief_position, self.chief_entry)
         )
-        # Of the vectors the part along the field stretches as the picture does along it, the rest as it
-        # does across: by the inverse of the derivatives of ``p seen(p.p)``.
+        along = np.polynomial.polynomial.polyval(square, (2 * np.arange(_POWERS) + 1) * self.chief_position)
+        transverse_aberration, coordinates = (
+            transverse_aberration - field * (1 - chief_position)[..., None],
+            coordinates - field * chief_entry[..., None],
+        )
+        # The radial part of the vectors is scaled by the radial stretch of the picture, the tangential part
+        # by the tangential stretch: the inverse of the derivatives of ``p chief_position(p.p)``.
         unit = field / np.where(square > 0, square, 1)[..., None] ** 0.5
 
         def stretch(vector: np.ndarray) -> np.ndarray:
             radial = (vector * unit).sum(-1)[..., None] * unit
-            return np.asarray(vector / seen[..., None] + radial * (1 / along - 1 / seen)[..., None])
+            return np.asarray(
+                vector / chief_position[..., None] + radial * (1 / along - 1 / chief_position)[..., None]
+            )
 
-        return stretch(transverse_aberration), stretch(bent)
+        return stretch(transverse_aberration), stretch(coordinates)
 
 
 def fit_aberration_map(
@@ -97,22 +102,22 @@ def fit_aberration_map(
     distortion: bool = False,
     wavelengths: Sequence[float] = WAVELENGTHS,
 ) -> AberrationMap:
-    """Reduce a lens, as it is focused and stopped down, to its aberration map.
+    """Return the aberration map of a lens, with focus and iris as set.
 
     Args:
-        lens: The lens; its ``pupil_sampling`` does not matter. Of a copy whose elements stand off the axis
-            this is the map with all of them on it, as no map of these invariants holds more; how its plane of
-            focus leans, :func:`bokehnet.lenses.assembly.misalignment.focus_lean` tells.
-        half_diagonal: Of the picture, mm on the sensor; None is the radius that the lens is made for.
+        lens: Lens to fit; its ``pupil_sampling`` is ignored. For a copy with decentred elements
+            the map is that of the centred lens, since these invariants cannot describe more;
+            :func:`bokehnet.lenses.assembly.misalignment.focus_lean` returns the tilt of its plane of focus.
+        half_diagonal: Half-diagonal of the picture, mm on the sensor; None is the image radius of the lens.
         distortion: Keep the distortion of the picture and of its pupils in the map.
-        wavelengths: Nanometres; the design wavelength joins them. Empty leaves dispersion out.
+        wavelengths: Wavelengths in addition to the design wavelength, nm. Empty for no dispersion.
 
     Returns:
         The map; signed defocus in half-diagonals is ``lens.coc_radius(disparity) / half_diagonal``.
 
     Raises:
-        LensError: The picture is larger than what the lens lights, its middle rays cross, or rays through
-            its stop miss a surface.
+        LensError: The picture is larger than the image circle, its chief rays cross, or rays through
+            the stop miss a surface.
     """
     lens = lens.centred
     frame, rays, field, aim = _prepare(lens, half_diagonal, distortion)
@@ -121,23 +126,23 @@ def fit_aberration_map(
     transverse_aberration, pupil_aberration = [], []
     for wavelength in all_wavelengths:
         traced = stop_rays(lens, frame.half_diagonal * field, aim, wavelength)
-        used = traced.heights.max(axis=0) < _RESERVE
-        pupil, at = frame.even(traced.stop, field)[used], field[used]
-        missed, bent = (values[used] for values in frame.lines(traced, field))
-        if not (np.isfinite(pupil).all() and np.isfinite(missed).all() and np.isfinite(bent).all()):
+        used = traced.heights.max(axis=0) < _HEIGHT_RESERVE
+        pupil, at = frame.aperture_coordinates(traced.stop, field)[used], field[used]
+        error, coordinates = (values[used] for values in frame.aberrations(traced, field))
+        if not (np.isfinite(pupil).all() and np.isfinite(error).all() and np.isfinite(coordinates).all()):
             name = lens.prescription.name
             raise LensError(f"{name}: rays of its picture miss a surface; stop down or use a smaller field")
         terms = _monomials(pupil, at)
-        transverse_aberration.append(_fit(terms, pupil, at, missed))
-        pupil_aberration.append(_fit(terms, pupil, at, bent - pupil))
+        transverse_aberration.append(_fit(terms, pupil, at, error))
+        pupil_aberration.append(_fit(terms, pupil, at, coordinates - pupil))
     inner = (field[:, 0, 0] ** 2).sum(-1) <= 1 + 1e-9
     stop = next(i for i, row in enumerate(lens.prescription.surfaces) if row.stop)
     vignetting_apertures = fit_vignetting_apertures(
-        frame.even(rays.stop, field)[inner].reshape(-1, 2),
+        frame.aperture_coordinates(rays.stop, field)[inner].reshape(-1, 2),
         field[inner].reshape(-1, 2),
         rays.heights[:, inner].reshape(len(rays.heights), -1),
         stop,
-        rays.cores[:, inner].reshape(len(rays.cores), int(inner.sum()) * _SIDE**2),
+        rays.inner_heights[:, inner].reshape(len(rays.inner_heights), int(inner.sum()) * _SIDE**2),
     )
     return AberrationMap(
         wavelengths=np.array(all_wavelengths),
@@ -157,34 +162,34 @@ def aberration_misfit(
     count: int = 4000,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Compare a map with rays of random fields, directions and places in the pupil that pass the lens.
+    """Return the error of a map for random rays that pass the lens.
 
     Args:
-        lens: The lens.
-        aberration_map: Its map, from :func:`fit_aberration_map` with the same ``half_diagonal`` and
+        lens: Lens of the map.
+        aberration_map: Map from :func:`fit_aberration_map` with the same ``half_diagonal`` and
             ``distortion``.
-        half_diagonal: Of the picture, mm; None is the radius that the lens is made for.
-        distortion: Whether the map holds it.
-        wavelength: Nanometres; None is the design wavelength.
-        count: Rays that are sent.
-        seed: Of the rays.
+        half_diagonal: Half-diagonal of the picture, mm; None is the image radius of the lens.
+        distortion: True if the map includes the distortion.
+        wavelength: Wavelength, nm; None is the design wavelength.
+        count: Number of rays.
+        seed: Seed of the rays.
 
     Returns:
         Root mean square errors of the transverse aberration, in half-diagonals, and of the coordinates A.
     """
     frame, *_ = _prepare(lens, half_diagonal, distortion)
     rng = np.random.default_rng(seed)
-    radius, turn = rng.random(count) ** 0.5, 2 * np.pi * rng.random((2, count))
-    field = rng.random(count)[:, None] ** 0.5 * np.stack([np.cos(turn[0]), np.sin(turn[0])], -1)
+    radius, angle = rng.random(count) ** 0.5, 2 * np.pi * rng.random((2, count))
+    field = rng.random(count)[:, None] ** 0.5 * np.stack([np.cos(angle[0]), np.sin(angle[0])], -1)
     place = frame.half_diagonal * field
-    uv = radius[:, None] * np.stack([np.cos(turn[1]), np.sin(turn[1])], -1)
+    uv = radius[:, None] * np.stack([np.cos(angle[1]), np.sin(angle[1])], -1)
     rays = stop_rays(lens, place, _aim(lens, place, uv), wavelength)
     passes = rays.passes
     at = lens.prescription.design_wavelength if wavelength is None else wavelength
-    found = aberration_map(frame.even(rays.stop, field)[passes], field[passes], at)
-    wanted = (values[passes] for values in frame.lines(rays, field))
+    fitted = aberration_map(frame.aperture_coordinates(rays.stop, field)[passes], field[passes], at)
+    traced = (values[passes] for values in frame.aberrations(rays, field))
     transverse_aberration, pupil_aberration = (
-        float(((a - b) ** 2).sum(-1).mean() ** 0.5) for a, b in zip(found[:2], wanted, strict=True)
+        float(((a - b) ** 2).sum(-1).mean() ** 0.5) for a, b in zip(fitted[:2], traced, strict=True)
     )
     return transverse_aberration, pupil_aberration
 
@@ -192,9 +197,9 @@ def aberration_misfit(
 def _prepare(
     lens: PrescriptionLens, half_diagonal: float | None, distortion: bool
 ) -> tuple[_Frame, StopRays, np.ndarray, np.ndarray]:
-    """The frame, and the grid of rays at the design wavelength with its fields and aims."""
+    """Return the frame, and the grid of rays at the design wavelength with its fields and aim points."""
     radius = lens.prescription.image_radius if half_diagonal is None else half_diagonal
-    largest = _KNOWN * lens.prescription.image_radius
+    largest = _PUPIL_FIELD * lens.prescription.image_radius
     if not 0 < radius <= largest:
         raise LensError(
             f"{lens.prescription.name}: half diagonal: expected above 0 to {largest:.4g} mm, which the lens "
@@ -203,12 +208,12 @@ def _prepare(
     steps = np.linspace(-_AIM_RESERVE, _AIM_RESERVE, _SIDE)
     uv = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1)
     field = np.zeros((_FIELDS, _SIDE, _SIDE, 2))
-    farthest = min(_FARTHEST, largest / radius)
-    field[..., 0] = np.linspace(0, farthest, _FIELDS)[:, None, None]
+    max_field = min(_MAX_FIELD, largest / radius)
+    field[..., 0] = np.linspace(0, max_field, _FIELDS)[:, None, None]
     aim = _aim(lens, radius * field, np.broadcast_to(uv, field.shape))
     rays = stop_rays(lens, radius * field, aim)
     try:
-        even = fit_uniform_irradiance_pupil(rays, aim, field)
+        aperture_coordinates = fit_uniform_irradiance_pupil(rays, aim, field)
     except LensError as error:
         raise LensError(f"{lens.prescription.name}: {error}") from None
     frame = _Frame(
@@ -216,17 +221,19 @@ def _prepare(
         picture=lens.sensor_distance,
         focus=1 / lens.focus_distance,
         pupil_radius=lens.thick.pupil_radius,
-        even=even,
-        seen=None,
-        entry=None,
+        aperture_coordinates=aperture_coordinates,
+        chief_position=None,
+        chief_entry=None,
     )
     if distortion:
         return frame, rays, field, aim
-    places = np.stack([np.linspace(0.02, farthest, 64), np.zeros(64)], -1)
-    missed, bent = frame.lines(chief_rays(lens, radius * places), places)
+    places = np.stack([np.linspace(0.02, max_field, 64), np.zeros(64)], -1)
+    error, coordinates = frame.aberrations(chief_rays(lens, radius * places), places)
     powers = places[:, :1] ** (2 * np.arange(_POWERS) + 1)
-    seen, entry = (np.linalg.lstsq(powers, values[:, 0], rcond=None)[0] for values in (places - missed, bent))
-    along = np.polynomial.polynomial.polyval(places[:, 0] ** 2, (2 * np.arange(_POWERS) + 1) * seen)
+    chief_position, chief_entry = (
+        np.linalg.lstsq(powers, values[:, 0], rcond=None)[0] for values in (places - error, coordinates)
+    )
+    along = np.polynomial.polynomial.polyval(places[:, 0] ** 2, (2 * np.arange(_POWERS) + 1) * chief_position)
     if along.min() <= 0:
         raise LensError(f"{lens.prescription.name}: rays through the middle of the stop cross in the picture")
     frame = _Frame(
@@ -234,28 +241,28 @@ def _prepare(
         picture=frame.picture,
         focus=frame.focus,
         pupil_radius=frame.pupil_radius,
-        even=frame.even,
-        seen=seen,
-        entry=entry,
+        aperture_coordinates=frame.aperture_coordinates,
+        chief_position=chief_position,
+        chief_entry=chief_entry,
     )
     return frame, rays, field, aim
 
 
 def _aim(lens: PrescriptionLens, place: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Points of the exit pupil's plane, mm, (..., 2): the unit disc on what passes, seen from ``place``."""
+    """Return points in the plane of the exit pupil, mm, (..., 2): the effective pupil seen from ``place``."""
     distance = lens.sensor_position - lens.paraxial.exit.position
     x, y, _ = lens.effective_pupil.aim(-place, distance, uv)
     return np.stack([x, y], -1)
 
 
 def _monomials(pupil: np.ndarray, field: np.ndarray) -> np.ndarray:
-    """Products of the invariants, (N, terms)."""
+    """Return the products of the invariants, (N, terms)."""
     aa, ah, hh = (pupil**2).sum(-1), (pupil * field).sum(-1), (field**2).sum(-1)
     return np.stack([aa**i * ah**j * hh**k for i, j, k in TERMS], -1)
 
 
 def _fit(terms: np.ndarray, pupil: np.ndarray, field: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients of f and g, (2, terms), with ``values = a f + h g`` for vectors (N, 2)."""
+    """Return the coefficients of f and g, (2, terms), with ``values = a f + h g`` for vectors (N, 2)."""
     matrix = np.concatenate(
         [
             np.concatenate([a[:, None] * terms, h[:, None] * terms], -1)

@@ -1,4 +1,4 @@
-"""How a lens darkens towards the corners of its picture: what its rims cut off, and how light slants."""
+"""Relative illumination of a lens: mechanical and natural vignetting towards the corners."""
 
 import numpy as np
 
@@ -11,15 +11,15 @@ __all__ = ["relative_illumination"]
 def relative_illumination(
     lens: LensModel, half_diagonal: float, steps: int = 33, count: int = 2048
 ) -> np.ndarray:
-    """Return the light on the sensor over that in its middle, (steps,), for an evenly bright scene.
+    """Return the illuminance on the sensor relative to its centre, (steps,), for a uniform scene.
 
     Mechanical and natural vignetting together: the mean weight of :meth:`LensModel.sample_rays`.
 
     Args:
-        lens: The lens, as it is focused and stopped down.
-        half_diagonal: From the middle of the picture to its corner, mm on the sensor.
-        steps: Places, evenly from the middle to the corner.
-        count: Rays from each place, the same for all.
+        lens: Lens, with focus and iris as set.
+        half_diagonal: Distance from the centre of the picture to its corner, mm on the sensor.
+        steps: Number of positions, evenly spaced from the centre to the corner.
+        count: Number of rays from each position, the same for all.
 
     Source:
         Kolb, Mitchell and Hanrahan, "A realistic camera model for computer graphics", SIGGRAPH 1995.

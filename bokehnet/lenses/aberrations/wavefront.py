@@ -1,7 +1,7 @@
-"""The wave-front of a lens: how far light is ahead of a sphere about the place of the middle ray.
+"""Wavefront of a lens: optical path difference to a reference sphere about the image of the chief ray.
 
-Lengths of rays, times the index, from the point in focus to the sphere that runs through the middle of the
-exit pupil. Of the lens as it is focused and stopped down.
+Optical path lengths from the point in focus to the sphere through the centre of the
+exit pupil. The lens has focus and iris as set.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from bokehnet.optics.aberrations.zernike import zernike
 
 __all__ = ["Wavefront", "trace_wavefront", "wave_mtf", "zernike_fit"]
 
-# Half the side of the grid, radii of the entrance pupil; real pupils are wider than Gaussian optics has them.
-_WIDEST = 1.25
-_NEWTON_STEPS = 3
+# Half-side of the grid, radii of the entrance pupil; real pupils are wider than paraxial ones.
+_HALF_WIDTH = 1.25
+_NEWTON_ITERATIONS = 3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Wavefront:
-    """The wave-front of one point of the field on a grid over the entrance pupil.
+    """Wavefront of one point of the field on a grid over the entrance pupil.
 
     Attributes:
-        pupil: Where rays cross the entrance pupil, from where the middle ray does, in its radii, (N, N, 2);
-            x is along the field, as the picture has it.
-        waves: How far light is ahead of the sphere, wavelengths, (N, N).
-        passes: Which rays nothing stops, (N, N).
-        cosines: Cosines between rays and the two axes across the lens at the sensor, (N, N, 2).
-        wavelength: Nanometres.
+        pupil: Intersections of rays with the entrance pupil relative to the chief ray, pupil radii, (N, N,
+            2); x is along the field, in picture orientation.
+        waves: Advance of the light relative to the sphere, wavelengths, (N, N).
+        passes: True for unobstructed rays, (N, N).
+        cosines: Direction cosines of rays along the two lateral axes at the sensor, (N, N, 2).
+        wavelength: Wavelength, nm.
     """
 
     pupil: np.ndarray
@@ -42,46 +42,46 @@ class Wavefront:
 
     @property
     def rms(self) -> float:
-        """Deviation of the wave-front over what passes, wavelengths, its mean and tilt left out."""
+        """Root mean square deviation over the passing rays, wavelengths, without mean and tilt."""
         points = self.pupil[self.passes]
         basis = np.concatenate([np.ones((len(points), 1)), points], -1)
         waves = self.waves[self.passes]
-        left = waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]
-        return float(np.sqrt(np.mean(left**2)))
+        residual = waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]
+        return float(np.sqrt(np.mean(residual**2)))
 
 
 def trace_wavefront(
-    lens: PrescriptionLens, share: float, wavelength: float | None = None, count: int = 129
+    lens: PrescriptionLens, field: float, wavelength: float | None = None, count: int = 129
 ) -> Wavefront:
-    """Trace the wave-front of the point whose middle ray meets the sensor at a share of the picture's radius.
+    """Return the traced wavefront of the point whose chief ray meets the sensor at ``field``.
 
     Args:
-        lens: The lens.
-        share: Of the radius.
-        wavelength: Nanometres; None is the design wavelength, as middle ray and sphere are always.
-        count: Rays along each side of the grid.
+        lens: Lens to trace.
+        field: Relative image height, a fraction of the image radius.
+        wavelength: Wavelength, nm; None is the design wavelength, which chief ray and sphere always use.
+        count: Number of rays along each side of the grid.
 
     Raises:
-        LensError: The middle ray does not get there.
+        LensError: The chief ray does not reach this image height.
 
     Source:
         Welford, "Aberrations of optical systems", 1986, 7.2.
     """
-    middle = chief_rays(lens, np.array([share * lens.prescription.image_radius, 0.0]))
-    steps = np.linspace(-_WIDEST, _WIDEST, count)
+    middle = chief_rays(lens, np.array([field * lens.prescription.image_radius, 0.0]))
+    steps = np.linspace(-_HALF_WIDTH, _HALF_WIDTH, count)
     pupil = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1)
     chief = np.zeros((1, 2))
     reference = _paths(lens, middle.origin, middle.slope, chief, None, None)
     sensor = reference[1]
-    used = _paths(lens, middle.origin, middle.slope, chief, wavelength, sensor)[0]
+    chief_path = _paths(lens, middle.origin, middle.slope, chief, wavelength, sensor)[0]
     path, _, cosines, passes = _paths(lens, middle.origin, middle.slope, pupil, wavelength, sensor)
-    if not (np.isfinite(used).all() and np.isfinite(path[passes]).all()):
+    if not (np.isfinite(chief_path).all() and np.isfinite(path[passes]).all()):
         name = lens.prescription.name
-        raise LensError(f"{name}: no ray through the middle of the stop reaches {share:g} of its picture")
+        raise LensError(f"{name}: no ray through the middle of the stop reaches {field:g} of its picture")
     length = lens.prescription.design_wavelength if wavelength is None else wavelength
     return Wavefront(
         pupil=pupil,
-        waves=(used - path) / (1e-6 * length),
+        waves=(chief_path - path) / (1e-6 * length),
         passes=passes,
         cosines=cosines,
         wavelength=length,
@@ -96,10 +96,17 @@ def _paths(
     wavelength: float | None,
     centre: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lengths times index to the sphere about ``centre``, mm; place on the sensor, cosines, which pass.
+    """Return path lengths to the sphere, mm, the first position on the sensor, cosines, and passing rays.
 
-    Rays of the point in focus whose middle ray is given by origin and slope in the entrance pupil. Without a
-    centre the sphere is that of the first ray itself.
+    Rays start at the point in focus whose chief ray has the given origin and slope in the entrance pupil.
+
+    Args:
+        lens: Lens to trace.
+        origin: Intersection of the chief ray with the entrance pupil, mm.
+        slope: Slope of the chief ray.
+        pupil: Points of the entrance pupil relative to the chief ray, pupil radii, (..., 2).
+        wavelength: Wavelength, nm; None is the design wavelength.
+        centre: Centre of the sphere on the sensor, mm; None is the position of the first ray.
     """
     entrance = lens.paraxial.entrance
     own_origin = origin - abs(entrance.radius) * pupil
@@ -107,7 +114,7 @@ def _paths(
     first = min(0.0, entrance.position) - 1.0
     far, near = (own_origin + (entrance.position - t) * own_slope for t in (first - 1.0, first))
     beam = beam_between((far[..., 0], far[..., 1], first - 1.0), (near[..., 0], near[..., 1], first))
-    if np.isinf(lens.focus_distance):  # a plane wave, from a plane through the middle of the pupil
+    if np.isinf(lens.focus_distance):  # a plane wave, from a plane through the centre of the pupil
         dx, dy, dt = (float(part.flat[0]) for part in _direction(slope))
         x, y, t = beam.position
         path = dx * (x - origin[0]) + dy * (y - origin[1]) + dt * (t - entrance.position)
@@ -119,9 +126,9 @@ def _paths(
     for surface in lens.surfaces_at(wavelength):
         passed = trace([surface], beam)
         x, y, t = passed.position
-        met = (x, y, 2 * surface.vertex - t if surface.mirror else t)
-        travel = ((b - a) * d for a, b, d in zip(beam.position, met, beam.direction, strict=True))
-        path = path + surface.before * sum(travel)
+        intersection = (x, y, 2 * surface.vertex - t if surface.mirror else t)
+        lengths = ((b - a) * d for a, b, d in zip(beam.position, intersection, beam.direction, strict=True))
+        path = path + surface.before * sum(lengths)
         beam = passed
     place = np.stack(beam.at(lens.sensor_position), -1)
     if centre is None:
@@ -129,29 +136,29 @@ def _paths(
     exit_position = lens.paraxial.exit.position
     to_sensor = lens.sensor_position - exit_position
     square = float(centre @ centre) + to_sensor**2
-    away = (
+    to_centre = (
         centre[0] - beam.position[0],
         centre[1] - beam.position[1],
         lens.sensor_position - beam.position[2],
     )
-    along = sum(a * d for a, d in zip(away, beam.direction, strict=True))
-    inside = along**2 - sum(a * a for a in away) + square
+    along = sum(a * d for a, d in zip(to_centre, beam.direction, strict=True))
+    inside = along**2 - sum(a * a for a in to_centre) + square
     path = path + along - np.sign(to_sensor) * np.sqrt(np.maximum(inside, 0))
     cosines = -np.stack(beam.direction[:2], -1)
     return path, place.reshape(-1, 2)[0], cosines, np.asarray(beam.passes & (inside > 0))
 
 
 def _direction(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vector x, y, t of a ray towards the sensor with a lateral travel per depth."""
+    """Return the unit vector x, y, t of a ray towards the sensor, for a slope in the scene."""
     length = np.sqrt(1 + (slope**2).sum(-1))
     return -slope[..., 0] / length, -slope[..., 1] / length, 1 / length
 
 
 def zernike_fit(front: Wavefront, count: int = 22) -> np.ndarray:
-    """Return the coefficients of the wave-front by :func:`zernike`, wavelengths, (count,).
+    """Return the coefficients of the wavefront by :func:`zernike`, wavelengths, (count,).
 
-    Least squares over the rays that pass, on the disc of the Gaussian entrance pupil about the middle ray.
-    Where rims leave a part of the disc only, these are the smallest coefficients that fit that part.
+    Least squares over the rays that pass, on the disc of the paraxial entrance pupil about the chief ray.
+    If rims leave only a part of the disc, these are the smallest coefficients that fit that part.
     """
     inside = front.passes & ((front.pupil**2).sum(-1) <= 1)
     basis = zernike(count, front.pupil[inside]).T
@@ -159,11 +166,11 @@ def zernike_fit(front: Wavefront, count: int = 22) -> np.ndarray:
 
 
 def wave_mtf(front: Wavefront, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the contrast (F,) of lines across the field (tangential) and along it (sagittal), by waves.
+    """Return the diffraction MTF (F,) of lines across the field (tangential) and along it (sagittal).
 
     Args:
-        front: The wave-front.
-        frequencies: Line pairs per mm, (F,).
+        front: Wavefront.
+        frequencies: Spatial frequencies, line pairs per mm, (F,).
 
     Source:
         Hopkins, "The frequency response of a defocused optical system", 1955: the pupil function over itself,
@@ -179,32 +186,32 @@ def wave_mtf(front: Wavefront, frequencies: np.ndarray) -> tuple[np.ndarray, np.
     area = np.abs(np.linalg.det(slopes))
     inverse = np.linalg.pinv(slopes)
     weight = front.passes * area
-    found = []
+    curves = []
     for axis in (0, 1):
         curve = []
         for frequency in frequencies:
             shift = np.zeros(2)
             shift[axis] = 1e-6 * front.wavelength * frequency
-            wanted = front.cosines + shift
-            there = front.pupil
-            for _ in range(_NEWTON_STEPS):
-                left = wanted - _between(fields[..., :2], there, step)
-                there = there + np.einsum("...ij,...j->...i", inverse, left)
-            values = _between(fields, there, step)
+            target = front.cosines + shift
+            shifted_pupil = front.pupil
+            for _ in range(_NEWTON_ITERATIONS):
+                residual = target - _between(fields[..., :2], shifted_pupil, step)
+                shifted_pupil = shifted_pupil + np.einsum("...ij,...j->...i", inverse, residual)
+            values = _between(fields, shifted_pupil, step)
             both = weight * (values[..., 3] > 0.5)
             phase = 2 * np.pi * (values[..., 2] - front.waves)
             curve.append(abs((both * np.exp(1j * phase)).sum()) / weight.sum())
-        found.append(np.array(curve))
-    return found[0], found[1]
+        curves.append(np.array(curve))
+    return curves[0], curves[1]
 
 
 def _between(values: np.ndarray, pupil: np.ndarray, step: float) -> np.ndarray:
-    """Values (N, N, C) at places of the pupil (N, N, 2), linear in between; as at the edge beyond it."""
+    """Return values (N, N, C) at points of the pupil (N, N, 2), interpolated; constant beyond the edge."""
     last = len(values) - 1
-    place = np.clip((pupil + _WIDEST) / step, 0, last - 1e-9)
+    place = np.clip((pupil + _HALF_WIDTH) / step, 0, last - 1e-9)
     low = place.astype(int)
-    share = (place - low)[..., None]
-    (i, j), (s, t) = np.moveaxis(low, -1, 0), np.moveaxis(share, -2, 0)
+    fraction = (place - low)[..., None]
+    (i, j), (s, t) = np.moveaxis(low, -1, 0), np.moveaxis(fraction, -2, 0)
     upper = values[i, j] * (1 - t) + values[i, j + 1] * t
     lower = values[i + 1, j] * (1 - t) + values[i + 1, j + 1] * t
     return np.asarray(upper * (1 - s) + lower * s)

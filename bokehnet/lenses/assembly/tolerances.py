@@ -17,7 +17,7 @@ import numpy as np
 from bokehnet.checks import check_at_least
 from bokehnet.errors import LensError
 from bokehnet.lenses.prescription_file import Prescription
-from bokehnet.lenses.surface_trace import turned
+from bokehnet.lenses.surface_trace import rotated
 
 __all__ = ["Tolerances", "assembled", "elements"]
 
@@ -93,7 +93,7 @@ def assembled(prescription: Prescription, tolerances: Tolerances, seed: int = 0)
         turn = (math.radians(tilt[0]), math.radians(tilt[1]))
         for number, place in zip(members, places, strict=True):
             # Vertices go round the middle of the element.
-            x, y, t = turned((0.0, 0.0, float(place) - middle), turn)
+            x, y, t = rotated((0.0, 0.0, float(place) - middle), turn)
             shift = tolerances.decentre * move[0] + (x, y)
             rows[number] = dataclasses.replace(
                 rows[number],

@@ -169,7 +169,7 @@ def to_prescription(lens: FileLens) -> Prescription:
         fail(path, 0, "focal length", "expected a lens that focuses, got an afocal one")
     radius = _stop_radius(lens, rows[stop], gauss, focal_length, object_distance)
     rows[stop] = replace(rows[stop], semi_diameter=radius)
-    pupil = abs(radius * gauss.entrance_per_stop)
+    pupil = abs(radius * gauss.stop_magnification)
     slope = _field_slope(lens, focal_length, object_distance, gauss)
     rows = _with_clear_apertures(lens, rows, gauss, pupil, slope)
     distances = [one.thickness.get(0, lens.surfaces[0].thickness) for one in lens.positions]
@@ -318,7 +318,7 @@ def _stop_radius(
 ) -> float:
     """Radius of the stop, mm, that gives the aperture of the file."""
     kind, value = lens.aperture or ("stop", 0.0)
-    entrance = abs(float(gauss.entrance_per_stop))
+    entrance = abs(float(gauss.stop_magnification))
     if kind == "stop":
         own = next(s.semi_diameter for s in lens.surfaces if s.stop)
         if not own:

@@ -1,7 +1,6 @@
-"""Curves that tell a lens: ray fans, MTF, focus over zones, wavelengths and the field.
+"""Performance curves of a lens: ray fans, MTF, and focus over zones, wavelengths and the field.
 
-All for the lens as it is focused and stopped down, lengths in mm. Points of the field are at shares of the
-radius of its picture.
+The lens has focus and iris as set; lengths are in mm. Fields are fractions of the image radius.
 """
 
 from dataclasses import dataclass
@@ -25,10 +24,10 @@ __all__ = [
     "spherical_focus",
 ]
 
-# Real pupils are wider than Gaussian optics has them; rays beyond the rim do not pass.
-_WIDEST = 1.5
-# How near to the middle ray its neighbours pass, in radii of the pupil.
-_NEAR = 0.02
+# Half-width of sampled pupils, pupil radii; real pupils are wider than paraxial ones, and rims clip the rest.
+_HALF_WIDTH = 1.5
+# Distance of neighbouring rays from the chief ray, pupil radii.
+_PARAXIAL_ZONE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -36,11 +35,11 @@ class FieldRays:
     """Rays of one point in focus, on the sensor.
 
     Attributes:
-        pupil: Where they cross the entrance pupil, from where the middle ray does, in its radii, (N, 2); x is
+        pupil: Intersections with the entrance pupil relative to the chief ray, pupil radii, (N, 2); x is
             along the field.
-        place: Where they meet the sensor, from where the middle ray does, mm, (N, 2), away from the axis.
-        slope: Lateral travel per mm towards the sensor, less that of the middle ray, (N, 2).
-        passes: Which nothing stops, (N,).
+        place: Intersections with the sensor relative to the chief ray, mm, (N, 2), x away from the axis.
+        slope: Lateral displacement per mm towards the sensor, less that of the chief ray, (N, 2).
+        passes: True for unobstructed rays, (N,).
     """
 
     pupil: np.ndarray
@@ -50,29 +49,29 @@ class FieldRays:
 
 
 def field_rays(
-    lens: PrescriptionLens, share: float, pupil: np.ndarray, wavelength: float | None = None
+    lens: PrescriptionLens, field: float, pupil: np.ndarray, wavelength: float | None = None
 ) -> FieldRays:
-    """Trace rays of the point whose middle ray meets the sensor at a share of the picture's radius.
+    """Trace rays of the point whose chief ray meets the sensor at the relative image height ``field``.
 
     Args:
-        lens: The lens.
-        share: Of the radius.
-        pupil: As in :class:`FieldRays`.
-        wavelength: Nanometres; None is the design wavelength, which the middle ray has always.
+        lens: Lens to trace.
+        field: Fraction of the image radius.
+        pupil: Points of the entrance pupil, as in :class:`FieldRays`.
+        wavelength: Wavelength, nm; None is the design wavelength, which the chief ray always has.
     """
-    middle = chief_rays(lens, np.array([share * lens.prescription.image_radius, 0.0]))
+    middle = chief_rays(lens, np.array([field * lens.prescription.image_radius, 0.0]))
     origin = middle.origin - abs(lens.paraxial.entrance.radius) * pupil
-    # All run through the point in focus; picture coordinates are turned against those of the sensor.
+    # All rays pass the point in focus; picture coordinates are turned relative to those of the sensor.
     slope = middle.slope - (origin - middle.origin) / lens.focus_distance
-    place, travel, passes = _arrive(lens, origin, slope, wavelength)
-    reference, straight, _ = _arrive(lens, middle.origin, middle.slope, None)
-    return FieldRays(pupil=pupil, place=place - reference, slope=travel - straight, passes=passes)
+    place, sensor_slope, passes = _arrive(lens, origin, slope, wavelength)
+    reference, chief_slope, _ = _arrive(lens, middle.origin, middle.slope, None)
+    return FieldRays(pupil=pupil, place=place - reference, slope=sensor_slope - chief_slope, passes=passes)
 
 
 def _arrive(
     lens: PrescriptionLens, origin: np.ndarray, slope: np.ndarray, wavelength: float | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place on the sensor and slope of rays, as the picture has them, and which pass."""
+    """Return position on the sensor and slope of rays, in picture orientation, and True for passing rays."""
     pupil = lens.paraxial.entrance.position
     first = min(0.0, pupil) - 1.0  # in front of the glass
     far, near = (origin + (pupil - t) * slope for t in (first - 1.0, first))
@@ -84,36 +83,36 @@ def _arrive(
 
 
 def ray_fan(
-    lens: PrescriptionLens, share: float, wavelength: float | None = None, count: int = 61
+    lens: PrescriptionLens, field: float, wavelength: float | None = None, count: int = 61
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return places in the pupil (count,), and how far rays miss along the field and across it, mm.
+    """Return pupil positions (count,), and transverse aberrations along the field and across it, mm.
 
-    Of rays in the plane of the field (tangential fan, its miss along the field) and across it (sagittal fan,
-    its miss across); NaN where nothing passes.
+    The first is that of the tangential fan along the field, the second that of the sagittal fan
+    across it; NaN for clipped rays.
     """
-    steps = np.linspace(-_WIDEST, _WIDEST, count)
-    found = []
+    steps = np.linspace(-_HALF_WIDTH, _HALF_WIDTH, count)
+    fans = []
     for axis in (0, 1):
         pupil = np.zeros((count, 2))
         pupil[:, axis] = steps
-        rays = field_rays(lens, share, pupil, wavelength)
-        found.append(np.where(rays.passes, rays.place[:, axis], np.nan))
-    return steps, found[0], found[1]
+        rays = field_rays(lens, field, pupil, wavelength)
+        fans.append(np.where(rays.passes, rays.place[:, axis], np.nan))
+    return steps, fans[0], fans[1]
 
 
 def geometric_mtf(
-    lens: PrescriptionLens, share: float, frequencies: np.ndarray, wavelength: float | None = None
+    lens: PrescriptionLens, field: float, frequencies: np.ndarray, wavelength: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return contrast (F,) of lines across the field (tangential) and along it (sagittal), by rays alone.
+    """Return the geometric MTF (F,) of lines across the field (tangential) and along it (sagittal).
 
     Args:
-        lens: The lens.
-        share: Of the picture's radius.
-        frequencies: Line pairs per mm, (F,).
-        wavelength: Nanometres; None is the design wavelength.
+        lens: Lens to trace.
+        field: Fraction of the image radius.
+        frequencies: Spatial frequencies, line pairs per mm, (F,).
+        wavelength: Wavelength, nm; None is the design wavelength.
     """
-    pupil = _WIDEST * disc_from_square(np.stack([halton(6000, 2), halton(6000, 3)], -1))
-    rays = field_rays(lens, share, pupil, wavelength)
+    pupil = _HALF_WIDTH * disc_from_square(np.stack([halton(6000, 2), halton(6000, 3)], -1))
+    rays = field_rays(lens, field, pupil, wavelength)
     place = rays.place[rays.passes]
     waves = np.exp(2j * np.pi * frequencies[:, None, None] * place)
     tangential, sagittal = np.abs(waves.mean(1)).T
@@ -121,9 +120,9 @@ def geometric_mtf(
 
 
 def spherical_focus(lens: PrescriptionLens, zones: np.ndarray, wavelength: float | None = None) -> np.ndarray:
-    """Return where rays through zones of the entrance pupil, shares of its radius (Z,), cross the axis.
+    """Return the axis crossings of rays through zones of the entrance pupil, fractions of its radius (Z,).
 
-    Millimetres behind the Gaussian focus of the design wavelength; NaN where nothing passes.
+    In mm behind the Gaussian focus of the design wavelength; NaN for clipped rays.
     """
     crossing, passes = _crossing(lens, zones, wavelength)
     return np.where(passes, crossing, np.nan)
@@ -132,47 +131,47 @@ def spherical_focus(lens: PrescriptionLens, zones: np.ndarray, wavelength: float
 def _crossing(
     lens: PrescriptionLens, zones: np.ndarray, wavelength: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays cross the axis, as :func:`spherical_focus` has it, and which nothing stops."""
+    """Return the axis crossings of rays, as :func:`spherical_focus`, and True for unobstructed rays."""
     rays = field_rays(lens, 0.0, np.stack([zones, 0 * zones], -1), wavelength)
     return -rays.place[:, 0] / rays.slope[:, 0] + lens.focus_shift, rays.passes
 
 
 def chromatic_focus(lens: PrescriptionLens, wavelengths: np.ndarray) -> np.ndarray:
-    """Return the focus of rays near the axis, mm behind that of the design wavelength, (W,).
+    """Return the paraxial focus of wavelengths, mm behind that of the design wavelength, (W,).
 
-    A dark middle, such as a mirror's hole, is looked through: it changes no focus.
+    Ignores central obstructions, which do not change the focus.
     """
-    zone = np.array([_NEAR])
-    found = np.array([_crossing(lens, zone, float(wavelength))[0][0] for wavelength in wavelengths])
-    return np.asarray(found - _crossing(lens, zone)[0][0])
+    zone = np.array([_PARAXIAL_ZONE])
+    focus = np.array([_crossing(lens, zone, float(wavelength))[0][0] for wavelength in wavelengths])
+    return np.asarray(focus - _crossing(lens, zone)[0][0])
 
 
-def field_curvature(lens: PrescriptionLens, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tangential and the sagittal focus near the middle ray, mm behind that on the axis, (S,).
+def field_curvature(lens: PrescriptionLens, fields: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tangential and the sagittal focus near the chief ray, mm behind that on the axis, (S,).
 
-    Of rays near it whether or not a dark middle stops them.
+    Ignores central obstructions.
     """
-    found = []
-    for share in shares:
+    foci = []
+    for field in fields:
         pair = []
         for axis in (0, 1):
             pupil = np.zeros((2, 2))
-            pupil[:, axis] = (-_NEAR, _NEAR)
-            rays = field_rays(lens, float(share), pupil)
+            pupil[:, axis] = (-_PARAXIAL_ZONE, _PARAXIAL_ZONE)
+            rays = field_rays(lens, float(field), pupil)
             place, slope = np.diff(rays.place[:, axis])[0], np.diff(rays.slope[:, axis])[0]
             pair.append(-place / slope)
-        found.append(pair)
-    axis_focus = float(_crossing(lens, np.array([_NEAR]))[0][0]) - lens.focus_shift
-    tangential, sagittal = (np.array(found) - axis_focus).T
+        foci.append(pair)
+    axis_focus = float(_crossing(lens, np.array([_PARAXIAL_ZONE]))[0][0]) - lens.focus_shift
+    tangential, sagittal = (np.array(foci) - axis_focus).T
     return tangential, sagittal
 
 
 def airy_mtf(lens: PrescriptionLens, frequencies: np.ndarray, wavelength: float = D_LINE) -> np.ndarray:
-    """Return the contrast that diffraction leaves of a perfect lens of this working f-number, (F,).
+    """Return the diffraction-limited MTF of an ideal lens of this working f-number, (F,).
 
     Source:
         Goodman, "Introduction to Fourier optics", 2005, 6.4.
     """
     cut = 1e6 / (wavelength * lens.working_f_number)
-    share = np.clip(frequencies / cut, 0, 1)
-    return np.asarray(2 / np.pi * (np.arccos(share) - share * np.sqrt(1 - share * share)))
+    relative = np.clip(frequencies / cut, 0, 1)
+    return np.asarray(2 / np.pi * (np.arccos(relative) - relative * np.sqrt(1 - relative * relative)))

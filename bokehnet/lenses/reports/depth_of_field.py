@@ -1,4 +1,4 @@
-"""Between which depths a lens draws sharply enough."""
+"""Depth of field of a lens."""
 
 import math
 
@@ -9,9 +9,9 @@ __all__ = ["depth_of_field"]
 
 
 def depth_of_field(lens: LensModel, largest_radius: float) -> tuple[float, float]:
-    """Depths, mm, between which the blur radius on the sensor stays below a limit.
+    """Return the depths, mm, between which the blur radius on the sensor stays below a limit.
 
-    Blur is linear in inverse depth, so two values of it tell all: the limits are where the line crosses
+    Blur is linear in inverse depth, so two values determine it: the limits are the intersections with
     ``-largest_radius`` and ``largest_radius``.
 
     Args:
@@ -19,7 +19,7 @@ def depth_of_field(lens: LensModel, largest_radius: float) -> tuple[float, float
         largest_radius: Radius of the circle of confusion that counts as sharp, mm.
 
     Returns:
-        Near and far limit; far is infinite from the hyperfocal distance on.
+        Near and far limit; the far limit is infinite from the hyperfocal distance on.
 
     Raises:
         ParameterError: ``largest_radius`` is not a number above 0.

@@ -1,4 +1,4 @@
-"""What is known of a lens, in numbers: first order, light, spots, distortion, third order by surface."""
+"""Numeric data of a lens: first order, illumination, spots, distortion, third order by surface."""
 
 import math
 from typing import Any
@@ -15,31 +15,31 @@ from bokehnet.lenses.stop_rays import chief_rays
 
 __all__ = ["FIELDS", "distortion", "lens_facts"]
 
-# Of the radius of the picture.
+# Reported fields, fractions of the image radius.
 FIELDS = (0.0, 0.7, 1.0)
 
 
 def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
-    """Return numbers of a lens as it is focused and stopped down; lengths in mm, angles in degrees.
+    """Return numeric data of a lens with focus and iris as set; lengths in mm, angles in degrees.
 
-    Infinite numbers are None, so that the result is JSON.
+    Infinite numbers are None, so that the result is valid JSON.
     """
     paraxial, design = lens.paraxial, lens.prescription
     radius = design.image_radius
     light = relative_illumination(lens, radius, steps=21)
-    shares = np.linspace(0, 1, 21)
+    steps = np.linspace(0, 1, 21)
     barrel = fit_aberration_map(lens, wavelengths=()).vignetting_apertures
-    slider, differs = nearest_cats_eye(barrel)
+    slider, shape_error = nearest_cats_eye(barrel)
     fields = []
-    for share in FIELDS:
-        points = spot(lens, share * radius, design.design_wavelength)
-        around = points - points.mean(0) if len(points) else points
+    for field in FIELDS:
+        points = spot(lens, field * radius, design.design_wavelength)
+        centred_points = points - points.mean(0) if len(points) else points
         fields.append(
             {
-                "image_height": share * radius,
-                "spot_rms": _finite(np.sqrt((around**2).sum(1).mean()) if len(points) else math.nan),
-                "relative_illumination": float(np.interp(share, shares, light)),
-                "distortion": float(distortion(lens, np.array([share]))[0]),
+                "image_height": field * radius,
+                "spot_rms": _finite(np.sqrt((centred_points**2).sum(1).mean()) if len(points) else math.nan),
+                "relative_illumination": float(np.interp(field, steps, light)),
+                "distortion": float(distortion(lens, np.array([field]))[0]),
             }
         )
     return {
@@ -49,7 +49,7 @@ def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
         "published_focal_length": design.focal_length,
         "f_number": lens.thick.f_number,
         "working_f_number": lens.working_f_number,
-        "fully_open_f_number": lens.fastest,
+        "fully_open_f_number": lens.min_f_number,
         "published_f_number": design.f_number,
         "back_focus": float(paraxial.cardinal.rear_focus - paraxial.length),
         "length": float(paraxial.length),
@@ -67,7 +67,7 @@ def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
         "focus_distance": _finite(lens.focus_distance),
         "focus_shift": lens.focus_shift,
         "sensor_position": lens.sensor_position,
-        "cats_eye": {"slider": slider, "shape_differs": differs},
+        "cats_eye": {"slider": slider, "shape_differs": shape_error},
         "fields": fields,
         "seidel": [
             {"surface": number, **{name: float(value) for name, value in sums.items()}}
@@ -76,15 +76,15 @@ def lens_facts(lens: PrescriptionLens) -> dict[str, Any]:
     }
 
 
-def distortion(lens: PrescriptionLens, share: np.ndarray) -> np.ndarray:
-    """Return by how much the picture is larger than a perfect one at shares of its radius, (N,).
+def distortion(lens: PrescriptionLens, field: np.ndarray) -> np.ndarray:
+    """Return the relative enlargement of the picture over an ideal one at fractions of its radius, (N,).
 
-    Of the ray through the middle of the stop; 0 in the middle.
+    The enlargement is that of the chief ray; 0 at the centre.
     """
-    radius = np.maximum(share, 1e-3) * lens.prescription.image_radius
+    radius = np.maximum(field, 1e-3) * lens.prescription.image_radius
     rays = chief_rays(lens, np.stack([radius, 0 * radius], -1))
-    seen = lens.sensor_distance * (rays.slope + rays.origin / lens.focus_distance)[:, 0]
-    return np.where(share > 1e-3, radius / seen - 1, 0.0)
+    ideal_radius = lens.sensor_distance * (rays.slope + rays.origin / lens.focus_distance)[:, 0]
+    return np.where(field > 1e-3, radius / ideal_radius - 1, 0.0)
 
 
 def _finite(value: float) -> float | None:

@@ -1,4 +1,4 @@
-"""A picture of a lens: its glass with rays, its spots, and how blur grows with distance."""
+"""Plot of a lens: section with rays, spot diagrams, and blur over distance."""
 
 import math
 from itertools import pairwise
@@ -27,23 +27,23 @@ _GLASS, _INK = "#cfe3f2", "#33414d"
 
 
 def sharp_radius(lens: PrescriptionLens) -> float:
-    """Blur radius, mm, that counts as sharp: a circle of 1/1500 of the picture's diagonal across."""
+    """Return the blur radius that counts as sharp, mm: 1/1500 of the image radius."""
     return lens.prescription.image_radius / 1500
 
 
 def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings: int = 16) -> np.ndarray:
-    """Where rays of one point in the focal plane meet the sensor.
+    """Return the intersections of the rays of one point in the focal plane with the sensor.
 
     Args:
-        lens: The lens.
+        lens: Lens to trace.
         sensor_radius: Distance of the ideal image from the axis, mm, along x.
-        wavelength: Nanometres.
-        rings: Rings of rays in the pupil.
+        wavelength: Wavelength, nm.
+        rings: Number of rings of rays in the pupil.
 
     Returns:
         (rays, 2), mm from the ideal image.
     """
-    # Real pupils are larger than Gaussian optics has them; the rays that are too many are clipped.
+    # Real pupils are larger than paraxial ones; the excess rays are clipped.
     origin = 1.5 * lens.thick.pupil_radius * ring_points(rings)
     ideal = np.array([-sensor_radius, 0.0])
     slope = -ideal / lens.sensor_distance - origin / lens.focus_distance
@@ -52,7 +52,7 @@ def spot(lens: PrescriptionLens, sensor_radius: float, wavelength: float, rings:
 
 
 def plot_lens(lens: PrescriptionLens) -> "Figure":
-    """Draw glass and rays, spots, and blur over distance, 12 x 9 inches.
+    """Return a figure of section and rays, spots, and blur over distance, 12 x 9 inches.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -75,8 +75,8 @@ def plot_lens(lens: PrescriptionLens) -> "Figure":
     section.legend(loc="outside lower center", fontsize=8, ncols=4)
     left.suptitle("spots in the focal plane, mm; F blue, d yellow, C red", fontsize=10)
     columns = left.subplots(1, len(_FIELDS), sharex=True, sharey=True)
-    widest = max(_draw_spot(column, lens, share) for column, share in zip(columns, _FIELDS, strict=True))
-    columns[0].set(xlim=(-widest, widest), ylim=(-widest, widest))
+    half_width = max(_draw_spot(column, lens, field) for column, field in zip(columns, _FIELDS, strict=True))
+    columns[0].set(xlim=(-half_width, half_width), ylim=(-half_width, half_width))
     draw_blur(right.subplots(), lens)
     return figure
 
@@ -88,30 +88,30 @@ def _distance(depth: float) -> str:
 def draw_section(axes: "Axes", lens: PrescriptionLens) -> None:
     """Draw glass, iris, sensor, pupils and principal planes, with the rays of three fields."""
     surfaces, paraxial = lens.surfaces, lens.paraxial
-    tallest = max(surface.semi_diameter for surface in surfaces)
+    max_semi_diameter = max(surface.semi_diameter for surface in surfaces)
     for front, back in pairwise(surfaces):
         if front.behind > 1:
             _draw_element(axes, front, back)
     for surface in surfaces:
         if surface.stop:
             for side in (-1, 1):
-                edge = max(1.25 * surface.semi_diameter, 0.8 * tallest)
+                edge = max(1.25 * surface.semi_diameter, 0.8 * max_semi_diameter)
                 ends = [side * surface.semi_diameter, side * edge]
                 axes.plot([surface.vertex] * 2, ends, color="black", lw=2.5)
-    first = -0.35 * max(paraxial.length, tallest)
-    for share, color in zip(_FIELDS, _FIELD_COLORS, strict=True):
-        _draw_rays(axes, lens, share * lens.prescription.image_radius, first, color)
+    first = -0.35 * max(paraxial.length, max_semi_diameter)
+    for field, color in zip(_FIELDS, _FIELD_COLORS, strict=True):
+        _draw_rays(axes, lens, field * lens.prescription.image_radius, first, color)
     image = 1.05 * lens.prescription.image_radius
     axes.plot([lens.sensor_position] * 2, [-image, image], color="black", lw=2)
     marks: list[tuple[float, float, str, str]] = [
         (paraxial.entrance.position, abs(paraxial.entrance.radius), "entrance pupil", "#8a3ffc"),
         (paraxial.exit.position, abs(paraxial.exit.radius), "exit pupil", "#d12771"),
-        (paraxial.cardinal.front_principal, 1.15 * tallest, "front principal plane", "#198038"),
-        (paraxial.cardinal.rear_principal, 1.15 * tallest, "rear principal plane", "#007d79"),
+        (paraxial.cardinal.front_principal, 1.15 * max_semi_diameter, "front principal plane", "#198038"),
+        (paraxial.cardinal.rear_principal, 1.15 * max_semi_diameter, "rear principal plane", "#007d79"),
     ]
     room = lens.sensor_position - first
     for place, height, label, color in marks:
-        if not first - room < place < lens.sensor_position + room:  # would leave no place for the glass
+        if not first - room < place < lens.sensor_position + room:  # too far away to show with the glass
             axes.plot([], [], color=color, ls="--", lw=1.4, label=f"{label}, at {place:.4g} mm")
             continue
         axes.plot([place] * 2, [-height, height], color=color, ls="--", lw=1.4, label=label)
@@ -130,7 +130,7 @@ def _draw_element(axes: "Axes", front: Surface, back: Surface) -> None:
 
 
 def _draw_rays(axes: "Axes", lens: PrescriptionLens, image: float, first: float, color: str) -> None:
-    """Seven rays in the plane of the drawing from one sensor point; only those that pass."""
+    """Draw seven rays in the plane of the drawing from one sensor point; clipped rays are omitted."""
     count = 7
     sensor_xy = np.tile([-image, 0.0], (count, 1))
     pupil_uv = np.stack([np.linspace(-0.97, 0.97, count), np.zeros(count)], -1)
@@ -144,25 +144,25 @@ def _draw_rays(axes: "Axes", lens: PrescriptionLens, image: float, first: float,
     axes.plot(t[:, beam.passes], x[:, beam.passes], color=color, lw=0.8, zorder=2)
 
 
-def _draw_spot(axes: "Axes", lens: PrescriptionLens, share: float) -> float:
-    """Draw one spot around the middle of its light; return how far it reaches, mm."""
-    image = share * lens.prescription.image_radius
+def _draw_spot(axes: "Axes", lens: PrescriptionLens, field: float) -> float:
+    """Draw one spot around its centroid; return its half-width, mm."""
+    image = field * lens.prescription.image_radius
     centre = spot(lens, image, lens.prescription.design_wavelength)
     shift = centre.mean(axis=0) if len(centre) else np.zeros(2)
-    widest = sharp_radius(lens)
+    half_width = sharp_radius(lens)
     for wavelength, color in _LINES:
         points = spot(lens, image, wavelength) - shift
-        widest = max(widest, float(np.abs(points).max(initial=0)))
+        half_width = max(half_width, float(np.abs(points).max(initial=0)))
         axes.scatter(points[:, 1], points[:, 0], s=3, color=color, lw=0, alpha=0.6)
-    turn = np.linspace(0, 2 * np.pi, 73)
+    angle = np.linspace(0, 2 * np.pi, 73)
     limit = sharp_radius(lens)
-    axes.plot(limit * np.cos(turn), limit * np.sin(turn), color=_INK, lw=0.8, ls=":")
+    axes.plot(limit * np.cos(angle), limit * np.sin(angle), color=_INK, lw=0.8, ls=":")
     size = float(np.sqrt(((centre - shift) ** 2).sum(1).mean())) if len(centre) else math.nan
     axes.set_title(f"{image:.3g} mm off axis\nrms radius {1000 * size:.3g} µm", fontsize=9)
     axes.set_box_aspect(1)
     axes.tick_params(labelsize=7)
     axes.grid(lw=0.3)
-    return 1.05 * widest
+    return 1.05 * half_width
 
 
 def draw_blur(axes: "Axes", lens: PrescriptionLens) -> None:

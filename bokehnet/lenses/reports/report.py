@@ -1,4 +1,4 @@
-"""What is known of a lens, in words: cardinal points, pupils, light and depth of field."""
+"""Text report of a lens: cardinal points, pupils, light and depth of field."""
 
 import dataclasses
 import math
@@ -13,7 +13,7 @@ __all__ = ["describe_lens"]
 
 
 def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
-    """Return label and text of each line of a report; places are mm behind the first surface.
+    """Return label and text of each line of a report; positions are mm behind the first surface.
 
     Examples:
         >>> from bokehnet.lenses.catalog import load_lens
@@ -36,9 +36,9 @@ def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
     limit = sharp_radius(lens)
     near, far = (_metres(depth) for depth in depth_of_field(lens, limit))
     exit_only = dataclasses.replace(lens, pupil_sampling="exit")
-    shares = [
-        f"{100 * unvignetted_fraction(one, field * design.image_radius):.0f}"
-        for one in (exit_only, lens)
+    percentages = [
+        f"{100 * unvignetted_fraction(sampled_lens, field * design.image_radius):.0f}"
+        for sampled_lens in (exit_only, lens)
         for field in (0.0, 0.7, 1.0)
     ]
     return {
@@ -46,7 +46,7 @@ def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
         "focal length": f"{lens.focal_length:.3f} mm by matrix, {traced:.3f} mm traced; "
         f"published {design.focal_length:.4g}",
         "f-number": f"{lens.thick.f_number:.3f} paraxial, {lens.working_f_number:.3f} working; "
-        f"fully open {lens.fastest:.3f} paraxial, published {design.f_number:.4g}",
+        f"fully open {lens.min_f_number:.3f} paraxial, published {design.f_number:.4g}",
         "principal planes": f"at {cardinal.front_principal:.3f} and {cardinal.rear_principal:.3f} mm",
         "focal points": f"at {cardinal.front_focus:.3f} and {cardinal.rear_focus:.3f} mm",
         **pupils,
@@ -55,8 +55,8 @@ def describe_lens(lens: PrescriptionLens) -> dict[str, str]:
         f"sensor at {lens.sensor_position:.3f} mm, "
         f"travel {lens.sensor_position - cardinal.rear_focus:.3f} mm",
         "depth of field": f"{near} to {far} for a blur radius of {limit:.4f} mm",
-        "rays that pass": f"{'/'.join(shares[:3])} % aimed at the exit pupil, "
-        f"{'/'.join(shares[3:])} % at the effective pupil (centre/0.7/edge of {design.image_radius:g} mm)",
+        "rays that pass": f"{'/'.join(percentages[:3])} % aimed at the exit pupil, "
+        f"{'/'.join(percentages[3:])} % at the effective pupil (centre/0.7/edge of {design.image_radius:g} mm)",
     }
 
 

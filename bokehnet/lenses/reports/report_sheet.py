@@ -1,4 +1,4 @@
-"""All that is known of a lens on one sheet: a picture, or a page with the numbers beside it."""
+"""Report sheet of a lens: all curves in one figure, or an HTML page with tables."""
 
 import base64
 import html
@@ -41,69 +41,70 @@ __all__ = ["lens_curves", "report_figure", "report_page"]
 _COLORS = ("#2f6db3", "#c8732b", "#3c8f4f")
 _LINES = ((F_LINE, "#2b62c9"), (D_LINE, "#d9a400"), (C_LINE, "#c23b3b"))
 _NAMES = ("middle", "0.7 of the field", "corner")
-# Planes of the spots through focus, in depths of focus of a circle of 1/1500 of the diagonal.
+# Planes of the through-focus spots, in depths of focus of a circle of 1/1500 of the diagonal.
 _PLANES = (-4, -2, 0, 2, 4)
-# Blur of the bokeh sheet, per cent of half the diagonal; above 0 in front of focus.
-_BLUR, _SMALLEST = 4.0, 0.5
-_CELLS, _SAMPLED = 81, 12
+# Blur radius of the bokeh sheet, and minimum blur radius behind focus, percent of the half-diagonal.
+_MAX_BLUR, _MIN_BLUR = 4.0, 0.5
+# Number of cells along each side of a bokeh image, and number of wavelengths.
+_CELLS, _WAVELENGTHS = 81, 12
 
 
 def lens_curves(lens: PrescriptionLens) -> dict[str, Any]:
-    """Return the facts of a lens and the curves of its sheet, as JSON takes them; NaN is None."""
-    shares, zones = np.linspace(0, 1, 21), np.linspace(0.05, 1.1, 22)
+    """Return the data and curves of a lens as JSON values; NaN is None."""
+    fields, zones = np.linspace(0, 1, 21), np.linspace(0.05, 1.1, 22)
     waves, frequencies = np.linspace(420, 680, 14), np.linspace(0, 100, 21)
-    tangential, sagittal = field_curvature(lens, shares)
-    fronts = [trace_wavefront(lens, share) for share in FIELDS]
+    tangential, sagittal = field_curvature(lens, fields)
+    fronts = [trace_wavefront(lens, field) for field in FIELDS]
     limit = sharp_radius(lens)
     curves: dict[str, Any] = {
-        "field_shares": shares,
-        "distortion": distortion(lens, shares),
+        "field_shares": fields,
+        "distortion": distortion(lens, fields),
         "tangential_focus": tangential,
         "sagittal_focus": sagittal,
-        "relative_illumination": relative_illumination(lens, lens.prescription.image_radius, len(shares)),
+        "relative_illumination": relative_illumination(lens, lens.prescription.image_radius, len(fields)),
         "zones": zones,
         "spherical_focus": spherical_focus(lens, zones),
         "wavelengths": waves,
         "chromatic_focus": chromatic_focus(lens, waves),
         "line_pairs_per_mm": frequencies,
         "diffraction_mtf": airy_mtf(lens, frequencies, lens.prescription.design_wavelength),
-        "mtf": [_pair(geometric_mtf(lens, share, frequencies)) for share in FIELDS],
+        "mtf": [_pair(geometric_mtf(lens, field, frequencies)) for field in FIELDS],
         "wave_mtf": [_pair(wave_mtf(front, frequencies)) for front in fronts],
         "wavefronts": [
             {"rms": front.rms, "zernike": zernike_fit(front), "wavelength": front.wavelength}
             for front in fronts
         ],
-        "spots": [_through_focus(lens, share) for share in FIELDS],
+        "spots": [_through_focus(lens, field) for field in FIELDS],
         "breathing": dict(zip(("focus_distance", "larger"), _breathing(lens), strict=True)),
         "depth_of_field": {"blur_radius": limit, "range": depth_of_field(lens, limit)},
         "ray_fans": [dict(zip(("pupil", "along", "across"), ray_fan(lens, f), strict=True)) for f in FIELDS],
     }
-    found: dict[str, Any] = _plain(lens_facts(lens) | {"curves": curves})
-    return found
+    result: dict[str, Any] = _json_value(lens_facts(lens) | {"curves": curves})
+    return result
 
 
-def _through_focus(lens: PrescriptionLens, share: float) -> dict[str, Any]:
-    """Root mean square radii of spots in planes behind the sensor, mm, over the lines F, d and C."""
+def _through_focus(lens: PrescriptionLens, field: float) -> dict[str, Any]:
+    """Return root mean square radii of spots in planes behind the sensor, mm, over the lines F, d and C."""
     planes = np.arange(-4, 5) * _plane_step(lens)
     pupil = 1.5 * disc_from_square(np.stack([halton(900, 2), halton(900, 3)], -1))
-    found = []
+    radii = []
     for plane in planes:
         points = []
         for wavelength, _ in _LINES:
-            rays = field_rays(lens, share, pupil, wavelength)
+            rays = field_rays(lens, field, pupil, wavelength)
             points.append((rays.place + plane * rays.slope)[rays.passes])
         all_points = np.concatenate(points)
-        found.append(np.sqrt(((all_points - all_points.mean(0)) ** 2).sum(1).mean()))
-    return {"planes": planes, "rms_radius": found}
+        radii.append(np.sqrt(((all_points - all_points.mean(0)) ** 2).sum(1).mean()))
+    return {"planes": planes, "rms_radius": radii}
 
 
 def _plane_step(lens: PrescriptionLens) -> float:
-    """How far planes of the spots through focus are apart, over the numbers of ``_PLANES``, mm."""
+    """Return the distance of through-focus planes per unit of ``_PLANES``, mm."""
     return lens.prescription.image_radius / 1500 * 2 * lens.working_f_number
 
 
 def report_page(lenses: Sequence[PrescriptionLens]) -> str:
-    """Return the sheets and the numbers, side by side, as one page of HTML, which needs no other file.
+    """Return one self-contained HTML page with the sheets and tables of lenses, side by side.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
@@ -121,42 +122,42 @@ def report_page(lenses: Sequence[PrescriptionLens]) -> str:
 
 
 def _section(lens: PrescriptionLens) -> str:
-    """The sheet and the tables of one lens, as HTML."""
+    """Return the sheet and the tables of one lens, as HTML."""
     picture = io.BytesIO()
     report_figure([lens]).savefig(picture, dpi=110, format="png")
     facts = lens_facts(lens)
-    name, coded = html.escape(str(facts["name"])), base64.b64encode(picture.getvalue()).decode()
-    simple = "".join(
-        f"<tr><th>{html.escape(key.replace('_', ' '))}</th><td>{html.escape(_shown(value))}</td></tr>"
+    name, png_base64 = html.escape(str(facts["name"])), base64.b64encode(picture.getvalue()).decode()
+    scalar_rows = "".join(
+        f"<tr><th>{html.escape(key.replace('_', ' '))}</th><td>{html.escape(_format_value(value))}</td></tr>"
         for key, value in facts.items()
         if not isinstance(value, list)
     )
-    fitted = [zernike_fit(trace_wavefront(lens, share)) for share in FIELDS]
+    coefficients = [zernike_fit(trace_wavefront(lens, field)) for field in FIELDS]
     waves = [
         {"polynomial": f"Z{number + 1}" + (f", {name}" if name else "")}
-        | {field: float(row[number]) for field, row in zip(_NAMES, fitted, strict=True)}
-        for number, name in enumerate([*ZERNIKE_NAMES, *[""] * (len(fitted[0]) - len(ZERNIKE_NAMES))])
+        | {field: float(row[number]) for field, row in zip(_NAMES, coefficients, strict=True)}
+        for number, name in enumerate([*ZERNIKE_NAMES, *[""] * (len(coefficients[0]) - len(ZERNIKE_NAMES))])
     ]
     return (
-        f"<h1>{name}</h1><img src='data:image/png;base64,{coded}' alt='sheet'>"
-        f"<table>{simple}</table><h2>Field</h2>{_table(facts['fields'])}"
+        f"<h1>{name}</h1><img src='data:image/png;base64,{png_base64}' alt='sheet'>"
+        f"<table>{scalar_rows}</table><h2>Field</h2>{_table(facts['fields'])}"
         f"<h2>Seidel sums by surface, mm</h2>{_table(facts['seidel'])}"
-        f"<h2>Wave-front by Noll's polynomials, wavelengths</h2>{_table(waves)}"
+        f"<h2>Wavefront by Noll's polynomials, wavelengths</h2>{_table(waves)}"
     )
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
     head = "".join(f"<th>{html.escape(key.replace('_', ' '))}</th>" for key in rows[0])
     body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(_shown(value))}</td>" for value in row.values()) + "</tr>"
+        "<tr>" + "".join(f"<td>{html.escape(_format_value(value))}</td>" for value in row.values()) + "</tr>"
         for row in rows
     )
     return f"<table><tr>{head}</tr>{body}</table>"
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_shown(inner)}" for key, inner in value.items())
+        return ", ".join(f"{key} {_format_value(inner)}" for key, inner in value.items())
     if value is None:
         return "infinity"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
@@ -166,23 +167,23 @@ def _pair(curves: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray]:
     return {"tangential": curves[0], "sagittal": curves[1]}
 
 
-def _plain(value: Any) -> Any:
-    """Arrays as lists, and None for what is no finite number."""
+def _json_value(value: Any) -> Any:
+    """Return arrays as lists, and numbers that are not finite as None."""
     if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
+        return {key: _json_value(inner) for key, inner in value.items()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(inner) for inner in value]
+        return [_json_value(inner) for inner in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
 
 
 def report_figure(lenses: Sequence[PrescriptionLens]) -> "Figure":
-    """Draw the sheets of lenses, side by side.
+    """Return a figure with the sheets of lenses, side by side.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
-        LensError: Rays of a lens do not get through it.
+        LensError: No rays pass a lens.
     """
     require_extra("matplotlib", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -214,8 +215,8 @@ def _draw_sheet(part: Any, lens: PrescriptionLens) -> None:
 
 
 def _draw_waves(grid: Any, lens: PrescriptionLens) -> None:
-    """Wave-fronts of three fields, their polynomials, contrast by waves, depth of field."""
-    fronts = [trace_wavefront(lens, share) for share in FIELDS]
+    """Draw wavefronts of three fields, their polynomials, diffraction MTF and depth of field."""
+    fronts = [trace_wavefront(lens, field) for field in FIELDS]
     for axes, front, name in zip(grid, fronts, _NAMES, strict=False):
         _draw_front(axes, front, name)
     frequencies = np.linspace(0, 60, 31)
@@ -236,39 +237,39 @@ def _draw_waves(grid: Any, lens: PrescriptionLens) -> None:
 
 
 def _draw_front(axes: "Axes", front: Wavefront, name: str) -> None:
-    """The wave-front as seen from behind, mean and tilt left out, the field's direction upwards."""
+    """Draw the wavefront as seen from behind, without mean and tilt, with the field direction upwards."""
     points = front.pupil[front.passes]
     basis = np.concatenate([np.ones((len(points), 1)), points], -1)
     flat = np.full(front.waves.shape, np.nan)
     waves = front.waves[front.passes]
     flat[front.passes] = waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]
-    widest = max(float(np.abs(waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]).max()), 1e-6)
+    limit = max(float(np.abs(waves - basis @ np.linalg.lstsq(basis, waves, rcond=None)[0]).max()), 1e-6)
     reach = float(front.pupil.max())
     axes.imshow(
-        flat, origin="lower", cmap="RdBu_r", vmin=-widest, vmax=widest, extent=(-reach, reach, -reach, reach)
+        flat, origin="lower", cmap="RdBu_r", vmin=-limit, vmax=limit, extent=(-reach, reach, -reach, reach)
     )
     axes.set_xticks([])
     axes.set_yticks([])
-    axes.set_title(f"waves, {name}\nrms {front.rms:.3g}, largest {widest:.3g}", fontsize=9)
+    axes.set_title(f"waves, {name}\nrms {front.rms:.3g}, largest {limit:.3g}", fontsize=9)
 
 
 def _draw_curves(grid: Any, lens: PrescriptionLens) -> None:
-    for column, (share, name) in enumerate(zip(FIELDS, _NAMES, strict=True)):
-        _draw_fan(grid[0][column], lens, share, name)
+    for column, (field, name) in enumerate(zip(FIELDS, _NAMES, strict=True)):
+        _draw_fan(grid[0][column], lens, field, name)
     _draw_mtf(grid[0][3], lens)
-    shares = np.linspace(0, 1, 33)
+    fields = np.linspace(0, 1, 33)
     axes: Axes = grid[1][0]
-    axes.plot(shares, 100 * distortion(lens, shares), color=_COLORS[0])
+    axes.plot(fields, 100 * distortion(lens, fields), color=_COLORS[0])
     _label(axes, "distortion, %", "field")
     axes = grid[1][1]
     for curve, style, name in zip(
-        field_curvature(lens, shares), ("-", "--"), ("along", "across"), strict=True
+        field_curvature(lens, fields), ("-", "--"), ("along", "across"), strict=True
     ):
-        axes.plot(shares, curve, style, color=_COLORS[1], label=name)
+        axes.plot(fields, curve, style, color=_COLORS[1], label=name)
     axes.legend(fontsize=7)
     _label(axes, "focus along and across the field, mm", "field")
     axes = grid[1][2]
-    axes.plot(shares, 100 * relative_illumination(lens, lens.prescription.image_radius), color=_COLORS[2])
+    axes.plot(fields, 100 * relative_illumination(lens, lens.prescription.image_radius), color=_COLORS[2])
     axes.set_ylim(0, 105)
     _label(axes, "relative illumination, %", "field")
     axes = grid[1][3]
@@ -293,9 +294,9 @@ def _label(axes: "Axes", title: str, below: str) -> None:
     axes.grid(lw=0.3)
 
 
-def _draw_fan(axes: "Axes", lens: PrescriptionLens, share: float, name: str) -> None:
+def _draw_fan(axes: "Axes", lens: PrescriptionLens, field: float, name: str) -> None:
     for wavelength, color in _LINES:
-        pupil, along, across = ray_fan(lens, share, wavelength)
+        pupil, along, across = ray_fan(lens, field, wavelength)
         axes.plot(pupil, 1000 * along, color=color, lw=1.2)
         axes.plot(pupil, 1000 * across, color=color, lw=1, ls="--")
     axes.axhline(0, color="black", lw=0.5)
@@ -304,8 +305,8 @@ def _draw_fan(axes: "Axes", lens: PrescriptionLens, share: float, name: str) -> 
 
 def _draw_mtf(axes: "Axes", lens: PrescriptionLens) -> None:
     frequencies = np.linspace(0, 60, 61)
-    for share, name, color in zip(FIELDS, _NAMES, _COLORS, strict=True):
-        tangential, sagittal = geometric_mtf(lens, share, frequencies)
+    for field, name, color in zip(FIELDS, _NAMES, _COLORS, strict=True):
+        tangential, sagittal = geometric_mtf(lens, field, frequencies)
         axes.plot(frequencies, tangential, color=color, label=name)
         axes.plot(frequencies, sagittal, color=color, ls="--")
     axes.plot(
@@ -329,52 +330,52 @@ def _draw_seidel(axes: "Axes", lens: PrescriptionLens) -> None:
 
 
 def _breathing(lens: PrescriptionLens) -> tuple[np.ndarray, np.ndarray]:
-    """Focus distances, mm, and by how much the picture is larger than that of infinity."""
+    """Return focus distances, mm, and the relative enlargement of the picture over focus at infinity."""
     nearest = 8.0 * lens.focal_length
     distance = np.geomspace(nearest, 200 * lens.focal_length, 40)
     cardinal, entrance = lens.paraxial.cardinal, lens.paraxial.entrance
     depth = distance - (entrance.position - cardinal.front_principal)
     image = 1 / (1 / lens.focal_length - 1 / depth)
     principal = entrance.position - cardinal.front_principal
-    seen = image + principal * (image / lens.focal_length - 1)
-    return distance, seen / lens.focal_length - 1
+    distance_to_image = image + principal * (image / lens.focal_length - 1)
+    return distance, distance_to_image / lens.focal_length - 1
 
 
 def _draw_breathing(axes: "Axes", lens: PrescriptionLens) -> None:
-    """How much larger the picture is when the lens is focused nearer; of Gaussian optics."""
-    distance, larger = _breathing(lens)
-    axes.plot(distance / 1000, 100 * larger, color=_COLORS[2])
+    """Draw the paraxial enlargement of the picture with nearer focus."""
+    distance, enlargement = _breathing(lens)
+    axes.plot(distance / 1000, 100 * enlargement, color=_COLORS[2])
     axes.set_xscale("log")
     _label(axes, "breathing: larger than at infinity, %", "focus, m")
 
 
 def _draw_facts(axes: "Axes", lens: PrescriptionLens) -> None:
     facts = lens_facts(lens)
-    shown = ("focal_length", "f_number", "working_f_number", "back_focus", "length", "half_angle")
-    text = "\n".join(f"{key.replace('_', ' ')}  {facts[key]:.5g}" for key in (*shown, "focus_shift"))
+    keys = ("focal_length", "f_number", "working_f_number", "back_focus", "length", "half_angle")
+    text = "\n".join(f"{key.replace('_', ' ')}  {facts[key]:.5g}" for key in (*keys, "focus_shift"))
     axes.axis("off")
     axes.text(0.02, 0.95, text, va="top", fontsize=10, transform=axes.transAxes)
 
 
 def _draw_spots(part: Any, lens: PrescriptionLens) -> None:
-    """Spots of three fields in planes through focus, rays of three colours."""
+    """Draw spots of three fields in planes through focus, for rays of three colours."""
     step = _plane_step(lens)
     pupil = 1.5 * disc_from_square(np.stack([halton(900, 2), halton(900, 3)], -1))
     part.suptitle(
         f"spots through focus, planes {2 * step:.3g} mm apart; F blue, d yellow, C red", fontsize=10
     )
     grid = part.subplots(3, len(_PLANES), sharex=True, sharey=True)
-    widest = 0.0
-    for row, share in zip(grid, FIELDS, strict=True):
+    limit = 0.0
+    for row, field in zip(grid, FIELDS, strict=True):
         for wavelength, color in _LINES:
-            rays = field_rays(lens, share, pupil, wavelength)
+            rays = field_rays(lens, field, pupil, wavelength)
             middle = rays.place[rays.passes].mean(0)
             for axes, plane in zip(row, _PLANES, strict=True):
                 at = 1000 * (rays.place + plane * step * rays.slope - middle)[rays.passes]
                 axes.scatter(at[:, 1], at[:, 0], s=1.5, lw=0, color=color, alpha=0.5)
-                widest = max(widest, float(np.quantile(np.abs(at), 0.98)))
+                limit = max(limit, float(np.quantile(np.abs(at), 0.98)))
     for axes in grid.ravel():
-        axes.set(xlim=(-widest, widest), ylim=(-widest, widest))
+        axes.set(xlim=(-limit, limit), ylim=(-limit, limit))
         axes.set_box_aspect(1)
         axes.tick_params(labelsize=6)
         axes.grid(lw=0.3)
@@ -383,42 +384,42 @@ def _draw_spots(part: Any, lens: PrescriptionLens) -> None:
     grid[2][0].set_ylabel("corner", fontsize=8)
 
 
-def _blurs(far: float) -> tuple[float, ...]:
-    """Five blurs, + in front of focus, of which none is farther than ``far``, that of infinity."""
-    if far > -_SMALLEST:  # next to nothing lies behind the focus
-        return (_BLUR, 0.75 * _BLUR, 0.5 * _BLUR, 0.25 * _BLUR, 0.0)
-    behind = max(-_BLUR, far)
-    return (_BLUR, 0.5 * _BLUR, 0.0, 0.5 * behind, behind)
+def _blurs(blur_at_infinity: float) -> tuple[float, ...]:
+    """Return five blurs, + in front of focus, none beyond the blur at infinity, ``blur_at_infinity``."""
+    if blur_at_infinity > -_MIN_BLUR:  # almost no depth lies behind the focus
+        return (_MAX_BLUR, 0.75 * _MAX_BLUR, 0.5 * _MAX_BLUR, 0.25 * _MAX_BLUR, 0.0)
+    far_blur = max(-_MAX_BLUR, blur_at_infinity)
+    return (_MAX_BLUR, 0.5 * _MAX_BLUR, 0.0, 0.5 * far_blur, far_blur)
 
 
 def _draw_bokeh(part: Any, lens: PrescriptionLens) -> None:
-    """Discs of white lamps, to the right of the middle of the picture, in front of focus and behind it."""
+    """Draw discs of white lamps, right of the centre of the picture, in front of focus and behind it."""
     half, focus = lens.prescription.image_radius, 1 / lens.focus_distance
     per_disparity = float(lens.coc_radius(1.0) - lens.coc_radius(0.0))
-    far = 100 * float(lens.coc_radius(0.0)) / half
-    wavelengths, colors = WavelengthSampling().sample(_SAMPLED)
+    blur_at_infinity = 100 * float(lens.coc_radius(0.0)) / half
+    wavelengths, colors = WavelengthSampling().sample(_WAVELENGTHS)
     part.suptitle("bokeh: lamps in front of focus (left) to behind it (right), as traced", fontsize=10)
     grid = part.subplots(3, 5)
-    for column, blur in enumerate(_blurs(far)):
+    for column, blur in enumerate(_blurs(blur_at_infinity)):
         depth = 1 / max(focus + blur / 100 * half / per_disparity, 1e-9)
-        for row, share in enumerate((0.0, 0.5, 0.9)):
+        for row, field in enumerate((0.0, 0.5, 0.9)):
             axes = grid[row][column]
             axes.set_xticks([])
             axes.set_yticks([])
             if depth <= 1.05 * lens.front_vertex:
                 continue
-            shown = traced_psf(
+            image = traced_psf(
                 lens,
                 depth=depth,
-                field=(share, 0.0),
+                field=(field, 0.0),
                 wavelengths=wavelengths,
                 colors=colors,
                 pitch=max(2.8 * abs(blur), 2.5) / 100 * half / _CELLS,
                 size=_CELLS,
                 rays=8_000,
             )
-            bright = np.quantile(shown[shown > 0], 0.9) if (shown > 0).any() else 1.0
-            axes.imshow(np.clip(shown / bright * 0.7, 0, 1) ** (1 / 2.2))
+            bright = np.quantile(image[image > 0], 0.9) if (image > 0).any() else 1.0
+            axes.imshow(np.clip(image / bright * 0.7, 0, 1) ** (1 / 2.2))
             if row == 0:
                 axes.set_title(f"{depth / 1000:.3g} m" if depth < 1e8 else "infinity", fontsize=8)
     for axes, name in zip(grid[:, 0], ("middle", "0.5", "0.9"), strict=True):

@@ -1,4 +1,4 @@
-"""How many of the rays that are aimed at a lens get through."""
+"""Fraction of the sampled rays that pass a lens."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ __all__ = ["unvignetted_fraction"]
 
 
 def unvignetted_fraction(lens: LensModel, sensor_radius: float, count: int = 4096) -> float:
-    """Return the share of rays with a weight above 0.
+    """Return the fraction of rays with a weight above 0.
 
     Args:
         lens: Any lens.
         sensor_radius: Distance of the sensor point from the axis, mm.
-        count: Rays, spread evenly over the unit disc.
+        count: Number of rays, uniform over the unit disc.
     """
     pupil_uv = disc_from_square(np.stack([halton(count, 2), halton(count, 3)], -1))
     rays = lens.sample_rays(np.tile([sensor_radius, 0.0], (count, 1)), pupil_uv)

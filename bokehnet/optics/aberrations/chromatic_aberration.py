@@ -1,16 +1,16 @@
-"""Chromatic aberration by two sliders: axial and lateral fringes, with the curve of a glass and maps.
+"""Chromatic aberration by two sliders, axial and lateral, with the dispersion of a glass and field maps.
 
-A lens is stronger for blue light than for red. It then focuses blue nearer (axial), and shows it at
-another size (lateral). In the terms of :mod:`bokehnet.optics.aberrations.aberration_map` both add to the
-miss, ``E += a s_0 m_0 + h s_1 m_1``: a change of the blur radius and a change of scale, which depend on the
-wavelength by the strengths s and on the field by the maps m.
+A lens is stronger for blue light than for red. It therefore focuses blue nearer (axial), and magnifies it
+differently (lateral). In the terms of :mod:`bokehnet.optics.aberrations.aberration_map` both add to the
+transverse aberration, ``E += a s_0 m_0 + h s_1 m_1``: a change of the blur radius and a change of scale, with
+strengths s that depend on the wavelength and maps m that depend on the field position.
 
-On the axis the lateral part is 0 for every map. The axial part is as in a lens: in the plane of focus the
+On the axis the lateral part is 0 for every map. The axial part is that of a lens: in the plane of focus the
 design wavelength is sharp and the others are discs around the same point, of the radius that the slider
-says. It moves no colour to any side, and areas of one colour keep it.
+sets. It shifts no colour sideways and preserves areas of one colour.
 
 Source: Jeong, Lee, Kwon and Lee, "Expressive chromatic accumulation buffering for defocus blur", The
-Visual Computer 2016, for the model; measured as change of blur, not of focal length, it is ours.
+Visual Computer 2016, for the model; its measure, change of blur instead of focal length, is our own.
 """
 
 from collections.abc import Callable
@@ -24,68 +24,68 @@ from bokehnet.errors import ParameterError
 from bokehnet.optics.aberrations.aberration_map import DESIGN_WAVELENGTH
 from bokehnet.optics.aberrations.field_maps import FieldMap, constant, linear
 from bokehnet.optics.spectral.glass import C_LINE, F_LINE, Glass, make_glass
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = ["ChromaticAberration", "Curve", "achromat_curve", "glass_curve", "linear_curve", "make_curve"]
 
-# Strength of a lens by the wavelength in nm: 0 at the design wavelength, and its spread over the visible
-# spectrum is 1.
+# Relative power of a lens as a function of the wavelength in nm: 0 at the design wavelength, with a range
+# of 1 over the visible spectrum.
 Curve = Callable[[Array], Array]
 
-# Percent of the half-diagonal.
-_LARGEST = 100.0
+# Upper bound of both sliders, percent of the half-diagonal.
+_MAX_STRENGTH = 100.0
 
-# Bound of maps, so that no composition sends rays to infinity.
-_STRONGEST_MAP = 10.0
+# Upper bound of the size of maps, so that no composition sends rays to infinity.
+_MAX_MAP = 10.0
 
-# Nearer to the axis than this, in half-diagonals, the lateral fringe goes linearly to 0, whatever its map.
-_AXIS = 0.05
-
-
-def _scaled(power: Curve, middle: float, spread: float, wavelength: Array) -> Array:
-    return (power(wavelength) - middle) / spread
+# Distance from the axis, half-diagonals, below which the lateral fringe falls linearly to 0 for every map.
+_AXIS_RADIUS = 0.05
 
 
-def _spread_to_one(power: Callable[[Array], Array]) -> Curve:
-    """Return the curve of a refractive power that is known but for its unit and zero."""
-    values = power(np.linspace(SHORTEST, LONGEST, 601))
-    return partial(_scaled, power, float(power(DESIGN_WAVELENGTH)), float(np.ptp(values)))
+def _normalized_power(power: Curve, middle: float, value_range: float, wavelength: Array) -> Array:
+    return (power(wavelength) - middle) / value_range
 
 
-def _falling(wavelength: Array) -> Array:
+def _normalized_curve(power: Callable[[Array], Array]) -> Curve:
+    """Return the curve of a refractive power that is known up to scale and offset."""
+    values = power(np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 601))
+    return partial(_normalized_power, power, float(power(DESIGN_WAVELENGTH)), float(np.ptp(values)))
+
+
+def _negative(wavelength: Array) -> Array:
     return -wavelength
 
 
-linear_curve: Curve = _spread_to_one(_falling)
+linear_curve: Curve = _normalized_curve(_negative)
 
 
 def glass_curve(name: str) -> Curve:
-    """A single lens of the glass ``name``: the power is in proportion to n - 1.
+    """Return the curve of a single lens of the glass ``name``, with power proportional to n - 1.
 
     Raises:
-        LensError: No glass has that name.
+        LensError: Unknown glass.
     """
-    return _spread_to_one(make_glass(name).index)
+    return _normalized_curve(make_glass(name).index)
 
 
 def achromat_curve(crown: str = "N-BK7", flint: str = "F2") -> Curve:
-    """Two lenses that together have one power for the blue F and the red C line.
+    """Return the curve of two lenses that together have equal power for the blue F and the red C line.
 
-    What remains is the secondary spectrum: green is refracted most, both ends least.
+    The remainder is the secondary spectrum: green is refracted most, both ends least.
 
     Raises:
-        LensError: No glass has one of the names.
+        LensError: Unknown glass.
 
     Source:
         Born and Wolf, "Principles of optics", 1959, section 4.7.2, for the powers of the two lenses.
     """
-    return _spread_to_one(partial(_power_of_two, make_glass(crown), make_glass(flint)))
+    return _normalized_curve(partial(_doublet_power, make_glass(crown), make_glass(flint)))
 
 
 _DEFAULT_CURVE = glass_curve("N-BK7")
 
 
-def _power_of_two(crown: Glass, flint: Glass, wavelength: Array) -> Array:
+def _doublet_power(crown: Glass, flint: Glass, wavelength: Array) -> Array:
     first, second = (
         (glass.index(wavelength) - 1) / (glass.index(F_LINE) - glass.index(C_LINE))
         for glass in (crown, flint)
@@ -97,7 +97,7 @@ def make_curve(name: str) -> Curve:
     """Return the curve called ``linear``, ``achromat``, or by the name of a glass.
 
     Raises:
-        LensError: Nothing has that name.
+        LensError: Unknown name.
     """
     if name == "linear":
         return linear_curve
@@ -108,19 +108,19 @@ def make_curve(name: str) -> Curve:
 class ChromaticAberration:
     """Axial and lateral chromatic aberration; the default is none.
 
-    Strengths are percent of the picture's half-diagonal, between the wavelengths that the curve sets
-    furthest apart: 400 and 700 nm for a single glass. Below 0 colours change places.
+    Strengths are percent of the half-diagonal of the picture, between the two wavelengths at which the curve
+    differs most: 400 and 700 nm for a single glass. Negative values exchange the colours.
 
     Attributes:
         axial: Change of the blur radius. Above 0 as in a simple lens: blue focuses nearer, so that blurs
             have red rims in front of focus and blue rims behind it.
-        lateral: Shift in the corner. Above 0 blue lies outwards of red.
-        axial_map: Factor of the axial strength over the field; a lens has the same everywhere.
-        lateral_map: Factor of the lateral shift over the field; a lens has t, a change of scale.
-        curve: How the strength of the lens goes with the wavelength. Default: that of N-BK7.
+        lateral: Shift in the corner. Above 0 blue lies outside of red.
+        axial_map: Factor of the axial strength over the field; constant for a real lens.
+        lateral_map: Factor of the lateral shift over the field; t, a change of scale, for a real lens.
+        curve: Power of the lens as a function of the wavelength. Default: that of N-BK7.
 
     Raises:
-        ParameterError: A strength is not finite or beyond 100 percent, or a map or the curve is no function.
+        ParameterError: A strength is not finite or beyond 100 percent, or a map or the curve is not callable.
     """
 
     axial: float = 0.0
@@ -133,32 +133,32 @@ class ChromaticAberration:
         for name in ("axial", "lateral"):
             value = getattr(self, name)
             check_number(name, value)
-            check_range(name, value, -_LARGEST, _LARGEST, "percent of the half-diagonal")
+            check_range(name, value, -_MAX_STRENGTH, _MAX_STRENGTH, "percent of the half-diagonal")
         for name in ("axial_map", "lateral_map", "curve"):
             if not callable(getattr(self, name)):
                 raise ParameterError(name, "a function", getattr(self, name))
 
     @property
     def is_none(self) -> bool:
-        """Whether wavelengths stay together."""
+        """True if all wavelengths coincide."""
         return self.axial == 0 and self.lateral == 0
 
     def strengths(self, wavelengths: Array) -> Array:
-        """Axial and lateral strength (..., 2), half-diagonals, of wavelengths (...,), nm."""
+        """Return axial and lateral strength (..., 2), half-diagonals, of wavelengths (...,), nm."""
         curve = self.curve(wavelengths)
         return array_namespace(curve).stack([-self.axial / 100 * curve, self.lateral / 100 * curve], -1)
 
     def maps(self, field: Array) -> Array:
-        """Factors (..., 2) of both at field positions (..., 2), of which the corner has length 1.
+        """Return both factors (..., 2) at field positions (..., 2), of which the corner has length 1.
 
-        The second stands before the field position itself and is 1 everywhere for the map t. Nearer to
-        the axis than 0.05 it stays as it is there. No map passes 10, up or down.
+        The second multiplies the field position itself and is 1 everywhere for the map t. It is constant
+        within 0.05 of the axis. Clips the maps to -10 to 10.
         """
         xp = array_namespace(field)
         squared = (field * field).sum(-1)
         theta = xp.arctan2(-field[..., 1], field[..., 0])
-        t, safe = squared**0.5, xp.clip(squared, _AXIS**2, None) ** 0.5
-        bound = _STRONGEST_MAP
+        t, safe = squared**0.5, xp.clip(squared, _AXIS_RADIUS**2, None) ** 0.5
+        bound = _MAX_MAP
         return xp.stack(
             [
                 xp.clip(self.axial_map(t, theta), -bound, bound),

@@ -1,12 +1,13 @@
-"""Distortion: where the chief ray of a point arrives, against where a lens without distortion sends it.
+"""Distortion: position of the chief ray of a point relative to that of a lens without distortion.
 
-Places are (..., 2), right and down from the optical axis, in half-diagonals of the picture, so that the
-corner has radius 1. u is a place in the undistorted picture, d the place in the distorted one. Barrel
+Positions are (..., 2), right and down from the optical axis, in half-diagonals of the picture, so that the
+corner has radius 1. u is a position in the undistorted picture, d the position in the distorted one. Barrel
 distortion draws the corner inwards, |d| < |u|; pincushion distortion pushes it outwards.
 
-Each model gives both ways, ``undistort`` (d to u, what resampling asks for) and ``distort`` (u to d). Places
-that the other side does not reach, beyond the radius where the model folds over, become infinite. NumPy
-arrays and tensors alike; in torch differentiable with respect to places and coefficients, once.
+Each model provides both directions, ``undistort`` (d to u, as resampling needs it) and ``distort`` (u to d).
+Positions without a counterpart, beyond the radius at which the model folds over, become infinite. All methods
+accept NumPy arrays and tensors; in torch they are differentiable once with respect to positions and
+coefficients.
 """
 
 import math
@@ -20,17 +21,17 @@ from bokehnet.optics.scalars import value_of, without_gradient
 
 __all__ = ["BrownConrady", "Distortion", "DivisionModel"]
 
-_STEPS = 60
-_PRECISION = 1e-11  # half-diagonals
-_NEARLY = 1 - 1e-9  # so near to the fold, where a step has no length
+_MAX_ITERATIONS = 60
+_TOLERANCE = 1e-11  # half-diagonals
+_FOLD_LIMIT = 1 - 1e-9  # fraction of the radius of the fold, at which the Jacobian is singular
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DivisionModel:
-    """``u = d / (1 + strength |d|^2)``: one coefficient, both ways in closed form.
+    """Division model ``u = d / (1 + strength |d|^2)``: one coefficient, closed form in both directions.
 
     Attributes:
-        strength: How far the corner has moved, ``|d| / |u| - 1`` at |d| = 1: -0.1 draws it inwards by 10 %
+        strength: Relative shift of the corner, ``|d| / |u| - 1`` at |d| = 1: -0.1 draws it inwards by 10 %
             (barrel), 0.1 pushes it outwards (pincushion), 0 is the identity. Between -0.9 and 0.9. A float,
             or a tensor without dimensions.
 
@@ -48,7 +49,7 @@ class DivisionModel:
 
     @property
     def reach(self) -> float:
-        """Radius |d| up to which no two places share one u: at ``|strength| |d|^2 = 1``."""
+        """Radius |d| up to which the mapping is one-to-one: ``|strength| |d|^2 = 1``."""
         strength = abs(value_of(self.strength))
         return 1 / math.sqrt(strength) if strength > 0 else math.inf
 
@@ -71,19 +72,19 @@ class DivisionModel:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class BrownConrady:
-    """Radial and decentring polynomials, as camera calibration gives them; undone by Newton's method.
+    """Radial and decentring polynomials of camera calibration, inverted by Newton's method.
 
     With (x, y) = u and r = |u|::
 
         d_x = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
         d_y = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y
 
-    Calibrations that measure places in focal lengths give ``k_i = k_i' (D / f)^(2 i)`` and
+    Calibrations that measure positions in focal lengths give ``k_i = k_i' (D / f)^(2 i)`` and
     ``p_i = p_i' D / f``, D the half-diagonal and f the focal length in the same unit.
 
     Attributes:
         radial: (k1, k2, k3); below 0 barrel, above 0 pincushion. Floats, or tensors without dimensions.
-        decentring: (p1, p2).
+        decentring: (p1, p2). Floats, or tensors without dimensions.
 
     Raises:
         ParameterError: A coefficient is not finite.
@@ -101,7 +102,7 @@ class BrownConrady:
 
     @property
     def reach(self) -> float:
-        """Radius |d| where the radial polynomial turns back; decentring is left out."""
+        """Radius |d| at which the radial polynomial turns back; ignores decentring."""
         fold = self._fold
         k1, k2, k3 = map(value_of, self.radial)
         square = fold * fold
@@ -111,7 +112,8 @@ class BrownConrady:
     def _fold(self) -> float:
         """Radius |u| where d|d|/d|u| = 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6 becomes 0."""
         k1, k2, k3 = map(value_of, self.radial)
-        inverse = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])  # of 1 / r^2, so that small coefficients do no harm
+        # Roots 1 / r^2, which stay accurate for small coefficients.
+        inverse = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
         real = inverse[np.abs(inverse.imag) < 1e-9 * np.abs(inverse)].real
         largest = max(real, default=0.0)
         return 1 / math.sqrt(largest) if largest > 1e-12 else math.inf  # a million half-diagonals
@@ -126,34 +128,34 @@ class BrownConrady:
         """Return u, (..., 2).
 
         Raises:
-            ParameterError: Decentring so strong that places within the reach have no u, or several.
+            ParameterError: Decentring so strong that positions within the reach have no u, or several.
         """
         xp = array_namespace(d)
-        inside = ((d * d).sum(-1) ** 0.5 < _NEARLY * self.reach)[..., None]
+        inside = ((d * d).sum(-1) ** 0.5 < _FOLD_LIMIT * self.reach)[..., None]
         goal = xp.where(inside, d, 0 * d)
         fixed, model = without_gradient(goal), self._without_gradient()
-        with np.errstate(all="ignore"):  # steps that lead nowhere are told below
-            u = model._find(fixed)
+        with np.errstate(all="ignore"):  # diverging steps raise below
+            u = model._solve_newton(fixed)
             jacobian = model._jacobian(u)
-            missed = float(abs(fixed - model._polynomial(u)).max())
-            turned = float(_determinant(jacobian).min())
-        if not (missed < 1e-6 and turned > 0):
+            residual = float(abs(fixed - model._polynomial(u)).max())
+            smallest_determinant = float(_determinant(jacobian).min())
+        if not (residual < 1e-6 and smallest_determinant > 0):
             raise ParameterError(
                 "decentring",
                 "with `radial`, a picture that nowhere folds over itself",
                 tuple(map(value_of, self.decentring)),
                 "take smaller coefficients",
             )
-        # At the solution one more step is 0, but has the derivatives of the inverse function.
+        # At the solution one more step is 0, but its gradient is that of the inverse function.
         return xp.where(inside, u + _solve(jacobian, goal - self._polynomial(u)), math.inf)
 
-    def _find(self, d: Array) -> Array:
-        """Newton's method from d on; a place within the fold, whether or not it is the right one."""
+    def _solve_newton(self, d: Array) -> Array:
+        """Return the root of Newton's method started at d, within the fold; the caller checks convergence."""
         u = d
-        for _ in range(_STEPS):
+        for _ in range(_MAX_ITERATIONS):
             step = _solve(self._jacobian(u), d - self._polynomial(u))
             u = self._within_fold(u + step)
-            if not float(abs(step).max()) > _PRECISION:
+            if not float(abs(step).max()) > _TOLERANCE:
                 break
         return u
 
@@ -168,7 +170,7 @@ class BrownConrady:
         return array_namespace(u).stack([right, down], -1)
 
     def _jacobian(self, u: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of d: d_x by x, d_x by y (which is d_y by x), d_y by y."""
+        """Return the derivatives of d: d_x by x, d_x by y (equal to d_y by x), d_y by y."""
         x, y = u[..., 0], u[..., 1]
         (k1, k2, k3), (p1, p2) = self.radial, self.decentring
         square = x * x + y * y
@@ -184,7 +186,7 @@ class BrownConrady:
         fold = self._fold
         if math.isinf(fold):
             return u
-        fold *= _NEARLY
+        fold *= _FOLD_LIMIT
         radius = (u * u).sum(-1)[..., None] ** 0.5
         return u * array_namespace(u).clip(fold / (radius + 1e-9), None, 1)
 
@@ -204,7 +206,7 @@ def _determinant(jacobian: tuple[Array, Array, Array]) -> Array:
 
 
 def _solve(jacobian: tuple[Array, Array, Array], right: Array) -> Array:
-    """Solve the two equations of every place."""
+    """Solve the 2 x 2 system of each position."""
     xx, xy, yy = jacobian
     determinant = _determinant(jacobian)
     a, b = right[..., 0], right[..., 1]

@@ -1,11 +1,11 @@
-"""Maps over the field of a picture: how strong an effect is, from the middle to the corners and around them.
+"""Field maps: the strength of an effect as a function of the position in the picture.
 
-A map is a plain function ``m(t, theta)`` of arrays or tensors: t is the distance from the middle of the
+A map is a plain function ``m(t, theta)`` of arrays or tensors: t is the distance from the centre of the
 picture, 1 in the corner, and theta the direction, radians, counter-clockwise as seen, 0 to the right.
-:func:`compose` makes new ones of old ones: what the first returns is the second's t.
+:func:`compose` combines maps: the value of the first is the t of the second.
 
 Source: Jeong, Lee, Kwon and Lee, "Expressive chromatic accumulation buffering for defocus blur", The
-Visual Computer 2016, for composed maps and the functions themselves; guards are ours.
+Visual Computer 2016, for composed maps and the functions themselves; guards are our own.
 """
 
 from collections.abc import Callable
@@ -33,54 +33,55 @@ __all__ = [
 
 FieldMap = Callable[[Array, Array], Array]
 
-# The reciprocal stays below 1 over this.
-_SMALLEST = 0.1
+# Lower bound of the argument of the reciprocal.
+_MIN_DIVISOR = 0.1
 
-_HIGHEST_NUMBER = 12.0
+# Upper bound of exponents and numbers of sectors.
+_MAX_NUMBER = 12.0
 
 
 def constant(t: Array, theta: Array) -> Array:
-    """1 everywhere."""
+    """Return 1 everywhere."""
     return 1 + 0 * t
 
 
 def linear(t: Array, theta: Array) -> Array:
-    """``t``: 0 in the middle, 1 in the corners."""
+    """Return ``t``: 0 at the centre, 1 in the corners."""
     return t
 
 
 def square(t: Array, theta: Array) -> Array:
-    """``t^2``."""
+    """Return ``t^2``."""
     return t * t
 
 
 def cube(t: Array, theta: Array) -> Array:
-    """``t^3``."""
+    """Return ``t^3``."""
     return t * t * t
 
 
 def exponential(t: Array, theta: Array) -> Array:
-    """``exp(t)``."""
+    """Return ``exp(t)``."""
     return array_namespace(t).exp(t)
 
 
 def inversion(t: Array, theta: Array) -> Array:
-    """``1 - t``: the middle for the corners."""
+    """Return ``1 - t``: exchanges centre and corners."""
     return 1 - t
 
 
 def reciprocal(t: Array, theta: Array) -> Array:
-    """``1 / t``; where t is below 0.1 it stays at 10."""
-    return 1 / array_namespace(t).clip(t, _SMALLEST, None)
+    """Return ``1 / t``, at most 10."""
+    return 1 / array_namespace(t).clip(t, _MIN_DIVISOR, None)
 
 
 def cosine(t: Array, theta: Array) -> Array:
-    """``cos(2 pi t)``: rings of both signs."""
+    """Return ``cos(2 pi t)``: rings of both signs."""
     return array_namespace(t).cos(6.283185307179586 * t)
 
 
 def angular(turns: float = 1) -> FieldMap:
-    """``t cos(turns theta)``: sectors of both signs; if turns are not whole there is a seam on the left."""
+    """Return the map ``t cos(turns theta)``: sectors of both signs, with a seam unless ``turns`` is whole."""
     return partial(_sectors, turns)
 
 
@@ -89,16 +90,16 @@ def _sectors(turns: float, t: Array, theta: Array) -> Array:
 
 
 def power(exponent: float = 1) -> FieldMap:
-    """``t^exponent``; t below 0, as other maps may return it, counts as 0."""
-    return partial(_raised, exponent)
+    """Return the map ``t^exponent``; t below 0, as other maps may return it, counts as 0."""
+    return partial(_power, exponent)
 
 
-def _raised(exponent: float, t: Array, theta: Array) -> Array:
+def _power(exponent: float, t: Array, theta: Array) -> Array:
     return array_namespace(t).clip(t, 0, None) ** exponent
 
 
 def compose(g: FieldMap, f: FieldMap) -> FieldMap:
-    """First f, then g: ``g(f(t, theta), theta)``."""
+    """Return the map ``g(f(t, theta), theta)``: first f, then g."""
     return partial(_composed, g, f)
 
 
@@ -118,19 +119,19 @@ FIELD_MAPS: dict[str, FieldMap] = {
     "angular": angular(),
 }
 
-# Maps that take a number, as in ``power:2.5``.
-_NUMBERED = {"angular": angular, "power": power}
+# Maps with a numeric parameter, as in ``power:2.5``.
+_PARAMETRIC_MAPS = {"angular": angular, "power": power}
 
 
 def make_field_map(field_map: str) -> FieldMap:
-    """Return the map that a text names.
+    """Return the map with the given name.
 
     Args:
         field_map: Names of ``FIELD_MAPS``, or ``power:N`` and ``angular:N`` with a number above 0, separated
             by commas; the first is applied first: ``inversion,reciprocal`` is ``1 / (1 - t)``.
 
     Raises:
-        ParameterError: A name or a number is not known.
+        ParameterError: Unknown name, or a number out of range.
     """
     result: FieldMap | None = None
     check_kind("field_map", field_map, str)
@@ -145,8 +146,8 @@ def _make_atom(text: str) -> FieldMap:
     name, colon, number = text.partition(":")
     if not colon and name in FIELD_MAPS:
         return FIELD_MAPS[name]
-    if colon and name in _NUMBERED:
-        return _NUMBERED[name](_read_number(text, number))
+    if colon and name in _PARAMETRIC_MAPS:
+        return _PARAMETRIC_MAPS[name](_read_number(text, number))
     expected = f"names of {', '.join(FIELD_MAPS)}, power:N or angular:N, separated by commas"
     raise ParameterError("field_map", expected, text)
 
@@ -157,6 +158,6 @@ def _read_number(text: str, number: str) -> float:
     except ValueError:
         raise ParameterError("field_map", "a number after the colon", text) from None
     check_number("field_map", value)
-    if not 0 < value <= _HIGHEST_NUMBER:
-        raise ParameterError("field_map", f"a number above 0 and up to {_HIGHEST_NUMBER:g}", text)
+    if not 0 < value <= _MAX_NUMBER:
+        raise ParameterError("field_map", f"a number above 0 and up to {_MAX_NUMBER:g}", text)
     return value

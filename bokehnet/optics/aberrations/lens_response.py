@@ -1,4 +1,4 @@
-"""The response of a lens, as renderers take it: where its rays go, and what light they carry."""
+"""Lens response for renderers: ray deviations and spectral weights of a lens."""
 
 from dataclasses import dataclass, field
 
@@ -14,16 +14,15 @@ __all__ = ["LensResponse"]
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class LensResponse:
-    """What a lens does beyond focusing; the default is a perfect lens.
+    """Aberrations and spectral weights of a lens; the default is a perfect lens.
 
     Attributes:
-        aberration_map: Where its rays go.
-        chromatic_aberration: Chromatic aberration beyond that of the aberration map.
-        wavelength_sampling: Which wavelengths stand for the light, and what each carries of red, green and
-            blue.
+        aberration_map: Aberrations and vignetting.
+        chromatic_aberration: Chromatic aberration in addition to that of the aberration map.
+        wavelength_sampling: Sampling of wavelengths and their red, green and blue weights.
 
     Raises:
-        ParameterError: One of them is something else.
+        ParameterError: A field has the wrong type.
     """
 
     aberration_map: AberrationMap = field(default_factory=AberrationMap.perfect)
@@ -36,30 +35,34 @@ class LensResponse:
         check_kind("wavelength_sampling", self.wavelength_sampling, WavelengthSampling)
 
     @property
-    def is_plain(self) -> bool:
-        """Whether a picture through this lens is one through a perfect lens."""
+    def is_ideal(self) -> bool:
+        """True if the lens renders like a perfect lens."""
         return self.aberration_map.is_perfect and (
             self.chromatic_aberration is None or self.chromatic_aberration.is_none
         )
 
     @property
     def is_dispersive(self) -> bool:
-        """Whether wavelengths go different ways."""
+        """True if rays depend on the wavelength."""
         return self.aberration_map.is_dispersive or not (
             self.chromatic_aberration is None or self.chromatic_aberration.is_none
         )
 
     def sample_wavelengths(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Wavelengths (count,) and their red, green, blue (count, 3), of mean 1 each.
+        """Return wavelengths in nm (count,) and their red, green, blue weights (count, 3), of mean 1 each.
 
-        Where the lens does not part wavelengths, all are the design wavelength and white.
+        Without dispersion, all are the design wavelength and white.
         """
         if self.is_dispersive:
             return self.wavelength_sampling.sample(count)
         return self._one_wavelength(count)
 
     def wavelengths_at(self, chances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for given chances, (count,), evenly spread from 0 to 1."""
+        """Return wavelengths and weights as :meth:`sample_wavelengths` does, at ``chances``.
+
+        Args:
+            chances: Positions in the cumulative distribution, evenly spread from 0 to 1, (count,).
+        """
         if self.is_dispersive:
             return self.wavelength_sampling.at(chances)
         return self._one_wavelength(len(chances))

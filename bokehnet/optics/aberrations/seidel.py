@@ -1,12 +1,13 @@
-"""Third-order aberrations: what each surface adds to them, and the aberration map that they make.
+"""Third-order aberrations: Seidel sums of surfaces, and the resulting aberration map.
 
 The sum over the surfaces is one function of the aperture coordinate a and the field position h, the wavefront
 
 ``W = S1/8 (a.a)^2 + S2/2 (a.a)(a.h) + S3/2 (a.h)^2 + (S3 + S4)/4 (a.a)(h.h) + S5/2 (a.h)(h.h)``
 
-in mm, and rays miss in proportion to its gradient by a. Two paraxial rays give the five sums: the marginal
-ray, from the middle of the picture to the rim of the pupil (a = 1), and the chief ray, from the corner
-(h = 1) to the middle of the pupil. With the two rays exchanged the same sums tell how the pupil is imaged.
+in mm, and transverse aberrations are proportional to its gradient with respect to a. Two paraxial rays
+determine the five sums: the marginal ray, from the centre of the picture to the rim of the pupil (a = 1), and
+the chief ray, from the corner (h = 1) to the centre of the pupil. With the two rays exchanged the same sums
+are those of the image of the pupil.
 
 Source: Welford, "Aberrations of optical systems", 1986, ch. 8; names B, C, D, E, F after Born and Wolf,
 "Principles of optics", 1999, ch. 5. Rays are (y, n u) as in :mod:`bokehnet.optics.paraxial`.
@@ -24,7 +25,7 @@ __all__ = ["SeidelCoefficients", "SeidelSums", "surface_sums", "uniform_irradian
 
 @dataclass(frozen=True, slots=True)
 class SeidelSums:
-    """Seidel sums S1 to S5, mm, numbers or one per wavelength; each surface has its own, and they add up."""
+    """Seidel sums S1 to S5, mm, numbers or one per wavelength; the sums of surfaces add up."""
 
     spherical: Array = 0.0
     coma: Array = 0.0
@@ -33,7 +34,7 @@ class SeidelSums:
     distortion: Array = 0.0
 
     def __add__(self, other: "SeidelSums") -> "SeidelSums":
-        """Both one after the other."""
+        """Return the sums of both surfaces or systems in sequence."""
         return SeidelSums(
             self.spherical + other.spherical,
             self.coma + other.coma,
@@ -51,20 +52,20 @@ def surface_sums(
     before: Array,
     behind: Array,
 ) -> SeidelSums:
-    """Sums of one surface.
+    """Return the Seidel sums of one surface.
 
     Args:
-        marginal: Height y, mm, and n u of the marginal ray as it arrives.
-        chief: The same of the chief ray.
-        curvature: 1 / radius, 1/mm, positive when the centre lies behind.
-        fourth_order: Eight times the depth by the fourth power of the height, less that of the sphere,
-            1/mm^3; a conic has ``k / radius^3``.
+        marginal: Height y, mm, and n u of the marginal ray in front of the surface.
+        chief: Height y, mm, and n u of the chief ray in front of the surface.
+        curvature: 1 / radius, 1/mm, positive if the centre lies behind.
+        fourth_order: Eight times the fourth-order coefficient of the sag, less that of the sphere,
+            1/mm^3; ``k / radius^3`` for a conic.
         before: Refractive index in front.
-        behind: The same behind.
+        behind: Refractive index behind.
 
     Source:
         Welford, "Aberrations of optical systems", 1986, 8.2 and 8.4. The fifth sum is written without
-        division by the angle of the marginal ray, which is 0 where that ray meets a surface at right angles.
+        division by the angle of the marginal ray, which is 0 for a ray that meets a surface at right angles.
     """
     (y, nu), (y_chief, nu_chief) = marginal, chief
     power = (behind - before) * curvature
@@ -89,7 +90,7 @@ def surface_sums(
 
 @dataclass(frozen=True, slots=True)
 class SeidelCoefficients:
-    """Seidel's five coefficients of how rays miss, each in half-diagonals of the picture.
+    """Seidel coefficients of the transverse aberration, each in half-diagonals of the picture.
 
     ``E = B (a.a) a + F (2 (a.h) a + (a.a) h) + 2 C (a.h) h + D (h.h) a + E (h.h) h``
 
@@ -116,8 +117,8 @@ class SeidelCoefficients:
         """Return the coefficients at the sensor.
 
         Args:
-            sums: Of all surfaces, mm.
-            lagrange: Lagrange's invariant of the two rays, ``n (u_chief y - u y_chief)``, mm. At the sensor,
+            sums: Seidel sums of all surfaces, mm.
+            lagrange: Lagrange invariant of the two rays, ``n (u_chief y - u y_chief)``, mm. At the sensor,
                 where y is 0 and y_chief the half-diagonal, it is ``-n' u'`` times the half-diagonal.
         """
         half = -0.5 / lagrange
@@ -130,16 +131,16 @@ class SeidelCoefficients:
         )
 
     def transverse_aberration(self) -> np.ndarray:
-        """Coefficients of the aberration map's E, (..., 2, 20)."""
+        """Return the coefficients of E of the aberration map, (..., 2, 20)."""
         return _table(
             along_pupil=(self.spherical, 2 * self.coma, self.field_curvature),
             along_field=(self.coma, 2 * self.astigmatism, self.distortion),
         )
 
     def pupil_aberration(self) -> np.ndarray:
-        """Coefficients of the aberration map's A - a, (..., 2, 20), where these are those of the pupil.
+        """Return the coefficients of A - a of the aberration map, (..., 2, 20), for those of the pupil.
 
-        The pupil is imaged with the parts of a and h exchanged.
+        In the image of the pupil a and h exchange their roles.
         """
         return _table(
             along_pupil=(self.distortion, 2 * self.astigmatism, self.coma),
@@ -148,15 +149,15 @@ class SeidelCoefficients:
 
 
 def uniform_irradiance(rise: Array, tilt: Array) -> np.ndarray:
-    """Move places in the stop so that equal areas send equal light, and leave the rim where it is.
+    """Return the displacement of points in the stop that gives equal areas equal light; the rim is fixed.
 
     Args:
-        rise: The light of places is ``1 + rise a.a + tilt a.h``, numbers or (L,), small.
-        tilt: The same.
+        rise: Coefficient of a.a in the light ``1 + rise a.a + tilt a.h`` of points, numbers or (L,), small.
+        tilt: Coefficient of a.h, of the same shape.
 
     Returns:
-        What is added to places, as coefficients of a polynomial of the aberration map, (..., 2, 20). Its
-        divergence is the light less its mean, and on the unit circle it has no part across.
+        Displacement, as coefficients of a polynomial of the aberration map, (..., 2, 20). Its
+        divergence is the light less its mean, and on the unit circle it is tangential.
     """
     table = _table(along_pupil=(rise / 4, tilt / 4, 0.0), along_field=(tilt / 8, 0.0, 0.0))
     table[..., 0, term(0, 0, 0)] = -rise / 4
@@ -165,7 +166,7 @@ def uniform_irradiance(rise: Array, tilt: Array) -> np.ndarray:
 
 
 def _table(along_pupil: tuple[Array, ...], along_field: tuple[Array, ...]) -> np.ndarray:
-    """Fill (..., 2, 20) with the factors of a.a, a.h and h.h."""
+    """Return a table (..., 2, 20) with the given coefficients of a.a, a.h and h.h."""
     rows = np.broadcast_arrays(*map(np.asarray, (*along_pupil, *along_field)))
     table = np.zeros((*rows[0].shape, 2, len(TERMS)))
     squares = (term(1, 0, 0), term(0, 1, 0), term(0, 0, 1))

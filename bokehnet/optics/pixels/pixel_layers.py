@@ -1,9 +1,10 @@
-"""Surfaces of a pixel's samples, merged to few layers with coverage.
+"""Merging of the surfaces seen by the samples of a pixel into a few layers with coverage.
 
-A renderer finds surfaces along rays through a pixel, several on each, or deep samples tell them. Sorted by
-disparity they fall into groups, one for each layer, at the widest gaps. A layer covers as much of its pixel
-as lets the layers over one another show what the rays saw: its light over what those before it let through.
-So surfaces that meet inside a pixel, each on its own part of it, do not shine through each other.
+A renderer records several surfaces along each ray through a pixel, or deep samples contain them. Sorted by
+disparity, they are split into groups, one per layer, at the widest gaps. The coverage of a layer is its
+visible light divided by the transmittance of the layers in front of it, so that compositing the layers
+reproduces the samples. Surfaces that meet inside a pixel, each on its own part of it, therefore do not show
+through each other.
 """
 
 import numpy as np
@@ -14,29 +15,29 @@ from bokehnet.kernels import njit
 
 __all__ = ["merge_surfaces"]
 
-# Weight of a surface's colour where nearer ones hide it, beside where it is seen.
-_HIDDEN = 1e-3
+# Weight of the colour of a surface where nearer surfaces occlude it; the weight is 1 where it is visible.
+_OCCLUDED_WEIGHT = 1e-3
 
-# Coverage left by nearer layers, below which nothing tells that of a layer behind but its own outline.
-_CLEAR = 1e-3
+# Transmittance of nearer layers below which the coverage of a layer is its own alpha alone.
+_MIN_TRANSMITTANCE = 1e-3
 
 
 @njit(cache=True)
-def _cut(values, order, count, layers, least, begins):  # type: ignore[no-untyped-def]
-    """Mark in ``begins`` where sorted values start a new layer: at their widest gaps."""
+def _cut(values, order, count, layers, min_gap, begins):  # type: ignore[no-untyped-def]
+    """Mark in ``begins`` the sorted values that start a new layer: those after the widest gaps."""
     gaps = np.zeros(count)
     begins[:count] = False
     for i in range(1, count):
         gaps[i] = values[order[i - 1]] - values[order[i]]
     for _ in range(layers - 1):
         widest = np.argmax(gaps)
-        if gaps[widest] <= least:
+        if gaps[widest] <= min_gap:
             break
         begins[widest], gaps[widest] = True, 0.0
 
 
 @njit(cache=True, parallel=True)
-def _merge(colors, disparity, coverage, least, merged, depths, covers):  # type: ignore[no-untyped-def]
+def _merge(colors, disparity, coverage, min_gap, merged, depths, covers):  # type: ignore[no-untyped-def]
     pixels, samples, surfaces = disparity.shape
     layers = depths.shape[1]
     for p in prange(pixels):
@@ -50,9 +51,9 @@ def _merge(colors, disparity, coverage, least, merged, depths, covers):  # type:
         if count == 0:
             continue
         order = np.argsort(-value[:count], kind="mergesort")
-        _cut(value, order, count, layers, least, begins)
+        _cut(value, order, count, layers, min_gap, begins)
         clear, through = np.ones(samples), np.ones(samples)
-        left, layer, weight, own, seen = 1.0, -1, 0.0, 0.0, 0.0
+        remaining, layer, weight, own, seen = 1.0, -1, 0.0, 0.0, 0.0
         for i in range(count + 1):
             if i == count or begins[i] or i == 0:
                 if i > 0:
@@ -60,9 +61,9 @@ def _merge(colors, disparity, coverage, least, merged, depths, covers):  # type:
                         merged[p, layer, c] /= weight
                     depths[p, layer] /= weight
                     alone = own / samples
-                    shown = seen / samples / left if left > _CLEAR else alone
-                    covers[p, layer] = min(max(shown, alone if left <= _CLEAR else 0.0), 1.0)
-                    left = max(left - seen / samples, 0.0)
+                    shown = seen / samples / remaining if remaining > _MIN_TRANSMITTANCE else alone
+                    covers[p, layer] = min(max(shown, alone if remaining <= _MIN_TRANSMITTANCE else 0.0), 1.0)
+                    remaining = max(remaining - seen / samples, 0.0)
                     for s in range(samples):
                         clear[s] *= through[s]
                 if i == count:
@@ -75,7 +76,7 @@ def _merge(colors, disparity, coverage, least, merged, depths, covers):  # type:
             through[s] -= alpha
             own += alpha
             seen += clear[s] * alpha
-            alpha *= clear[s] + _HIDDEN
+            alpha *= clear[s] + _OCCLUDED_WEIGHT
             weight += alpha
             for c in range(3):
                 merged[p, layer, c] += alpha * colors[p, s, k, c]
@@ -85,30 +86,29 @@ def _merge(colors, disparity, coverage, least, merged, depths, covers):  # type:
 
 
 def merge_surfaces(
-    colors: np.ndarray, disparity: np.ndarray, coverage: np.ndarray, layers: int, least_gap: float = 0.0
+    colors: np.ndarray, disparity: np.ndarray, coverage: np.ndarray, layers: int, min_gap: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Merge what samples of pixels see to layers.
+    """Merge the surfaces seen by the samples of pixels into layers.
 
     Args:
-        colors: Of each surface by itself, (P, S, K, 3): pixels, samples of each, surfaces on each.
-        disparity: Or anything that grows with it, (P, S, K).
-        coverage: Alpha of each surface, (P, S, K); 0 where there is none.
-        layers: At most so many of each pixel, from 1 up.
-        least_gap: Surfaces no farther apart in disparity are one layer.
+        colors: Unpremultiplied colour of each surface, (P, S, K, 3): pixels, samples, surfaces per sample.
+        disparity: Disparity or any quantity that increases with it, (P, S, K).
+        coverage: Alpha of each surface, (P, S, K); 0 for unused entries.
+        layers: Maximum number of layers per pixel, at least 1.
+        min_gap: Surfaces at most this far apart in disparity share a layer.
 
     Returns:
-        Colours (P, layers, 3), disparity (P, layers), front to back, and coverage (P, layers), float32; those
-        that are left over have coverage 0. Laid over one another by "over" they show the mean of the
-        samples.
+        Colours (P, layers, 3), disparity (P, layers), front to back, and coverage (P, layers), float32;
+        unused layers have coverage 0. Composited with "over" the layers show the mean of the samples.
 
     Raises:
-        ParameterError: No layers.
+        ParameterError: ``layers`` is below 1.
 
     Examples:
         >>> colors = np.array([[[[1, 0, 0], [0, 0, 1]], [[0, 0, 1], [0, 0, 0]]]], np.float32)
         >>> disparity = np.array([[[0.9, 0.1], [0.1, 0]]], np.float32)
         >>> coverage = np.array([[[1, 1], [1, 0]]], np.float32)
-        >>> found, depths, covers = merge_surfaces(colors, disparity, coverage, 3)
+        >>> colors, depths, covers = merge_surfaces(colors, disparity, coverage, 3)
         >>> covers.tolist(), depths.round(2).tolist()
         ([[0.5, 1.0, 0.0]], [[0.8999999761581421, 0.10000000149011612, 0.10000000149011612]])
     """
@@ -116,6 +116,6 @@ def merge_surfaces(
     pixels = len(disparity)
     merged = np.zeros((pixels, layers, 3), np.float64)
     depths, covers = np.zeros((pixels, layers)), np.zeros((pixels, layers))
-    given = (np.ascontiguousarray(x, np.float32) for x in (colors, disparity, coverage))
-    _merge(*given, float(least_gap), merged, depths, covers)
+    inputs = (np.ascontiguousarray(x, np.float32) for x in (colors, disparity, coverage))
+    _merge(*inputs, float(min_gap), merged, depths, covers)
     return merged.astype(np.float32), depths.astype(np.float32), covers.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Pictures at places between their pixels."""
+"""Resampling of pictures at fractional pixel positions."""
 
 import numpy as np
 
@@ -8,20 +8,20 @@ __all__ = ["inside", "sample"]
 
 
 def sample(image: Array, places: Array) -> Array:
-    """Return a picture at places between its pixels, by cubic convolution; beyond its border it repeats.
+    """Return a picture at fractional pixel positions by cubic convolution; repeats border pixels outside.
 
-    Along rows, then along columns, the cubic is kept between the two values that it joins: alone it would
-    draw dark rings around lamps, and light below 0. The result is continuous in ``places``, and in the middle
-    of a pixel it is that pixel.
+    Along rows, then along columns, the cubic is clamped between the two central values: without that
+    it would draw dark rings around lamps, and light below 0. The result is continuous in ``places``, and
+    equals the pixel at pixel centres.
 
     Args:
-        image: (..., H, W, C), array or tensor, then differentiable with respect to both arguments; a batch
-            (B, C, H, W) goes through ``movedim(1, -1)``.
-        places: (..., 2), x right and y down in pixels, 0 is the middle of the first pixel; array or tensor as
-            ``image`` is.
+        image: (..., H, W, C), array or tensor, then differentiable with respect to both arguments; for a
+            batch (B, C, H, W) use ``movedim(1, -1)``.
+        places: Positions, (..., 2), x right and y down in pixels, 0 at the centre of the first pixel; array
+            or tensor like ``image``.
 
     Returns:
-        (..., C): the leading sides of ``image``, then those of ``places``.
+        (..., C): the leading axes of ``image``, then those of ``places``.
 
     Source:
         Keys, "Cubic convolution interpolation for digital image processing", 1981.
@@ -41,7 +41,7 @@ def sample(image: Array, places: Array) -> Array:
 
 
 def inside(places: Array, height: int, width: int) -> Array:
-    """Whether ``places`` (..., 2) lie on a picture: 1 up to its outermost pixels' middles, 0 a pixel on."""
+    """Return a soft mask of the positions (..., 2) on a picture: 1 up to the border pixels, 0 a pixel on."""
     xp = array_namespace(places)
     x, y = places[..., 0], places[..., 1]
     across = xp.clip(x + 1, 0, 1) * xp.clip(width - x, 0, 1)
@@ -49,9 +49,9 @@ def inside(places: Array, height: int, width: int) -> Array:
 
 
 def _taps(place: Array, size: int, dtype: object) -> tuple[Array, tuple[Array, ...]]:
-    """First of four pixels around ``place`` (...,), and the weights of all four (the cubic with a = -1/2)."""
+    """Return the first of four pixels around ``place`` (...,), and four weights (cubic with a = -1/2)."""
     xp = array_namespace(place)
-    place = xp.clip(place, -2.0, size + 1.0)  # infinity has no pixel
+    place = xp.clip(place, -2.0, size + 1.0)  # an infinite position has no pixel
     floor = xp.floor(place)
     t = place - floor
     whole = floor.astype(xp.int64) if xp is np else floor.long()
@@ -68,15 +68,15 @@ def _taps(place: Array, size: int, dtype: object) -> tuple[Array, tuple[Array, .
 
 
 def _take(flat: Array, index: Array) -> Array:
-    """Pixels of a picture (..., N, C) in one row, by their numbers (...,)."""
-    taken = (
+    """Return pixels of a picture (..., N, C), flattened to one row, by their indices (...,)."""
+    pixels = (
         flat.take(index.reshape(-1), -2) if array_namespace(flat) is np else flat[..., index.reshape(-1), :]
     )
-    return taken.reshape(*flat.shape[:-2], *index.shape, flat.shape[-1])
+    return pixels.reshape(*flat.shape[:-2], *index.shape, flat.shape[-1])
 
 
 def _blend(values: list[Array], weights: tuple[Array, ...]) -> Array:
-    """The cubic through four values (..., C) with ``weights`` (...,), kept between the middle two."""
+    """Return the cubic of four values (..., C) with ``weights`` (...,), clamped between the middle two."""
     xp = array_namespace(values[0])
     total = sum(value * weight[..., None] for value, weight in zip(values, weights, strict=True))
     low, high = xp.minimum(values[1], values[2]), xp.maximum(values[1], values[2])

@@ -1,7 +1,6 @@
-"""How many samples each pixel gets by how much its samples differ: one interface for tracer and hybrid.
+"""Allocation of samples to pixels by the variance of their samples, for the path tracer and the hybrid.
 
-:mod:`bokehnet.classical.layered.march.sample_counts` follows the same law, tile by tile, inside compiled
-code.
+:mod:`bokehnet.classical.layered.march.sample_counts` applies the same rule per tile inside compiled code.
 """
 
 from collections.abc import Callable
@@ -10,21 +9,21 @@ import numpy as np
 
 __all__ = ["Allocation", "neyman"]
 
-# Variance of one sample of each pixel, (N,); samples of each so far, (N,); and how many may be added in all.
-# Gives how many each adds, (N,) int64, which sum to no more than that.
+# Called with the variance of one sample of each pixel, (N,); the samples of each so far, (N,); and the total
+# budget of new samples. Returns the new samples of each pixel, (N,) int64, whose sum is at most the budget.
 Allocation = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 
 
 def neyman(variance: np.ndarray, sent: np.ndarray, budget: int) -> np.ndarray:
-    """Add samples so that the mean variance of all pixels' means becomes least; see ``Allocation``.
+    """Return the new samples per pixel that minimize the mean variance of pixel means; see ``Allocation``.
 
-    The sum of ``v / n`` is least where n grows with the root of v; pixels that have more than that already
-    get none. Parts of samples are carried over from pixel to pixel.
+    The sum of ``v / n`` is minimal for n proportional to the root of v; pixels that already exceed this
+    get no samples. Fractions of samples carry over from pixel to pixel.
 
     Args:
-        variance: From 0 up, (N,).
-        sent: From 0 up, (N,).
-        budget: From 0 up.
+        variance: Variance of one sample, >= 0, (N,).
+        sent: Samples so far, >= 0, (N,).
+        budget: Maximum number of new samples, >= 0.
 
     Source:
         Neyman, "On the two different aspects of the representative method", 1934; water-filling as in Boyd
@@ -39,7 +38,7 @@ def neyman(variance: np.ndarray, sent: np.ndarray, budget: int) -> np.ndarray:
     sent = np.asarray(sent, np.float64)
     if not root.any() or budget < 1:
         return np.zeros(len(root), np.int64)
-    # n = level * root where that is above what was sent: pixels enter in the order of sent / root.
+    # n = level * root if that exceeds the samples sent: pixels enter in the order of sent / root.
     noisy = np.flatnonzero(root > 0)
     order = noisy[np.argsort(sent[noisy] / root[noisy], kind="stable")]
     level = (budget + np.cumsum(sent[order])) / np.cumsum(root[order])

@@ -1,22 +1,22 @@
-"""Pictures at a multiple of their size brought back to it through a pixel filter."""
+"""Downsampling of supersampled pictures through a pixel filter."""
 
 import numpy as np
 import numpy.typing as npt
 
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
 
-__all__ = ["reduce_fine"]
+__all__ = ["downsample"]
 
 Array = npt.NDArray[np.float32]
 
 
-def reduce_fine(values: Array, factor: int, pixel_filter: PixelFilter = DEFAULT_FILTER) -> Array:
+def downsample(values: Array, factor: int, pixel_filter: PixelFilter = DEFAULT_FILTER) -> Array:
     """Filter an array (factor H, factor W, ...) down to (H, W, ...).
 
-    Beyond the border nothing is counted: what a filter finds there is given to what lies inside.
+    At the border the weights inside the picture are normalized to sum 1.
 
     Examples:
-        >>> reduce_fine(np.ones((4, 6), np.float32), 2).tolist()
+        >>> downsample(np.ones((4, 6), np.float32), 2).tolist()
         [[1.0, 1.0, 1.0], [1.0, 1.0, 1.0]]
     """
     weights = pixel_filter.fine_weights(factor).astype(np.float32)
@@ -29,7 +29,7 @@ def _along_rows(values: Array, factor: int, weights: Array) -> Array:
     result = np.zeros((size, *values.shape[1:]), np.float32)
     total = np.zeros(size, np.float32)
     for i, weight in enumerate(weights):
-        offset = i - beyond  # from a pixel's first fine row
+        offset = i - beyond  # from the first fine row of a pixel
         first = max(0, -(offset // factor))
         last = min(size, (len(values) - 1 - offset) // factor + 1)
         rows = slice(first * factor + offset, (last - 1) * factor + offset + 1, factor)

@@ -1,4 +1,4 @@
-"""Refractive indices of glasses: Sellmeier's and Schott's formulas, and (nd, Vd) where no more is known.
+"""Refractive indices of glasses: Sellmeier's and Schott's formulas, Abbe numbers (nd, Vd), and tables.
 
 Wavelengths are nanometres in vacuum, as numbers, arrays or tensors; indices are relative to air.
 """
@@ -29,7 +29,7 @@ _G_LINE = 435.8343  # mercury blue
 
 @dataclass(frozen=True, slots=True)
 class SellmeierGlass:
-    """Three resonances: ``n^2 = 1 + sum b_i L / (L - c_i)`` with L the squared wavelength in micrometres.
+    """Sellmeier formula: ``n^2 = 1 + sum b_i L / (L - c_i)`` with L the squared wavelength in micrometres.
 
     Source:
         Sellmeier, "Zur Erklärung der abnormen Farbenfolge im Spectrum einiger Substanzen", 1871.
@@ -39,7 +39,7 @@ class SellmeierGlass:
     c: tuple[float, float, float]
 
     def index(self, wavelength: Array) -> Array:
-        """Refractive index at ``wavelength``, nm."""
+        """Return the refractive index at ``wavelength``, nm."""
         squared = (wavelength / 1000) ** 2
         total = 1.0
         for b, c in zip(self.b, self.c, strict=True):
@@ -49,7 +49,9 @@ class SellmeierGlass:
 
 @dataclass(frozen=True, slots=True)
 class SchottGlass:
-    """Schott's power series: ``n^2 = a0 + a1 L + a2 / L + a3 / L^2 + a4 / L^3 + a5 / L^4``, L as above.
+    """Schott's power series: ``n^2 = a0 + a1 L + a2 / L + a3 / L^2 + a4 / L^3 + a5 / L^4``.
+
+    L is the squared wavelength in micrometres.
 
     Source:
         Schott, "Optical glass" catalogue, 1966, the formula in use before Sellmeier's.
@@ -58,7 +60,7 @@ class SchottGlass:
     a: tuple[float, float, float, float, float, float]
 
     def index(self, wavelength: Array) -> Array:
-        """Refractive index at ``wavelength``, nm."""
+        """Return the refractive index at ``wavelength``, nm."""
         squared = (wavelength / 1000) ** 2
         total = self.a[0] + self.a[1] * squared
         for power, coefficient in enumerate(self.a[2:], start=1):
@@ -68,12 +70,12 @@ class SchottGlass:
 
 @dataclass(frozen=True, slots=True)
 class AbbeGlass:
-    """``n = p + q / L + r / L^2`` through nd, Vd and the blue of ordinary glasses with that Vd.
+    """Glass by nd and Vd: ``n = p + q / L + r / L^2``, with the blue of ordinary glasses of that Vd.
 
     Exact in nd and Vd. From 430 to 700 nm it is within 6e-4 of the glasses in this file, at 400 within 2e-3.
 
     Attributes:
-        nd: Index at the d line.
+        nd: Refractive index at the d line.
         vd: Abbe number (nd - 1) / (nF - nC).
 
     Source:
@@ -85,7 +87,7 @@ class AbbeGlass:
     vd: float
 
     def index(self, wavelength: Array) -> Array:
-        """Refractive index at ``wavelength``, nm."""
+        """Return the refractive index at ``wavelength``, nm."""
         dispersion = (self.nd - 1) / self.vd
         blue = (0.6438 - 0.001682 * self.vd) * dispersion
         # Two equations, nF - nC = dispersion and ng - nF = blue, for q and r.
@@ -99,22 +101,22 @@ class AbbeGlass:
 
 
 def _step(to: Array, start: float) -> tuple[Array, Array]:
-    """Differences of 1 / L and 1 / L^2 between two wavelengths, nm."""
+    """Return the differences of 1 / L and 1 / L^2 between two wavelengths, nm."""
     first, last = 1e6 / (to * to), 1e6 / (start * start)
     return first - last, first**2 - last**2
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FormulaGlass:
-    """``n^root = sum a w^p + sum b w^q / (w^2 - c)^m``, w the wavelength in micrometres.
+    """General formula ``n^root = sum a w^p + sum b w^q / (w^2 - c)^m``, w the wavelength in micrometres.
 
-    Nearly every formula of glass catalogues and of refractiveindex.info is of this kind: Sellmeier's,
-    Schott's, Cauchy's, Conrady's, those of handbooks; a number alone is a glass without dispersion.
+    Nearly all formulas of glass catalogues and of refractiveindex.info have this form: Sellmeier's,
+    Schott's, Cauchy's, Conrady's, those of handbooks. A constant alone is a glass without dispersion.
 
     Attributes:
-        root: 2 where the formula is of the squared index, else 1.
+        root: 2 if the formula gives the squared index, else 1.
         powers: Pairs a, p.
-        poles: Fours b, q, c, m.
+        poles: Quadruples b, q, c, m.
 
     Source:
         Polyanskiy, "Refractiveindex.info database of optical constants", Scientific Data 2024.
@@ -125,7 +127,7 @@ class FormulaGlass:
     poles: tuple[tuple[float, float, float, float], ...] = ()
 
     def index(self, wavelength: Array) -> Array:
-        """Refractive index at ``wavelength``, nm."""
+        """Return the refractive index at ``wavelength``, nm."""
         micrometres = wavelength / 1000
         total: Array = 0 * micrometres
         for a, p in self.powers:
@@ -137,25 +139,25 @@ class FormulaGlass:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TableGlass:
-    """An index for each of some wavelengths, in straight lines between them, even beyond the ends.
+    """Refractive index by a table of wavelengths, linearly interpolated, constant beyond its ends.
 
     Attributes:
-        wavelengths: Nanometres, rising, two or more.
-        indices: As many.
+        wavelengths: Wavelengths, nm, ascending, two or more.
+        indices: Refractive index at each.
     """
 
     wavelengths: tuple[float, ...]
     indices: tuple[float, ...]
 
     def index(self, wavelength: Array) -> Array:
-        """Refractive index at ``wavelength``, nm."""
+        """Return the refractive index at ``wavelength``, nm."""
         xp = array_namespace(wavelength)
         known = list(zip(self.wavelengths, self.indices, strict=True))
-        found = 0 * wavelength + known[0][1]
+        index = 0 * wavelength + known[0][1]
         for (first, low), (last, high) in pairwise(known):
-            share = xp.clip((wavelength - first) / (last - first) + 0 * found, 0, 1)
-            found = found + (high - low) * share
-        return found
+            fraction = xp.clip((wavelength - first) / (last - first) + 0 * index, 0, 1)
+            index = index + (high - low) * fraction
+        return index
 
 
 Glass = SellmeierGlass | SchottGlass | AbbeGlass | FormulaGlass | TableGlass
@@ -182,7 +184,7 @@ def make_glass(name: str) -> Glass:
     """Return the glass called ``name``.
 
     Raises:
-        LensError: No glass has that name.
+        LensError: Unknown glass.
     """
     if name not in _SELLMEIER:
         raise LensError(

@@ -1,4 +1,4 @@
-"""Light that surfaces of a lens scatter: the veil around lamps."""
+"""Light scattered by lens surfaces: veiling glare around lamps."""
 
 import math
 
@@ -8,15 +8,15 @@ __all__ = ["scatter_kernel"]
 
 
 def scatter_kernel(half_diagonal: float, core: float, slope: float) -> np.ndarray:
-    """Return where scattered light of a point falls, (n, n) pixels with n odd, 1 in all.
+    """Return the distribution of the scattered light of a point, (n, n) pixels with n odd, sum 1.
 
-    Polished glass scatters by ``(1 + (r / core)^2)^(-slope / 2)``. What goes farther than one half-diagonal
-    is left out.
+    Polished glass scatters by ``(1 + (r / core)^2)^(-slope / 2)``. The kernel is cut off at one
+    half-diagonal.
 
     Args:
-        half_diagonal: Of the picture, pixels.
-        core: Radius within which it is flat, half-diagonals, above 0.
-        slope: Power by which it falls farther out; 1.5 to 3 of real lenses.
+        half_diagonal: Half-diagonal of the picture, pixels.
+        core: Radius of the flat core, half-diagonals, above 0.
+        slope: Exponent of the falloff outside the core; 1.5 to 3 for real lenses.
 
     Source:
         Harvey, "Light-scattering characteristics of optical surfaces", thesis, 1976; the constants of a lens

@@ -6,10 +6,10 @@ import numpy as np
 
 from bokehnet.checks import Array, array_namespace
 
-__all__ = ["LONGEST", "SHORTEST", "wavelength_color"]
+__all__ = ["MAX_WAVELENGTH", "MIN_WAVELENGTH", "wavelength_color"]
 
-# Nanometres; beyond them the eye has less than a thousandth of its peak sensitivity.
-SHORTEST, LONGEST = 400.0, 700.0
+# Visible range, nm; outside it the eye has less than a thousandth of its peak sensitivity.
+MIN_WAVELENGTH, MAX_WAVELENGTH = 400.0, 700.0
 
 # Lobes of x, y, z: height, peak in nm, width below and above the peak in nm.
 _LOBES = (
@@ -35,8 +35,8 @@ def _rgb(wavelength: Array) -> Array:
 
 
 def _white() -> tuple[float, float, float]:
-    """Mean of :func:`_rgb` over the spectrum."""
-    wavelengths = SHORTEST + (LONGEST - SHORTEST) * (np.arange(3000) + 0.5) / 3000
+    """Return the mean of :func:`_rgb` over the spectrum."""
+    wavelengths = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(3000) + 0.5) / 3000
     red, green, blue = (math.fsum(values) / 3000 for values in _rgb(wavelengths).T)
     return red, green, blue
 
@@ -45,14 +45,14 @@ _WHITE = _white()
 
 
 def wavelength_color(wavelength: Array) -> Array:
-    """Linear RGB (..., 3), Rec.709, of one wavelength; its mean over the spectrum is white (1, 1, 1).
+    """Return the linear RGB (..., 3), Rec.709, of a wavelength; the mean over the spectrum is (1, 1, 1).
 
     Pure colours lie outside the gamut of the primaries, so some values are negative; sums over a broad
-    spectrum are not. Weighting by it turns a mean over wavelengths from ``SHORTEST`` to ``LONGEST`` into a
-    picture that shows no colour where wavelengths do not part.
+    spectrum are not. Weighting a mean over wavelengths from ``MIN_WAVELENGTH`` to ``MAX_WAVELENGTH`` by this
+    colour leaves a picture uncoloured where the lens has no dispersion.
 
     Args:
-        wavelength: Nanometres, any shape, array or tensor.
+        wavelength: Wavelength, nm, any shape, array or tensor.
 
     Source:
         Wyman, Sloan and Shirley, "Simple analytic approximations to the CIE XYZ color matching functions",

@@ -1,4 +1,4 @@
-"""Which wavelengths stand for the light of a picture, and what each carries of red, green and blue."""
+"""Sampling of wavelengths, with red, green and blue weights for each."""
 
 from dataclasses import dataclass
 
@@ -7,50 +7,50 @@ import numpy as np
 from bokehnet.checks import check_at_least, check_choice, check_kind
 from bokehnet.errors import ParameterError
 from bokehnet.optics.sampling import halton
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 
 __all__ = ["DISPERSIONS", "WavelengthSampling"]
 
 DISPERSIONS = ("continuous", "rgb")
 
-# The fewest wavelengths of a draw, and bands of an equaliser.
-_FEWEST, _MOST_BANDS = 8, 64
+# Minimum number of sampled wavelengths, and maximum number of equaliser bands.
+_MIN_COUNT, _MAX_BANDS = 8, 64
 
-# Cells of the spectrum in which integrals are summed up.
+# Number of cells for integrals over the spectrum.
 _CELLS = 3000
 
-# Share of a channel's light that an equaliser must leave.
-_LEAST_LIGHT = 1e-3
+# Minimum fraction of the light of a channel that an equaliser must preserve.
+_MIN_LIGHT = 1e-3
 
 _CHANNELS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class WavelengthSampling:
-    """Wavelengths, drawn where they count, with the colours that the eye sees.
+    """Importance sampling of wavelengths, weighted by their colours.
 
-    A picture holds three numbers for each pixel, not a spectrum: each wavelength carries the share of red,
-    green and blue that its own colour has of them, cut off at 0 where it lies outside the gamut. An
+    A picture stores three numbers per pixel, not a spectrum: each wavelength carries the fractions of red,
+    green and blue that its own colour has, clipped at 0 outside the gamut. An
     equaliser weighs wavelengths within each channel, so that it changes the colours of fringes but
-    not of what shows none.
+    not of areas without fringes.
 
-    Wavelengths are evenly spread chances through the inverse of the cumulated importance, which is what
-    a wavelength gives to red, green and blue together. No weight is much above 3, then.
+    Evenly spread chances are mapped to wavelengths by the inverse of the cumulative importance, the sum of
+    the contributions of a wavelength to red, green and blue. This keeps all weights below about 3.
 
     Attributes:
-        dispersion: "continuous", or "rgb" for three wavelengths alone, the mean one of each channel.
-        equaliser: Gains of bands that share the visible spectrum evenly, from violet to red, 0 or more; in
-            between, gains are linear from the middle of a band to that of the next. Only their ratios
+        dispersion: "continuous", or "rgb" for three wavelengths only, the mean of each channel.
+        equaliser: Gains of equally wide bands of the visible spectrum, from violet to red, 0 or more;
+            interpolated linearly between the centres of the bands. Only their ratios
             matter.
 
     Raises:
-        ParameterError: An unknown dispersion; gains below 0 or not finite, too many of them, or such that
-            a channel is left without light.
+        ParameterError: Unknown dispersion; gains below 0 or not finite, too many of them, or gains
+            that leave a channel without light.
 
     Source:
         Jeong, Lee, Kwon and Lee, "Expressive chromatic accumulation buffering for defocus blur", The Visual
-        Computer 2016, for points over pupil and spectrum, the equaliser and its importance sampling. That
-        channels are normalised each for itself is ours.
+        Computer 2016, for points over pupil and spectrum, the equaliser and its importance sampling. The
+        normalization of each channel is our own.
     """
 
     dispersion: str = "continuous"
@@ -59,16 +59,16 @@ class WavelengthSampling:
     def __post_init__(self) -> None:
         check_choice("dispersion", self.dispersion, DISPERSIONS)
         check_kind("equaliser", self.equaliser, tuple, list)
-        if not 1 <= len(self.equaliser) <= _MOST_BANDS:
-            expected = f"1 to {_MOST_BANDS} gains"
+        if not 1 <= len(self.equaliser) <= _MAX_BANDS:
+            expected = f"1 to {_MAX_BANDS} gains"
             raise ParameterError("equaliser", expected, self.equaliser, shown=str(len(self.equaliser)))
         for gain in self.equaliser:
             check_at_least("equaliser", gain, 0)
         middles = _cells()
         colors = _colors(middles)
         light = (colors * self._gain(middles)[:, None]).sum(0) / colors.sum(0) / (max(self.equaliser) or 1)
-        for channel, left in zip(_CHANNELS, light, strict=True):
-            if not left >= _LEAST_LIGHT:
+        for channel, remaining in zip(_CHANNELS, light, strict=True):
+            if not remaining >= _MIN_LIGHT:
                 raise ParameterError(
                     "equaliser",
                     "gains that leave light to all of red, green and blue",
@@ -78,11 +78,11 @@ class WavelengthSampling:
 
     def _gain(self, wavelengths: np.ndarray) -> np.ndarray:
         bands = len(self.equaliser)
-        middles = SHORTEST + (LONGEST - SHORTEST) * (np.arange(bands) + 0.5) / bands
+        middles = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(bands) + 0.5) / bands
         return np.interp(wavelengths, middles, self.equaliser)
 
     def response(self, wavelengths: np.ndarray) -> np.ndarray:
-        """Red, green and blue, (..., 3), that wavelengths (...,) in nm give of white light.
+        """Return the red, green and blue response, (..., 3), to white light of wavelengths (...,) in nm.
 
         The mean of each over the visible spectrum is 1.
         """
@@ -91,18 +91,22 @@ class WavelengthSampling:
         return _colors(wavelengths) * self._gain(wavelengths)[..., None] / mean
 
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Wavelengths in nm, (count,), and weights for red, green and blue, (count, 3), of mean 1 each.
+        """Return wavelengths in nm, (count,), and red, green and blue weights, (count, 3), of mean 1 each.
 
-        They go with the Halton points of the pupil in the bases 2 and 3: chances are the points in base 5.
+        The chances are the Halton points in base 5, to go with points of the pupil in the bases 2 and 3.
 
         Raises:
-            ParameterError: Fewer than 8 are asked for.
+            ParameterError: ``count`` is below 8.
         """
-        check_at_least("count", count, _FEWEST)
+        check_at_least("count", count, _MIN_COUNT)
         return self.at(halton(count, 5) + 0.5 / count)  # the points are the lower ends of their cells
 
     def at(self, chances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for given chances, (count,), evenly spread from 0 to 1."""
+        """Return wavelengths and weights as :meth:`sample` does, at ``chances``.
+
+        Args:
+            chances: Positions in the cumulative importance, evenly spread from 0 to 1, (count,).
+        """
         if self.dispersion == "rgb":
             channel = (3 * chances).astype(int)
             middles = _cells()
@@ -110,37 +114,36 @@ class WavelengthSampling:
             weights = np.eye(3)[channel]
         else:
             importance = self.response(_cells()).mean(-1)
-            cumulated = np.concatenate([[0], np.cumsum(importance)])
-            edges = np.linspace(SHORTEST, LONGEST, _CELLS + 1)
-            wavelengths = np.interp(chances, cumulated / cumulated[-1], edges)
+            cumulative = np.concatenate([[0], np.cumsum(importance)])
+            edges = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _CELLS + 1)
+            wavelengths = np.interp(chances, cumulative / cumulative[-1], edges)
             response = self.response(wavelengths)
             weights = response / np.maximum(response.mean(-1, keepdims=True), 1e-12)
         return wavelengths, weights / weights.mean(axis=0)
 
     def by_channel(self, chances: np.ndarray) -> np.ndarray:
-        """A wavelength of red, of green and of blue for given chances, nm, (count, 3).
+        """Return a wavelength of red, of green and of blue for each chance, nm, (count, 3).
 
-        Each channel's are spread as its light is, so that all of them weigh the same; at one chance they lie
-        at the same share of their channels.
+        The wavelengths of a channel are distributed as its light, so that all have the same weight.
 
         Args:
-            chances: Evenly spread from 0 to 1, (count,).
+            chances: Positions in the cumulative light of each channel, evenly spread from 0 to 1, (count,).
         """
         response = self.response(_cells())
         if self.dispersion == "rgb":
             means = (response * _cells()[:, None]).mean(0)
             return np.broadcast_to(means, (len(chances), 3))
-        cumulated = np.concatenate([np.zeros((1, 3)), np.cumsum(response, 0)])
-        edges = np.linspace(SHORTEST, LONGEST, _CELLS + 1)
-        return np.stack([np.interp(chances, each / each[-1], edges) for each in cumulated.T], -1)
+        cumulative = np.concatenate([np.zeros((1, 3)), np.cumsum(response, 0)])
+        edges = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _CELLS + 1)
+        return np.stack([np.interp(chances, each / each[-1], edges) for each in cumulative.T], -1)
 
 
 def _cells() -> np.ndarray:
-    """Middles of the cells, nm."""
-    return SHORTEST + (LONGEST - SHORTEST) * (np.arange(_CELLS) + 0.5) / _CELLS
+    """Return the centres of the cells, nm."""
+    return MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(_CELLS) + 0.5) / _CELLS
 
 
 def _colors(wavelengths: np.ndarray) -> np.ndarray:
-    """Colours within the gamut, (..., 3)."""
+    """Return the colours clipped to the gamut, (..., 3)."""
     colors: np.ndarray = np.maximum(wavelength_color(wavelengths), 0)
     return colors

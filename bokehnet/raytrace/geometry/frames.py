@@ -1,4 +1,4 @@
-"""Directions around a normal."""
+"""Orthonormal frames and directions around a normal."""
 
 import torch
 from torch import Tensor
@@ -9,7 +9,7 @@ __all__ = ["cosine_directions", "from_frame", "to_frame"]
 
 
 def _basis(axis: Tensor) -> Tensor:
-    """Three orthogonal vectors of length 1 as rows, (N, 3, 3); the last is ``axis`` (N, 3) of length 1.
+    """Return three orthonormal vectors as rows, (N, 3, 3); the last is the unit vector ``axis`` (N, 3).
 
     Source:
         Duff et al., "Building an orthonormal basis, revisited", Journal of Computer Graphics Techniques,
@@ -25,19 +25,19 @@ def _basis(axis: Tensor) -> Tensor:
 
 
 def from_frame(axis: Tensor, local: Tensor) -> Tensor:
-    """Turn vectors ``local`` (N, 3) so that their z axis becomes ``axis`` (N, 3) of length 1."""
+    """Rotate vectors ``local`` (N, 3) so that their z axis becomes the unit vector ``axis`` (N, 3)."""
     return (local[:, None] @ _basis(axis))[:, 0]
 
 
 def to_frame(axis: Tensor, vectors: Tensor) -> Tensor:
-    """The inverse of :func:`from_frame`."""
+    """Apply the inverse of :func:`from_frame`."""
     return (_basis(axis) @ vectors[..., None])[..., 0]
 
 
 def cosine_directions(normal: Tensor, square: Tensor) -> Tensor:
-    """Directions (N, 3) with density cosine / pi about ``normal`` from numbers (N, 2) in [0, 1).
+    """Return directions (N, 3) with density cosine / pi about ``normal`` from numbers (N, 2) in [0, 1).
 
-    Points of the unit disc are lifted to the half sphere above it: Malley's method, as in Pharr, Jakob and
+    Projects points of the unit disc up to the hemisphere: Malley's method, as in Pharr, Jakob and
     Humphreys, "Physically based rendering", 2023.
     """
     disc = disc_from_square(square)

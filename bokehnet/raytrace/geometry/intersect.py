@@ -1,7 +1,7 @@
-"""Where rays meet planes, and what they see there.
+"""Intersection of rays with textured planes.
 
-Each plane is prepared once per picture: its equations become a few numbers, and only the window of
-pixels that it can reach is traced.
+Each plane is prepared once per picture: its equations are reduced to a few numbers, and only the window of
+    pixels that it can reach is traced.
 """
 
 from dataclasses import dataclass
@@ -22,18 +22,18 @@ Window = tuple[slice, slice]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PreparedPlane:
-    """A plane as numbers for the ray tracer.
+    """Plane with precomputed equations for the ray tracer.
 
     Attributes:
-        texture: (1, 4, Ht, Wt).
-        window: Rows and columns of the picture that the plane may reach.
-        normal: The plane is ``normal . p = 1``.
-        u_dual: ``u_dual . p - u_offset`` is where a point p of the plane falls in the texture: -1 and 1 are
-            the outer edges of its outer texels.
-        v_dual: The same along the rows.
+        texture: Premultiplied RGB and alpha, (1, 4, Ht, Wt).
+        window: Rows and columns of the picture that the plane can reach.
+        normal: Vector of the plane's equation ``normal . p = 1``.
+        u_dual: ``u_dual . p - u_offset`` is the texture coordinate of a point p of the plane along the
+            columns; -1 and 1 are the outer edges of the outer texels.
+        v_dual: Like ``u_dual``, along the rows.
         u_offset: See ``u_dual``.
         v_offset: See ``v_dual``.
-        corners: The four corners, mm, (4, 3).
+        corners: Corners, mm, (4, 3).
     """
 
     texture: Tensor
@@ -46,7 +46,7 @@ class PreparedPlane:
     corners: np.ndarray
 
     def intersect(self, rays: Rays) -> tuple[Tensor, Tensor]:
-        """Return colour times alpha with alpha, (4, h, w), and depth, mm, (h, w), for rays (h, w, 2)."""
+        """Return premultiplied RGB with alpha, (4, h, w), and depth, mm, (h, w), for rays (h, w, 2)."""
         ox, oy, sx, sy = rays.origin[..., 0], rays.origin[..., 1], rays.slope[..., 0], rays.slope[..., 1]
         (nx, ny, nz), (ux, uy, uz), (vx, vy, vz) = (
             [float(number) for number in vector] for vector in (self.normal, self.u_dual, self.v_dual)
@@ -55,23 +55,23 @@ class PreparedPlane:
             depth = torch.full_like(sx, 1 / nz)
         else:
             along = (sx * nx).add_(sy, alpha=ny).add_(nz)
-            along = torch.where(along.abs() < 1e-12, 1e-12, along)  # parallel: the hit is far outside
+            along = torch.where(along.abs() < 1e-12, 1e-12, along)  # parallel: moves the hit far outside
             depth = (ox * -nx).sub_(oy, alpha=ny).add_(1).div_(along)
         x, y = torch.addcmul(ox, sx, depth), torch.addcmul(oy, sy, depth)
         grid = torch.empty(1, *x.shape, 2, device=x.device, dtype=x.dtype)
         torch.add(x * ux, y, alpha=uy, out=grid[0, ..., 0]).add_(depth, alpha=uz).sub_(self.u_offset)
         torch.add(x * vx, y, alpha=vy, out=grid[0, ..., 1]).add_(depth, alpha=vz).sub_(self.v_offset)
-        seen = grid_sample(self.texture, grid, padding_mode="zeros", align_corners=False)[0]
-        return seen, depth
+        color = grid_sample(self.texture, grid, padding_mode="zeros", align_corners=False)[0]
+        return color, depth
 
 
 def prepare_plane(plane: Plane, camera: Camera, centre: Rays) -> PreparedPlane | None:
-    """Turn ``plane`` into numbers, or return None where no ray of ``camera`` can meet it.
+    """Return ``plane`` with precomputed equations, or None if no ray of ``camera`` can meet it.
 
     Args:
         plane: The plane.
-        camera: The camera; the blur of its lens widens the window of the plane.
-        centre: Rays through the middle of the pupil, from :func:`centre_rays`.
+        camera: Camera; the blur of its lens widens the window of the plane.
+        centre: Rays through the pupil centre, from :func:`centre_rays`.
     """
     corners = plane.corners
     window = _window(corners, camera, centre)
@@ -80,11 +80,11 @@ def prepare_plane(plane: Plane, camera: Camera, centre: Rays) -> PreparedPlane |
     centre_point, u, v = (np.array(vector, float) for vector in (plane.centre, plane.u_axis, plane.v_axis))
     normal = np.cross(u, v)
     u_dual, v_dual = (dual / (normal @ normal) for dual in (np.cross(v, normal), np.cross(normal, u)))
-    # Bilinear lookup fades over half a texel beyond the texture; let that end at the edge of the plane.
+    # Bilinear lookup fades over half a texel beyond the texture; the scale ends the fade at the plane's edge.
     u_dual *= 1 + 1 / plane.texture.shape[2]
     v_dual *= 1 + 1 / plane.texture.shape[1]
     distance = normal @ centre_point
-    if distance == 0:  # seen exactly edge-on from the middle of the pupil: it has no picture
+    if distance == 0:  # exactly edge-on from the pupil centre: not visible
         return None
     return PreparedPlane(
         texture=plane.texture[None],
@@ -99,7 +99,7 @@ def prepare_plane(plane: Plane, camera: Camera, centre: Rays) -> PreparedPlane |
 
 
 def centre_rays(camera: Camera, device: torch.device, dtype: torch.dtype) -> Rays:
-    """Rays from the pixel centres through the middle of the pupil, (H, W, 2)."""
+    """Return the rays from the pixel centres through the pupil centre, (H, W, 2)."""
     sensor_xy = camera.sensor_xy(device, dtype)
     return camera.lens.sample_rays(sensor_xy, torch.zeros_like(sensor_xy))
 
@@ -113,13 +113,13 @@ def look_up_background(background: Background, rays: Rays) -> Tensor:
 
 
 def _window(corners: np.ndarray, camera: Camera, centre: Rays) -> Window | None:
-    """Rows and columns from which the blurred picture of a convex polygon can be seen."""
+    """Return the rows and columns that the blurred image of a convex polygon can reach, or None."""
     slopes = corners[:, :2] / corners[:, 2:]
     blur = max(abs(float(camera.lens.coc_radius(1 / z))) for z in corners[:, 2]) / camera.pixel_pitch + 1.5
     inside = torch.ones(camera.height, camera.width, dtype=torch.bool)
     for axis, size in ((0, camera.width), (1, camera.height)):
         slope = centre.slope[..., axis].cpu()
-        # A picture one pixel wide has no neighbour to measure the step; then the window is all of it.
+        # A picture one pixel wide has no neighbour to measure the step; its window is the whole picture.
         step = slope.diff(dim=1 - axis).abs().max() if size > 1 else torch.inf
         margin = float(blur * step)
         inside &= (slope >= slopes[:, axis].min() - margin) & (slope <= slopes[:, axis].max() + margin)

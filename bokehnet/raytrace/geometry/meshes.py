@@ -1,4 +1,4 @@
-"""Triangle meshes; Intel's Embree finds where rays meet them, on the CPU."""
+"""Triangle meshes; Intel's Embree intersects them with rays, on the CPU."""
 
 from pathlib import Path
 from typing import Any
@@ -14,22 +14,22 @@ from bokehnet.raytrace.scene import Vector
 
 __all__ = ["Mesh", "read_mesh"]
 
-# Rays that go on beyond a surface start this share of the distance further.
-_STEP = 1e-5
+# Offset of rays that continue behind a surface, as a fraction of the distance.
+_RELATIVE_OFFSET = 1e-5
 
 
 class Mesh:
-    """Triangles that share corners.
+    """Triangle mesh with shared vertices.
 
     Args:
-        vertices: mm, (V, 3).
-        faces: Corners of each triangle, (F, 3).
-        uv: Place of each corner in the texture, (V, 2), (0, 0) is the upper left; None for all (0, 0).
-        normals: Of each corner, (V, 3), to round the surface off; None shows the triangles.
-        closed: Whether the mesh is watertight, with all triangles counter-clockwise as seen from outside.
+        vertices: Vertices, mm, (V, 3).
+        faces: Vertex indices of each triangle, (F, 3).
+        uv: Texture coordinates of each vertex, (V, 2), (0, 0) at the upper left; None for all (0, 0).
+        normals: Normals of each vertex, (V, 3), for smooth shading; None for flat triangles.
+        closed: True if the mesh is watertight, with all triangles counter-clockwise from outside.
 
     Raises:
-        ParameterError: There is no triangle, a coordinate is not finite or a corner does not exist.
+        ParameterError: There is no triangle, a coordinate is not finite or a vertex index is out of range.
         MissingExtraError: Embree is not installed.
     """
 
@@ -59,19 +59,19 @@ class Mesh:
 
     @property
     def closed(self) -> bool:
-        """Whether it has an inside."""
+        """True if the mesh has an inside."""
         return self._closed
 
-    def intersect(self, rays: SpaceRays, beyond: Tensor) -> Hits:
-        """See :class:`bokehnet.raytrace.geometry.space.Shape`; tensors of other devices visit the CPU."""
-        start = beyond * (1 + _STEP)
+    def intersect(self, rays: SpaceRays, min_distance: Tensor) -> Hits:
+        """See :class:`bokehnet.raytrace.geometry.space.Shape`; copies other devices' tensors to the CPU."""
+        start = min_distance * (1 + _RELATIVE_OFFSET)
         origins, directions = (
             np.ascontiguousarray(tensor.cpu().numpy(), np.float32)
             for tensor in (rays.at(start), rays.direction)
         )
-        found = self._tree.run(origins, directions, output=1)
-        element = torch.from_numpy(found["primID"].astype(np.int64)).to(beyond.device)
-        further = torch.from_numpy(found["tfar"]).to(beyond)
+        result = self._tree.run(origins, directions, output=1)
+        element = torch.from_numpy(result["primID"].astype(np.int64)).to(min_distance.device)
+        further = torch.from_numpy(result["tfar"]).to(min_distance)
         distance = torch.where(element >= 0, start + further, torch.inf)
         return Hits(distance=distance, element=element)
 
@@ -81,15 +81,15 @@ class Mesh:
         corners, uv = (values[element].to(rays.origin) for values in (self._corners, self._uv))
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         normal = torch.linalg.cross(first, second)
-        # Shares of the three corners: areas of the triangles that the point makes with the other two.
+        # Barycentric coordinates: relative areas of the triangles between the point and two vertices.
         to_point = rays.at(hits.distance) - corners[:, 0]
         area = (normal * normal).sum(-1).clamp_min(1e-30)
         one = (torch.linalg.cross(to_point, second) * normal).sum(-1) / area
         two = (torch.linalg.cross(first, to_point) * normal).sum(-1) / area
-        shares = torch.stack([1 - one - two, one, two], -1)[..., None]
+        weights = torch.stack([1 - one - two, one, two], -1)[..., None]
         if self._normals is not None:
-            normal = (shares * self._normals[element].to(rays.origin)).sum(1)
-        return Surface(normal=unit(normal), uv=(shares * uv).sum(1))
+            normal = (weights * self._normals[element].to(rays.origin)).sum(1)
+        return Surface(normal=unit(normal), uv=(weights * uv).sum(1))
 
 
 def read_mesh(
@@ -100,20 +100,20 @@ def read_mesh(
     rotation: Vector = (0.0, 0.0, 0.0),
     centre: Vector = (0.0, 0.0, 0.0),
 ) -> Mesh:
-    """Read an OBJ, PLY, STL or glTF file; all its parts become one mesh.
+    """Read an OBJ, PLY, STL or glTF file; all its parts form one mesh.
 
     Args:
-        path: The file. Its axes are x to the right, y up and z towards the viewer, as those of glTF; half
-            a turn about x makes them ours.
-        smooth: Round the surface off by the normals of its corners.
+        path: Mesh file with x to the right, y up and z towards the viewer, as in glTF; a rotation by 180
+            degrees about x converts to the axes of this module.
+        smooth: Use vertex normals for smooth shading.
         scale: Millimetres per unit of the file.
-        rotation: Turns about our x, then y, then z, degrees; a positive turn about z is clockwise in the
-            picture.
-        centre: Where the file's origin goes, mm.
+        rotation: Rotation about x, then y, then z after the conversion, degrees; positive about z is
+            clockwise in the picture.
+        centre: Position of the file's origin, mm.
 
     Raises:
         DataFileError: The file cannot be read.
-        ParameterError: There are no triangles in it.
+        ParameterError: The file has no triangles.
         MissingExtraError: trimesh or Embree is not installed.
     """
     require_extra("trimesh", "trace")
@@ -127,20 +127,20 @@ def read_mesh(
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
         normals = np.asarray(mesh.vertex_normals) if smooth else None
         uv = getattr(mesh.visual, "uv", None)
-    except Exception as error:  # the parsers raise whatever their code runs into
+    except Exception as error:  # the parsers raise exceptions of any type
         raise DataFileError(f"{path}: cannot be read as a mesh: {error}") from error
-    turn = _turn(rotation) @ np.diag([1.0, -1.0, -1.0])
+    rotation_matrix = _rotation_matrix(rotation) @ np.diag([1.0, -1.0, -1.0])
     return Mesh(
-        vertices @ turn.T * scale + centre,
+        vertices @ rotation_matrix.T * scale + centre,
         faces,
         uv=None if uv is None else np.stack([uv[:, 0], 1 - uv[:, 1]], -1),
-        normals=None if normals is None else normals @ turn.T,
+        normals=None if normals is None else normals @ rotation_matrix.T,
         closed=bool(mesh.is_volume),
     )
 
 
-def _turn(degrees: Vector) -> np.ndarray:
-    """Matrix (3, 3) that turns about x, then y, then z."""
+def _rotation_matrix(degrees: Vector) -> np.ndarray:
+    """Return the matrix (3, 3) of rotations about x, then y, then z."""
     matrix = np.eye(3)
     for axis, angle in enumerate(np.radians(degrees)):
         first, second = (axis + 1) % 3, (axis + 2) % 3

@@ -1,4 +1,4 @@
-"""Flat parallelograms."""
+"""Parallelograms."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,12 +16,12 @@ __all__ = ["Quad"]
 
 @dataclass(frozen=True, kw_only=True)
 class Quad:
-    """The points ``centre + a * u_axis + b * v_axis`` with a, b in [-1, 1]; mm.
+    """Parallelogram: the points ``centre + a * u_axis + b * v_axis`` with a, b in [-1, 1]; mm.
 
     Columns of a texture run along ``u_axis``, rows along ``v_axis``.
 
     Raises:
-        ParameterError: It has no area.
+        ParameterError: The area is zero.
     """
 
     centre: Vector
@@ -39,34 +39,34 @@ class Quad:
 
     @property
     def area(self) -> float:
-        """Size, mm^2."""
+        """Area, mm^2."""
         return 4 * float(np.linalg.norm(np.cross(self.u_axis, self.v_axis)))
 
     @property
     def closed(self) -> bool:
-        """It has no inside."""
+        """False: a quad has no inside."""
         return False
 
     @cached_property
     def _frame(self) -> np.ndarray:
-        """Rows: unit normal, and the two vectors whose products with a point of the quad give a and b."""
+        """Rows: the unit normal, and the two vectors whose products with a point of the quad are a and b."""
         u, v = np.array(self.u_axis, float), np.array(self.v_axis, float)
         normal = np.cross(u, v)
         duals = np.stack([np.cross(v, normal), np.cross(normal, u)]) / (normal @ normal)
         return np.stack([normal / np.linalg.norm(normal), *duals])
 
-    def _place(self, rays: SpaceRays, distance: Tensor) -> Tensor:
-        """Coordinates a and b, (N, 2), of the points at ``distance``."""
+    def _coordinates(self, rays: SpaceRays, distance: Tensor) -> Tensor:
+        """Return the coordinates a and b, (N, 2), of the points at ``distance``."""
         from_centre = rays.at(distance) - rays.origin.new_tensor(self.centre)
         return from_centre @ rays.origin.new_tensor(self._frame[1:]).T
 
-    def intersect(self, rays: SpaceRays, beyond: Tensor) -> Hits:
+    def intersect(self, rays: SpaceRays, min_distance: Tensor) -> Hits:
         """See :class:`bokehnet.raytrace.geometry.space.Shape`."""
         normal = rays.origin.new_tensor(self._frame[0])
         distance = ((rays.origin.new_tensor(self.centre) - rays.origin) @ normal) / (rays.direction @ normal)
-        inside = (distance > beyond) & (distance < torch.inf)  # False for rays within the plane, too
-        place = self._place(rays, distance)
-        inside &= (place.abs() <= 1).all(-1)
+        inside = (distance > min_distance) & (distance < torch.inf)  # False also for rays within the plane
+        coordinates = self._coordinates(rays, distance)
+        inside &= (coordinates.abs() <= 1).all(-1)
         return Hits(
             distance=torch.where(inside, distance, torch.inf),
             element=torch.zeros_like(distance, dtype=torch.int64),
@@ -75,20 +75,20 @@ class Quad:
     def surface(self, rays: SpaceRays, hits: Hits) -> Surface:
         """See :class:`bokehnet.raytrace.geometry.space.Shape`."""
         normal = rays.origin.new_tensor(self._frame[0]).expand(len(rays.origin), 3)
-        return Surface(normal=normal, uv=(self._place(rays, hits.distance) + 1) / 2)
+        return Surface(normal=normal, uv=(self._coordinates(rays, hits.distance) + 1) / 2)
 
     def sample(self, points: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
-        """Way from ``points`` (N, 3) to points drawn evenly on the quad, and how much of their view each is.
+        """Return offsets from ``points`` (N, 3) to uniform random points of the quad, and their solid angles.
 
         Args:
-            points: mm, (N, 3).
-            square: Random numbers, (N, 2), in [0, 1).
+            points: Points, mm, (N, 3).
+            square: Random numbers in [0, 1), (N, 2).
 
         Returns:
-            Vectors (N, 3), mm, and solid angles (N,): means of solid angle * f are integrals of f over the
-            directions to the quad.
+            Vectors (N, 3), mm, and solid angles (N,): the mean of solid angle * f estimates the integral of f
+                over the directions to the quad.
         """
         axes = points.new_tensor([self.u_axis, self.v_axis])
-        way = points.new_tensor(self.centre) + (2 * square - 1) @ axes - points
-        facing = (way @ points.new_tensor(self._frame[0])).abs()
-        return way, self.area * facing / dot(way, way).clamp_min(1e-12) ** 1.5
+        offset = points.new_tensor(self.centre) + (2 * square - 1) @ axes - points
+        facing = (offset @ points.new_tensor(self._frame[0])).abs()
+        return offset, self.area * facing / dot(offset, offset).clamp_min(1e-12) ** 1.5

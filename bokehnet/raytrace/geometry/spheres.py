@@ -16,7 +16,7 @@ __all__ = ["Sphere"]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sphere:
-    """A sphere; its texture is a map of latitude and longitude with the upper pole (-y) in the first row.
+    """Sphere; its texture is a latitude-longitude map with the upper pole (-y) in the first row.
 
     Raises:
         ParameterError: The radius is not positive.
@@ -30,25 +30,25 @@ class Sphere:
 
     @property
     def closed(self) -> bool:
-        """It has an inside."""
+        """True: a sphere has an inside."""
         return True
 
-    def intersect(self, rays: SpaceRays, beyond: Tensor) -> Hits:
+    def intersect(self, rays: SpaceRays, min_distance: Tensor) -> Hits:
         """See :class:`bokehnet.raytrace.geometry.space.Shape`.
 
         Source:
             Haines, Gunther and Akenine-Moller, "Precision improvements for ray/sphere intersection", Ray
-            Tracing Gems, 2019: small far spheres keep their form in single precision.
+            Tracing Gems, 2019: accurate for small distant spheres in single precision.
         """
         to_ray = rays.origin - rays.origin.new_tensor(self.centre)
         square = dot(rays.direction, rays.direction)
         half = -dot(to_ray, rays.direction)
         nearest = to_ray + (half / square)[:, None] * rays.direction  # from the centre to the line
-        left = self.radius**2 - dot(nearest, nearest)
-        root = half + torch.where(half < 0, -1, 1) * (square * left.clamp_min(0)).sqrt()
-        root = torch.where(root == 0, 1e-30, root)  # a ray that leaves a point where it touches
+        discriminant = self.radius**2 - dot(nearest, nearest)
+        root = half + torch.where(half < 0, -1, 1) * (square * discriminant.clamp_min(0)).sqrt()
+        root = torch.where(root == 0, 1e-30, root)  # a ray that starts at its point of tangency
         ends = torch.stack([(dot(to_ray, to_ray) - self.radius**2) / root, root / square])
-        ends = torch.where((left >= 0) & (ends > beyond), ends, torch.inf)
+        ends = torch.where((discriminant >= 0) & (ends > min_distance), ends, torch.inf)
         return Hits(distance=ends.amin(0), element=torch.zeros_like(half, dtype=torch.int64))
 
     def surface(self, rays: SpaceRays, hits: Hits) -> Surface:
@@ -60,9 +60,9 @@ class Sphere:
         return Surface(normal=normal, uv=torch.stack([longitude, latitude], -1))
 
     def sample(self, points: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
-        """Way to the near side in even directions; arguments and result as of ``Quad.sample``.
+        """Return offsets to the near side in uniform directions; arguments and result as in ``Quad.sample``.
 
-        Points inside the sphere get a solid angle of 0.
+        The solid angle is 0 for points inside the sphere.
 
         Source:
             Shirley, Wang and Zimmerman, "Monte Carlo techniques for direct lighting calculations", 1996.
@@ -77,5 +77,5 @@ class Sphere:
         angle = 2 * math.pi * square[:, 1]
         local = torch.stack([across2.sqrt() * angle.cos(), across2.sqrt() * angle.sin(), cosine], -1)
         near = length * (cosine - (sine2 - across2).clamp_min(0).sqrt())
-        way = near[:, None] * from_frame(axis / length[:, None], local)
-        return way, torch.where(outside, 2 * math.pi * cap, 0)
+        offset = near[:, None] * from_frame(axis / length[:, None], local)
+        return offset, torch.where(outside, 2 * math.pi * cap, 0)

@@ -1,4 +1,4 @@
-"""Rows of frozen dataclasses of tensors, which belong together."""
+"""Row selection in frozen dataclasses of tensors that share their first dimension."""
 
 from dataclasses import fields
 from typing import Any, TypeVar
@@ -12,12 +12,12 @@ Table = TypeVar("Table")
 
 
 def pick(table: Table, rows: Tensor) -> Table:
-    """Those rows of all tensors in ``table``, and in tables within it, that an index or a mask names."""
+    """Return the rows of all tensors in ``table`` and its nested tables that an index or a mask selects."""
     return _rebuild(lambda columns: columns[0][rows], [table])
 
 
 def join(first: Table, second: Table) -> Table:
-    """The rows of two tables of one kind below each other."""
+    """Return the concatenated rows of two tables of one type."""
     return _rebuild(torch.cat, [first, second])
 
 

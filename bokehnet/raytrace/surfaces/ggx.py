@@ -1,7 +1,7 @@
-"""The glossy lobe: reflection by small mirrors that lean every way a little, the GGX distribution.
+"""Glossy lobe: reflection by microfacets with the GGX distribution.
 
 Directions (N, 3) have length 1 and point away from the surface; ``roughness`` (N,) is the width of the
-distribution of slopes, near 0 for a mirror. Reflectances are those of mirrors that reflect all light.
+distribution of slopes, near 0 for a mirror. The microfacets reflect all light.
 
 Source:
     Walter et al., "Microfacet models for refraction through rough surfaces", EGSR 2007.
@@ -19,16 +19,16 @@ __all__ = ["ggx_reflectance", "sample_ggx"]
 
 
 def sample_ggx(view: Tensor, normal: Tensor, roughness: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
-    """Draw where the light comes from that is reflected towards ``view``.
+    """Sample directions of the light that is reflected towards ``view``.
 
     Args:
-        view: Where it goes to.
-        normal: Of the surface, on the side of ``view``.
-        roughness: See above.
-        square: Random numbers, (N, 2), in [0, 1).
+        view: Directions of reflection, (N, 3).
+        normal: Surface normals on the side of ``view``, (N, 3).
+        roughness: Roughness, (N,).
+        square: Random numbers in [0, 1), (N, 2).
 
     Returns:
-        Directions, and reflectance times cosine over density, (N,); 0 where light would come from below.
+        Directions, (N, 3), and reflectance times cosine over density, (N,); 0 for light from below.
 
     Source:
         Dupuy and Benyoub, "Sampling visible GGX normals with spherical caps", High-Performance Graphics
@@ -36,19 +36,19 @@ def sample_ggx(view: Tensor, normal: Tensor, roughness: Tensor, square: Tensor) 
     """
     local = to_frame(normal, view)
     stretch = torch.stack([roughness, roughness, torch.ones_like(roughness)], -1)
-    seen = unit(local * stretch)
-    z = (1 - square[:, 1]) * (1 + seen[:, 2]) - seen[:, 2]
+    stretched = unit(local * stretch)
+    z = (1 - square[:, 1]) * (1 + stretched[:, 2]) - stretched[:, 2]
     across = (1 - z * z).clamp_min(0).sqrt()
     angle = 2 * math.pi * square[:, 0]
     cap = torch.stack([across * angle.cos(), across * angle.sin(), z], -1)
-    mirror = unit((cap + seen) * stretch)
+    mirror = unit((cap + stretched) * stretch)
     light = 2 * dot(local, mirror)[:, None] * mirror - local
     factor = torch.where(light[:, 2] > 0, _unshadowed(light[:, 2], roughness), 0)
     return from_frame(normal, light), factor
 
 
 def ggx_reflectance(view: Tensor, light: Tensor, normal: Tensor, roughness: Tensor) -> Tensor:
-    """Reflectance (N,), 1/sr, of light from ``light`` towards ``view``, both above the surface."""
+    """Return the reflectance (N,), 1/sr, from ``light`` towards ``view``, both above the surface."""
     up, down = dot(view, normal).clamp_min(1e-6), dot(light, normal).clamp_min(1e-6)
     half = dot(unit(view + light), normal)
     square = roughness**2
@@ -57,6 +57,6 @@ def ggx_reflectance(view: Tensor, light: Tensor, normal: Tensor, roughness: Tens
 
 
 def _unshadowed(cosine: Tensor, roughness: Tensor) -> Tensor:
-    """Share of the small mirrors facing a direction that no other one hides from it: Smith's term."""
+    """Return the visible fraction of the microfacets that face a direction: Smith's masking term."""
     tangent2 = (1 - cosine**2).clamp_min(0) / cosine.clamp_min(1e-6) ** 2
     return 2 / (1 + (1 + roughness**2 * tangent2).sqrt())

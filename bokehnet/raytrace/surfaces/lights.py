@@ -1,4 +1,4 @@
-"""Light that comes from known places, and light from all around."""
+"""Point lights, area lights and environment light."""
 
 import math
 from dataclasses import dataclass, field
@@ -17,28 +17,28 @@ __all__ = ["AreaLight", "Environment", "Light", "PointLight"]
 
 
 class Light(Protocol):
-    """Light from a known place."""
+    """Light that shadow rays can sample."""
 
     @property
     def body(self) -> int:
-        """Index of the shape that shines, which cannot be in its own way; -1 for none."""
+        """Index of the emitting body, which casts no shadow on its own light; -1 for none."""
         ...
 
     def sample(self, points: Tensor, time: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
-        """Draw a place of the light for each of ``points`` (N, 3) from numbers (N, 2) in [0, 1).
+        """Sample a point of the light for each of ``points`` (N, 3) from numbers (N, 2) in [0, 1).
 
         Returns:
-            The way there (N, 3), mm, and radiance times solid angle (N, 3).
+            Offsets to the light (N, 3), mm, and radiance times solid angle (N, 3).
         """
         ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PointLight:
-    """A lamp without size: shadows are hard. Mirrors do not show it.
+    """Point light: casts hard shadows and is invisible in mirrors.
 
     Attributes:
-        position: mm.
+        position: Position, mm.
         intensity: Power per solid angle; irradiance is intensity / (distance in mm)^2.
 
     Raises:
@@ -54,17 +54,17 @@ class PointLight:
 
     @property
     def body(self) -> int:
-        """No shape."""
+        """-1: a point light has no body."""
         return -1
 
     def sample(self, points: Tensor, time: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
         """See :class:`Light`."""
-        way = points.new_tensor(self.position) - points
-        return way, points.new_tensor(self.intensity) / dot(way, way).clamp_min(1e-12)[:, None]
+        offset = points.new_tensor(self.position) - points
+        return offset, points.new_tensor(self.intensity) / dot(offset, offset).clamp_min(1e-12)[:, None]
 
 
 class Emitter(Protocol):
-    """A shape of which points can be drawn."""
+    """Shape with points that can be sampled."""
 
     def sample(self, points: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
         """See ``Quad.sample``."""
@@ -73,13 +73,13 @@ class Emitter(Protocol):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class AreaLight:
-    """A shape of even radiance, which casts soft shadows.
+    """Shape of uniform radiance, which casts soft shadows.
 
     Attributes:
-        shape: What shines.
-        body: Its index in the world.
+        shape: Emitting shape.
+        body: Index of its body in the world.
         emission: Radiance.
-        velocity: mm/s.
+        velocity: Velocity, mm/s.
     """
 
     shape: Emitter
@@ -89,18 +89,18 @@ class AreaLight:
 
     def sample(self, points: Tensor, time: Tensor, square: Tensor) -> tuple[Tensor, Tensor]:
         """See :class:`Light`."""
-        moved = points - time[:, None] * points.new_tensor(self.velocity)
-        way, solid_angle = self.shape.sample(moved, square)
-        return way, solid_angle[:, None] * points.new_tensor(self.emission)
+        relative_points = points - time[:, None] * points.new_tensor(self.velocity)
+        offset, solid_angle = self.shape.sample(relative_points, square)
+        return offset, solid_angle[:, None] * points.new_tensor(self.emission)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Environment:
-    """Light from infinitely far, all around.
+    """Light from infinity in all directions.
 
     Attributes:
-        texture: Radiance, scene-linear RGB, (3, Ht, Wt): a map of longitude and latitude. Its middle lies
-            ahead of the camera, its first row above.
+        texture: Radiance, scene-linear RGB, (3, Ht, Wt): a latitude-longitude map. Its centre lies ahead of
+            the camera, its first row above.
 
     Raises:
         ShapeError: ``texture`` is not (3, Ht, Wt).
@@ -114,7 +114,7 @@ class Environment:
             raise ShapeError(f"environment texture: expected shape (3, Ht, Wt), got {shape}")
 
     def texture_lookup(self, directions: Tensor) -> Tensor:
-        """Radiance (N, 3) from ``directions`` (N, 3) of any length."""
+        """Return the radiance (N, 3) from ``directions`` (N, 3) of any length."""
         texture = self.texture.to(directions)
         if texture[0].numel() == 1:
             return texture[:, 0, 0].expand(len(directions), 3)
@@ -122,5 +122,7 @@ class Environment:
         longitude = torch.atan2(x, z) / (2 * math.pi) + 0.5
         latitude = torch.atan2(torch.hypot(x, z), -y) / math.pi
         width = texture.shape[2]
-        around = torch.cat([texture[..., -1:], texture, texture[..., :1]], -1)  # first and last column meet
-        return texture_lookup(around, torch.stack([(longitude * width + 1) / (width + 2), latitude], -1))
+        wrapped = torch.cat(
+            [texture[..., -1:], texture, texture[..., :1]], -1
+        )  # first and last column are adjacent
+        return texture_lookup(wrapped, torch.stack([(longitude * width + 1) / (width + 2), latitude], -1))

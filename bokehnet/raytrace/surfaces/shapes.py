@@ -1,7 +1,7 @@
-"""Random outlines of objects: alpha masks (H, W) in [0, 1], float32, with edges one texel soft.
+"""Random object outlines: alpha masks (H, W) in [0, 1], float32, with edges one texel wide.
 
-Every mask is drawn from signed distances in texels (negative inside), which also gives soft edges.
-All functions take the size of the mask and a NumPy generator.
+Every mask is computed from signed distances in texels (negative inside), which gives antialiased edges. All
+functions take the size of the mask and a NumPy generator.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ Shape = Callable[[int, int, np.random.Generator], np.ndarray]
 
 
 class Canvas:
-    """A mask that grows by the union of simple forms; positions are (x, y) in texels."""
+    """Mask as a union of simple shapes; positions are (x, y) in texels."""
 
     def __init__(self, height: int, width: int) -> None:
         self.alpha = np.zeros((height, width), np.float32)
@@ -36,7 +36,7 @@ class Canvas:
             self.add_stroke(points[i], points[i + 1], float(radii[i]), float(radii[i + 1]))
 
     def add_leaf(self, centre: np.ndarray, angle: float, length: float, breadth: float) -> None:
-        """Add a pointed leaf: two arcs that meet in its tips; half ``length`` and half ``breadth``."""
+        """Add a pointed leaf between two arcs; ``length`` and ``breadth`` are half extents."""
         window, x, y = self._window(centre - length - 1, centre + length + 2)
         cosine, sine = np.cos(angle), np.sin(angle)
         along = cosine * (x - centre[0]) + sine * (y - centre[1])
@@ -54,35 +54,35 @@ class Canvas:
         return (slice(top, bottom), slice(left, right)), x, y
 
     def _add(self, window: tuple[slice, slice], distance: np.ndarray) -> None:
-        self.alpha[window] = np.maximum(self.alpha[window], _cover(distance))
+        self.alpha[window] = np.maximum(self.alpha[window], _coverage(distance))
 
 
 def draw_shape(kinds: dict[str, Shape], height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw a random one of ``kinds``."""
+    """Draw a random shape out of ``kinds``."""
     return kinds[list(kinds)[rng.integers(len(kinds))]](height, width, rng)
 
 
-def _cover(distance: np.ndarray) -> np.ndarray:
-    """Coverage of a texel by a form whose edge is ``distance`` texels away."""
+def _coverage(distance: np.ndarray) -> np.ndarray:
+    """Return the coverage of a texel by a shape whose edge is ``distance`` texels away."""
     return np.clip(0.5 - distance, 0, 1)
 
 
 def _axes(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Texel centres relative to the middle, x (1, W) and y (H, 1)."""
+    """Return the texel centres relative to the middle, x (1, W) and y (H, 1)."""
     return np.arange(width)[None] + 0.5 - width / 2, np.arange(height)[:, None] + 0.5 - height / 2
 
 
 def _card(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """A rectangle, its corners more or less round."""
+    """Draw a rectangle with round corners of random radius."""
     x, y = _axes(height, width)
     radius = rng.uniform(0, 0.3) * min(height, width)
     dx, dy = np.abs(x) - (width / 2 - 1.5 - radius), np.abs(y) - (height / 2 - 1.5 - radius)
     outside = np.hypot(np.maximum(dx, 0), np.maximum(dy, 0))
-    return _cover(outside + np.minimum(np.maximum(dx, dy), 0) - radius).astype(np.float32)
+    return _coverage(outside + np.minimum(np.maximum(dx, dy), 0) - radius).astype(np.float32)
 
 
 def _blob(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """A smooth closed curve: a circle disturbed by a few waves; an ellipse when the waves are small."""
+    """Draw a smooth closed curve: an ellipse perturbed by a few waves."""
     x, y = _axes(height, width)
     angle = np.arctan2(y / height, x / width)
     waves = np.arange(2, 9)
@@ -92,24 +92,24 @@ def _blob(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
     outline = (1 + ripple) / (1 + np.abs(size).sum())
     distance = np.hypot(x / max(width / 2 - 1.5, 0.5), y / max(height / 2 - 1.5, 0.5)) - outline
     steep = np.hypot(*np.gradient(distance)) if min(height, width) > 1 else np.ones_like(distance)
-    return _cover(distance / np.maximum(steep, 1e-6)).astype(np.float32)
+    return _coverage(distance / np.maximum(steep, 1e-6)).astype(np.float32)
 
 
 def _polygon(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """A convex polygon with three to eight edges."""
+    """Draw a convex polygon with three to eight edges."""
     x, y = _axes(height, width)
     count = rng.integers(3, 9)
     angles = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * 2 * np.pi / count + rng.uniform(0, 7)
     reach = min(height, width) / 2 - 1.5
     sides = [x * np.cos(a) + y * np.sin(a) - reach * rng.uniform(0.5, 0.95) for a in angles]
     frame = np.maximum(np.abs(x) - width / 2 + 1.5, np.abs(y) - height / 2 + 1.5)
-    return _cover(np.maximum(np.max(sides, 0), frame)).astype(np.float32)
+    return _coverage(np.maximum(np.max(sides, 0), frame)).astype(np.float32)
 
 
 def _sprout(
     canvas: Canvas, rng: np.random.Generator, start: np.ndarray, angle: float, radius: float, depth: int
 ) -> None:
-    """Grow a bent branch and, while ``depth`` lasts, its twigs and leaves."""
+    """Draw a bent branch and, to the recursion ``depth``, its twigs."""
     size = max(canvas.alpha.shape)
     steps, length = 7, size * rng.uniform(0.3, 0.6) * 0.65 ** (2 - depth)
     angles = angle + np.cumsum(rng.normal(0, 0.22, steps))
@@ -126,7 +126,7 @@ def _unit(angles: np.ndarray) -> np.ndarray:
 
 
 def _branch(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Bare branches that grow from one edge."""
+    """Draw bare branches that grow from the lower edge."""
     canvas = Canvas(height, width)
     for _ in range(rng.integers(1, 4)):
         start = np.array([rng.uniform(0.2, 0.8) * width, height - 1.0])
@@ -137,14 +137,14 @@ def _branch(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _foliage(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Leaves in loose heaps, with gaps between them."""
+    """Draw leaves in loose clusters with gaps."""
     canvas = Canvas(height, width)
     size = min(height, width)
     length = size * rng.uniform(0.04, 0.16)
-    heaps = rng.uniform(0.15, 0.85, (rng.integers(1, 5), 2))
+    clusters = rng.uniform(0.15, 0.85, (rng.integers(1, 5), 2))
     main = rng.uniform(0, np.pi)
     for _ in range(int(rng.uniform(0.3, 1.2) * size**2 / length**2 / 2)):
-        place = heaps[rng.integers(len(heaps))] + rng.normal(0, 0.16, 2)
+        place = clusters[rng.integers(len(clusters))] + rng.normal(0, 0.16, 2)
         centre = place * [width, height]
         if (np.abs(centre - [width / 2, height / 2]) < np.array([width, height]) / 2 - length).all():
             scale = length * rng.uniform(0.6, 1.0)
@@ -153,7 +153,7 @@ def _foliage(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _blades(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Grass or hair: curved strokes that leave the lower edge and taper."""
+    """Draw grass or hair: curved, tapered strokes from the lower edge."""
     canvas = Canvas(height, width)
     thin = rng.random() < 0.5
     steps = 8
@@ -169,7 +169,7 @@ def _blades(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _fence(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Wires or bars in one or two directions."""
+    """Draw wires or bars in one or two directions."""
     x, y = _axes(height, width)
     spacing = max(height, width) * rng.uniform(0.08, 0.3)
     radius = max(0.5, spacing * rng.uniform(0.03, 0.2))
@@ -178,21 +178,21 @@ def _fence(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
     for turn in (0, np.pi / 2)[: rng.integers(1, 3)]:
         across = (x * np.cos(angle + turn) + y * np.sin(angle + turn)) / spacing
         distance = np.abs(across - np.round(across)) * spacing - radius
-        alpha = np.maximum(alpha, _cover(distance).astype(np.float32))
+        alpha = np.maximum(alpha, _coverage(distance).astype(np.float32))
     return alpha
 
 
 def _ring(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """A disc with a round hole."""
+    """Draw a disc with a round hole."""
     x, y = _axes(height, width)
     reach = min(height, width) / 2 - 1.5
     outer, hole = reach, reach * rng.uniform(0.3, 0.9)
     distance = np.hypot(x, y)
-    return _cover(np.maximum(distance - outer, hole - distance)).astype(np.float32)
+    return _coverage(np.maximum(distance - outer, hole - distance)).astype(np.float32)
 
 
 def _scribble(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """A few fat strokes like a letter."""
+    """Draw a few thick strokes like a letter."""
     canvas = Canvas(height, width)
     radius = min(height, width) * rng.uniform(0.03, 0.09)
     margin = radius + 1.5

@@ -1,4 +1,4 @@
-"""Random colours for surfaces: scene-linear RGB (H, W, 3), float32, from a NumPy generator."""
+"""Random surface textures: scene-linear RGB (H, W, 3), float32, from a NumPy generator."""
 
 from collections.abc import Callable
 
@@ -22,17 +22,17 @@ Texture = Callable[[int, int, np.random.Generator], np.ndarray]
 
 
 def random_colour(rng: np.random.Generator) -> np.ndarray:
-    """Return one colour (3,), dark or bright, seldom pure."""
+    """Return a random colour (3,), dark to bright, mostly of low saturation."""
     grey = np.exp(rng.uniform(np.log(0.02), np.log(0.9)))
     colour: np.ndarray = np.clip(grey * np.exp(rng.normal(0, 0.5, 3)), 0.005, 1.0)
     return colour.astype(np.float32)
 
 
 def fractal_noise(height: int, width: int, rng: np.random.Generator, power: float = 1.5) -> np.ndarray:
-    """Return noise (H, W) in [0, 1] whose amplitude falls with frequency to the ``power``.
+    """Return noise (H, W) in [0, 1] with amplitude proportional to frequency to the minus ``power``.
 
-    Photographs fall with a power near 1 (Field, "Relations between the statistics of natural images and
-    the response properties of cortical cells", 1987); larger is smoother.
+    Photographs have a power near 1 (Field, "Relations between the statistics of natural images and the
+    response properties of cortical cells", 1987); larger powers are smoother.
     """
     frequency = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None])
     frequency[0, 0] = 1
@@ -44,7 +44,7 @@ def fractal_noise(height: int, width: int, rng: np.random.Generator, power: floa
 
 
 def fractal_colours(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Clouds of three colours."""
+    """Return clouds of three colours."""
     first, second, third = (random_colour(rng) for _ in range(3))
     mix, shade = (fractal_noise(height, width, rng, rng.uniform(0.9, 2))[..., None] for _ in range(2))
     colours: np.ndarray = (first * (1 - mix) + second * mix) * shade + third * (1 - shade)
@@ -54,7 +54,7 @@ def fractal_colours(height: int, width: int, rng: np.random.Generator) -> np.nda
 def dead_leaves(
     height: int, width: int, rng: np.random.Generator, paint: Texture | None = None
 ) -> np.ndarray:
-    """Shapes with power-law sizes dropped on each other, in plain colours or cut from ``paint``.
+    """Return occluding shapes of power-law sizes, in plain colours or with the texture ``paint``.
 
     Source:
         Lee, Mumford and Huang, "Occlusion models for natural images", 2001.
@@ -62,9 +62,9 @@ def dead_leaves(
     picture = np.broadcast_to(random_colour(rng), (height, width, 3)).astype(np.float32)
     size = max(height, width)
     smallest, largest = 0.03 * size, 0.5 * size
-    cut = None if paint is None else paint(height, width, rng)
+    painted = None if paint is None else paint(height, width, rng)
     count = int(rng.integers(60, 160))
-    # Sizes with density r**-3, by inversion; drawn in any order, as leaves fall.
+    # Sizes with density r**-3, by inversion, in random order.
     chance = rng.random(count)
     sizes = (smallest**-2 + chance * (largest**-2 - smallest**-2)) ** -0.5
     for extent in sizes:
@@ -74,15 +74,15 @@ def dead_leaves(
         rows, columns = slice(max(top, 0), min(top + h, height)), slice(max(left, 0), min(left + w, width))
         alpha = alpha[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left, None]
         colour = random_colour(rng)
-        if cut is not None and rng.random() < 0.6:
+        if painted is not None and rng.random() < 0.6:
             y, x = rng.integers(0, height - alpha.shape[0] + 1), rng.integers(0, width - alpha.shape[1] + 1)
-            colour = cut[y : y + alpha.shape[0], x : x + alpha.shape[1]]
+            colour = painted[y : y + alpha.shape[0], x : x + alpha.shape[1]]
         picture[rows, columns] += alpha * (colour - picture[rows, columns])
     return picture
 
 
 def grating(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Stripes of two colours, hard or soft, at least four texels a period."""
+    """Return stripes of two colours, hard or soft, with a period of at least four texels."""
     period = np.exp(rng.uniform(np.log(4), np.log(max(height, width) / 2 + 4)))
     angle = rng.uniform(0, np.pi)
     x, y = np.arange(width)[None], np.arange(height)[:, None]
@@ -92,7 +92,7 @@ def grating(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def checkers(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """A board of two colours."""
+    """Return a checkerboard of two colours."""
     period = np.exp(rng.uniform(np.log(8), np.log(max(height, width) + 8)))
     x, y = (np.arange(size) * 2 * np.pi / period for size in (width, height))
     wave = [2 * _soften(np.sin(axis + rng.uniform(0, 7)), 2 * np.pi / period) - 1 for axis in (x, y)]
@@ -100,7 +100,7 @@ def checkers(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def glyph_page(height: int, width: int, rng: np.random.Generator) -> np.ndarray:
-    """Rows of small strokes, like a page of writing."""
+    """Return rows of small strokes, like a page of text."""
     canvas = Canvas(height, width)
     line = rng.uniform(7, 20)
     glyph = 0.55 * line
@@ -122,14 +122,14 @@ def light_points(
     radius: tuple[float, float] = (0.8, 2.5),
     peak: tuple[float, float] = (5.0, 300.0),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return small lamps on nothing: colour (H, W, 3) and alpha (H, W).
+    """Return small lamps on a transparent background: colour (H, W, 3) and alpha (H, W).
 
     Args:
-        height: Texels.
-        width: Texels.
-        rng: Random numbers.
-        radius: Smallest and largest radius of a lamp, texels.
-        peak: Lowest and highest radiance.
+        height: Height, texels.
+        width: Width, texels.
+        rng: Random generator.
+        radius: Minimum and maximum radius of a lamp, texels.
+        peak: Minimum and maximum radiance.
     """
     colour, alpha = np.zeros((height, width, 3), np.float32), np.zeros((height, width), np.float32)
     base = np.exp(rng.uniform(np.log(peak[0]), np.log(peak[1])))
@@ -146,7 +146,7 @@ def light_points(
 
 
 def _soften(wave: np.ndarray, slope: float) -> np.ndarray:
-    """Turn a sine into a square wave in [0, 1] whose edges are a texel wide; ``slope`` in 1/texel."""
+    """Return a sine as a square wave in [0, 1] with edges one texel wide; ``slope`` in 1/texel."""
     edges: np.ndarray = np.clip(0.5 + wave / slope, 0, 1)
     return edges
 

@@ -1,4 +1,4 @@
-"""Depth of a scene: maps from files and arrays, from phones, from networks, and layers of renderers.
+"""Depth of a scene: maps from files and arrays, phones and networks, and layers of renderers.
 
 In: a file, an array or a picture. Out: a :class:`~bokehnet.scene.depth.depth_map.DepthMap` in its own unit.
 

@@ -1,4 +1,4 @@
-"""What is known of the depth of a picture, and whatever can tell it."""
+"""Depth map of a picture, and the interface of depth sources."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,14 +18,14 @@ Kind = Literal["relative", "metric", "defocus"]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Photo:
-    """What a source may look at.
+    """Input of a depth source.
 
     Attributes:
-        image: Scene-linear, (H, W, 3).
-        window: Where its pixels lie in the shown picture.
-        camera: What its file says of the camera; None where it says nothing.
+        image: Picture, scene-linear, (H, W, 3).
+        window: Position of its pixels in the shown picture.
+        camera: Camera data of its file; None if there are none.
         path: Its file; None for an array.
-        progress: Is told how far the reading of a map is.
+        progress: Progress callback for reading a map.
 
     Examples:
         >>> from bokehnet.scene.depth.depth_source import ConstantDisparity
@@ -43,12 +43,12 @@ class Photo:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SceneLayers:
-    """Surfaces behind one another, front to back.
+    """Successive surfaces of a scene, front to back.
 
     Attributes:
-        colors: Scene-linear light of each surface by itself, (H, W, L, 3).
-        values: In the unit of the map, near is large, (H, W, L); never larger than those before.
-        coverage: Share of the pixel that each covers, (H, W, L), 0 to 1.
+        colors: Unoccluded scene-linear light of each surface, (H, W, L, 3).
+        values: Disparity in the unit of the map, near is large, (H, W, L), non-increasing along L.
+        coverage: Coverage of the pixel by each surface, (H, W, L), 0 to 1.
 
     Examples:
         >>> shape = (4, 6, 2)
@@ -67,20 +67,20 @@ class SceneLayers:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DepthMap:
-    """What is known of the depth of a picture.
+    """Depth of a picture.
 
     Attributes:
         values: Disparity, near is large: 1/mm if metric, else relative, 0 to 1; for the kind "defocus" the
             signed blur radius in pixels. (h, w), of the picture's size or of another one.
-        kind: What the values are.
-        origin: The setting that told where it comes from, for messages.
-        fits_any_size: Whether a map of another size than the picture's is brought to it without being asked.
-        filtered: What its renderer filtered, where it did: depth or disparity. None where that is not so.
-        camera: What is known of the camera to blur as, where distances are known.
-        focus: Value of the map that stays sharp when nothing else is said; None where that must be said.
-        all_in_focus: Picture to render in place of the given one, (H, W, 3): a phone's before it was blurred.
-        notes: What is odd about the map, or was chosen, a line each.
-        layers: What stands behind one another, where that is known.
+        kind: Kind of the values.
+        origin: Setting that names its source, for messages.
+        fits_any_size: True if a map of another size is always resized to the picture.
+        filtered: Quantity that the renderer filtered, depth or disparity; None if not filtered.
+        camera: Known data of the camera to imitate, for metric depth.
+        focus: Default focus, a value of the map; None if the settings must contain the focus.
+        all_in_focus: Picture to render instead, (H, W, 3): a phone's original before its portrait blur.
+        notes: Warnings about the map and automatic choices, one line each.
+        layers: Successive surfaces, where they are known.
 
     Examples:
         >>> metres = np.array([[1, 2, np.inf]], np.float32)
@@ -102,12 +102,12 @@ class DepthMap:
 
 
 class DepthSource(Protocol):
-    """Whatever can tell the depth of a picture.
+    """Source of the depth of a picture.
 
     Attributes:
-        origin: The setting that names it, or words for it, for messages.
-        kind: What its maps are, as far as that is known before one is seen; None where it is not.
-        tells_focus: Whether it may know what stays sharp.
+        origin: Setting that names it, or words for it, for messages.
+        kind: Kind of its maps; None if unknown before reading.
+        tells_focus: True if its maps may contain a default focus.
 
     Examples:
         >>> class Ramp:  # far on the left, near on the right
@@ -137,5 +137,5 @@ class DepthSource(Protocol):
         ...
 
     def depth_map(self, photo: Photo) -> DepthMap:
-        """Return the map of a picture; ``BokehnetError`` where there is none."""
+        """Return the depth map of a picture, or raise ``BokehnetError`` if there is none."""
         ...

@@ -1,8 +1,8 @@
-"""Where the depth of a picture comes from: one class for each kind, from arrays or from files alike.
+"""Depth sources: one class per kind, for arrays and files.
 
-A source says what it needs when it is made, and gives a :class:`DepthMap` when it is asked for that of a
-picture. To add a source: a class with ``depth_map`` in a file of its own, a field of ``InputSettings`` that
-picks it, and a line in :func:`depth_source`.
+A source takes its parameters in the constructor and returns a :class:`DepthMap` for a picture. To add a
+source, write a class with ``depth_map`` in a file of its own, a field of ``InputSettings`` that selects it,
+and a line in :func:`depth_source`.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 
 from bokehnet.scene.depth.depth_map import DepthMap, DepthSource, Photo
 from bokehnet.scene.depth.embedded_depth import EmbeddedDepth
-from bokehnet.scene.depth.given_depth import ConstantDisparity, DefocusMap, MetricDepth, RelativeDisparity
+from bokehnet.scene.depth.explicit_depth import ConstantDisparity, DefocusMap, MetricDepth, RelativeDisparity
 from bokehnet.scene.depth.layer_files import LayeredDepth
 from bokehnet.scene.depth.network_depth import NetworkDepth
 from bokehnet.settings.settings import RenderSettings
@@ -28,13 +28,13 @@ __all__ = [
     "Photo",
     "RelativeDisparity",
     "depth_source",
-    "tells_distances",
-    "unit_of_own_depth",
+    "gives_metric_depth",
+    "unit_of_picture_depth",
 ]
 
 
 def depth_source(settings: RenderSettings) -> DepthSource:
-    """Return the source that the settings name; without any, what a phone's photo holds.
+    """Return the source that the settings name; by default the depth stored in the picture's file.
 
     Examples:
         >>> from bokehnet.settings.settings import DepthSettings, InputSettings
@@ -43,55 +43,55 @@ def depth_source(settings: RenderSettings) -> DepthSource:
         >>> source.origin, source.kind, source.unit
         ('input.depth', 'metric', 'cm')
     """
-    given, reading = settings.input, settings.depth
-    if given.disparity is not None:
+    inputs, reading = settings.input, settings.depth
+    if inputs.disparity is not None:
         return RelativeDisparity(
-            map=given.disparity,
-            channel=given.channel,
+            map=inputs.disparity,
+            channel=inputs.channel,
             invert=reading.invert,
             value_range=reading.value_range,
             as_stored=reading.as_stored,
         )
-    if given.layers is not None:
-        return LayeredDepth(layers=given.layers, unit=reading.unit or "m")
-    if given.depth is not None:
-        return MetricDepth(map=given.depth, channel=given.channel, unit=reading.unit or "m")
-    if given.defocus is not None:
-        return DefocusMap(map=given.defocus, channel=given.channel)
-    if given.depth_model is not None:
-        return NetworkDepth(model=given.depth_model, convention=given.depth_convention or "")
-    if given.constant_disparity is not None:
-        return ConstantDisparity(value=given.constant_disparity)
+    if inputs.layers is not None:
+        return LayeredDepth(layers=inputs.layers, unit=reading.unit or "m")
+    if inputs.depth is not None:
+        return MetricDepth(map=inputs.depth, channel=inputs.channel, unit=reading.unit or "m")
+    if inputs.defocus is not None:
+        return DefocusMap(map=inputs.defocus, channel=inputs.channel)
+    if inputs.depth_model is not None:
+        return NetworkDepth(model=inputs.depth_model, convention=inputs.depth_convention or "")
+    if inputs.constant_disparity is not None:
+        return ConstantDisparity(value=inputs.constant_disparity)
     return EmbeddedDepth(relative=settings.camera.blur is not None)
 
 
-def tells_distances(settings: RenderSettings, *, blur_pulled: bool = False) -> bool:
-    """Whether what the settings name tells distances; else relative disparity, or blur itself.
+def gives_metric_depth(settings: RenderSettings, *, blur_pulled: bool = False) -> bool:
+    """Return whether the source that the settings name yields metric depth.
 
     Args:
-        settings: Name the source.
-        blur_pulled: Whether blur changes over a sequence, which makes a phone's map relative as blur does.
+        settings: Settings that name the source.
+        blur_pulled: True if the blur changes over a sequence, for which a phone's map is relative.
 
     Examples:
         >>> from bokehnet.settings.settings import InputSettings
-        >>> tells_distances(RenderSettings(input=InputSettings(depth="z.exr")))
+        >>> gives_metric_depth(RenderSettings(input=InputSettings(depth="z.exr")))
         True
     """
     source = depth_source(settings)
     return source.kind == "metric" and not (blur_pulled and isinstance(source, EmbeddedDepth))
 
 
-def unit_of_own_depth(source: DepthSource, path: Path | str) -> str | None:
-    """Unit of length of depth that a picture's own file holds; None where the depth is from elsewhere.
+def unit_of_picture_depth(source: DepthSource, path: Path | str) -> str | None:
+    """Return the unit of length of depth in the picture's own file; None for any other source.
 
     Args:
-        source: Tells the depth.
+        source: Depth source.
         path: File of the picture.
 
     Examples:
-        >>> unit_of_own_depth(MetricDepth(map="deep.exr", unit="cm"), "deep.exr")
+        >>> unit_of_picture_depth(MetricDepth(map="deep.exr", unit="cm"), "deep.exr")
         'cm'
-        >>> unit_of_own_depth(MetricDepth(map="z.exr"), "deep.exr")
+        >>> unit_of_picture_depth(MetricDepth(map="z.exr"), "deep.exr")
     """
     if isinstance(source, EmbeddedDepth):
         return "m" if source.map is None and not source.relative else None

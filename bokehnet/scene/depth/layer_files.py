@@ -1,4 +1,4 @@
-"""Layers of a scene that are known: what a renderer or an artist tells of what stands behind things."""
+"""Known layers of a scene: successive surfaces from renderers or artists."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,16 +17,16 @@ from bokehnet.io.maps import depth_to_mm
 from bokehnet.io.picture import find_picture
 from bokehnet.io.pixels import ImageFile
 from bokehnet.optics.coc import disparity_from_depth
-from bokehnet.optics.over import light_through
+from bokehnet.optics.over import transmittance
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo, SceneLayers
 
 __all__ = ["LayeredDepth", "flattened", "make_layers", "read_layers"]
 
-# Layers of a pixel that deep samples are merged to.
-_MOST = 6
+# Maximum number of layers per pixel after merging deep samples.
+_MAX_LAYERS = 6
 
-# A layer may lie before the one in front of it by this part of its disparity, which rounding does.
-_SLACK = 1e-5
+# Relative tolerance of the depth order of layers, for rounding errors.
+_ORDER_TOLERANCE = 1e-5
 
 Array = npt.NDArray[np.float32]
 
@@ -36,22 +36,22 @@ def make_layers(
     depths: Sequence[npt.NDArray[np.floating]],
     unit: str = "m",
 ) -> SceneLayers:
-    """Make layers of pictures and their depths, front to back.
+    """Return layers made of pictures and their depths, front to back.
 
     Args:
-        pictures: Scene-linear, premultiplied, with alpha, (H, W, 4) each; any number from one up.
-        depths: Of each, (H, W), where it covers anything; what is elsewhere does not count.
-        unit: Of the depths.
+        pictures: One or more pictures, scene-linear, premultiplied, with alpha, (H, W, 4) each.
+        depths: Depth of each picture, (H, W); ignored where alpha is 0.
+        unit: Unit of the depths.
 
     Raises:
         ShapeError: Their numbers or sizes differ.
-        ParameterError: No layer; NaN, infinity or alpha outside 0 to 1; a layer in front of the one before.
+        ParameterError: No layer; NaN, infinity or alpha outside 0 to 1; a layer nearer than an earlier one.
 
     Examples:
         >>> leaf, wall = np.zeros((1, 2, 4)), np.ones((1, 2, 4))
         >>> leaf[0, 0] = [0, 0.5, 0, 0.5]
-        >>> made = make_layers([leaf, wall], [np.full((1, 2), 1.0), np.full((1, 2), 3.0)])
-        >>> made.coverage.tolist(), made.colors[0, 0, 0].tolist()
+        >>> layers = make_layers([leaf, wall], [np.full((1, 2), 1.0), np.full((1, 2), 3.0)])
+        >>> layers.coverage.tolist(), layers.colors[0, 0, 0].tolist()
         ([[[0.5, 1.0], [0.0, 1.0]]], [0.0, 1.0, 0.0])
     """
     if not pictures:
@@ -65,14 +65,13 @@ def make_layers(
         check_rank(f"{name} depth", depth, 2, "(H, W)")
         size = np.shape(pictures[0])[:2]
         if picture.shape != (*size, 4) or depth.shape != size:
-            wanted = f"{size[1]}x{size[0]} pixels of four channels, and as large a depth"
-            found = f"{picture.shape} and {depth.shape}"
-            raise ShapeError(f"{name}: expected {wanted}, got {found}")
+            expected = f"{size[1]}x{size[0]} pixels of four channels, and a depth of the same size"
+            raise ShapeError(f"{name}: expected {expected}, got {picture.shape} and {depth.shape}")
         check_finite(name, picture)
         alpha = np.asarray(picture[..., 3], np.float32)
         if alpha.min() < 0 or alpha.max() > 1:
-            found = f"{alpha.min():g} to {alpha.max():g}"
-            raise ParameterError(f"{name} alpha", "0 to 1", shown=found, remedy="clip it first")
+            actual = f"{alpha.min():g} to {alpha.max():g}"
+            raise ParameterError(f"{name} alpha", "0 to 1", shown=actual, remedy="clip it first")
         light = np.asarray(picture[..., :3], np.float32)
         colors.append(
             np.divide(light, alpha[..., None], out=np.zeros_like(light), where=alpha[..., None] > 0)
@@ -84,36 +83,38 @@ def make_layers(
 
 
 def _ordered(colors: Array, values: Array, coverage: Array, name: str) -> SceneLayers:
-    """Layers whose empty pixels lie at the depth of the one before; ``ParameterError`` for a wrong order."""
-    before = np.full(values.shape[:2], np.inf, np.float32)
+    """Return layers with the previous depth in empty pixels; raise ``ParameterError`` for a wrong order."""
+    previous = np.full(values.shape[:2], np.inf, np.float32)
     values = values.copy()
     for layer in range(values.shape[2]):
-        here, covered = values[:, :, layer], coverage[:, :, layer] > 0
-        wrong = covered & (here > before * (1 + _SLACK))
+        current, covered = values[:, :, layer], coverage[:, :, layer] > 0
+        wrong = covered & (current > previous * (1 + _ORDER_TOLERANCE))
         if wrong.any():
             y, x = np.argwhere(wrong)[0]
-            found = f"layer {layer + 1} nearer than one before it in {int(wrong.sum())} pixels, as at {x},{y}"
-            raise ParameterError(
-                name, "surfaces from front to back", shown=found, remedy="sort them by depth"
+            actual = (
+                f"layer {layer + 1} nearer than an earlier one in {int(wrong.sum())} pixels, as at {x},{y}"
             )
-        before = np.where(covered, np.minimum(here, before), before)
-        values[:, :, layer] = before
+            raise ParameterError(
+                name, "surfaces from front to back", shown=actual, remedy="sort them by depth"
+            )
+        previous = np.where(covered, np.minimum(current, previous), previous)
+        values[:, :, layer] = previous
     nearest = values.max(axis=2, where=np.isfinite(values), initial=0)
     values = np.where(np.isfinite(values), values, nearest[..., None])
     return SceneLayers(colors=colors, values=values, coverage=coverage)
 
 
 def read_layers(path: Path | str, unit: str = "m") -> SceneLayers:
-    """Read a layered EXR, as ``bokehnet trace --layers`` writes them, or a deep one.
+    """Read a layered EXR, as written by ``bokehnet trace --layers``, or a deep EXR.
 
-    Deep samples of a pixel are merged to at most six layers, at the widest gaps in disparity.
+    Deep samples of a pixel are merged to at most six layers, split at the widest gaps in disparity.
 
     Args:
-        path: With ``layer1.R``, ``.G``, ``.B``, ``.Z`` and ``.coverage`` and so on, or with a deep picture.
-        unit: Of Z.
+        path: File with ``layer1.R``, ``.G``, ``.B``, ``.Z``, ``.coverage`` etc., or with a deep picture.
+        unit: Unit of Z.
 
     Raises:
-        ImageFileError: The file cannot be read or holds neither.
+        ImageFileError: The file cannot be read or contains neither.
         ParameterError: Its layers are not from front to back.
 
     Examples:
@@ -133,21 +134,21 @@ def read_layers(path: Path | str, unit: str = "m") -> SceneLayers:
         if picture is not None and picture.part.deep:
             names = list(picture.colours)
             bands = [
-                deep_layers(file.read_deep(picture.part, names, rows), names, _MOST)
+                deep_layers(file.read_deep(picture.part, names, rows), names, _MAX_LAYERS)
                 for rows in file.bands(picture.part)
             ]
             colors, depth, coverage = (np.concatenate(column) for column in zip(*bands, strict=True))
-            colors = np.broadcast_to(colors, (*depth.shape, 3))  # of one colour channel, too
+            colors = np.broadcast_to(colors, (*depth.shape, 3))  # also for one colour channel
             return _ordered(colors, _disparity(depth, unit), coverage, "input.layers")
     channels = read_channels(path).channels
     count = 0
     while f"layer{count + 1}.coverage" in channels:
         count += 1
-    wanted = [f"layer{number}.{name}" for number in range(1, count + 1) for name in ("R", "G", "B", "Z")]
-    missing = [name for name in wanted if name not in channels]
+    required = [f"layer{number}.{name}" for number in range(1, count + 1) for name in ("R", "G", "B", "Z")]
+    missing = [name for name in required if name not in channels]
     if not count or missing:
-        found = f"no {missing[0]}" if missing else ", ".join(sorted(channels)[:6])
-        raise ImageFileError(f"{path}: expected layers (layer1.R .G .B .Z .coverage, ...), found {found}")
+        actual = f"no {missing[0]}" if missing else ", ".join(sorted(channels)[:6])
+        raise ImageFileError(f"{path}: expected layers (layer1.R .G .B .Z .coverage, ...), found {actual}")
 
     def stacked(name: str) -> Array:
         return np.stack([channels[f"layer{number}.{name}"] for number in range(1, count + 1)], -1)
@@ -165,7 +166,7 @@ def _disparity(depth: Array, unit: str) -> Array:
 
 
 def flattened(layers: SceneLayers) -> tuple[Array, Array]:
-    """What layers show, (H, W, 3), and the value (H, W) of the first by which half of that is covered.
+    """Return the composite of layers, (H, W, 3), and its depth value (H, W) at half of its coverage.
 
     Examples:
         >>> wall = make_layers([np.full((1, 2, 4), 1.0)], [np.full((1, 2), 2.0)])
@@ -173,7 +174,7 @@ def flattened(layers: SceneLayers) -> tuple[Array, Array]:
         >>> picture[0, 0].tolist(), (1000 * disparity).tolist()
         ([1.0, 1.0, 1.0], [[0.5, 0.5]])
     """
-    through, ahead = light_through(layers.coverage)
+    through, ahead = transmittance(layers.coverage)
     picture = np.einsum("yxl,yxlc->yxc", ahead * layers.coverage, layers.colors)
     reached = 1 - through >= 0.5 * (1 - through[..., -1:])
     first = reached.argmax(axis=2)
@@ -182,16 +183,16 @@ def flattened(layers: SceneLayers) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LayeredDepth:
-    """Depth from layers, of which the rays see what stands behind things as well.
+    """Depth from layers, whose occluded surfaces engine rays uses as well.
 
     Attributes:
-        layers: A layered or deep EXR, or what :func:`make_layers` gave.
-        unit: Of the depth in a file.
+        layers: Layered or deep EXR file, or the result of :func:`make_layers`.
+        unit: Unit of the depth in a file.
 
     Examples:
         >>> from bokehnet.scene.scene import make_scene
-        >>> made = make_layers([np.full((4, 6, 4), 1.0)], [np.full((4, 6), 2.0)])
-        >>> scene = make_scene(flattened(made)[0], LayeredDepth(layers=made))
+        >>> layers = make_layers([np.full((4, 6, 4), 1.0)], [np.full((4, 6), 2.0)])
+        >>> scene = make_scene(flattened(layers)[0], LayeredDepth(layers=layers))
         >>> float(1000 * scene.depth.values[0, 0])
         0.5
     """
@@ -205,11 +206,11 @@ class LayeredDepth:
 
     def depth_map(self, photo: Photo) -> DepthMap:
         """See :class:`DepthSource`."""
-        given = self.layers
-        layers = given if isinstance(given, SceneLayers) else read_layers(given, self.unit)
+        source = self.layers
+        layers = source if isinstance(source, SceneLayers) else read_layers(source, self.unit)
         if layers.values.shape[:2] != photo.image.shape[:2]:
             sizes = [f"{shape[1]}x{shape[0]}" for shape in (photo.image.shape, layers.values.shape)]
-            raise ShapeError(f"input.layers: expected {sizes[0]} pixels as the picture, got {sizes[1]}")
+            raise ShapeError(f"input.layers: expected {sizes[0]} pixels like the picture, got {sizes[1]}")
         return DepthMap(
             values=flattened(layers)[1], kind="metric", origin=self.origin, camera=photo.camera, layers=layers
         )

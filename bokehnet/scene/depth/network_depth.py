@@ -1,4 +1,4 @@
-"""Depth guessed by a network."""
+"""Depth estimated by a network."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,25 +16,25 @@ __all__ = ["NetworkDepth", "cached_network"]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NetworkDepth:
-    """Depth guessed by a monocular network in ONNX.
+    """Depth estimated by a monocular network in ONNX.
 
     Attributes:
-        model: Its file, or a name that ``bokehnet models`` lists.
-        convention: What it sees and returns: a name, or a TOML file. A named network brings its own; that of
-            a file is depth-anything-v2 unless it is given.
-        threads: Threads inside the network; 0 takes all cores.
-        download: Whether a named network that is not on this machine may be downloaded.
-        estimator: The network where it is open already; as :meth:`opened` has it.
+        model: ONNX file, or a name listed by ``bokehnet models``.
+        convention: Input and output format of the network: a name, or a TOML file. A named network has its
+            own; the default for a file is depth-anything-v2.
+        threads: Threads inside the network; 0 uses all cores.
+        download: True to allow the download of a named network.
+        estimator: Open network, as set by :meth:`opened`.
 
     Examples:
-        >>> source = NetworkDepth(model="depth.onnx", threads=2)  # opened when its map is asked for
+        >>> source = NetworkDepth(model="depth.onnx", threads=2)  # opened on first use
         >>> source.convention, source.kind
         ('depth-anything-v2', 'relative')
         >>> NetworkDepth(model="depth-pro").kind  # metres
         'metric'
 
     Raises:
-        ParameterError: A convention is given for a network that brings its own.
+        ParameterError: A convention is set for a network that has its own.
     """
 
     origin: ClassVar[str] = "input.depth_model"
@@ -51,19 +51,19 @@ class NetworkDepth:
         if named is not None and self.convention and str(self.convention) != own:
             raise ParameterError(
                 "input.depth_convention",
-                expected=f"none beside {named.name}, which brings {own}",
+                expected=f"none for {named.name}, whose convention is {own}",
                 got=str(self.convention),
             )
         object.__setattr__(self, "convention", self.convention or own)
 
     @property
     def kind(self) -> Kind:
-        """As its convention says."""
+        """Kind of depth according to the convention."""
         return "relative" if find_convention(self.convention).unit == "none" else "metric"
 
     @property
     def tells_focus(self) -> bool:
-        """Where distances are known, the photo's file may."""
+        """True for metric depth: the photo's file may contain a focus distance."""
         return self.kind == "metric"
 
     def depth_map(self, photo: Photo) -> DepthMap:
@@ -73,7 +73,7 @@ class NetworkDepth:
         return DepthMap(values=values, kind=self.kind, origin=self.origin, camera=photo.camera)
 
     def opened(self) -> "NetworkDepth":
-        """Return the same with its network open, for many pictures.
+        """Return the source with its network open, for many pictures.
 
         Raises:
             BokehnetError: It cannot be opened.
@@ -87,10 +87,10 @@ class NetworkDepth:
 
 
 def cached_network() -> NetworkDepth | None:
-    """Return the first named network that is on this machine; None where there is none.
+    """Return the first named network on this machine; None if there is none.
 
     Raises:
-        ModelFileError: The bytes of one are others than those that are pinned.
+        ModelFileError: The bytes of a network differ from the pinned ones.
 
     Examples:
         >>> network = cached_network()
@@ -104,6 +104,6 @@ def cached_network() -> NetworkDepth | None:
         try:
             if cached_file(model) is not None:
                 return NetworkDepth(model=name)
-        except MissingExtraError:  # without it nothing was downloaded either
+        except MissingExtraError:  # without the package nothing was downloaded either
             return None
     return None

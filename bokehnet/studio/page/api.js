@@ -1,4 +1,4 @@
-// Talking to the studio's server: JSON, and pictures as frames of a JSON header and pixels.
+// Requests to the studio's server: JSON, and pictures as frames of a JSON header and pixels.
 
 const wide = matchMedia("(color-gamut: p3)").matches && hasWideCanvas();
 
@@ -14,8 +14,8 @@ function hasWideCanvas() {
   }
 }
 
-/** An error that the server told, with the setting that caused it. */
-export class Told extends Error {
+/** Error reported by the server, with the setting that caused it. */
+export class ServerError extends Error {
   constructor(message, path = "") {
     super(message);
     this.path = path;
@@ -24,56 +24,56 @@ export class Told extends Error {
 
 async function checked(response) {
   if (response.ok) return response;
-  let found = {};
+  let body = {};
   try {
-    found = await response.json();
+    body = await response.json();
   } catch {
-    // the guard answers in plain text
+    // the guard responds in plain text
   }
-  throw new Told(found.error || `the studio answered ${response.status}`, found.path || "");
+  throw new ServerError(body.error || `the studio responded with status ${response.status}`, body.path || "");
 }
 
-const STOPPED = "The studio has stopped. Start it again, and reload the page with its new address.";
+const STOPPED = "The studio has stopped. Restart it and open its new address.";
 
-/** What the network gives; where it gives nothing any more, the studio has stopped. */
-async function arrived(given) {
+/** Await a network operation; a failure means that the studio has stopped. */
+async function fromServer(promise) {
   try {
-    return await given;
+    return await promise;
   } catch (error) {
-    throw error.name === "AbortError" ? error : new Told(STOPPED);
+    throw error.name === "AbortError" ? error : new ServerError(STOPPED);
   }
 }
 
-const reached = (address, options) => arrived(fetch(address, options));
+const request = (address, options) => fromServer(fetch(address, options));
 
 export async function get(name) {
-  return (await checked(await reached(`api/${name}`))).json();
+  return (await checked(await request(`api/${name}`))).json();
 }
 
 export async function post(name, body = {}) {
   const options = { method: "POST", body: JSON.stringify(body), headers: { "content-type": "application/json" } };
-  return (await checked(await reached(`api/${name}`, options))).json();
+  return (await checked(await request(`api/${name}`, options))).json();
 }
 
 export async function upload(name, file, role) {
   const query = new URLSearchParams(role ? { name: file.name, role } : { name: file.name });
-  return (await checked(await reached(`api/${name}?${query}`, { method: "POST", body: file }))).json();
+  return (await checked(await request(`api/${name}?${query}`, { method: "POST", body: file }))).json();
 }
 
-/** Yield {header, pixels} of an answer, as they come. */
+/** Yield {header, pixels} of a response as they arrive. */
 export async function* frames(name, body, signal) {
   const options = body
     ? { method: "POST", body: JSON.stringify({ client, space, ...body }), signal }
     : { signal };
-  const response = await checked(await reached(`api/${name}`, options));
+  const response = await checked(await request(`api/${name}`, options));
   const reader = response.body.getReader();
-  let parts = [], held = 0;
+  let parts = [], buffered = 0;
   const take = async (count) => {
-    while (held < count) {
-      const { done, value } = await arrived(reader.read());
+    while (buffered < count) {
+      const { done, value } = await fromServer(reader.read());
       if (done) return null;
       parts.push(value);
-      held += value.length;
+      buffered += value.length;
     }
     const joined = new Uint8Array(count);
     let at = 0;
@@ -84,23 +84,23 @@ export async function* frames(name, body, signal) {
       if (used === part.length) parts.shift();
       else parts[0] = part.subarray(used);
     }
-    held -= count;
+    buffered -= count;
     return joined;
   };
   for (;;) {
     const size = await take(4);
     if (!size) return;
-    const told = await take(new DataView(size.buffer).getUint32(0, true));
-    if (!told) throw new Told(STOPPED);
-    const header = JSON.parse(new TextDecoder().decode(told));
+    const encoded = await take(new DataView(size.buffer).getUint32(0, true));
+    if (!encoded) throw new ServerError(STOPPED);
+    const header = JSON.parse(new TextDecoder().decode(encoded));
     const pixels = header.bytes ? await take(header.bytes) : null;
-    if (header.bytes && !pixels) throw new Told(STOPPED);
-    if (header.stage === "error") throw new Told(header.error);
+    if (header.bytes && !pixels) throw new ServerError(STOPPED);
+    if (header.stage === "error") throw new ServerError(header.error);
     yield { header, pixels };
   }
 }
 
 export async function frame(name, body, signal) {
-  for await (const found of frames(name, body, signal)) return found;
+  for await (const first of frames(name, body, signal)) return first;
   return null;
 }

@@ -1,4 +1,4 @@
-// Pixels on canvases, the histogram, and marks on the picture.
+// Drawing of pixels, the histogram, and markers on canvases.
 
 import { space } from "./api.js";
 
@@ -9,7 +9,7 @@ export function contextOf(canvas) {
   return canvas.getContext("2d", { colorSpace: space });
 }
 
-/** Draw a frame over a whole canvas, enlarged where it is smaller. */
+/** Draw a frame over a whole canvas, scaled to its size. */
 export function draw(canvas, { header, pixels }) {
   const { width, height } = header;
   const data = new ImageData(new Uint8ClampedArray(pixels.buffer), width, height, { colorSpace: space });
@@ -28,7 +28,7 @@ export function draw(canvas, { header, pixels }) {
   context.drawImage(scratch, 0, 0, canvas.width, canvas.height);
 }
 
-/** Red, green and blue of a frame, each pixel of some. */
+/** Draw the histogram of red, green and blue of a frame, from a subset of its pixels. */
 export function histogram(canvas, pixels) {
   const counts = [0, 1, 2].map(() => new Uint32Array(64));
   const step = 4 * Math.max(1, Math.floor(pixels.length / 4 / 60000));
@@ -36,20 +36,20 @@ export function histogram(canvas, pixels) {
     for (let channel = 0; channel < 3; channel++) counts[channel][pixels[at + channel] >> 2]++;
   }
   const context = canvas.getContext("2d"), { width, height } = canvas;
-  const most = Math.max(...counts.flatMap((one) => [...one.subarray(1, 63)]), 1);
+  const maximum = Math.max(...counts.flatMap((one) => [...one.subarray(1, 63)]), 1);
   context.clearRect(0, 0, width, height);
   context.globalCompositeOperation = "lighter";
   ["#b03a3a", "#3a9a4a", "#3a5ac0"].forEach((color, channel) => {
     context.fillStyle = color;
     counts[channel].forEach((count, bin) => {
-      const tall = Math.min(1, Math.sqrt(count / most)) * height;
+      const tall = Math.min(1, Math.sqrt(count / maximum)) * height;
       context.fillRect((bin * width) / 64, height - tall, width / 64, tall);
     });
   });
   context.globalCompositeOperation = "source-over";
 }
 
-/** The cursor or the focus as a cross in a ring, or the path of a brush. */
+/** Draw the cursor and the focus as crosses in rings, and the path of a brush. */
 export function mark(canvas, { focus, cursor, path, radius }) {
   const context = canvas.getContext("2d"), { width, height } = canvas;
   const unit = width / canvas.clientWidth || 1;
@@ -82,7 +82,7 @@ export function mark(canvas, { focus, cursor, path, radius }) {
   }
 }
 
-/** Do something once what was drawn is on the screen, so that it does not wait for this. */
+/** Call a function after the next paint, so that the paint does not wait for it. */
 export function painted(then) {
   requestAnimationFrame(() => {
     const channel = new MessageChannel();

@@ -1,6 +1,6 @@
-// The page: what is open, what is asked for, and what the hand does.
+// Main script of the page: state, previews, and user input.
 
-import { Told, frame, frames, get, post, space, upload } from "./api.js";
+import { ServerError, frame, frames, get, post, space, upload } from "./api.js";
 import { contextOf, draw, histogram, mark, painted } from "./canvas.js";
 import { clearFaults, makePanels, showFault, showSettings, valueOf } from "./panels.js";
 import { makeQuick, showQuick } from "./quick.js";
@@ -15,10 +15,10 @@ const now = {
 };
 let pending = null, running = null, first = false, held = false;
 
-// ---- previews: one on its way, the last request wins
+// ---- previews: one request at a time, the last one wins
 
-/** Ask for a preview; what is changed meanwhile is sent together. */
-function ask({ changes = {}, preset, event } = {}) {
+/** Request a preview; changes made meanwhile are sent together. */
+function requestPreview({ changes = {}, preset, event } = {}) {
   if (!now.state?.open) return;
   pending ??= { changes: {}, begun: event?.timeStamp ?? performance.now(), kind: event?.type ?? "other" };
   for (const [group, fields] of Object.entries(changes)) {
@@ -33,9 +33,9 @@ function ask({ changes = {}, preset, event } = {}) {
 function pump() {
   if (!pending || (running && !first)) return;
   running?.abort();
-  const wanted = pending;
+  const request = pending;
   pending = null;
-  render(wanted);
+  render(request);
 }
 
 async function render({ changes, preset, begun, kind }) {
@@ -43,22 +43,22 @@ async function render({ changes, preset, begun, kind }) {
   running = control;
   first = false;
   clearFaults();
-  say("", "wrong");
+  showMessage("", "error");
   const size = { width: result.width, height: result.height };
   try {
-    for await (const found of frames("preview", { changes, preset, held, ...size }, control.signal)) {
+    for await (const picture of frames("preview", { changes, preset, held, ...size }, control.signal)) {
       if (control.signal.aborted) return;
-      const { header } = found;
+      const { header } = picture;
       if (header.stage === "progress") showProgress(header.share);
       else if (header.bytes) {
-        draw(result, found);
+        draw(result, picture);
         const fresh = !first;
         first = true;
         painted(() => {
           performance.measure(`pixels ${header.stage}`, { start: begun, end: performance.now(), detail: { kind } });
-          if (fresh) taken(header);
+          if (fresh) applySettings(header);
           showFacts(header);
-          if (header.stage !== "draft") histogram($("histogram"), found.pixels);
+          if (header.stage !== "draft") histogram($("histogram"), picture.pixels);
         });
         pump();
       }
@@ -68,7 +68,7 @@ async function render({ changes, preset, begun, kind }) {
     painted(settled);
   } catch (error) {
     if (error.name === "AbortError" || control.signal.aborted) return;
-    tell(error);
+    showError(error);
   } finally {
     if (running === control) {
       running = null;
@@ -77,7 +77,7 @@ async function render({ changes, preset, begun, kind }) {
   }
 }
 
-function taken({ settings, version }) {
+function applySettings({ settings, version }) {
   const redraw = now.state.version !== version;
   now.state.settings = settings;
   now.state.version = version;
@@ -100,7 +100,7 @@ function showFacts(header) {
   showQuick(now.state, header);
   const where = header.focus_distance ? `${header.focus_distance.toPrecision(3)} m` : header.focus_disparity?.toFixed(3);
   const words = [`${header.engine}`, where && `focus at ${where}`, `blur up to ${(header.largest_blur * scale()).toFixed(1)} pixels of the file`];
-  say(words.filter(Boolean).concat(now.state.notes, header.notes ?? []).join(" · "), "told");
+  showMessage(words.filter(Boolean).concat(now.state.notes, header.notes ?? []).join(" · "), "status");
   document.body.dataset.stage = header.stage;
 }
 
@@ -112,21 +112,21 @@ function showProgress(share) {
 
 // ---- messages
 
-function say(text, where) {
+function showMessage(text, where) {
   $(where).textContent = text;
 }
 
-function tell(error) {
-  if (!(error instanceof Told)) console.error(error);
-  if (!error.path || !showFault(error.path, error.message)) say(error.message, "wrong");
+function showError(error) {
+  if (!(error instanceof ServerError)) console.error(error);
+  if (!error.path || !showFault(error.path, error.message)) showMessage(error.message, "error");
 }
 
-const safely = (action) => async (...given) => {
+const safely = (action) => async (...values) => {
   try {
-    say("", "wrong");
-    await action(...given);
+    showMessage("", "error");
+    await action(...values);
   } catch (error) {
-    tell(error);
+    showError(error);
   }
 };
 
@@ -141,15 +141,15 @@ async function opened(state) {
   if (!state.open) return;
   $("name").textContent = `${state.name}, ${state.width} × ${state.height}`;
   $("out-name").value = state.name.replace(/\.[^.]+$/, "_bokeh.png");
-  makeQuick($("quick"), state, (changes, event) => ask({ changes, event }));
+  makeQuick($("quick"), state, (changes, event) => requestPreview({ changes, event }));
   showSettings(state.settings);
   fit();
   showStrokes();
-  ask();
+  requestPreview();
   watch();
 }
 
-/** Give the canvases the size that the picture has here. */
+/** Resize the canvases to the size of the picture on the page. */
 function fit() {
   const { width, height } = now.state;
   stage.style.setProperty("--ratio", height / width);
@@ -170,9 +170,9 @@ const showBefore = safely(async (fresh) => {
   before.style.clipPath = `inset(0 ${100 - share}% 0 0)`;
   $("split").style.left = `${share}%`;
   before.hidden = $("split").hidden = share === 0;
-  const wanted = `${now.state.name} ${result.width}`;
-  if (share && (fresh || now.beforeOf !== wanted)) {
-    now.beforeOf = wanted;
+  const key = `${now.state.name} ${result.width}`;
+  if (share && (fresh || now.beforeOf !== key)) {
+    now.beforeOf = key;
     draw(before, await frame(`plain?width=${result.width}&height=${result.height}&space=${space}`));
   } else if (fresh) now.beforeOf = "";
 });
@@ -184,19 +184,19 @@ const showOverlay = safely(async () => {
 });
 
 async function take(files, role = "picture") {
-  say(`opening ${files[0].name} …`, "told");
+  showMessage(`opening ${files[0].name} …`, "status");
   try {
-    say("", "wrong");
+    showMessage("", "error");
     let state = await upload("open", files[0], role);
     if (files[1] && role === "picture") state = await upload("open", files[1], $("role").value);
     await opened(state);
   } catch (error) {
-    say("", "told");
-    tell(error);
+    showMessage("", "status");
+    showError(error);
   }
 }
 
-/** Follow what goes on in the background while anything does. */
+/** Poll the background jobs while any is running. */
 let watching = 0;
 async function watch() {
   const turn = ++watching;
@@ -205,7 +205,7 @@ async function watch() {
     try {
       jobs = await get("jobs");
     } catch (error) {
-      tell(error);
+      showError(error);
       return;
     }
     if (turn !== watching) return;
@@ -218,30 +218,30 @@ async function watch() {
 function showJobs(jobs) {
   const { repair, export: out } = jobs;
   if (now.repair === "running" && repair.state === "done") {
-    say(`map repaired: ${repair.reason}`, "told");
-    ask();
+    showMessage(`map repaired: ${repair.reason}`, "status");
+    requestPreview();
   }
-  if (repair.state === "failed") say(repair.error, "wrong");
+  if (repair.state === "failed") showMessage(repair.error, "error");
   if (repair.state === "running") showProgress(repair.share);
   now.repair = repair.state;
-  const bar = $("export-bar"), told = $("export-told");
+  const bar = $("export-bar"), exportStatus = $("export-status");
   bar.hidden = out.state !== "running";
   bar.value = out.share ?? 0;
   $("export").textContent = out.state === "running" ? "Stop" : "Export";
-  told.className = out.state === "failed" ? "fault" : "";
-  told.replaceChildren();
-  if (out.state === "failed") told.textContent = out.error;
+  exportStatus.className = out.state === "failed" ? "fault" : "";
+  exportStatus.replaceChildren();
+  if (out.state === "failed") exportStatus.textContent = out.error;
   if (out.state === "done") {
     const link = document.createElement("a");
     Object.assign(link, { href: "api/result", download: out.name, textContent: `Save ${out.name}`, className: "button" });
-    told.append(link);
+    exportStatus.append(link);
     if (now.exporting) link.click();
     now.exporting = false;
   }
   document.body.dataset.export = out.state;
 }
 
-// ---- the hand on the picture
+// ---- pointer input on the picture
 
 function place(event) {
   const box = sheet.getBoundingClientRect();
@@ -258,19 +258,19 @@ function marked() {
 
 function focusAt(point, event) {
   if (now.state.kind === "defocus") return;
-  ask({ changes: { focus: { at: pixel(point) } }, event });
+  requestPreview({ changes: { focus: { at: pixel(point) } }, event });
 }
 
 function ring(steps, event) {
   if (!now.state?.open || now.facts.focus_disparity == null) return;
-  const from = now.turned ?? now.facts.focus_disparity; // pictures of earlier steps may be still to come
+  const from = now.turned ?? now.facts.focus_disparity; // previews of earlier steps may still arrive
   if (now.state.kind === "metric") {
     const dioptres = Math.max(1000 * from * 1.04 ** steps, 1e-3);
-    ask({ changes: { focus: { distance: 1 / dioptres } }, event });
+    requestPreview({ changes: { focus: { distance: 1 / dioptres } }, event });
     now.turned = dioptres / 1000;
   } else {
     const turned = Math.min(Math.max(from + 0.01 * steps, 0), 1);
-    ask({ changes: { focus: { value: Number(turned.toFixed(4)) } }, event });
+    requestPreview({ changes: { focus: { value: Number(turned.toFixed(4)) } }, event });
     now.turned = turned;
   }
 }
@@ -313,14 +313,14 @@ stage.addEventListener("wheel", (event) => {
 }, { passive: false });
 
 ringByTouch(stage, (steps, event) => {
-  now.path = now.tap = null; // what the first finger may have begun
+  now.path = now.tap = null; // discard what the first finger has begun
   ring(steps, event);
 });
 
-async function stroke(told) {
-  now.state = { ...now.state, ...(await post("stroke", { stroke: told })) };
+async function stroke(table) {
+  now.state = { ...now.state, ...(await post("stroke", { stroke: table })) };
   showStrokes();
-  ask();
+  requestPreview();
 }
 
 function showStrokes() {
@@ -334,7 +334,7 @@ for (const name of ["undo", "redo"]) {
   $(name).addEventListener("click", safely(async () => {
     now.state = { ...now.state, ...(await post(name)) };
     showStrokes();
-    ask();
+    requestPreview();
   }));
 }
 
@@ -359,12 +359,12 @@ const look = safely(async () => {
   try {
     const loupe = $("loupe"), dense = Math.min(devicePixelRatio || 1, 2);
     loupe.style.width = loupe.style.height = "256px";
-    for await (const found of frames("loupe", { x: point[0], y: point[1], width: 256 * dense, height: 256 * dense }, looking.signal)) {
-      if (!found.header.bytes) continue;
-      loupe.width = found.header.width;
-      loupe.height = found.header.height;
-      draw(loupe, found);
-      loupe.dataset.stage = found.header.stage;
+    for await (const picture of frames("loupe", { x: point[0], y: point[1], width: 256 * dense, height: 256 * dense }, looking.signal)) {
+      if (!picture.header.bytes) continue;
+      loupe.width = picture.header.width;
+      loupe.height = picture.header.height;
+      draw(loupe, picture);
+      loupe.dataset.stage = picture.header.stage;
       if (next) break;
     }
   } finally {
@@ -381,7 +381,7 @@ function toggleLoupe() {
 }
 $("loupe-button").addEventListener("click", toggleLoupe);
 
-// While a slider is dragged the next change is near.
+// While a slider is dragged, further changes follow soon.
 addEventListener("pointerdown", (event) => (held = event.target.type === "range"), true);
 for (const end of ["pointerup", "pointercancel", "blur"]) addEventListener(end, () => (held = false), true);
 
@@ -423,7 +423,7 @@ document.addEventListener("keydown", (event) => {
   } else if (key === "l") toggleLoupe();
 });
 
-// ---- export, words, files
+// ---- export, equivalent code, files
 
 const showCommand = safely(async () => {
   $("command").textContent = (await post("words", { name: $("out-name").value })).command;
@@ -465,7 +465,7 @@ document.addEventListener("drop", (event) => {
 $("compare").addEventListener("input", () => now.state?.open && showBefore());
 $("overlay-kind").addEventListener("change", showOverlay);
 
-// ---- beginning
+// ---- initialisation
 
 let resized = 0;
 new ResizeObserver(() => {
@@ -478,12 +478,12 @@ new ResizeObserver(() => {
     const factor = Math.min((room.width - 4) / now.state.width, (room.height - 4) / now.state.height);
     if (Math.abs(width - now.state.width * factor) > 2 || !was) {
       fit();
-      ask();
+      requestPreview();
     }
   }, 150);
 }).observe(stage);
 
-// Another page of the same studio may have changed what is open.
+// Another page of the same studio may have changed the state.
 addEventListener("focus", safely(async () => {
   const state = await get("state");
   const changed = JSON.stringify([state.settings, state.version, state.name]) !== JSON.stringify([now.state?.settings, now.state?.version, now.state?.name]);
@@ -491,10 +491,10 @@ addEventListener("focus", safely(async () => {
 }));
 
 safely(async () => {
-  contextOf(result); // with the space of the picture
+  contextOf(result); // sets its colour space
   const [panels, presets, state] = await Promise.all([get("panels"), get("presets"), get("state")]);
-  makePanels($("panels"), panels, (changes, event) => ask({ changes, event }));
-  showPresets($("presets"), presets, (preset, event) => ask({ preset, event }));
+  makePanels($("panels"), panels, (changes, event) => requestPreview({ changes, event }));
+  showPresets($("presets"), presets, (preset, event) => requestPreview({ preset, event }));
   await opened(state);
   document.body.dataset.ready = "yes";
 })();

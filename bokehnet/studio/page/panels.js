@@ -1,14 +1,14 @@
-// Controls made from what the server tells of each setting.
+// Controls generated from the server's descriptions of the settings.
 
 const byPath = new Map();
 
-/** Value of a setting, or its default. */
+/** Return the value of a setting, or a fallback. */
 export function valueOf(settings, path, fallback = null) {
   const [group, name] = path.split(".");
   return settings?.[group]?.[name] ?? fallback;
 }
 
-/** Changes that set one field; null brings its default back. */
+/** Return changes that set one field; null resets it to its default. */
 export function changeOf(path, value) {
   const [group, name] = path.split(".");
   return { [group]: { [name]: value } };
@@ -24,7 +24,7 @@ function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-/** Fill a place with one control for each setting, by groups. */
+/** Fill an element with one control per setting, by groups. */
 export function makePanels(place, panels, change) {
   place.replaceChildren(make("h2", { textContent: "All settings" }));
   byPath.clear();
@@ -84,7 +84,7 @@ function parsed(kind, text) {
   return groups.length === 1 ? groups[0] : groups;
 }
 
-/** Show what is set. */
+/** Show the current settings. */
 export function showSettings(settings) {
   for (const [path, { field, input, slider, root }] of byPath) {
     const value = valueOf(settings, path, field.default);
@@ -98,12 +98,12 @@ export function showSettings(settings) {
   }
 }
 
-/** Tell a fault beside the control that caused it; false where it has none. */
+/** Show an error message at the control that caused it; return false if there is no such control. */
 export function showFault(path, message) {
-  const found = byPath.get(path);
-  if (!found) return false;
-  found.fault.textContent = message;
-  found.root.closest("details").open = true;
+  const control = byPath.get(path);
+  if (!control) return false;
+  control.fault.textContent = message;
+  control.root.closest("details").open = true;
   return true;
 }
 

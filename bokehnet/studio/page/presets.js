@@ -1,4 +1,4 @@
-// Looks as thumbnails of this picture, made while nothing else is to be done.
+// Presets as thumbnails of the picture, rendered while the studio is idle.
 
 import { frame } from "./api.js";
 import { draw } from "./canvas.js";
@@ -6,9 +6,9 @@ import { draw } from "./canvas.js";
 const canvases = new Map();
 let turn = 0, timer = 0, drawn = new Set();
 
-/** Make a button for each look. */
-export function showPresets(place, presets, wear) {
-  for (const { name, description } of [{ name: "", description: "No look" }, ...presets]) {
+/** Create a button for each preset. */
+export function showPresets(place, presets, apply) {
+  for (const { name, description } of [{ name: "", description: "No preset" }, ...presets]) {
     const button = document.createElement("button");
     Object.assign(button, { type: "button", title: description });
     button.dataset.preset = name;
@@ -20,36 +20,36 @@ export function showPresets(place, presets, wear) {
     button.append(canvas, label);
     button.addEventListener("click", (event) => {
       for (const other of place.children) other.setAttribute("aria-selected", String(other === button));
-      wear(name, event);
+      apply(name, event);
     });
     place.append(button);
     canvases.set(name, canvas);
   }
 }
 
-/** Nothing more of them for now: the picture itself is wanted. */
+/** Stop rendering thumbnails in favour of the picture itself. */
 export function stopPresets() {
   turn += 1;
   clearTimeout(timer);
 }
 
-/** Draw all, one after the other, once the hand rests. */
+/** Render all thumbnails, one after the other, after a pause without changes. */
 export function refreshPresets() {
   stopPresets();
-  const mine = turn;
+  const current = turn;
   timer = setTimeout(async () => {
     drawn = new Set();
     for (const [name, canvas] of canvases) {
-      if (mine !== turn) return;
+      if (current !== turn) return;
       try {
-        const found = await frame("thumbnail", { preset: name });
-        canvas.width = found.header.width;
-        canvas.height = found.header.height;
-        draw(canvas, found);
+        const thumbnail = await frame("thumbnail", { preset: name });
+        canvas.width = thumbnail.header.width;
+        canvas.height = thumbnail.header.height;
+        draw(canvas, thumbnail);
         drawn.add(name);
       } catch {
-        if (mine !== turn) return; // given up
-        canvas.width = canvas.width; // a look that does not go with this picture stays empty
+        if (current !== turn) return; // cancelled
+        canvas.width = canvas.width; // a preset that does not apply to this picture stays empty
       }
     }
     document.body.dataset.presets = String(drawn.size);

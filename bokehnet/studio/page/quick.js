@@ -1,4 +1,4 @@
-// The few controls that are turned most: blur, f-number, focus, and the shape of a point of light.
+// Quick controls: blur, f-number and focus; and the image of a point of light.
 
 import { frame } from "./api.js";
 import { draw } from "./canvas.js";
@@ -25,12 +25,12 @@ function row(place, label, attributes, input) {
   return { slider, output };
 }
 
-/** Make the controls that fit to what is open. */
+/** Create the controls for the opened picture. */
 export function makeQuick(place, state, change) {
   place.replaceChildren();
   controls = {};
   if (state.kind === "defocus") {
-    place.textContent = "The map tells the blur of each pixel: nothing is left to focus.";
+    place.textContent = "The map contains the blur of each pixel, so there is nothing to focus.";
     return;
   }
   if (state.kind === "metric") {
@@ -43,8 +43,8 @@ export function makeQuick(place, state, change) {
       change({ focus: { distance: Number((1 / 10 ** Number(event.target.value)).toPrecision(4)) } }, event);
     });
   } else {
-    const most = Math.max(60, Math.round(0.1 * state.width));
-    controls.blur = row(place, "Blur", { id: "blur", min: 0, max: most, step: 0.5 }, (event) => {
+    const maximum = Math.max(60, Math.round(0.1 * state.width));
+    controls.blur = row(place, "Blur", { id: "blur", min: 0, max: maximum, step: 0.5 }, (event) => {
       change({ camera: { blur: Number(event.target.value) } }, event);
     });
     controls.value = row(place, "Focus, far to near", { id: "focus", min: 0, max: 1, step: 0.005 }, (event) => {
@@ -60,7 +60,7 @@ function set(control, value, text) {
   control.slider.setAttribute("aria-valuetext", text);
 }
 
-/** Show what is set, and draw the aperture where it has changed. */
+/** Show the current values, and redraw the aperture image after a change. */
 export function showQuick(state, facts) {
   const blur = valueOf(state.settings, "camera.blur", 0), stop = valueOf(state.settings, "camera.f_number");
   set(controls.blur, blur, `${Number(blur).toFixed(1)} pixels`);
@@ -70,6 +70,6 @@ export function showQuick(state, facts) {
   const now = JSON.stringify(state.settings?.aperture ?? {});
   if (now !== shape) {
     shape = now;
-    frame("aperture").then((found) => draw(document.getElementById("aperture"), found), () => (shape = ""));
+    frame("aperture").then((image) => draw(document.getElementById("aperture"), image), () => (shape = ""));
   }
 }

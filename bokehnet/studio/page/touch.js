@@ -1,6 +1,6 @@
-// Two fingers on the picture turn the focus ring: apart is nearer, together is farther.
+// Two-finger gesture on the picture that turns the focus ring: apart is nearer, together is farther.
 
-const STEP = 12; // pixels of the screen between the fingers for one step of the ring
+const STEP = 12; // change of the fingers' distance for one step of the ring, screen pixels
 
 /** Call `ring(steps, event)` while two fingers move apart or together on an element. */
 export function ringByTouch(element, ring) {

@@ -1,1 +1,1 @@
-"""Cluttered training scenes: objects of bent grids on the ground, with baked light."""
+"""Cluttered training scenes: grid meshes on the ground, with baked lighting."""

@@ -1,8 +1,7 @@
-"""Surfaces as bent grids: everything that stands in a cluttered scene is made of them.
+"""Grid meshes: the surfaces of cluttered scenes.
 
-Axes are x to the right, y down, z away; objects stand on y = 0 and so reach to negative y. The grids
-of closed objects run so that the step from row to row crossed with that from column to column points
-outwards.
+Axes are x to the right, y down, z away from the camera; objects rest on y = 0 and extend to negative y. In
+grids of closed objects, the cross product of the row step and the column step points outwards.
 """
 
 from collections.abc import Sequence
@@ -15,13 +14,13 @@ __all__ = ["GridMesh", "box", "lathe", "moved", "plate", "revolve", "ribbon", "t
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GridMesh:
-    """A grid of points with straight edges between them.
+    """Grid of points with straight edges between them.
 
     Attributes:
         points: Corners, (N, M, 3).
-        uv: Where each corner lies in the texture, (N, M, 2), rows first; beyond [0, 1] it is mirrored.
-        texture: Which of the scene's textures.
-        open: Whether both sides can be seen.
+        uv: Texture coordinates of each corner, (N, M, 2), rows first; mirrored outside [0, 1].
+        texture: Index of the texture in the scene.
+        open: True if both sides are visible.
     """
 
     points: np.ndarray
@@ -36,10 +35,10 @@ class GridMesh:
         normal = np.cross(rows, columns)
         if np.allclose(self.points[:, 0], self.points[:, -1]):  # closed around: no seam
             normal[:, 0] = normal[:, -1] = normal[:, 0] + normal[:, -1]
-        # At a pole a whole row is one point: take what is beside it.
+        # At a pole a whole row is one point: copy the adjacent row.
         for end, inner in ((0, 1), (-1, -2)):
-            bare = np.linalg.norm(normal[end], axis=-1) < 1e-9 * (1e-9 + np.abs(normal).max())
-            normal[end, bare] = normal[inner, bare]
+            degenerate = np.linalg.norm(normal[end], axis=-1) < 1e-9 * (1e-9 + np.abs(normal).max())
+            normal[end, degenerate] = normal[inner, degenerate]
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         unit: np.ndarray = normal / np.maximum(length, 1e-30)
         return unit
@@ -55,7 +54,7 @@ def plate(
     cells: tuple[int, int] = (1, 1),
     open: bool = True,
 ) -> GridMesh:
-    """A parallelogram: from ``corner``, a row of the grid lies along ``along_rows``."""
+    """Return a parallelogram: from ``corner``, rows of the grid run along ``along_rows``."""
     v, u = np.meshgrid(*(np.linspace(0, 1, count + 1) for count in cells), indexing="ij")
     across, down = np.asarray(along_rows, float), np.asarray(along_columns, float)
     points = np.asarray(corner, float) + u[..., None] * across + v[..., None] * down
@@ -65,7 +64,7 @@ def plate(
 
 
 def box(size: Sequence[float] | np.ndarray, texture: int, below: bool = False) -> list[GridMesh]:
-    """A box of ``size`` (x, y, z) that stands on y = 0, and on nothing if it also has a side ``below``."""
+    """Return a box of ``size`` (x, y, z) on y = 0; ``below`` adds its bottom side."""
     x, y, z = size
     largest = max(size)
     a, b = np.array([-x / 2, -y, -z / 2]), np.array([x / 2, 0, z / 2])
@@ -86,7 +85,7 @@ def box(size: Sequence[float] | np.ndarray, texture: int, below: bool = False) -
 
 
 def revolve(profile: np.ndarray, texture: int, around: int = 24, uv_around: float = 2.0) -> GridMesh:
-    """Turn a line of (radius, height) points (K, 2), from the top down, about the axis x = z = 0."""
+    """Return the surface of (radius, height) points (K, 2), top to bottom, revolved about x = z = 0."""
     angle = np.linspace(0, 2 * np.pi, around + 1)
     radius, height = profile[:, :1], profile[:, 1:]
     points = np.stack(
@@ -101,7 +100,7 @@ def revolve(profile: np.ndarray, texture: int, around: int = 24, uv_around: floa
 
 
 def lathe(profile: np.ndarray, texture: int, around: int = 24) -> list[GridMesh]:
-    """As :func:`revolve`, with a flat lid where the line does not start on the axis."""
+    """Return :func:`revolve`, with a flat lid if the profile does not start on the axis."""
     side = revolve(profile, texture, around)
     if profile[0, 0] == 0:
         return [side]
@@ -110,12 +109,12 @@ def lathe(profile: np.ndarray, texture: int, around: int = 24) -> list[GridMesh]
 
 
 def tube(path: np.ndarray, radii: np.ndarray, texture: int, sides: int = 6) -> GridMesh:
-    """A rope of round section about the line ``path`` (K, 3), of ``radii`` (K,)."""
+    """Return a tube of circular section along ``path`` (K, 3), with ``radii`` (K,)."""
     tangent = np.gradient(path, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=-1, keepdims=True), 1e-30)
     first = np.empty_like(path)
     side = np.array([1.0, 0.0, 0.0]) if abs(tangent[0, 0]) < 0.8 else np.array([0.0, 0.0, 1.0])
-    for i, direction in enumerate(tangent):  # carried on from point to point, so that nothing twists
+    for i, direction in enumerate(tangent):  # parallel transport, so that nothing twists
         side = side - (side @ direction) * direction
         side = side / max(float(np.linalg.norm(side)), 1e-30)
         first[i] = side
@@ -129,18 +128,18 @@ def tube(path: np.ndarray, radii: np.ndarray, texture: int, sides: int = 6) -> G
 
 
 def ribbon(path: np.ndarray, halves: np.ndarray, texture: int) -> GridMesh:
-    """A strip along ``path`` (K, 3) that reaches ``halves`` (K, 3) to both sides of it."""
+    """Return a strip along ``path`` (K, 3) that extends by ``halves`` (K, 3) to both sides."""
     points = np.stack([path - halves, path, path + halves], 1)
     return GridMesh(points=points, uv=_grid_uv(len(path), 3, 1.0, 0.5), texture=texture, open=True)
 
 
 def moved(
     meshes: Sequence[GridMesh],
-    turn: np.ndarray | None = None,
+    rotation: np.ndarray | None = None,
     shift: Sequence[float] | np.ndarray = (0, 0, 0),
 ) -> list[GridMesh]:
-    """Turn by a matrix (3, 3), which may scale, then shift."""
-    matrix = np.eye(3) if turn is None else turn
+    """Return meshes transformed by a matrix (3, 3), then shifted."""
+    matrix = np.eye(3) if rotation is None else rotation
     return [replace(mesh, points=mesh.points @ matrix.T + np.asarray(shift, float)) for mesh in meshes]
 
 

@@ -1,4 +1,4 @@
-"""Small bright lamps through a thin lens: rays are sent to the lamp instead of waiting for one to meet it."""
+"""Small bright lamps through a thin lens, by rays that sample the lamp directly."""
 
 from dataclasses import dataclass
 
@@ -8,22 +8,22 @@ from bokehnet.lenses import ThinLens
 from bokehnet.optics.sampling import disc_from_square, halton, rotate_points
 from bokehnet.synth.clutter.baked_scene import BakedScene, View, sensor_xy
 from bokehnet.synth.clutter.grid_mesh import GridMesh, revolve
-from bokehnet.synth.clutter.objects import turn_about
+from bokehnet.synth.clutter.objects import rotation_about
 
 __all__ = ["Lamp", "add_lamps", "lamp_body"]
 
-# Rays of a pixel to a lamp that is blurred, and to one that is sharp: on few pixels, but bright.
-_RAYS, _RAYS_WHERE_SHARP = 64, 256
+# Rays per pixel to a blurred lamp, and to a lamp in focus, which covers few pixels but is bright.
+_RAYS_BLURRED, _RAYS_IN_FOCUS = 64, 256
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Lamp:
-    """A disc that faces the lens and shines evenly.
+    """Disc of uniform radiance that faces the lens.
 
     Attributes:
-        centre: mm, (x, y, z).
-        radius: mm.
-        radiance: (3,).
+        centre: Centre (x, y, z), mm.
+        radius: Radius, mm.
+        radiance: Radiance, (3,).
     """
 
     centre: tuple[float, float, float]
@@ -32,9 +32,9 @@ class Lamp:
 
 
 def lamp_body(lamp: Lamp, texture: int) -> GridMesh:
-    """The disc itself, to be black: it hides what is behind it."""
+    """Return the mesh of the disc, for a black texture: it occludes the background."""
     disc = revolve(np.array([[0.0, 0.0], [lamp.radius, 0.0]]), texture, 12)
-    points = disc.points @ turn_about(0, np.pi / 2).T + lamp.centre
+    points = disc.points @ rotation_about(0, np.pi / 2).T + lamp.centre
     return GridMesh(points=points, uv=disc.uv, texture=texture, open=True)
 
 
@@ -43,41 +43,41 @@ def add_lamps(
 ) -> None:
     """Add the light of ``lamps`` to ``picture`` (H, W, 3); arguments are those of ``BakedScene.render``.
 
-    A lamp whose blur disc is larger than itself is met by rays to random points of it, each weighted by
-    the share of the pupil that it stands for; else random points of the pupil are tried.
+    If the blur disc is larger than the lamp, rays aim at random points of the lamp, weighted by the fraction
+    of the pupil that the lamp covers; otherwise rays pass random points of the pupil.
     """
     pixels = sensor_xy(view)
     rng = np.random.default_rng([view.seed, 1])
-    points = np.stack([halton(_RAYS_WHERE_SHARP, base) for base in (2, 3, 5, 7)], -1).astype(np.float32)
+    points = np.stack([halton(_RAYS_IN_FOCUS, base) for base in (2, 3, 5, 7)], -1).astype(np.float32)
     aperture = lens.pupil_radius if pupil else 0.0
     for lamp in lamps:
         depth = lamp.centre[2]
-        # On the plane of the lamp a ray is at where the pinhole's is, plus this share of its pupil point.
+        # In the lamp's plane, a ray is offset from the pinhole ray by this fraction of its pupil point.
         leverage = 1 - depth / lens.focus_distance
-        pitch = view.pixel_pitch / lens.sensor_distance * depth  # a pixel's side there
+        pitch = view.pixel_pitch / lens.sensor_distance * depth  # side of a pixel in the lamp's plane
         blur = aperture * abs(leverage)
-        seen = -pixels * np.float32(depth / lens.sensor_distance)
-        offset = seen - np.array(lamp.centre[:2], np.float32)
+        pinhole_xy = -pixels * np.float32(depth / lens.sensor_distance)
+        offset = pinhole_xy - np.array(lamp.centre[:2], np.float32)
         near = np.flatnonzero((np.abs(offset) < lamp.radius + blur + pitch).all(-1))
         if not len(near):
             continue
-        count = _RAYS if blur > lamp.radius else _RAYS_WHERE_SHARP
+        count = _RAYS_BLURRED if blur > lamp.radius else _RAYS_IN_FOCUS
         drawn = rotate_points(points[:count], rng.random((len(near), 1, 4), np.float32))
-        place = seen[near, None] + np.float32(pitch) * (drawn[..., 2:] - np.float32(0.5))
+        position = pinhole_xy[near, None] + np.float32(pitch) * (drawn[..., 2:] - np.float32(0.5))
         disc = disc_from_square(drawn[..., :2])
         if blur > lamp.radius:
             target = np.array(lamp.centre[:2], np.float32) + np.float32(lamp.radius) * disc
-            origin = (target - place) / np.float32(leverage)
+            origin = (target - position) / np.float32(leverage)
             weight = (origin * origin).sum(-1) <= aperture**2
-            share = (lamp.radius / blur) ** 2
+            fraction = (lamp.radius / blur) ** 2
         else:
             origin = np.float32(aperture) * disc
-            target = place + np.float32(leverage) * origin
+            target = position + np.float32(leverage) * origin
             weight = ((target - np.array(lamp.centre[:2])) ** 2).sum(-1) <= lamp.radius**2
-            share = 1.0
+            fraction = 1.0
         rows, columns = np.nonzero(weight)
         start, end = origin[rows, columns], target[rows, columns]
-        found = scene.meet(start, (end - start) / np.float32(depth))
+        hits = scene.intersect(start, (end - start) / np.float32(depth))
         clear = np.zeros(weight.shape)
-        clear[rows, columns] = found["tfar"] > depth * (1 - 1e-3)
-        picture.reshape(-1, 3)[near] += (share * clear.mean(1))[:, None] * lamp.radiance
+        clear[rows, columns] = hits["tfar"] > depth * (1 - 1e-3)
+        picture.reshape(-1, 3)[near] += (fraction * clear.mean(1))[:, None] * lamp.radiance

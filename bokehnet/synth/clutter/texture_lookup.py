@@ -1,4 +1,4 @@
-"""The compiled loop that reads colours where rays end."""
+"""Compiled lookup of baked colours at ray hits."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ __all__ = ["mean_colours"]
 
 
 @njit(cache=True)
-def _mirrored(place: float, size: int) -> tuple[int, int, float]:
-    """Two neighbouring texels and the share of the second at ``place``, in units of the mirrored picture."""
-    place = place - 2.0 * np.floor(0.5 * place)
-    place = min(place, 2.0 - place) * size - 0.5
-    low = int(np.floor(place))
-    share = place - low
-    return max(low, 0), min(low + 1, size - 1), share
+def _mirrored(position: float, size: int) -> tuple[int, int, float]:
+    """Return two neighbouring texels and the second's weight at ``position``, in picture sides, mirrored."""
+    position = position - 2.0 * np.floor(0.5 * position)
+    position = min(position, 2.0 - position) * size - 0.5
+    low = int(np.floor(position))
+    weight = position - low
+    return max(low, 0), min(low + 1, size - 1), weight
 
 
 @njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
@@ -29,17 +29,18 @@ def mean_colours(
     sky: np.ndarray,
     sky_half: np.ndarray,
 ) -> np.ndarray:
-    """Means (P, 3) over the rays of each pixel.
+    """Return the mean colours (P, 3) over the rays of each pixel.
 
     Args:
-        triangle: What each ray meets, (P, S) int32; -1 is the sky.
-        first: Share of the triangle's second corner, (P, S).
-        second: Share of its third corner, (P, S).
-        slope: Of each ray, (P, S, 2).
-        weight: Of each ray, (P, S).
+        triangle: Index of the triangle that each ray hits, (P, S) int32; -1 is the sky.
+        first: Barycentric weight of the triangle's second corner, (P, S).
+        second: Barycentric weight of its third corner, (P, S).
+        slope: Slopes of the rays, (P, S, 2).
+        weight: Weights of the rays, (P, S).
         corners: "uv", "grid" and "mesh" of ``Soup``.
-        surfaces: Textures and their table, lights and their table, and the texture of each mesh.
-        sky: (h, w, 3).
+        surfaces: Packed textures and their table, packed irradiance and its table, and the texture of each
+            mesh.
+        sky: Radiance of the sky, (h, w, 3).
         sky_half: Half width and half height of the sky, slopes.
     """
     uv, grid, mesh = corners

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""GIMP 3 plug-in: the blur of a real lens, from a layer with the depth. Run in GIMP 3.0.4.
+"""GIMP 3 plug-in: the blur of a real lens, from a layer with the depth. Tested in GIMP 3.0.4.
 
 Copy the folder ``bokehnet`` with this executable file into GIMP's folder ``plug-ins``. **Filters > Blur >
-bokehnet** renders what the image shows by its layer named *depth*, near is bright, and adds the result as a
-layer *bokeh*.
+bokehnet** renders the visible image with the depth in its layer named *depth*, bright is near, and adds the
+result as a layer *bokeh*.
 """
 
 import os
@@ -20,28 +20,30 @@ from gi.repository import Gimp, Gio, GLib, GObject  # noqa: E402
 PROCEDURE, DEPTH, RESULT = "plug-in-bokehnet", "depth", "bokeh"
 
 
-def saved(image, path, wanted):
-    """Write the image with some of its layers alone, as it would be shown."""
+def export_layers(image, path, selected):
+    """Write the image with only the layers for which ``selected`` returns true."""
     copy = image.duplicate()
     try:
         for layer in copy.get_layers():
-            layer.set_visible(wanted(layer))
+            layer.set_visible(selected(layer))
         copy.merge_visible_layers(Gimp.MergeType.CLIP_TO_IMAGE)
         Gimp.file_save(Gimp.RunMode.NONINTERACTIVE, copy, Gio.File.new_for_path(path), None)
     finally:
         copy.delete()
 
 
-def rendered(image, command, options):
-    """Add the result as a layer; return None, or one line that says what is wrong."""
+def render_layer(image, command, options):
+    """Add the result as a layer; return None, or a one-line error."""
     layers = image.get_layers()
     names = [layer.get_name() for layer in layers]
     if DEPTH not in names:
         return f"layers: expected one named {DEPTH}, found {', '.join(names)}; name the depth so"
     with tempfile.TemporaryDirectory() as folder:
         picture, depth, result = (os.path.join(folder, f"{name}.png") for name in ("picture", DEPTH, RESULT))
-        saved(image, picture, lambda layer: layer.get_visible() and layer.get_name() not in (DEPTH, RESULT))
-        saved(image, depth, lambda layer: layer.get_name() == DEPTH)
+        export_layers(
+            image, picture, lambda layer: layer.get_visible() and layer.get_name() not in (DEPTH, RESULT)
+        )
+        export_layers(image, depth, lambda layer: layer.get_name() == DEPTH)
         words = [*shlex.split(command), "render", picture, "--disparity", depth, "-o", result]
         try:
             words += [*shlex.split(options), "--quiet"]
@@ -51,39 +53,39 @@ def rendered(image, command, options):
         if done.returncode:
             return (done.stderr.strip().splitlines() or ["bokehnet failed"])[-1]
         file = Gio.File.new_for_path(result)
-        made = Gimp.file_load_layer(Gimp.RunMode.NONINTERACTIVE, image, file)
-        made.set_name(RESULT)
+        new_layer = Gimp.file_load_layer(Gimp.RunMode.NONINTERACTIVE, image, file)
+        new_layer.set_name(RESULT)
         image.undo_group_start()
         for layer in layers:
             if layer.get_name() == RESULT:
                 image.remove_layer(layer)
-        image.insert_layer(made, None, 0)
+        image.insert_layer(new_layer, None, 0)
         image.undo_group_end()
     return None
 
 
 class Bokehnet(Gimp.PlugIn):
-    """The plug-in."""
+    """Plug-in class."""
 
     def do_query_procedures(self):
-        """Name its procedure."""
+        """Return the names of its procedures."""
         return [PROCEDURE]
 
     def do_create_procedure(self, name):
-        """Describe it: what it takes, and where it stands in the menu."""
+        """Return the procedure with its arguments and menu entry."""
         procedure = Gimp.ImageProcedure.new(self, name, Gimp.PDBProcType.PLUGIN, self.run, None)
         procedure.set_image_types("RGB*")
         procedure.set_menu_label("bokehnet...")
         procedure.add_menu_path("<Image>/Filters/Blur")
-        procedure.set_documentation("The blur of a real lens", "By the layer named depth", name)
+        procedure.set_documentation("The blur of a real lens", "Depth: the layer named depth", name)
         flags = GObject.ParamFlags.READWRITE
         procedure.add_string_argument("command", "Program", "Command line of bokehnet", "bokehnet", flags)
         options = "--blur 40 --focus 0.5"
-        procedure.add_string_argument("options", "Options", "Of bokehnet render", options, flags)
+        procedure.add_string_argument("options", "Options", "Options of bokehnet render", options, flags)
         return procedure
 
     def run(self, procedure, mode, image, drawables, config, data):
-        """Ask in a dialog, render, and tell what is wrong in GIMP's way."""
+        """Show a dialog if interactive, render, and return GIMP's status."""
         if mode == Gimp.RunMode.INTERACTIVE:
             gi.require_version("GimpUi", "3.0")
             from gi.repository import GimpUi
@@ -94,7 +96,7 @@ class Bokehnet(Gimp.PlugIn):
             if not dialog.run():
                 return procedure.new_return_values(Gimp.PDBStatusType.CANCEL, None)
             dialog.destroy()
-        message = rendered(image, config.get_property("command"), config.get_property("options"))
+        message = render_layer(image, config.get_property("command"), config.get_property("options"))
         if message is not None:
             error = GLib.Error.new_literal(GLib.quark_from_string(PROCEDURE), message, 0)
             return procedure.new_return_values(Gimp.PDBStatusType.EXECUTION_ERROR, error)

@@ -6,7 +6,7 @@ __all__ = ["BokehnetExtension", "render_document"]
 
 try:
     from krita import Krita
-except ImportError:  # outside Krita, as in a check of this file
+except ImportError:  # outside Krita, such as in a syntax check
     Krita = None
 if Krita is not None and Krita.instance() is not None:
     Krita.instance().addExtension(BokehnetExtension(Krita.instance()))

@@ -1,4 +1,4 @@
-"""The document as a picture and a map in files, the command line on them, and the result as a layer."""
+"""Export of the document as a picture and a map, rendering by the command line, and import as a layer."""
 
 import os
 import shlex
@@ -15,7 +15,7 @@ GROUP, COMMAND, OPTIONS = "bokehnet", "bokehnet", "--blur 40 --focus 0.5"
 
 
 class BokehnetError(Exception):
-    """One line with what, expected, found and the way out."""
+    """One-line error with subject, expected, found and way out."""
 
 
 def _export(document, path):
@@ -27,8 +27,8 @@ def _export(document, path):
         raise BokehnetError(f"document: expected to be exported to {path}, found that Krita cannot")
 
 
-def _shown(document, path, visible):
-    """Export the document with some layers of its top level visible alone, and put all back."""
+def _export_visible(document, path, visible):
+    """Export the document with only the selected top-level layers visible, and restore their visibility."""
     layers = document.rootNode().childNodes()
     before = [(layer, layer.visible()) for layer in layers]
     try:
@@ -45,15 +45,15 @@ def _shown(document, path, visible):
 
 
 def render_document(document, options=OPTIONS, command=COMMAND):
-    """Render all visible layers but the depth and an earlier result, and add the result as a layer.
+    """Render all visible layers except the depth and an earlier result, and add the result as a layer.
 
     Args:
-        document: With a layer named ``depth``, near is bright.
-        options: Of ``bokehnet render``.
-        command: Words of the program.
+        document: Document with a layer named ``depth``, bright is near.
+        options: Options of ``bokehnet render``.
+        command: Program with its leading arguments.
 
     Raises:
-        BokehnetError: There is no depth, or the program said no.
+        BokehnetError: There is no depth layer, or the program failed.
     """
     if document is None:
         raise BokehnetError("document: expected an open one, found none; open a picture")
@@ -64,8 +64,8 @@ def render_document(document, options=OPTIONS, command=COMMAND):
         )
     with tempfile.TemporaryDirectory() as folder:
         picture, depth, result = (os.path.join(folder, f"{name}.png") for name in ("picture", DEPTH, RESULT))
-        _shown(document, picture, lambda layer, was: was and layer.name() not in (DEPTH, RESULT))
-        _shown(document, depth, lambda layer, was: layer.name() == DEPTH)
+        _export_visible(document, picture, lambda layer, was: was and layer.name() not in (DEPTH, RESULT))
+        _export_visible(document, depth, lambda layer, was: layer.name() == DEPTH)
         words = [*shlex.split(command), "render", picture, "--disparity", depth, "-o", result]
         try:
             done = subprocess.run(
@@ -79,40 +79,40 @@ def render_document(document, options=OPTIONS, command=COMMAND):
             raise BokehnetError((done.stderr.strip().splitlines() or ["bokehnet failed"])[-1])
         application = Krita.instance()
         quiet = application.batchmode()
-        application.setBatchmode(True)  # no questions about profiles
-        made = application.openDocument(result)
+        application.setBatchmode(True)  # suppresses dialogs about profiles
+        rendered = application.openDocument(result)
         application.setBatchmode(quiet)
         for earlier in [layer for layer in document.rootNode().childNodes() if layer.name() == RESULT]:
             earlier.remove()
         layer = document.createNode(RESULT, "paintlayer")
-        same = (document.colorModel(), document.colorDepth(), document.colorProfile())
-        made.setColorSpace(*same)
-        made.waitForDone()
+        color_space = (document.colorModel(), document.colorDepth(), document.colorProfile())
+        rendered.setColorSpace(*color_space)
+        rendered.waitForDone()
         width, height = document.width(), document.height()
-        layer.setPixelData(made.rootNode().projectionPixelData(0, 0, width, height), 0, 0, width, height)
-        made.close()
+        layer.setPixelData(rendered.rootNode().projectionPixelData(0, 0, width, height), 0, 0, width, height)
+        rendered.close()
         document.rootNode().addChildNode(layer, None)
         document.refreshProjection()
         document.waitForDone()
 
 
 class BokehnetExtension(Extension):
-    """The action in the menu."""
+    """Menu action of the plug-in."""
 
     def setup(self):
-        """Nothing before there is a window."""
+        """Do nothing before a window exists."""
 
-    def createActions(self, window):  # noqa: N802, as Krita calls it
-        """Add the action."""
+    def createActions(self, window):  # noqa: N802, Krita's name
+        """Add the action to the menu."""
         action = window.createAction("bokehnet_render", "Render bokeh", "tools/scripts")
         action.triggered.connect(self.render)
 
     def render(self):
-        """Ask for options, render, and tell what is wrong in a message."""
+        """Ask for options, render, and show an error as a message."""
         application = Krita.instance()
         options = application.readSetting(GROUP, "options", OPTIONS)
-        options, wanted = QInputDialog.getText(None, "bokehnet", "Options of bokehnet render", text=options)
-        if not wanted:
+        options, accepted = QInputDialog.getText(None, "bokehnet", "Options of bokehnet render", text=options)
+        if not accepted:
             return
         application.writeSetting(GROUP, "options", options)
         command = application.readSetting(GROUP, "command", COMMAND)

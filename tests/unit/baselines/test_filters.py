@@ -7,10 +7,10 @@ import pytest
 
 from bokehnet import baselines
 from bokehnet.baselines import diffusion, low_rank, overlap
+from bokehnet.baselines.apertures import ladder_positions, psf_image, radius_ladder
 from bokehnet.baselines.filters.heat_diffusion import diffuse_rows
 from bokehnet.baselines.filters.low_rank_filter import separable_terms
-from bokehnet.baselines.filters.overlap_filter import overlap_share
-from bokehnet.baselines.openings import psf_image, radius_ladder, rungs
+from bokehnet.baselines.filters.overlap_filter import overlap_coverage
 from bokehnet.errors import ParameterError
 from bokehnet.optics.aperture import Aperture
 
@@ -89,7 +89,7 @@ def test_overlap_filter_is_its_equation_column_by_column_then_row_by_row():
 
 
 def test_overlap_share_is_equation_3_18():
-    assert [overlap_share(2.5, d) for d in (1, 2, 3)] == [1.0, 0.5, 0.0]
+    assert [overlap_coverage(2.5, d) for d in (1, 2, 3)] == [1.0, 0.5, 0.0]
 
 
 def test_low_rank_at_full_rank_spreads_the_image_of_the_opening():
@@ -98,7 +98,7 @@ def test_low_rank_at_full_rank_spreads_the_image_of_the_opening():
     sums = np.zeros((*defocus.shape, 4))
     for side in (1, -1):
         radii = radius_ladder(max(0.0, float((side * defocus).max())))
-        low, upper = rungs(defocus, radii, side)
+        low, upper = ladder_positions(defocus, radii, side)
         for y, x in np.argwhere(low >= 0):
             for k, share in ((low[y, x], 1 - upper[y, x]), (low[y, x] + 1, upper[y, x])):
                 if share <= 0:
@@ -141,11 +141,11 @@ def test_ladders_mix_two_radii():
     assert radii[0] == 0.5
     assert radii[-1] == pytest.approx(20)
     defocus = np.array([[-0.2, -7.3, 7.3, 20.0]], np.float32)
-    low, upper = rungs(defocus, radii, -1)
+    low, upper = ladder_positions(defocus, radii, -1)
     assert low.tolist()[0][2:] == [-1, -1]
     mixed = radii[low[0, 1]] * (1 - upper[0, 1]) + radii[low[0, 1] + 1] * upper[0, 1]
     assert mixed == pytest.approx(7.3, abs=1e-5)
-    assert rungs(defocus, radii, 1)[0].tolist()[0][:2] == [-1, -1]
+    assert ladder_positions(defocus, radii, 1)[0].tolist()[0][:2] == [-1, -1]
 
 
 @pytest.mark.parametrize("name", ["low_rank", "lommel", "perimeter", "hybrid_spreading"])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines import gather_basic, gather_bokeh, gather_passes, gather_spiral
+from bokehnet.baselines.apertures import ANGLES, outline, psf_image
 from bokehnet.baselines.gather.basic_gather import random_number
-from bokehnet.baselines.gather.bokeh_gather import squeezed
+from bokehnet.baselines.gather.bokeh_gather import squeeze_cats_eye
 from bokehnet.baselines.gather.half_size import doubled, extreme_of_four, halved
 from bokehnet.baselines.gather.spiral import spiral
 from bokehnet.baselines.gather.tiles import dilated_tiles
-from bokehnet.baselines.openings import ANGLES, outline, psf_image
 from bokehnet.optics.aperture import Aperture
 
 
@@ -99,8 +99,10 @@ def test_squeezing_is_the_three_matrices_of_the_listing():
     for across, down, column, row in rng.normal(size=(20, 4)):
         angle = math.atan2(row, column)
         squeeze = turn(angle) @ np.diag([1.0 - 0.3, 1.0]) @ turn(-angle)
-        assert squeezed(across, down, column, row, 0.3) == pytest.approx(tuple(squeeze @ (across, down)))
-    assert squeezed(0.4, 0.2, 0.0, 0.0, 0.3) == (0.4, 0.2)
+        assert squeeze_cats_eye(across, down, column, row, 0.3) == pytest.approx(
+            tuple(squeeze @ (across, down))
+        )
+    assert squeeze_cats_eye(0.4, 0.2, 0.0, 0.0, 0.3) == (0.4, 0.2)
 
 
 def test_bokeh_gather_is_its_description():

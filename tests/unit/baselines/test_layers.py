@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines import abadie, jimenez, tan
+from bokehnet.baselines.apertures import outline, psf_image
 from bokehnet.baselines.gather import scatter_as_you_gather as sayg
-from bokehnet.baselines.gather.layered_gather import part_lights
+from bokehnet.baselines.gather.layered_gather import split_lights
 from bokehnet.baselines.gather.tiles import dilated_tiles
-from bokehnet.baselines.openings import outline, psf_image
 from bokehnet.optics.aperture import Aperture
 
 
@@ -123,7 +123,7 @@ def test_tiles_of_one_depth_lose_nothing_by_the_cheap_way(method):
 def test_tiles_are_told_apart():
     nearest = np.array([0.3, 4.0, 4.0, 30.0])
     farthest = np.array([-0.3, 3.9, -2.0, 29.0])
-    assert sayg.tile_ways(nearest, farthest, np.abs(nearest)).tolist() == [0, -4, 4, -8]
+    assert sayg.tile_strategies(nearest, farthest, np.abs(nearest)).tolist() == [0, -4, 4, -8]
 
 
 def test_a_median_takes_single_bright_pixels_away():
@@ -166,7 +166,7 @@ def test_lights_are_parted_and_keep_their_energy():
     light = (0.2 * rng.random((40, 40, 3))).astype(np.float32)
     light[20, 20] = 50
     coc = np.full((40, 40), -6.0, np.float32)
-    rest, lights = part_lights(light, coc, 3.0)
+    rest, lights = split_lights(light, coc, 3.0)
     assert np.allclose(rest + lights, light)
     assert np.argwhere(lights.any(axis=2)).tolist() == [[20, 20]]
     image = np.full((80, 80, 3), 0.1, np.float32)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from bokehnet import baselines
+from bokehnet.baselines.apertures import psf_image, radius_ladder
 from bokehnet.baselines.gather.basic_gather import random_number
 from bokehnet.baselines.gather.spiral import GOLDEN_ANGLE
-from bokehnet.baselines.openings import psf_image, radius_ladder
 from bokehnet.baselines.spread.lens_tables import _ladder, _tables
 from bokehnet.baselines.spread.lommel_spots import WAVELENGTHS, lommel_table
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration

@@ -84,7 +84,7 @@ def test_what_a_method_does_not_know_is_refused(name):
         LensResponse(chromatic_aberration=ChromaticAberration(axial=1)),
     )
     if name != "lens_spreading":
-        with pytest.raises(ParameterError, match=r"^engine: expected one that knows aberrations"):
+        with pytest.raises(ParameterError, match=r"^engine: expected one that supports aberrations"):
             Engine(name).render(image, defocus, lens_response=fringes)
     with pytest.raises(ParameterError, match=r"^max_memory: expected None"):
         Engine(name).render(image, defocus, max_memory=10**9)
@@ -92,7 +92,7 @@ def test_what_a_method_does_not_know_is_refused(name):
         method(image, defocus[1:])
     with pytest.raises(ParameterError, match="defocus"):
         method(image, np.where(defocus > 0, np.nan, defocus))
-    known = BASELINES[name].openings
+    known = BASELINES[name].apertures
     for aperture, knows in (
         (Aperture(blades=5), ("outline", "cats-eye", "any")),
         (Aperture(obstruction=0.4), ("any",)),

@@ -103,10 +103,10 @@ import numpy as np
 from bokehnet.classical.cuda.march import CudaMarch
 from tests.unit.classical.test_cuda_rays import Device, decibels, render_rays, scatter_on, scene
 image, defocus = (array[28:52, 16:48].copy() for array in scene())
-wanted = render_rays(image, 0.5 * defocus, rays_share=0.125).bokeh
+wanted = render_rays(image, 0.5 * defocus, rays_factor=0.125).bokeh
 march = CudaMarch()
 device = Device(scatter_on("cpu"), march)
-found = render_rays(image, 0.5 * defocus, rays_share=0.125, device=device).bokeh
+found = render_rays(image, 0.5 * defocus, rays_factor=0.125, device=device).bokeh
 print(decibels(found, wanted), len(march._there))
 """
 

@@ -7,7 +7,7 @@ import pytest
 
 from bokehnet.classical import rays_renderer
 from bokehnet.classical.base import Strip
-from bokehnet.classical.fringed_scatter import fringes_alone
+from bokehnet.classical.fringed_scatter import chromatic_fringes
 from bokehnet.classical.rays_renderer import rays, render_rays
 from bokehnet.optics.aberrations.aberration_map import AberrationMap, term
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration, achromat_curve
@@ -27,7 +27,7 @@ def fringes(**options) -> LensResponse:
 @pytest.mark.parametrize("curve", [None, achromat_curve()])
 def test_each_colour_keeps_its_light_and_its_mean_strength(dispersion, curve):
     lens = fringes(axial=2.0, lateral=-1.0, dispersion=dispersion, **({"curve": curve} if curve else {}))
-    found = fringes_alone(lens, 400.0)
+    found = chromatic_fringes(lens, 400.0)
     assert found is not None
     np.testing.assert_allclose(found.colors.sum(0), 1, atol=1e-6)
     wavelengths, weights = lens.wavelengths_at((np.arange(100_000) + 0.5) / 100_000)
@@ -45,9 +45,9 @@ def test_a_lens_that_does_more_is_left_to_the_rays():
         wavelengths=[400.0, 587.56, 700.0], transverse_aberration=bent, pupil_aberration=0 * bent
     )
     both = ChromaticAberration(axial=1.0)
-    assert fringes_alone(LensResponse(aberration_map=aberrated, chromatic_aberration=both), 100) is None
-    assert fringes_alone(LensResponse(), 100) is None
-    assert fringes_alone(fringes(axial=90.0), 1000) is None
+    assert chromatic_fringes(LensResponse(aberration_map=aberrated, chromatic_aberration=both), 100) is None
+    assert chromatic_fringes(LensResponse(), 100) is None
+    assert chromatic_fringes(fringes(axial=90.0), 1000) is None
 
 
 @pytest.mark.parametrize("strengths", [(3.0, 3.0), (6.0, 0.0), (0.0, 6.0)])
@@ -58,7 +58,7 @@ def test_a_plane_is_nearer_to_its_rays_than_as_many_as_are_sent(strengths, defoc
     plane = np.full((HEIGHT, WIDTH), defocus, np.float32)
     truth = seen(image, defocus, lens, 3000)[14:-14, 14:-14]
     found = decibels(rays(image, plane, lens_response=lens)[14:-14, 14:-14], truth)
-    monkeypatch.setattr(rays_renderer, "fringes_alone", lambda *_: None)
+    monkeypatch.setattr(rays_renderer, "chromatic_fringes", lambda *_: None)
     by_rays = decibels(rays(image, plane, lens_response=lens)[14:-14, 14:-14], truth)
     assert found > 46
     assert found > by_rays
@@ -74,6 +74,6 @@ def test_white_stays_white_and_rows_by_themselves_are_those_of_the_whole():
     tall = np.tile(picture(), (4, 1, 1))
     defocus = np.repeat(np.linspace(-6, 6, len(tall), dtype=np.float32)[:, None], WIDTH, 1)
     whole = render_rays(tall, defocus, lens_response=lens).bokeh
-    strip = Strip(first=64, last=320, height=len(tall), wanted=slice(96, 160), max_coc_radius=6)
+    strip = Strip(first=64, last=320, height=len(tall), output_rows=slice(96, 160), max_coc_radius=6)
     part = render_rays(tall[64:320], defocus[64:320], lens_response=lens, strip=strip).bokeh
     np.testing.assert_allclose(part[96:160], whole[160:224], atol=2e-6)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bokehnet.classical.known_surfaces import KnownSurfaces, joined_surfaces
+from bokehnet.classical.known_surfaces import KnownSurfaces, concatenate_surfaces
 from bokehnet.classical.rays_renderer import rays, render_rays
 from bokehnet.engine_registry import CLASSICAL
 from bokehnet.engines.engine import Engine
@@ -115,11 +115,11 @@ def test_gamma_weighs_the_known_colours_as_it_weighs_the_picture():
 def test_rows_are_cut_and_joined_again():
     known = wire()[2]
     parts = [known.in_rows(first, first + 10).below(first) for first in range(0, 40, 10)]
-    again = joined_surfaces(parts)
+    again = concatenate_surfaces(parts)
     assert again is not None
     np.testing.assert_array_equal(again.rows, known.rows)
     np.testing.assert_array_equal(again.front, known.front)
-    assert joined_surfaces([]) is None
+    assert concatenate_surfaces([]) is None
     assert again.complete
 
 
@@ -129,12 +129,12 @@ def test_rows_are_cut_and_joined_again():
         ({"coverage": [2.0, 0.5]}, ParameterError, "known coverage: expected 0 to 1, got 0.5 to 2"),
         ({"coverage": [np.nan, 0.5]}, ParameterError, "known coverage: expected finite values"),
         ({"near": [-1.0, 5.0]}, ParameterError, "known far: expected values not above `near`"),
-        ({"rows": [1, 0]}, ParameterError, "known rows: expected pixels row by row"),
-        ({"columns": [3, 3], "rows": [1, 1]}, ParameterError, "known rows: expected pixels row by row"),
+        ({"rows": [1, 0]}, ParameterError, "known rows: expected pixels in row order"),
+        ({"columns": [3, 3], "rows": [1, 1]}, ParameterError, "known rows: expected pixels in row order"),
         ({"rows": [-1, 0]}, ParameterError, "known rows: expected rows and columns from 0 up"),
         ({"rows": [0.5, 1]}, ShapeError, "known rows: expected 2 whole numbers"),
         ({"far": [1.0]}, ShapeError, r"known far: expected shape \(2,\), got \(1,\)"),
-        ({"front": None}, ParameterError, "known front: expected colours of both surfaces or of none"),
+        ({"front": None}, ParameterError, "known front: expected colors of both surfaces or of none"),
     ],
 )
 def test_what_does_not_go_together_is_refused(change, error, message):
@@ -177,5 +177,5 @@ def test_small_pictures_and_pictures_that_are_all_edge(shape):
         complete=True,
     )
     image, defocus = rng.random((*shape, 3), dtype=np.float32), far.reshape(shape).astype(np.float32)
-    for told in (known, known.without_colors(), known.taken(np.zeros(count, bool))):
+    for told in (known, known.without_colors(), known.select(np.zeros(count, bool))):
         assert np.isfinite(rays(image, defocus, aperture=Aperture(blades=5), known=told)).all()

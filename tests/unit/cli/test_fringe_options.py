@@ -92,13 +92,16 @@ def test_strengths_of_0_change_no_bit(folder, cli):
         (["--axial-fringe", 1, "--dispersion", "prism"], ["--dispersion: expected one of continuous, rgb"]),
         (
             ["--dispersion", "rgb"],
-            ["--dispersion: expected colours that part: --axial-fringe, ", "or --lens"],
+            ["--dispersion: expected colour fringes from --axial-fringe, ", "or --lens"],
         ),
-        (["--equaliser", "1,2"], ["--equaliser: expected colours that part: --axial-fringe, ", "or --lens"]),
+        (["--equaliser", "1,2"], ["--equaliser: expected colour fringes from --axial-fringe, ", "or --lens"]),
         (["--axial-fringe", 1, "--equaliser", "1,-2"], ["--equaliser: expected numbers from 0 up", "'1,-2'"]),
         (["--axial-fringe", 1, "--equaliser", "0,0,0"], ["--equaliser", "none for red"]),
         (["--axial-fringe", 1, "--equaliser", "1,x"], ["--equaliser: expected numbers separated", "1,x"]),
-        (["--axial-fringe", 1, "--equaliser", "none.txt"], ["--equaliser", "or a file of them", "none.txt"]),
+        (
+            ["--axial-fringe", 1, "--equaliser", "none.txt"],
+            ["--equaliser", "or a file with them", "none.txt"],
+        ),
         (["--axial-fringe", 1, "--equaliser", "photo.png"], ["photo.png: expected numbers separated by"]),
         (["--axial-fringe", 1, "--equaliser", "."], ["cannot read .", "irectory"]),
         (

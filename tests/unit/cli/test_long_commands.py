@@ -14,7 +14,7 @@ COMMANDS = {
     "render": (["render", "photo.png", "--blur", 3, "--focus", 0.4, "-o", "out.png"], "rendering"),
     "depth": (["depth", "photo.png", "-o", "out.png", "--model", "tiny.onnx"], "estimating depth"),
     "lens": (["lens", "biconvex", "--psf-sheet", "out.png"], "tracing"),
-    "export": (["export", "-o", "out.onnx"], "proving"),
+    "export": (["export", "-o", "out.onnx"], "verifying"),
     "trace": (
         ["trace", ROOT / "configs/scene_balls.toml", "-o", "out.exr", "--width", 24, "--samples", 2],
         "tracing samples",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bokehnet.io.image import read_image, write_image, write_map
-from bokehnet.render.memory_bounds import least_memory
+from bokehnet.render.memory_bounds import min_memory
 from bokehnet.settings.settings import RenderSettings
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="other units of peak memory")
@@ -59,7 +59,7 @@ def test_the_least_is_enough_for_networks(large):
     near = np.kron(np.arange(40 * 25).reshape(40, 25) % 2, np.ones((120, 120)))
     write_map("squares.png", 0.1 + 0.8 * near)
     told = {"input": {"disparity": "squares.png"}, "camera": {"blur": 20}, "focus": {"value": 0.3}}
-    least = least_memory(RenderSettings().updated(told), "fast", 3000, 4800)
+    least = min_memory(RenderSettings().updated(told), "fast", 3000, 4800)
     words = ("--disparity", "squares.png", "--blur", "20", "--focus", "0.3", "--engine", "fast")
     repair = ("--repair-disparity", "on", "--max-memory", str(least))
     assert peak_of("render", "photo.png", *words, *repair, "-o", "out.png") <= least

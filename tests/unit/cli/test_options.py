@@ -317,7 +317,7 @@ def test_a_metric_network_takes_a_camera(network, folder, picture, cli):
     assert defocus.min() < 0 < defocus.max()
     outcome = cli(*SHORT, *model, "--blur", 5, "--focus", 0.5)
     assert outcome.code == 1
-    assert "cannot go with --depth-model" in outcome.err
+    assert "does not apply to --depth-model" in outcome.err
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ def test_compiling_is_told_once(capsys):
         assert second(1) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "bokehnet: compiling for this machine, once; it may take a minute\n"
+    assert captured.err == "bokehnet: compiling kernels for this machine, once; this may take a minute\n"
 
 
 def test_a_bar_tells_what_is_compiled_while_that_goes_on(capsys, monkeypatch):
@@ -53,7 +53,7 @@ def test_the_first_render_tells_that_it_compiles_and_the_second_does_not(folder,
     words += ("--engine", "scatter", "--repair-disparity", "off")
     first = cli_process(*words)
     assert first.code == 0
-    assert first.err.count("bokehnet: compiling for this machine, once") == 1
+    assert first.err.count("bokehnet: compiling kernels for this machine, once") == 1
     second = cli_process(*words)
     assert second.code == 0
     assert second.err.splitlines()[-1].startswith(f"bokehnet: {output}: ")

@@ -23,7 +23,7 @@ def test_the_sheet_shows_traced_beside_reduced(cli, tmp_path, quick):
     outcome = cli("lens", "biconvex", "--focus", 2, "--f-number", 11, "--psf-sheet", out)
     assert outcome.code == 0, outcome.err
     told = re.search(
-        r"blur of points +reduced against traced: correlation (0\.\d+), worst (0\.\d+)", outcome.out
+        r"blur of points +modelled against traced: correlation (0\.\d+), worst (0\.\d+)", outcome.out
     )
     assert told is not None
     assert 0.75 < float(told[2]) <= float(told[1]) <= 1

@@ -13,7 +13,7 @@ from bokehnet.io.image import read_image
 from bokehnet.io.maps import read_map
 
 WIDTH, HEIGHT = 64, 48
-LEFT_OUT = "depth maps, gain maps and further pictures in it no longer fit to the result and are left out"
+LEFT_OUT = "its depth maps, gain maps and additional pictures do not match the result and are omitted"
 FAST = ("--engine", "scatter", "--repair-disparity", "off", "--save-maps", "maps")
 NEAR, FAR = 0.8, 4.0  # metres
 BACK, FRONT = 204, 51  # stored values of background and subject, 255 is FAR
@@ -128,12 +128,14 @@ def test_a_photo_without_depth_is_told(portrait, cli):
     write_bytes(portrait / "plain.jpg", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))
     outcome = cli("render", "plain.jpg", "-o", "out.jpg", "--f-number", 1.8)
     assert outcome.code == 1
-    assert "expected one of --disparity and --depth, got neither, and plain.jpg holds no depth" in outcome.err
+    assert (
+        "expected one of --disparity and --depth, got neither, and plain.jpg has no depth map" in outcome.err
+    )
     outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--focus", 0.5)
     assert (
-        "--focus: expected nothing: it cannot go with a photo's own depth (no --disparity, --depth or --blur"
-        in outcome.err
+        "--focus: expected nothing: it does not apply to a photo's own depth "
+        "(without --disparity, --depth and --blur" in outcome.err
     )
     outcome = cli("render", "portrait.jpg", "-o", "out.jpg", "--blur", 5, "--f-number", 2)
-    assert "--f-number: expected nothing: it cannot go with --blur, got 2; leave it out" in outcome.err
+    assert "--f-number: expected nothing: it does not apply to --blur, got 2; leave it out" in outcome.err
     assert not (portrait / "out.jpg").exists()

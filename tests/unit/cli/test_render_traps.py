@@ -82,7 +82,7 @@ def test_a_png_and_an_exr_may_be_written_in_place(folder, cli):
 def test_a_constant_map_is_told(folder, cli):
     write_image("flat.png", np.full((40, 64, 3), srgb_to_linear(np.float32(188 / 255))))
     found = notes(cli("render", "photo.png", "--disparity", "flat.png", *RELATIVE, "-o", "out.png"))
-    assert found == ["the disparity map is 0.737255 everywhere: all is blurred alike", *found[1:]]
+    assert found == ["the disparity map is 0.737255 everywhere: every pixel is blurred equally", *found[1:]]
     assert "nothing is sharp: focus is at 0.4, disparity 0.737" in found[1]
 
 
@@ -91,7 +91,7 @@ def test_a_map_that_is_nearly_constant_is_told(folder, cli, write_channels):
     values[:, 30:] = 0.5005
     write_channels(folder / "flat.exr", disparity=values)
     found, *_ = notes(cli("render", "photo.png", "--disparity", "flat.exr", *RELATIVE, "-o", "out.png"))
-    assert found.startswith("the disparity map only runs from 0.5 to 0.5005")
+    assert found.startswith("the disparity map only ranges from 0.5 to 0.5005")
     assert "--disparity-range says" in found
     words = [*RELATIVE, "--disparity-range", "0,1", "-o", "out.png"]
     assert notes(cli("render", "photo.png", "--disparity", "flat.exr", *words)) == []
@@ -121,13 +121,16 @@ def test_a_camera_that_blurs_nothing_is_told(folder, cli, write_channels):
     write_channels(folder / "z.exr", Z=np.tile(np.linspace(900, 5000, 64), (40, 1)))
     words = [*CAMERA, "--focus-distance", "2000", "--engine", "scatter", "-o", "out.png"]
     (found,) = notes(cli("render", "photo.png", "--depth", "z.exr", *words))
-    assert found.startswith("all is sharp: focus is at 2000 m, depth 900 to 5000 m, ")
+    assert found.startswith("everything is sharp: focus is at 2000 m, depth 900 to 5000 m, ")
 
 
 def test_the_depth_of_an_exr_is_its_own(folder, cli):
     asked = notes(cli("render", "camera.exr", "--depth", "camera.exr", *METRIC, "-o", "asked.exr"))
     (found,) = notes(cli("render", "camera.exr", *METRIC, "-o", "own.exr"))
-    assert (asked, found) == ([], "camera.exr: depth is metres in its channel Z; --depth can say otherwise")
+    assert (asked, found) == (
+        [],
+        "camera.exr: using its channel Z as depth in metres; --depth overrides this",
+    )
     assert (folder / "asked.exr").read_bytes() == (folder / "own.exr").read_bytes()
 
 
@@ -143,7 +146,7 @@ def test_every_name_of_blender_s_depth_is_found(folder, cli, name):
     depth = np.tile(np.linspace(1, 5, 64), (40, 1))
     write_exr(folder / "a.exr", {"channels": {**colours, name: ("float", depth)}})
     (found,) = notes(cli("render", "a.exr", *METRIC, "-o", "out.exr"))
-    assert found == f"a.exr: depth is metres in its channel {name}; --depth can say otherwise"
+    assert found == f"a.exr: using its channel {name} as depth in metres; --depth overrides this"
     assert notes(cli("render", "a.exr", "--depth", "a.exr", *METRIC, "-o", "out.exr")) == []
 
 
@@ -157,7 +160,7 @@ def test_of_several_view_layers_the_choice_is_named_and_depth_is_of_the_same(fol
     found = notes(cli("render", "a.exr", *words))
     taken = "Far" if np.allclose(read_image("out.png"), 0.5, atol=0.01) else "Near"
     assert found[0] == f"a.exr: of the layers Far.Combined, Near.Combined only {taken}.Combined is rendered"
-    assert found[1] == f"a.exr: depth is metres in its channel {taken}.Depth.Z; --depth can say otherwise"
+    assert found[1] == f"a.exr: using its channel {taken}.Depth.Z as depth in metres; --depth overrides this"
 
 
 def test_of_a_stereo_pair_the_view_that_is_rendered_is_named(folder, cli):

@@ -85,7 +85,7 @@ def test_what_is_there_is_kept_unless_overwritten(shot, cli):
     (shot / "out.0002.png").write_bytes(b"older")
     outcome = cli(*SHOT, *FOCUS, "--frames", "1-4x1")
     assert (outcome.code, outcome.out) == (0, "")
-    told = r"bokehnet: 3 frames rendered, 1 there already \(--overwrite renders them again\), \d+\.\d s\n"
+    told = r"bokehnet: 3 frames rendered, 1 exist already \(--overwrite renders them again\), \d+\.\d s\n"
     assert re.fullmatch(told, outcome.err)
     assert (shot / "out.0002.png").read_bytes() == b"older"
     assert len(outputs(shot)) == 4
@@ -155,7 +155,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
             assert_allclose(defocus, 6 * (top * read_map("disparity.png") - 0.4), atol=1e-5)
     outcome = cli(*words, "--disparity", "raw.#.exr")
     assert outcome.code == 1
-    assert "found -500 to 2500; say with --disparity-range" in outcome.err
+    assert "found -500 to 2500; set --disparity-range" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
     [
         ((*STILL, *FOCUS, "--frames", "four"), "--frames: expected frames such as 1001-1100"),
         ((*STILL, *FOCUS, "--frames", "1-4", "-o", "out.png"), "such as out.####.png, got out.png"),
-        ((*SHOT, *FOCUS, "--frames", "1-4", "-o", "shot.####.png"), "got shot.0001.png, read for a frame"),
+        ((*SHOT, *FOCUS, "--frames", "1-4", "-o", "shot.####.png"), "got shot.0001.png, an input of a frame"),
         ((*STILL, *FOCUS, "--frames", "1-4", "--focus-from", "0.3"), "both --focus-from and --focus-to"),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--blur-from", 1, "--blur-to", 2),
@@ -176,12 +176,12 @@ def test_maps_of_a_sequence_are_not_scaled_each_by_itself(shot, cli):
         ),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--f-number-from", 2, "--f-number-to", 4),
-            "--f-number: expected nothing: it cannot go with --disparity, got 2",
+            "--f-number: expected nothing: it does not apply to --disparity, got 2",
         ),
         ((*STILL, *FOCUS, "--frames", "1-4", "--pull", "missing.csv"), "cannot read missing.csv"),
         (
             (*STILL, *FOCUS, "--frames", "1-4", "--pull", "a.csv", "--blur-from", 1, "--blur-to", 2),
-            "expected one of --pull and",
+            "expected either --pull or the ends",
         ),
         ((*STILL, *FOCUS, "--jobs", 2), "--frames: expected frames, which --jobs, --overwrite, --pull"),
         ((*STILL, *FOCUS, "--overwrite"), "--frames: expected frames, which --jobs, --overwrite, --pull"),

@@ -11,7 +11,7 @@ from bokehnet.cli.render import shot_files, workers
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.maps import read_map
 from bokehnet.sequence import shot as shot_module
-from bokehnet.sequence.filtered_shot import SteadyShot
+from bokehnet.sequence.filtered_shot import FilteredShot
 from bokehnet.sequence.video import VideoJob
 
 FRAMES = range(1, 7)
@@ -110,7 +110,7 @@ def test_a_run_that_is_stopped_leaves_its_maps_to_the_next(noisy, cli, monkeypat
     def never(*given):
         raise AssertionError("was looked through again")
 
-    monkeypatch.setattr(SteadyShot, "_look", never)
+    monkeypatch.setattr(FilteredShot, "_accumulate_forward", never)
     assert cli(*SHOT).code == 0
     assert bytes_of(noisy) == whole
     assert hidden(noisy) == []
@@ -156,7 +156,7 @@ def test_exact_maps_and_stills_are_no_shot_to_keep(noisy, cli, monkeypatch):
     def never(*given, **options):
         raise AssertionError("a folder was asked for")
 
-    monkeypatch.setattr(shot_files, "own_folder", never)
+    monkeypatch.setattr(shot_files, "exclusive_folder", never)
     words = ["-o", "out.####.png", "--engine", "scatter", "--frames", "1-3", "--repair-disparity", "off"]
     for frame in (1, 2, 3):
         write_map(f"m.{frame:04d}.exr", (2 + frame * TRUTH).astype(np.float32), channel="Z")
@@ -167,9 +167,9 @@ def test_exact_maps_and_stills_are_no_shot_to_keep(noisy, cli, monkeypatch):
 
 
 def test_a_shot_that_another_process_has_gets_a_folder_of_its_own(noisy, cli):
-    from bokehnet.sequence.resumable_folder import own_folder
+    from bokehnet.sequence.resumable_folder import exclusive_folder
 
-    with own_folder(noisy / ".bokehnet-shot-out.0001.png-6") as held:
+    with exclusive_folder(noisy / ".bokehnet-shot-out.0001.png-6") as held:
         assert cli(*SHOT).code == 0
         assert hidden(noisy) == [held.name]
     assert len(bytes_of(noisy)) == 6
@@ -182,15 +182,15 @@ def test_a_full_disk_is_told_in_one_line(noisy, cli, monkeypatch):
     monkeypatch.setattr("bokehnet.sequence.filtered_shot.np.save", full)
     outcome = cli(*SHOT)
     assert outcome.code == 1
-    assert "steady maps cannot be kept there: No space left on device" in outcome.err
+    assert "steady maps cannot be stored there: No space left on device" in outcome.err
     assert outcome.err.count("\n") == 1
     assert bytes_of(noisy) == {}
 
 
 def test_files_and_videos_share_what_decides():
     assert workers.decided_jobs.__module__ == "bokehnet.cli.render.shot_files"
-    assert shot_files.decide_shot is shot_module.decide_shot
-    assert VideoJob.run.__globals__["decide_shot"] is shot_module.decide_shot
+    assert shot_files.analyse_shot is shot_module.analyse_shot
+    assert VideoJob.run.__globals__["analyse_shot"] is shot_module.analyse_shot
 
 
 def test_pictures_of_a_steady_shot_change_less_than_those_of_its_maps(noisy, cli):

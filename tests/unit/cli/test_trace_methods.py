@@ -58,8 +58,11 @@ def test_adaptive_films_tell_their_samples_and_go_on(cli, scene, tmp_path):
         (("--method", "accumulation", "--views", 3, "--samples", 3), "--views: expected either this or"),
         (("--method", "accumulation", "--layers", 3), "--layers: expected --method peeled"),
         (("--method", "accumulation", "--adaptive"), "--adaptive: expected --method distribution"),
-        (("--adaptive", "--tiles", 2), "--tiles: expected pixels of equally many samples, got --adaptive"),
-        (("--layers", 2, "--ray", "auto"), "--ray: expected pixels of equally many samples"),
+        (
+            ("--adaptive", "--tiles", 2),
+            "--tiles: expected the same number of samples in all pixels, got --adaptive",
+        ),
+        (("--layers", 2, "--ray", "auto"), "--ray: expected the same number of samples in all pixels"),
         (("--tiles", 17), "--tiles: expected at most the 16 rows of the picture, got 17"),
     ],
 )

@@ -82,7 +82,7 @@ def test_the_lens_is_undone_after_its_shade():
 
 
 def test_grain_cannot_be_undone():
-    with pytest.raises(ParameterError, match="grain: expected None, as grain cannot be undone"):
+    with pytest.raises(ParameterError, match="grain: expected None, because grain cannot be undone"):
         EVERYTHING.undo(IMAGE)
 
 

@@ -87,7 +87,7 @@ def test_ghosts_have_the_light_of_their_shares():
     scale = 0.5 * np.hypot(SIZE, SIZE) / 400
     place = ((70 - 80) / scale, (90 - 80) / scale)
     wanted = [
-        1e4 * sum(ghost.share for ghost in trace_ghosts(lens, place, wavelength=wavelength, side=96))
+        1e4 * sum(ghost.relative_flux for ghost in trace_ghosts(lens, place, wavelength=wavelength, side=96))
         for wavelength in (610.0, 550.0, 465.0)
     ]
     assert found.min() >= 0

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.classical.base import ClassicalResult
 from bokehnet.classical.rays_renderer import render_rays
-from bokehnet.coarse_to_fine import lay_over, render_neural, suppress_foreground_outlines
+from bokehnet.coarse_to_fine import apply_change, render_neural, suppress_foreground_outlines
 from bokehnet.engines.coarse_to_fine import CoarseInput
 from bokehnet.engines.engine import Engine
 from bokehnet.inference.session import Networks
@@ -120,7 +120,7 @@ def test_a_leaf_far_before_focus_has_no_outline_in_the_engine_fast():
 
 def test_without_a_change_the_classical_render_stays():
     classical = np.random.default_rng(1).random((1, 3, 12, 16), dtype=np.float32)
-    assert_allclose(lay_over(classical, np.zeros_like(classical)), classical, atol=1e-6)
+    assert_allclose(apply_change(classical, np.zeros_like(classical)), classical, atol=1e-6)
 
 
 def test_rows_in_parts_give_the_same_small_copy():

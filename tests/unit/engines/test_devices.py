@@ -38,8 +38,8 @@ def test_cuda_without_a_device_is_one_line_with_the_way_out(no_device, name):
     with pytest.raises(ParameterError) as told:
         Engine(name, device="cuda")
     assert str(told.value) == (
-        "engine.device: expected a CUDA device that can be used; found a torch without CUDA, got 'cuda'; "
-        "use --device cpu, or auto, which does so"
+        "engine.device: expected a usable CUDA device; found a torch without CUDA, got 'cuda'; "
+        "use --device cpu, or auto, which selects it"
     )
 
 
@@ -118,7 +118,7 @@ def test_the_command_tells_it_in_one_line_and_writes_nothing(no_device, tmp_path
     code = run([*map(str, words), "--device", "cuda", "-o", str(tmp_path / "out.png")])
     told = capsys.readouterr().err.strip()
     assert code == 1
-    assert "--device: expected a CUDA device that can be used; found a torch without CUDA" in told
+    assert "--device: expected a usable CUDA device; found a torch without CUDA" in told
     assert len(told.splitlines()) == 1
     assert not (tmp_path / "out.png").exists()
 

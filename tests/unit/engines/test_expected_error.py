@@ -82,11 +82,11 @@ def test_a_small_copy_is_enlarged_as_the_whole_at_once():
     [
         ("scatter", {}, "expected_error: expected an engine with rays: rays or hybrid, got `scatter`"),
         ("tan", {}, "expected_error: expected an engine with rays"),
-        ("rays", {"gamma": 2.0}, "expected_error: expected a plain lens and a gamma of 1"),
+        ("rays", {"gamma": 2.0}, "expected_error: expected a perfect lens and a gamma of 1"),
         (
             "rays",
             {"lens_response": make_lens_response(LensSettings(coma=2), ColorSettings())},
-            "expected a plain lens",
+            "expected a perfect lens",
         ),
     ],
 )

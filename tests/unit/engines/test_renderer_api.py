@@ -32,7 +32,7 @@ def test_disparity_blur_and_focus_are_a_defocus():
         ({}, "defocus: expected either this, or `disparity`, `blur` and `focus`"),
         (
             {"disparity": np.zeros((96, 120))},
-            "blur: expected a value beside .* give `blur` and `focus`, or `defocus` alone",
+            "blur: expected a value, as .* give `blur` and `focus`, or `defocus` alone",
         ),
         ({"defocus": np.zeros((96, 120)), "blur": 3.0}, "got both"),
         ({"disparity": np.zeros((96, 120)), "blur": -1.0, "focus": 0.5}, "blur: expected at least 0"),

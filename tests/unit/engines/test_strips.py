@@ -30,13 +30,13 @@ def tall_picture(height: int = 900, width: int = 120) -> tuple[np.ndarray, np.nd
 
 def test_strips_cover_every_row_once():
     strips = [*cut_strips(1000, 80, 10, "rays", 600 * 80 * CLASSICAL["rays"].bytes_per_pixel)]
-    rows = [row for s in strips for row in range(s.first + s.wanted.start, s.first + s.wanted.stop)]
+    rows = [row for s in strips for row in range(s.first + s.output_rows.start, s.first + s.output_rows.stop)]
     assert rows == list(range(1000))
     assert len(strips) > 2
     for strip in strips:
         assert strip.first % ALIGNED == 0
-        assert strip.first == 0 or strip.wanted.start >= 20
-        assert strip.last == 1000 or strip.last - strip.first - strip.wanted.stop >= 20
+        assert strip.first == 0 or strip.output_rows.start >= 20
+        assert strip.last == 1000 or strip.last - strip.first - strip.output_rows.stop >= 20
         assert (strip.last - strip.first) <= 600
 
 

@@ -375,7 +375,7 @@ def test_a_convention_that_names_another_output_is_refused(network, points_netwo
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ('output = "depth"\nshift = "unknown"\n', "shift: expected component beside it"),
+        ('output = "depth"\nshift = "unknown"\n', "shift: expected component with it"),
         ('output = "disparity"\nmask = "m"\n', "mask: expected depth as output"),
     ],
 )

@@ -62,7 +62,7 @@ def picture():
     return image, depth
 
 
-def lay_out(path, image, depth, alpha=1.0):
+def prepare_tables(path, image, depth, alpha=1.0):
     """Write pixels as a plug-in lays them out, and what it tells of them."""
     colors = np.concatenate([image, np.full((*depth.shape, 1), alpha, np.float32)], -1)
     path.write_bytes(colors.tobytes() + depth.tobytes() + bytes(colors.nbytes))
@@ -83,7 +83,7 @@ def result_in(path, told):
 
 def test_shared_pixels_are_rendered_as_arrays_are(warm, picture, tmp_path):
     image, depth = picture
-    told = lay_out(tmp_path / "shared", image, depth)
+    told = prepare_tables(tmp_path / "shared", image, depth)
     answer = warm.ask(id=1, pixels=told, settings=LENS)
     wanted = BokehRenderer().render(make_scene(image, MetricDepth(map=depth)), RenderSettings().updated(LENS))
     found = result_in(tmp_path / "shared", told)
@@ -94,16 +94,16 @@ def test_shared_pixels_are_rendered_as_arrays_are(warm, picture, tmp_path):
 
 def test_one_over_z_is_the_same_scene(warm, picture, tmp_path):
     image, depth = picture
-    told = lay_out(tmp_path / "shared", image, 1 / depth)
+    told = prepare_tables(tmp_path / "shared", image, 1 / depth)
     assert "result" in warm.ask(id=2, pixels={**told, "kind": "1/z"}, settings=LENS)
-    plain = lay_out(tmp_path / "plain", image, depth)
+    plain = prepare_tables(tmp_path / "plain", image, depth)
     warm.ask(id=3, pixels=plain, settings=LENS)
     assert np.abs(result_in(tmp_path / "shared", told) - result_in(tmp_path / "plain", plain)).max() < 1e-4
 
 
 def test_a_part_of_the_picture_lies_where_it_says(picture, tmp_path):
     image, depth = picture
-    told = lay_out(tmp_path / "shared", image, depth)
+    told = prepare_tables(tmp_path / "shared", image, depth)
     with SharedPixels.opened({**told, "kind": "defocus", "x": 7, "y": -3, "display_width": 99}) as pixels:
         scene = pixels.scene()
     assert (scene.window.x, scene.window.y, scene.window.display_width) == (7, -3, 99)
@@ -140,7 +140,7 @@ def test_files_are_rendered_and_an_exr_holds_the_picture_alone_if_asked(warm, pi
 def test_what_is_wrong_is_told_by_field_and_the_next_request_is_answered(
     warm, picture, tmp_path, change, parameter
 ):
-    told = lay_out(tmp_path / "shared", *picture)
+    told = prepare_tables(tmp_path / "shared", *picture)
     request = {"id": 5, "pixels": told, "settings": LENS}
     if "pixels" in change:
         pixels = change["pixels"]
@@ -161,7 +161,7 @@ def test_a_line_that_is_no_request_is_told(warm):
 
 
 def test_a_cancel_that_comes_late_is_not_for_the_next_request(warm, picture, tmp_path):
-    told = lay_out(tmp_path / "shared", *picture)
+    told = prepare_tables(tmp_path / "shared", *picture)
     assert "result" in warm.ask(id=10, pixels=told, settings=LENS)
     warm.say(json.dumps({"cancel": 10}))
     assert "result" in warm.ask(id=10, pixels=told, settings=LENS)
@@ -176,7 +176,7 @@ def test_lines_of_two_threads_are_whole():
 
     answers = Slow()
     warm = WarmRenderer(answers)
-    threads = [threading.Thread(target=warm._say, args=({"id": i, "x": "y" * 50},)) for i in range(20)]
+    threads = [threading.Thread(target=warm._send, args=({"id": i, "x": "y" * 50},)) for i in range(20)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -185,7 +185,7 @@ def test_lines_of_two_threads_are_whole():
 
 
 def test_a_request_that_waits_is_cancelled(warm, picture, tmp_path):
-    told = lay_out(tmp_path / "shared", *picture)
+    told = prepare_tables(tmp_path / "shared", *picture)
     warm.say(json.dumps({"id": 8, "pixels": told, "settings": LENS}))
     warm.say(json.dumps({"id": 9, "pixels": told, "settings": LENS}))
     warm.say(json.dumps({"cancel": 9}))

@@ -67,7 +67,7 @@ def test_profile_and_colours_are_kept(tmp_path, photo, name, extension):
     Image.fromarray(photo).save(tmp_path / f"in.{extension}", icc_profile=profile, **options)
     frame = read_frame(tmp_path / f"in.{extension}")
     out = tmp_path / f"out.{extension}"
-    write_frame(out, frame, frame.image, wanted=OutputFormat(quality=98))
+    write_frame(out, frame, frame.image, output_format=OutputFormat(quality=98))
     written = Image.open(out)
     assert written.info["icc_profile"] == profile
     before = np.asarray(Image.open(tmp_path / f"in.{extension}").convert("RGB"))
@@ -121,7 +121,7 @@ def test_other_colour_spaces_look_the_same(tmp_path, photo, wanted):
     Image.fromarray(muted).save(tmp_path / "in.png", icc_profile=profile)
     frame = read_frame(tmp_path / "in.png")
     write_frame(
-        tmp_path / "out.png", frame, frame.image, wanted=OutputFormat(color_space=wanted, dither=False)
+        tmp_path / "out.png", frame, frame.image, output_format=OutputFormat(color_space=wanted, dither=False)
     )
     written = Image.open(tmp_path / "out.png")
     found = difference(muted, profile, np.asarray(written), written.info["icc_profile"])
@@ -174,10 +174,11 @@ def test_hdr_code_points_come_back(tmp_path):
     assert png_chunks(tmp_path / "out.png", (b"cICP", b"iCCP", b"sRGB")) == code
     assert_array_equal(stored_values(tmp_path / "out.png", "uint16"), stored)
     with pytest.raises(
-        ImageFileError, match=r"\.jpg files cannot tell colours of Rec\. 2020 PQ; write \.png"
+        ImageFileError, match=r"\.jpg files cannot store colours of Rec\. 2020 PQ; write \.png"
     ):
         write_frame(tmp_path / "out.jpg", frame, frame.image)
-    write_frame(tmp_path / "out.jpg", frame, frame.image, wanted=OutputFormat(color_space="display-p3"))
+    output_format = OutputFormat(color_space="display-p3")
+    write_frame(tmp_path / "out.jpg", frame, frame.image, output_format=output_format)
     assert read_frame(tmp_path / "out.jpg").space.name == "Display P3"
 
 
@@ -296,7 +297,7 @@ def test_what_a_format_cannot_be_is_refused_in_one_line(tmp_path, monkeypatch):
     frame = read_frame(tmp_path / "a.exr")
     for wanted in (OutputFormat(bits="float"), OutputFormat(color_space="srgb")):
         with pytest.raises(ParameterError, match="EXR from EXR, which keeps its own"):
-            write_frame(tmp_path / "b.exr", frame, frame.image, wanted=wanted)
+            write_frame(tmp_path / "b.exr", frame, frame.image, output_format=wanted)
 
 
 def test_subsampling_is_that_of_the_file(tmp_path, photo):
@@ -328,7 +329,7 @@ def test_webp_of_the_best_quality_is_without_loss(tmp_path, photo):
     frame = read_frame(tmp_path / "a.png")
     differences = {}
     for quality in (95, 100):
-        write_frame(tmp_path / "b.webp", frame, frame.image, wanted=OutputFormat(quality=quality))
+        write_frame(tmp_path / "b.webp", frame, frame.image, output_format=OutputFormat(quality=quality))
         stored = stored_values(tmp_path / "b.webp")
         differences[quality] = difference(photo, profile, stored, profile).mean()
     assert differences[100] == 0

@@ -96,13 +96,13 @@ def test_a_plate_sends_back_and_forth_what_fresnel_says():
     ghost = next(iter(trace_ghosts(with_plate, at, coating="none", side=64)))
     assert ghost.surfaces == (0, 1)
     assert ghost.place[ghost.fill <= 1].mean(0) == pytest.approx(at, abs=5e-3)
-    assert ghost.share == pytest.approx(0.04**2, rel=0.02)
+    assert ghost.relative_flux == pytest.approx(0.04**2, rel=0.02)
 
 
 def test_coating_takes_ghosts_away():
     lens = load_lens("double_gauss", f_number=4.0)
     shares = {
-        coating: sum(ghost.share for ghost in trace_ghosts(lens, (8.0, 3.0), coating=coating, side=12))
+        coating: sum(g.relative_flux for g in trace_ghosts(lens, (8.0, 3.0), coating=coating, side=12))
         for coating in ("none", "single", "ideal")
     }
     assert shares["none"] > 4 * shares["single"] > 4 * shares["ideal"] > 0

@@ -90,7 +90,7 @@ def test_scaling_keeps_the_shape():
     lens = load_lens("double_gauss", focal_length=50.0)
     full = PrescriptionLens(prescription=find_prescription("double_gauss"))
     assert lens.focal_length == pytest.approx(50)
-    assert lens.fastest == pytest.approx(full.fastest)
+    assert lens.min_f_number == pytest.approx(full.min_f_number)
     picture = full.prescription.image_radius / full.focal_length
     assert lens.prescription.image_radius / 50 == pytest.approx(picture)
     with pytest.raises(LensError, match="focal length above 0"):

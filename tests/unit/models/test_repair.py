@@ -5,7 +5,7 @@ import torch
 from scipy.ndimage import maximum_filter, minimum_filter
 from torch import Tensor, nn
 
-from bokehnet.models.repair import RepairNet, RepairNetConfig, extremes, likeness
+from bokehnet.models.repair import RepairNet, RepairNetConfig, color_similarity, extremes
 
 
 def network() -> RepairNet:
@@ -86,6 +86,6 @@ def test_likeness_tells_near_from_far_by_colour(cell):
     colors[:, 0, :, :16], colors[:, 2, :, 16:] = 1.0, 1.0
     share = torch.zeros(1, 1, 32, 32)
     share[..., :18] = 1
-    alike = likeness(colors, share, cell)[0, 0, 8:24]
+    alike = color_similarity(colors, share, cell)[0, 0, 8:24]
     assert alike[:, 10:16].min() > 0.5
     assert alike[:, 16:20].max() < -0.5

@@ -130,7 +130,7 @@ def test_a_file_that_renders_something_else_is_not_written(tmp_path, random_weig
 
 
 def test_a_network_on_the_rays_is_refused():
-    with pytest.raises(ModelFileError, match="correct the scatter, found some that correct the rays"):
+    with pytest.raises(ModelFileError, match="correct the scatter, found networks that correct the rays"):
         renderer.build_model(WEIGHTS / "hybrid")
 
 

@@ -14,7 +14,7 @@ GAMMAS = [0.2, 0.45, 1.001, 1.8, 2.2, 3.0, 5.0]
 WIDE = np.geomspace(1e-6, 1e4, 600)
 
 # Half a step of 8-bit sRGB at black, IEC 61966-2-1.
-INVISIBLE = 0.5 / 255 / 12.92
+INVISIBLE_ERROR = 0.5 / 255 / 12.92
 
 
 def grey(values):
@@ -88,9 +88,9 @@ def test_beside_a_light_black_stays_black_and_dark_stays_dark(gamma, light, radi
     curve = gamma_curve(image, gamma)
     assert curve.white == 0.5
     blurred = curve.decode(scatter(curve.encode(image), np.full((40, 160), radius, np.float32)))
-    assert blurred[:10, 92:].max() <= INVISIBLE * curve.white
+    assert blurred[:10, 92:].max() <= INVISIBLE_ERROR * curve.white
     away = blurred[:10, :45]
-    assert_allclose(away, dark, atol=INVISIBLE * curve.white)
+    assert_allclose(away, dark, atol=INVISIBLE_ERROR * curve.white)
     assert blurred[8:11, 60:63].min() > 1.5 * dark
 
 

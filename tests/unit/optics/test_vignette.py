@@ -8,7 +8,7 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ParameterError
-from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, with_color
+from bokehnet.optics.vignette import Vignette, cos4_factor, rim_factor, scale_saturation
 
 FIELD = np.random.default_rng(0).uniform(-0.7, 0.7, (40, 2))
 CORNER = np.array([0.8, 0.6])  # of a picture of 4:3
@@ -110,7 +110,7 @@ def test_colour_goes_towards_the_corners_and_luminance_stays():
     share = vignette.color(np.array([[0.0, 0.0], [0.6, 0.8]]), 1.5)
     assert_allclose(share, [1, 0.5])
     light = np.array([[0.9, 0.2, 0.1], [0.9, 0.2, 0.1]])
-    found = with_color(light, share)
+    found = scale_saturation(light, share)
     grey = 0.2126 * 0.9 + 0.7152 * 0.2 + 0.0722 * 0.1
     assert_array_equal(found[0], light[0])
     assert_allclose(found[1], (light[1] + grey) / 2)

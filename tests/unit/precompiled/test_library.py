@@ -71,7 +71,7 @@ def test_a_picture_with_any_number_of_hidden_pixels_is_left_to_nobody_else(many,
     wanted = np.zeros(defocus.shape, np.bool_)
     defocus[8:16, 8:16] = 6
     wanted[8, 8 : 8 + many] = True
-    occluded_background(image, defocus, wanted=wanted)
+    occluded_background(image, defocus, inpainted=wanted)
     assert found == []
 
 

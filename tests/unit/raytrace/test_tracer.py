@@ -4,7 +4,7 @@ import torch
 
 from bokehnet.errors import ParameterError
 from bokehnet.lenses import Rays, ThinLens
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 from bokehnet.raytrace import (
     Background,
     Camera,
@@ -231,7 +231,7 @@ def test_each_colour_has_the_blur_of_its_wavelengths():
     """Authority: blur radius = pupil radius * sensor distance * |1/f - 1/s - 1/z|; <l^2> = r^2 / 2."""
     lens = ThinLens(focal_length=50.0, f_number=2.0, focus_distance=2.5e3)
     spot = white_spot(Dispersive(lens)).double()
-    wavelength = torch.linspace(SHORTEST, LONGEST, 1001, dtype=torch.float64)
+    wavelength = torch.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 1001, dtype=torch.float64)
     vergence = (1 - 0.02 * (wavelength - 550) / 300) / 50 - 1 / lens.sensor_distance - 1e-6
     radius = lens.pupil_radius * lens.sensor_distance * vergence / 0.05
     card = 2000 * lens.sensor_distance / 1e6 / 0.05  # half of its side, pixels
@@ -264,7 +264,7 @@ def test_large_pictures_are_traced_in_pieces_of_the_same_numbers(monkeypatch):
     ball = Body(shape=Sphere(centre=(0, 0, 1000), radius=200), material=Material(color=(0.5, 0.6, 0.7)))
     world = World(bodies=(ball,), environment=flat(1))
     whole = Tracer(world, camera()).render(3)
-    monkeypatch.setattr("bokehnet.raytrace.tracer._RAYS_ON_CPU", 100)
+    monkeypatch.setattr("bokehnet.raytrace.tracer._MAX_RAYS_CPU", 100)
     pieces = Tracer(world, camera()).render(3)
     assert torch.allclose(pieces.bokeh, whole.bokeh, atol=1e-6)
     assert torch.equal(pieces.coverage, whole.coverage)

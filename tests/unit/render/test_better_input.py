@@ -26,7 +26,7 @@ from bokehnet.errors import BokehnetError, ImageFileError, ParameterError, Shape
 from bokehnet.io.image import read_image, write_image, write_map
 from bokehnet.io.window import Window
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 from bokehnet.scene.known_edges import matte_surfaces
 from tests.unit.io.exr_files import write_deep, write_exr
 from train.evaluation_sets import path_traced_shots
@@ -49,7 +49,7 @@ def planes(factor):
 
 def filtered(factor=8):
     """The picture through the pixel filter, and the map at pixel centres: what a renderer gives."""
-    return reduce_fine(planes(factor)[0], factor), share_of_front(1)
+    return downsample(planes(factor)[0], factor), share_of_front(1)
 
 
 def blurred(near, far, factor=8):
@@ -62,7 +62,7 @@ def blurred(near, far, factor=8):
     size = [n + len(disc) - 1 for n in around.shape]
     spread = np.fft.irfft2(np.fft.rfft2(around, size) * np.fft.rfft2(disc / disc.sum(), size), size)
     share = spread[2 * reach :, 2 * reach :][: front.shape[0], : front.shape[1]]
-    coverage = reduce_fine(share.astype(np.float32), factor)[..., None]
+    coverage = downsample(share.astype(np.float32), factor)[..., None]
     return coverage * FRONT + (1 - coverage) * BACK
 
 
@@ -96,7 +96,7 @@ def test_a_filter_that_is_told_makes_the_pixels_of_the_result():
     scene = make_scene(image, DefocusMap(map=np.zeros((2 * HEIGHT, 2 * WIDTH))), supersampled=2)
     told = DepthSettings(pixel_filter="gaussian:2.6")
     found = BokehRenderer("rays").render(scene, RenderSettings(depth=told)).bokeh
-    np.testing.assert_allclose(found, reduce_fine(image, 2, PixelFilter("gaussian", 2.6)), atol=2e-6)
+    np.testing.assert_allclose(found, downsample(image, 2, PixelFilter("gaussian", 2.6)), atol=2e-6)
 
 
 def test_blur_and_focus_are_told_in_pixels_of_the_result():
@@ -125,7 +125,7 @@ def test_distances_and_alpha_come_down_too():
     settings = RenderSettings(camera=camera, focus=FocusSettings(distance=2))
     result = BokehRenderer("rays").render(scene, settings)
     assert result.alpha.shape == (HEIGHT, WIDTH)
-    coverage = reduce_fine(share_of_front(8).astype(np.float32), 8)
+    coverage = downsample(share_of_front(8).astype(np.float32), 8)
     assert inner_error(result.alpha, coverage) < 0.02
     # Premultiplied light over alpha is the colour of the front, as it was.
     shown = result.alpha > 0.05
@@ -133,7 +133,7 @@ def test_distances_and_alpha_come_down_too():
 
 
 def exact_coverage():
-    return reduce_fine(share_of_front(8).astype(np.float32), 8)
+    return downsample(share_of_front(8).astype(np.float32), 8)
 
 
 @pytest.mark.parametrize("shift", [0, -2])
@@ -292,10 +292,10 @@ def test_bad_mattes_are_refused(files, matte, error, message):
 def test_what_does_not_go_with_supersampling_is_refused(files):
     with pytest.raises(ParameterError, match=r"input.supersampled: expected 1, 2 or 4, got 3"):
         InputSettings(supersampled=3)
-    with pytest.raises(ParameterError, match=r"input.matte: expected none beside `input.supersampled`"):
+    with pytest.raises(ParameterError, match=r"input.matte: expected no `input.supersampled`"):
         InputSettings(supersampled=2, matte="matte.png")
     image, source = np.ones((9, 12, 3)), DefocusMap(map=np.zeros((9, 12)))
-    expected = r"input.supersampled: expected a picture whose sides 2 divides, got 12x9 pixels; crop it"
+    expected = r"input.supersampled: expected a picture with sides divisible by 2, got 12x9 pixels; crop it"
     with pytest.raises(ParameterError, match=expected):
         make_scene(image, source, supersampled=2)
     window = Window(x=1, y=0, width=12, height=8, display_width=16, display_height=8)

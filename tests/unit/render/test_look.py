@@ -48,8 +48,8 @@ def test_the_default_look_is_none():
     assert make_aperture(ApertureSettings()) == Aperture()
     assert make_effects(EffectSettings()) is None
     assert make_highlights(HighlightSettings()) is None
-    assert response().is_plain
-    assert response(LensSettings(spherical=-0.0, coma=0.0)).is_plain
+    assert response().is_ideal
+    assert response(LensSettings(spherical=-0.0, coma=0.0)).is_ideal
     assert response().wavelength_sampling == WavelengthSampling()
     assert prescription_lens(LensSettings()) is None
     BokehRenderer().check(RenderSettings())
@@ -132,7 +132,7 @@ def test_gains_are_read_from_files(tmp_path, text):
 @pytest.mark.parametrize(
     ("content", "kind", "words"),
     [
-        (None, ParameterError, "color.equaliser: expected numbers separated by commas, or a file of them"),
+        (None, ParameterError, "color.equaliser: expected numbers separated by commas, or a file with them"),
         (b"", ParameterError, "color.equaliser: expected 1 to 64 gains, got 0"),
         (b"1 x", ConfigError, "expected numbers separated by commas, spaces or line ends"),
         (b"\xff\xfe", ConfigError, "expected numbers separated by commas, spaces or line ends"),
@@ -197,7 +197,7 @@ def test_a_lens_that_cannot_be_is_told_before_any_picture(lens, words):
 
 
 def test_a_camera_that_opens_wider_than_the_lens_is_told_the_way_out():
-    with pytest.raises(LensError, match=r"Petzval: f-number.*`lens.f_number` sets it for the lens alone"):
+    with pytest.raises(LensError, match=r"Petzval: f-number.*`lens.f_number` sets that of the lens only"):
         prescription_lens(LensSettings(name="petzval"), f_number=1.4)
     assert prescription_lens(LensSettings(name="petzval", f_number=4), f_number=1.4).f_number == 4
 

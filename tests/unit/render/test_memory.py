@@ -12,7 +12,7 @@ from bokehnet.errors import ParameterError
 from bokehnet.io.image import write_image, write_map
 from bokehnet.io.window import Window
 from bokehnet.render.look import make_lens_response, picture_aberrations
-from bokehnet.render.memory_bounds import PROGRAM, check_memory, least_memory
+from bokehnet.render.memory_bounds import PROGRAM, check_memory, min_memory
 from bokehnet.scene import scene as scene_module
 from bokehnet.scene.focus import FocusedLens
 from bokehnet.scene.scene import read_scene
@@ -55,12 +55,12 @@ def test_commands_check_memory_before_they_read_the_pixels(tmp_path, monkeypatch
 
 def test_the_least_grows_with_the_picture_and_with_what_is_asked_for():
     settings = bounded(10**9, depth={"repair": "off"})
-    small, large = (least_memory(settings, "rays", 1000 * n, 1000 * n) for n in (1, 5))
+    small, large = (min_memory(settings, "rays", 1000 * n, 1000 * n) for n in (1, 5))
     assert PROGRAM < small < large
-    assert least_memory(settings, "scatter", 5000, 5000) < large
-    assert least_memory(bounded(10**9), "scatter", 5000, 5000) > least_memory(settings, "scatter", 5000, 5000)
+    assert min_memory(settings, "scatter", 5000, 5000) < large
+    assert min_memory(bounded(10**9), "scatter", 5000, 5000) > min_memory(settings, "scatter", 5000, 5000)
     wide = settings.updated({"camera": {"blur": 400}})
-    assert least_memory(wide, "rays", 5000, 5000) > large
+    assert min_memory(wide, "rays", 5000, 5000) > large
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
     """Authority: the least that the engine itself tells once the picture is there, of 400x3000 pixels."""
     settings = bounded(1, depth={"repair": "off"}, **look)
     height, width = 3000, 400
-    least = least_memory(settings, "rays", width, height)
+    least = min_memory(settings, "rays", width, height)
     engine = Engine("rays")
     defocus = np.full((height, width), -15, np.float32)
     defocus[0, 0] = 5
@@ -93,7 +93,7 @@ def test_what_a_lens_sends_farther_is_counted_before_anything_is_read(look):
             defocus,
             lens_response=response,
             max_memory=taken,
-            memory_taken=taken,
+            memory_in_use=taken,
         )
     found = re.search(r"at least (\d+) MB", str(told.value))
     assert found is not None
@@ -119,4 +119,4 @@ def test_alpha_is_counted_before_anything_is_read(engine, tmp_path, monkeypatch)
     assert found is not None
     settings = told(int(found[1]) * 10**6)
     assert BokehRenderer().render(read_scene("shot.exr", settings), settings).alpha.shape == (height, width)
-    assert least_memory(settings, engine, width, height) < least_memory(settings, engine, width, height, True)
+    assert min_memory(settings, engine, width, height) < min_memory(settings, engine, width, height, True)

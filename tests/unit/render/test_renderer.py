@@ -126,7 +126,7 @@ def test_what_settings_leave_at_their_default_is_as_the_renderer_was_made(scene,
     other = LensResponse(aberration_map=AberrationSliders(coma=-8.0).aberration_map())
     wanted = BokehRenderer("rays", aperture=Aperture(blades=7), lens_response=other).render(photo, defocus)
     assert_array_equal(made.render(scene, settings).bokeh, wanted.bokeh)
-    with pytest.raises(ParameterError, match=r"engine.name: expected one that knows aberrations"):
+    with pytest.raises(ParameterError, match=r"engine.name: expected one that supports aberrations"):
         made.render(scene, with_groups(engine=EngineSettings(name="scatter")))
     disc = BokehRenderer("rays", aperture=Aperture(blades=5))
     found = disc.render(scene, with_groups(engine=EngineSettings(name="scatter")))
@@ -338,7 +338,7 @@ def test_maps_without_settings_have_no_file_of_them(scene, tmp_path):
     result.save_maps(tmp_path / "deep" / "maps")
     assert not (tmp_path / "deep" / "maps" / "settings.toml").exists()
     (tmp_path / "file").touch()
-    with pytest.raises(BokehnetError, match="cannot make the folder"):
+    with pytest.raises(BokehnetError, match="cannot create the folder"):
         result.save_maps(tmp_path / "file")
 
 
@@ -364,7 +364,7 @@ def test_a_window_moves_what_is_centred(photo, steps):
         ({"camera": CameraSettings()}, "camera.blur", "needs `camera.blur`"),
         ({"focus": FocusSettings()}, "focus.value", "one of `focus.value`"),
         ({"focus": FocusSettings(at=(64, 0))}, "focus.at", "inside the picture of 64x40"),
-        ({"focus": FocusSettings(distance=2)}, "focus.distance", "cannot go with"),
+        ({"focus": FocusSettings(distance=2)}, "focus.distance", "does not apply to"),
         ({"lens": LensSettings(coma=2)}, "lens.coma", "rays or hybrid"),
         ({"highlights": HighlightSettings(gamma=2), "engine": EngineSettings(name="fast")}, "", ""),
     ],
@@ -372,7 +372,7 @@ def test_a_window_moves_what_is_centred(photo, steps):
 def test_what_does_not_fit_is_refused_by_its_field(scene, settings, parameter, words, random_weights):
     renderer = BokehRenderer("scatter", weights=random_weights)
     if not parameter:
-        parameter, words = "highlights.gamma", "expected 1, all that the networks of fast know"
+        parameter, words = "highlights.gamma", "expected 1, as in the training of the networks of fast"
     with pytest.raises(ParameterError, match=words) as caught:
         renderer.render(scene, with_groups(**settings))
     assert caught.value.parameter == parameter

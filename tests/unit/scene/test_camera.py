@@ -4,7 +4,7 @@ import pytest
 
 from bokehnet.errors import ParameterError
 from bokehnet.io.metadata.camera import Camera
-from bokehnet.scene.camera import LensNumbers, complete_camera, full_frame_camera, joined
+from bokehnet.scene.camera import LensNumbers, complete_camera, full_frame_camera, merged_camera
 from bokehnet.settings.settings import CameraSettings
 
 DIAGONAL = math.hypot(36, 24)
@@ -53,6 +53,6 @@ def test_what_neither_says_is_asked_for(given, file, missing):
 
 def test_the_first_file_wins_over_the_second():
     first, second = Camera(focal_length=50.0), Camera(focal_length=35.0, f_number=2.0)
-    assert joined(first, second) == Camera(focal_length=50.0, f_number=2.0)
-    assert joined(None, second) == joined(second, None) == second
-    assert joined(None, None) is None
+    assert merged_camera(first, second) == Camera(focal_length=50.0, f_number=2.0)
+    assert merged_camera(None, second) == merged_camera(second, None) == second
+    assert merged_camera(None, None) is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bokehnet.scene.depth.depth_source import DefocusMap, RelativeDisparity
-from bokehnet.scene.scene import fitted_map, is_repaired, make_scene
+from bokehnet.scene.scene import is_repaired, make_scene, map_at_picture_size
 from bokehnet.settings.scene_settings import DepthSettings
 
 PICTURE = np.ones((48, 64, 3), np.float32)
@@ -15,7 +15,7 @@ SMALL, LARGE = (np.where(np.arange(n) < n // 2, 0.2, 0.8)[None].repeat(3 * n // 
 def fitted(source, repair: str) -> np.ndarray:
     scene = make_scene(PICTURE, source)
     settings = DepthSettings(resize=True, repair=repair)
-    found = fitted_map(scene, settings)
+    found = map_at_picture_size(scene, settings)
     assert found.shape == PICTURE.shape[:2]
     return found
 

@@ -111,12 +111,12 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
         (
             {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(distance=2)},
             "focus.distance",
-            "cannot go with `input.disparity`",
+            "does not apply to `input.disparity`",
         ),
         (
             {"input": DISPARITY, "camera": CameraSettings(blur=3, f_number=2), "focus": VALUE},
             "camera.f_number",
-            "cannot go with `input.disparity`",
+            "does not apply to `input.disparity`",
         ),
         (
             {"input": DISPARITY, "camera": BLUR, "focus": FocusSettings(range=(0.5, 1.5))},
@@ -132,26 +132,26 @@ BLUR, VALUE = CameraSettings(blur=3), FocusSettings(value=0.5)
             "focus.plane",
             "three pixels off one line",
         ),
-        ({"input": DEPTH, "camera": BLUR}, "camera.blur", "cannot go with `input.depth`"),
-        ({"input": DEPTH, "focus": VALUE}, "focus.value", "cannot go with `input.depth`"),
+        ({"input": DEPTH, "camera": BLUR}, "camera.blur", "does not apply to `input.depth`"),
+        ({"input": DEPTH, "focus": VALUE}, "focus.value", "does not apply to `input.depth`"),
         ({"input": DEPTH, "focus": FocusSettings(range=(0, 2))}, "focus.range", "metres above 0, got 0"),
         (
             {"input": InputSettings(constant_disparity=0.5)},
             "camera.blur",
             "`input.constant_disparity` needs `camera.blur`",
         ),
-        ({"focus": VALUE}, "focus.value", "a photo's own depth (no `input.disparity`"),
+        ({"focus": VALUE}, "focus.value", "a photo's own depth (without `input.disparity`"),
         (
             {"camera": CameraSettings(blur=3, f_number=2)},
             "camera.f_number",
-            "cannot go with `camera.blur`",
+            "does not apply to `camera.blur`",
         ),
-        ({"input": InputSettings(defocus="a.exr"), "focus": VALUE}, "focus.value", "focused already"),
+        ({"input": InputSettings(defocus="a.exr"), "focus": VALUE}, "focus.value", "already focused"),
         ({"input": InputSettings(defocus="a.exr"), "camera": BLUR}, "input.defocus", "are final"),
         (
             {"input": InputSettings(defocus="a.exr"), "focus": FocusSettings(tilt_x=5)},
             "input.defocus",
-            "no tilt beside it",
+            "no tilt with it",
         ),
         (
             {"input": InputSettings(depth_model="a.onnx"), "camera": BLUR},

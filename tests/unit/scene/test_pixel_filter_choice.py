@@ -56,7 +56,7 @@ def test_the_report_tells_the_filter_where_pixels_are_parted():
     scene = make_scene(np.full((24, 32, 3), 0.5, np.float32), ConstantDisparity(value=0.75))
     settings = RenderSettings().updated({**TOLD, "depth": {"repair": "off", "pixel_filter": "gaussian:1.6"}})
     report = BokehRenderer("rays").render(scene, settings).report
-    assert str(report.pixel_filter) == "gaussian:1.6 (as asked)"
+    assert str(report.pixel_filter) == "gaussian:1.6 (as set)"
     assert BokehRenderer("scatter").render(scene, settings).report.pixel_filter is None
 
 

@@ -7,7 +7,7 @@ from bokehnet.io.image import write_image
 from bokehnet.lenses import Rays, ThinLens, TiltShift
 from bokehnet.raytrace.camera import Camera
 from bokehnet.scenes import read_scene
-from bokehnet.scenes.reader import _check_light
+from bokehnet.scenes.reader import _check_transmission
 
 SCENE = """
 [camera]
@@ -236,5 +236,5 @@ def test_a_lens_that_passes_no_light_is_refused():
         def sample_rays(self, sensor_xy, pupil_uv, wavelength=None):
             return Rays(origin=pupil_uv, slope=pupil_uv, weight=torch.zeros(pupil_uv.shape[:-1]))
 
-    with pytest.raises(LensError, match="no light gets through the lens"):
-        _check_light(Camera(lens=Closed(), width=4, height=4, pixel_pitch=1.0))
+    with pytest.raises(LensError, match="no light passes the lens"):
+        _check_transmission(Camera(lens=Closed(), width=4, height=4, pixel_pitch=1.0))

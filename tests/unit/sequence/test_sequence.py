@@ -71,7 +71,7 @@ def test_a_file_holds_keys_and_empty_cells_are_none(tmp_path):
         ("frame,focus\n,0.2\n", "line 2: expected a whole frame"),
         ("frame,focus\n1,nan\n", "line 2: expected one number"),
         ("frame,focus\n1,0.2,0.3\n", "line 2: expected one number"),
-        ("frame,focus\n1,0.2\n1,0.3\n", "line 3: frame 1 stands there twice"),
+        ("frame,focus\n1,0.2\n1,0.3\n", "line 3: frame 1 occurs twice"),
         ("frame,focus,blur\n1,0.2,\n2\n", "found none for blur"),
         ("frame,focus\n", "found none for focus"),
         ("\x00\x01", "expected the column frame"),
@@ -114,7 +114,11 @@ def test_ends_make_a_pull_from_the_first_frame_to_the_last(tmp_path):
             "both `sequence.focus_from` and `sequence.focus_to`, got one",
         ),
         ({"blur_to": 1}, "sequence.blur_from", "both `sequence.blur_from` and `sequence.blur_to`"),
-        ({"file": "a.csv", "blur_from": 1, "blur_to": 2}, "sequence.file", "one of `sequence.file` and ends"),
+        (
+            {"file": "a.csv", "blur_from": 1, "blur_to": 2},
+            "sequence.file",
+            "either `sequence.file`",
+        ),
     ],
 )
 def test_half_a_pull_is_told(settings, parameter, words):

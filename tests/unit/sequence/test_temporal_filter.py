@@ -5,9 +5,9 @@ import pytest
 
 from bokehnet.depth_repair.repair import DisparityRepair
 from bokehnet.depth_repair.repair_plan import RepairPlan, common_plan
-from bokehnet.sequence.filtered_shot import SteadyShot
-from bokehnet.sequence.optical_flow import follow, optical_flow
-from bokehnet.sequence.temporal_filter import gather, joined
+from bokehnet.sequence.filtered_shot import FilteredShot
+from bokehnet.sequence.optical_flow import optical_flow, warp
+from bokehnet.sequence.temporal_filter import accumulate, filtered_map
 
 
 def texture(x, y):
@@ -45,7 +45,7 @@ def test_following_a_motion_undoes_it():
     x, y = places()
     moved = texture(x - 3, y + 2)
     flow = np.broadcast_to(np.array([3, -2], np.float32), (64, 96, 2))
-    np.testing.assert_allclose(follow(moved, flow)[4:-4, 4:-4], texture(x, y)[4:-4, 4:-4], atol=1e-6)
+    np.testing.assert_allclose(warp(moved, flow)[4:-4, 4:-4], texture(x, y)[4:-4, 4:-4], atol=1e-6)
 
 
 def shot(frames, seed=0):
@@ -64,8 +64,8 @@ def shot(frames, seed=0):
 
 def test_steady_maps_lose_their_noise_and_keep_their_edges_where_things_move(tmp_path):
     images, maps, truth = shot(12)
-    steady = SteadyShot(tmp_path)
-    steady.make(zip(images, maps, strict=True), 12)
+    steady = FilteredShot(tmp_path)
+    steady.filter(zip(images, maps, strict=True), 12)
     for t in (0, 6, 11):
         found = steady.read(t)
         away, before = np.abs(found - truth[t]), np.abs(maps[t] - truth[t])
@@ -77,13 +77,13 @@ def test_steady_maps_lose_their_noise_and_keep_their_edges_where_things_move(tmp
 
 def test_a_shot_that_is_done_is_not_read_again(tmp_path):
     images, maps, _ = shot(3)
-    SteadyShot(tmp_path).make(zip(images, maps, strict=True), 3)
+    FilteredShot(tmp_path).filter(zip(images, maps, strict=True), 3)
 
     def never():
         raise AssertionError("was read")
         yield
 
-    SteadyShot(tmp_path).make(never(), 3)
+    FilteredShot(tmp_path).filter(never(), 3)
 
 
 def test_what_comes_nearer_evenly_does_not_lag_at_the_end_of_a_shot():
@@ -91,15 +91,15 @@ def test_what_comes_nearer_evenly_does_not_lag_at_the_end_of_a_shot():
     picture, past = texture(*places(24, 24)), None
     for t in range(60):
         values = np.full((24, 24), 0.2 + 0.01 * t, np.float32)
-        past = gather(values, picture, past)
-    alone = gather(values, picture)
-    assert abs(float(joined(past, alone)[12, 12]) - 0.79) < 0.01
+        past = accumulate(values, picture, past)
+    alone = accumulate(values, picture)
+    assert abs(float(filtered_map(past, alone)[12, 12]) - 0.79) < 0.01
 
 
 def test_equal_frames_keep_their_map_to_the_last_bit(tmp_path):
     images, _, truth = shot(1)
-    steady = SteadyShot(tmp_path)
-    steady.make([(images[0], truth[0])] * 5, 5)
+    steady = FilteredShot(tmp_path)
+    steady.filter([(images[0], truth[0])] * 5, 5)
     assert {steady.read(t).tobytes() for t in range(5)} == {truth[0].tobytes()}
 
 
@@ -109,8 +109,8 @@ def test_noise_is_no_slope_and_a_slope_is_no_noise():
     draws = rng.choice([0.2, 0.8], (40, 32, 32)).astype(np.float32)  # an edge that jumps
     past = None
     for values in draws:
-        past = gather(values, picture, past)
-    away = joined(past, gather(draws[-1], picture)) - 0.5
+        past = accumulate(values, picture, past)
+    away = filtered_map(past, accumulate(draws[-1], picture)) - 0.5
     weights = 0.97 ** np.arange(40)
     assert away.std() < 1.2 * 0.3 * np.sqrt(np.square(weights).sum()) / weights.sum()
 
@@ -130,16 +130,16 @@ def test_edges_stay_where_things_move_by_parts_of_a_pixel(tmp_path, speed):
         images.append(light.astype(np.float32))
         truth.append(true)
         maps.append((true + 0.02 * rng.standard_normal(true.shape)).astype(np.float32))
-    steady = SteadyShot(tmp_path)
-    steady.make(zip(images, maps, strict=True), 12)
+    steady = FilteredShot(tmp_path)
+    steady.filter(zip(images, maps, strict=True), 12)
     assert np.mean([np.abs(steady.read(t) - truth[t]) > 0.1 for t in range(12)]) < 0.009
 
 
 def test_a_cut_forgets_what_was_before():
     x, y = places(32, 32)
-    before = gather(np.zeros((32, 32), np.float32), texture(x, y))
-    after = gather(np.ones((32, 32), np.float32), 1 - texture(x, y) ** 2, before)
-    mean = after.values + after.told[..., 3]
+    before = accumulate(np.zeros((32, 32), np.float32), texture(x, y))
+    after = accumulate(np.ones((32, 32), np.float32), 1 - texture(x, y) ** 2, before)
+    mean = after.values + after.moments[..., 3]
     assert np.median(mean) > 0.9
 
 

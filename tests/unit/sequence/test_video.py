@@ -13,7 +13,7 @@ from bokehnet.io.image import write_map
 from bokehnet.io.video.frames import join_segments, read_video, video_info, write_segment
 from bokehnet.render.renderer import BokehRenderer
 from bokehnet.sequence import video as video_module
-from bokehnet.sequence.filtered_shot import SteadyShot
+from bokehnet.sequence.filtered_shot import FilteredShot
 from bokehnet.sequence.sequence import Pull
 from bokehnet.sequence.video import VideoJob
 from bokehnet.settings.settings import RenderSettings
@@ -132,7 +132,7 @@ def test_light_survives_a_file_without_loss(tmp_path, codes, least):
 
 
 def test_a_run_that_is_stopped_goes_on_without_rendering_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(video_module, "SEGMENT", 4)
+    monkeypatch.setattr(video_module, "SEGMENT_FRAMES", 4)
     make_clip(tmp_path / "clip.mp4", 14)
     whole, parts = tmp_path / "whole.mp4", tmp_path / "parts.mp4"
     job(tmp_path / "clip.mp4", whole).run(BokehRenderer("scatter"))
@@ -192,7 +192,7 @@ def test_maps_of_a_folder_are_taken_by_name_and_made_steady(tmp_path, capsys):
     words = ["render", str(tmp_path / "clip.mp4"), "-o", str(tmp_path / "out.mp4"), "--disparity", str(maps)]
     words += ["--blur", "8", "--focus", "0.5", "--engine", "scatter"]
     assert run(words) == 0
-    assert "4 frames of 96x64, h264, maps made steady" in capsys.readouterr().err
+    assert "4 frames of 96x64, h264, maps smoothed in time" in capsys.readouterr().err
     (maps / "3.png").unlink()
     assert run([*words[:3], str(tmp_path / "less.mp4"), *words[4:]]) == 1
     assert "a map for each of 4 frames, got 3 in" in capsys.readouterr().err
@@ -252,7 +252,7 @@ def test_a_video_of_depth_is_made_steady_and_a_cut_ends_a_shot(tmp_path, monkeyp
     kept = {}
 
     def keep(path, *given, **options):
-        steady = SteadyShot(path / "maps")
+        steady = FilteredShot(path / "maps")
         if steady.is_done:
             kept.update({t: steady.read(t) for t in range(12)})
 
@@ -327,7 +327,7 @@ def test_a_network_looks_at_each_frame_and_is_opened_once_a_pass(tmp_path, monke
         (["-o", "out.png"], "--output"),
         (["-o", "clip.mp4"], "another file than the video"),
         (["-o", "out.mp4", "--video-codec", "prores"], "h264 or h265 in MP4"),
-        (["-o", "out.mp4", "--frames", "1-2"], "--frames: expected none for a video"),
+        (["-o", "out.mp4", "--frames", "1-2"], "--frames: expected no such option for a video"),
         (["-o", "out.mp4", "--save-maps", "maps"], "--save-maps: expected none for a video"),
     ],
 )

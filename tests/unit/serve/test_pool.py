@@ -38,7 +38,7 @@ class FullStore(JobStore):
 
 @pytest.mark.parametrize("fails", [("claim",), ("finish",), ("finish", "release")])
 def test_a_full_disk_costs_no_job_and_no_worker(tmp_path, monkeypatch, fails):
-    monkeypatch.setattr("bokehnet.serve.store.STALE", 2.0)
+    monkeypatch.setattr("bokehnet.serve.store.STALE_SECONDS", 2.0)
     store = FullStore(tmp_path, 10, 60.0)
     store.told, store.fails = set(), fails
     pool = Pool(store, ServiceSettings(workers=1, folder=tmp_path), Metrics(store))

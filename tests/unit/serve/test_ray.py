@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bokehnet.errors import ParameterError
-from bokehnet.serve.ray_app import application, settings_of_environment
+from bokehnet.serve.ray_app import application, settings_from_environment
 from bokehnet.serve.service_settings import ServiceSettings
 
 httpx = pytest.importorskip("httpx", reason="asks the service")
@@ -21,12 +21,12 @@ JOBS, PORT = 8, 8133
 
 
 def test_a_replica_is_told_by_variables():
-    told = settings_of_environment(
+    told = settings_from_environment(
         {"BOKEHNET_SERVE_WORKERS": "2", "BOKEHNET_SERVE_MAX_UPLOAD": "2M", "HOME": "x"}
     )
     assert told == ServiceSettings(workers=2, max_upload=2 * 2**20)
     with pytest.raises(ParameterError, match="workers"):
-        settings_of_environment({"BOKEHNET_SERVE_WORKERS": "many"})
+        settings_from_environment({"BOKEHNET_SERVE_WORKERS": "many"})
 
 
 def replicas() -> list[int]:

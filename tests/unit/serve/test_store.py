@@ -13,7 +13,7 @@ REQUEST = {"owner": "", "fingerprint": "f"}
 
 @pytest.fixture
 def store(tmp_path):
-    return JobStore(tmp_path, most=3, keep=100.0)
+    return JobStore(tmp_path, max_unfinished=3, keep=100.0)
 
 
 def submit(store, key=None, **request):
@@ -22,19 +22,19 @@ def submit(store, key=None, **request):
 
 def test_a_job_is_claimed_by_one_and_in_order(store, tmp_path):
     jobs = [submit(store)[0] for _ in range(3)]
-    other = JobStore(tmp_path, most=3, keep=100.0)
+    other = JobStore(tmp_path, max_unfinished=3, keep=100.0)
     claims = [store.claim(), other.claim(), store.claim()]
     assert [claim.job for claim in claims] == jobs
     assert (store.claim(), other.claim()) == (None, None)
 
 
 def test_many_at_once_never_claim_the_same(tmp_path):
-    store = JobStore(tmp_path, most=60, keep=100.0)
+    store = JobStore(tmp_path, max_unfinished=60, keep=100.0)
     jobs = {submit(store)[0] for _ in range(40)}
     found, lock = [], threading.Lock()
 
     def claim():
-        mine = JobStore(tmp_path, most=60, keep=100.0)
+        mine = JobStore(tmp_path, max_unfinished=60, keep=100.0)
         while (claim := mine.claim()) is not None:
             with lock:
                 found.append(claim.job)
@@ -63,14 +63,14 @@ def test_a_job_has_one_outcome(store):
 def test_the_job_of_a_dead_service_is_taken_by_another(store, tmp_path, monkeypatch):
     submit(store)
     lost = store.claim()
-    other = JobStore(tmp_path, most=3, keep=100.0)
+    other = JobStore(tmp_path, max_unfinished=3, keep=100.0)
     assert other.claim() is None  # its service lives: the heartbeat is fresh
     os.utime(lost.mark, (1, 1))
     again = other.claim()
     assert (again.job, again.number) == (lost.job, 2)
-    assert store.beat(lost)  # too late, but harmless
+    assert store.heartbeat(lost)  # too late, but harmless
     assert other.finish(again, {"state": "done"})
-    assert not store.beat(lost)
+    assert not store.heartbeat(lost)
 
 
 def test_a_full_queue_takes_no_more_until_one_has_ended(store):
@@ -108,7 +108,7 @@ def test_a_kill_between_key_and_job_makes_no_second_job(store, monkeypatch):
 
 
 def test_finished_jobs_go_after_a_while_and_others_stay(tmp_path):
-    store = JobStore(tmp_path, most=3, keep=0.0)
+    store = JobStore(tmp_path, max_unfinished=3, keep=0.0)
     done, waiting = submit(store, "a")[0], submit(store, "b")[0]
     store.finish(store.claim(), {"state": "done"})
     store.clean()

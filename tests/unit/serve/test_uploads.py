@@ -11,7 +11,7 @@ import pytest
 
 from bokehnet.errors import ParameterError
 from bokehnet.serve.problems import Problem
-from bokehnet.serve.uploads import fetch
+from bokehnet.serve.uploads import fetch_url
 
 CONTENT = bytes(range(256)) * 40
 
@@ -58,21 +58,21 @@ def address(tmp_path, monkeypatch):
 
 
 def test_a_signed_address_of_an_allowed_host_is_fetched(address, tmp_path):
-    digest = fetch(f"{address}/a.png?signature=1", ("localhost",), tmp_path / "a.png", 20_000, 5)
+    digest = fetch_url(f"{address}/a.png?signature=1", ("localhost",), tmp_path / "a.png", 20_000, 5)
     assert (tmp_path / "a.png").read_bytes() == CONTENT
     assert digest == hashlib.sha256(CONTENT).hexdigest()
 
 
 def test_more_bytes_than_allowed_are_not_read(address, tmp_path):
     with pytest.raises(Problem, match="expected at most 5000 bytes") as error:
-        fetch(f"{address}/a.png", ("localhost",), tmp_path / "a.png", 5000, 5)
+        fetch_url(f"{address}/a.png", ("localhost",), tmp_path / "a.png", 5000, 5)
     assert error.value.status == 413
 
 
 @pytest.mark.parametrize(("path", "words"), [("/away", "302"), ("/none.png", "404")])
 def test_what_is_not_there_or_leads_away_is_a_problem(address, tmp_path, path, words):
     with pytest.raises(Problem, match=words):
-        fetch(f"{address}{path}", ("localhost",), tmp_path / "a.png", 5000, 5)
+        fetch_url(f"{address}{path}", ("localhost",), tmp_path / "a.png", 5000, 5)
 
 
 @pytest.mark.parametrize(
@@ -88,5 +88,5 @@ def test_what_is_not_there_or_leads_away_is_a_problem(address, tmp_path, path, w
 )
 def test_another_address_is_refused_unasked(tmp_path, wrong):
     with pytest.raises(ParameterError, match="begins with one of: https://localhost/"):
-        fetch(wrong, ("localhost",), tmp_path / "a.png", 5000, 5)
+        fetch_url(wrong, ("localhost",), tmp_path / "a.png", 5000, 5)
     assert list(tmp_path.iterdir()) == []

@@ -30,10 +30,12 @@ def test_there_are_at_least_ten_and_each_says_what_it_is():
 
 def test_a_look_has_nothing_of_the_scene():
     """Authority: the list of flags that a preset could set before there were groups."""
-    looks = {flag for flag, known in settings_by_flag().items() if known.of_a_look}
+    looks = {flag for flag, known in settings_by_flag().items() if known.allowed_in_preset}
     assert {"cats-eye", "lens", "grain", "engine", "gamma", "tilt-x"} <= looks
     assert not {"blur", "focus", "disparity", "f-number", "weights", "max-memory", "save-maps"} & looks
-    assert not {path for path, known in all_settings().items() if known.of_a_look and known.flag is None}
+    assert not {
+        path for path, known in all_settings().items() if known.allowed_in_preset and known.flag is None
+    }
 
 
 def test_what_a_look_does_not_name_stays(tmp_path):

@@ -186,12 +186,12 @@ def test_an_upload_that_does_not_say_is_cut_off(tmp_path):
             yield bytes(2**20)
 
     with pytest.raises(UploadTooLargeError, match="expected a file of up to 4 MiB"):
-        finished(receive(endless(), tmp_path / "a.png", None, most=4 * 2**20))
+        finished(receive(endless(), tmp_path / "a.png", None, max_bytes=4 * 2**20))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_upload_that_never_ends_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr(uploads, "_MOST_SECONDS", 0.05)
+    monkeypatch.setattr(uploads, "_MAX_SECONDS", 0.05)
 
     async def slow():
         while True:
@@ -304,11 +304,11 @@ def test_a_helper_that_dies_is_told_and_the_next_picture_works(client, opened, f
 
 
 def test_a_task_that_takes_too_long_is_ended():
-    from bokehnet.studio.helper import Helper
+    from bokehnet.studio.background import BackgroundProcess
 
-    helper = Helper()
+    process = BackgroundProcess()
     try:
-        with pytest.raises(BokehnetError, match="expected this to be done"):
-            helper.run(np.ones, 3, seconds=0.0)
+        with pytest.raises(BokehnetError, match="expected this to finish"):
+            process.run(np.ones, 3, seconds=0.0)
     finally:
-        helper.stop()
+        process.stop()

@@ -119,7 +119,7 @@ def test_a_fault_in_mid_render_is_told_and_the_next_picture_works(client, opened
         patch.setattr(type(opened.previews), "stages", broken)
         found = frames(client.post("api/preview", json=ASKED).content)
     assert found[0][1] is not None
-    assert found[-1][0]["error"] == "failed by a fault: ZeroDivisionError: a fault of ours"
+    assert found[-1][0]["error"] == "internal error: ZeroDivisionError: a fault of ours"
     assert frames(client.post("api/preview", json=ASKED).content)[-1][0]["stage"] == "final"
 
 

@@ -88,7 +88,7 @@ def test_killed_run_resumes_to_the_bytes_of_an_uninterrupted_one(config, whole, 
 def test_folder_of_another_configuration_is_refused_by_its_first_different_key(config, whole):
     other = dataclasses.replace(config, scene=dataclasses.replace(config.scene, tilt_limit=10.0))
     before = contents(whole)
-    with pytest.raises(ConfigError, match=r"scene.tilt_limit = 65.0, but 10.0 was asked for"):
+    with pytest.raises(ConfigError, match=r"scene.tilt_limit = 65.0, but 10.0 was requested"):
         write_dataset(other, whole)
     assert contents(whole) == before
 
@@ -101,7 +101,7 @@ def test_set_that_was_begun_before_a_key_was_known_is_completed(config, whole, t
     (tmp_path / "shard-000000.tar").write_bytes((whole / "shard-000000.tar").read_bytes())
     write_dataset(config, tmp_path)
     assert len(ShardSet(tmp_path)) == config.scenes
-    with pytest.raises(ConfigError, match=r"kind = 'planes', but 'clutter' was asked for"):
+    with pytest.raises(ConfigError, match=r"kind = 'planes', but 'clutter' was requested"):
         write_dataset(dataclasses.replace(config, kind="clutter"), tmp_path)
 
 

@@ -52,7 +52,7 @@ def test_sets_refuse_lenses_that_do_not_cover_the_picture_or_do_not_exist():
     config = load_config("configs/synth_clutter_tiny.toml", SynthConfig)
     assert covered_slope("retrofocus") == pytest.approx(0.76, abs=0.01)
     with pytest.raises(
-        ParameterError, match=r"petzval, which shows slopes up to 0.150.*larger `sensor_distance`"
+        ParameterError, match=r"petzval, which covers slopes up to 0.150.*larger `sensor_distance`"
     ):
         dataclasses.replace(config, catalog=("petzval",), catalog_share=0.5)
     with pytest.raises(ParameterError, match="names no lens"):

@@ -37,7 +37,7 @@ def test_a_pair_tells_blur_focus_and_opening():
     assert found.look.spherical_profile == pytest.approx(0.3, abs=0.1)
     assert found.look.cats_eye == pytest.approx(0.5, abs=0.075)
     assert found.look.obstruction < 0.05
-    assert found.others[6] < 0.9 * found.others[0]
+    assert found.residuals[6] < 0.9 * found.residuals[0]
 
 
 def test_what_cannot_be_fitted_is_refused():

@@ -126,7 +126,7 @@ def checkpoint(tmp_path):
 def test_weights_of_another_shape_or_version_are_refused(checkpoint):
     wide = ARNet(ARNetConfig(width=12, num_blocks=1))
     with pytest.raises(
-        ConfigError, match=r"holds weights of arnet with width = 8, but 12 was asked for; give"
+        ConfigError, match=r"holds weights of arnet with width = 8, but 12 was requested; give"
     ):
         load_weights(wide, checkpoint, "arnet")
     with pytest.raises(DataFileError, match="expected a checkpoint of repair, found one of arnet"):
@@ -161,7 +161,7 @@ def test_weights_alone_are_not_exported(checkpoint, tmp_path):
 
 def test_a_run_is_not_gone_on_with_from_weights_alone_or_another_network(checkpoint):
     for name in ("arnet", "repair"):
-        with pytest.raises(DataFileError, match=f"expected a run of {name} to go on with"):
+        with pytest.raises(DataFileError, match=f"expected a run of {name} to resume"):
             RunFolder(checkpoint.parent, name, config_of(4)).load()
 
 
@@ -198,7 +198,7 @@ def test_a_run_without_a_finite_gradient_stops_with_the_first_such_batch_and_its
 
     config = config_of(100, bad_from=3, bad_to=100, checkpoint_every=3)
     with pytest.raises(
-        ParameterError, match=r"none in 25 steps in a row up to step 27; look at the first batch"
+        ParameterError, match=r"none in 25 steps in a row up to step 27; inspect the first of these"
     ):
         start(config, tmp_path)
     saved = torch.load(tmp_path / "bad_batch-0.pt", weights_only=True)

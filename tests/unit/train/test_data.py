@@ -73,7 +73,7 @@ def test_preparing_goes_on_where_it_stopped_and_gives_the_same_bytes(tiny_pairs,
         PreparedSet(tmp_path)
     prepare(config, tmp_path)
     assert part.read_bytes() == wanted
-    with pytest.raises(ConfigError, match=r"config\.seed = 0, but 1 was asked for"):
+    with pytest.raises(ConfigError, match=r"config\.seed = 0, but 1 was requested"):
         prepare(PrepareConfig(folder=str(tiny_pairs), scenes_per_part=2, seed=1), tmp_path)
 
 

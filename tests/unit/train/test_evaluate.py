@@ -103,7 +103,7 @@ def test_the_command_prints_tables_and_writes_all_scores(tiny_pairs, tmp_path, c
     ("words", "told"),
     [
         (["--data", "photos", "."], "kind: expected one of blb"),
-        (["--data", "cycles", "nowhere"], "nowhere: no pictures of a cycles set"),
+        (["--data", "cycles", "nowhere"], "nowhere: expected pictures of a cycles set"),
         (["--data", "shards", "nowhere"], "expected the description of a data set"),
         (["--data", "cycles", ".", "--method", "lens"], "--method: expected one of"),
         (["--data", "cycles", ".", "--disparity", "wet"], "--disparity: expected one of"),

@@ -43,10 +43,10 @@ def test_a_run_cut_into_slices_ends_where_a_whole_one_ends(tmp_path):
     config = config_of(12, model=ToyModel(dropout=0.3), stop_step=6, stop_rank=0)
     with pytest.raises(Stopped, match="stopped at step 1 of 12") as late:
         start(config, tmp_path / "cut", max_minutes=0)
-    assert not late.value.asked
+    assert not late.value.interrupted
     with pytest.raises(Stopped, match="stopped at step 7 of 12") as asked:
         start(config, tmp_path / "cut")
-    assert asked.value.asked
+    assert asked.value.interrupted
     cut = start(config, tmp_path / "cut")
     whole = start(config_of(12, model=ToyModel(dropout=0.3)), tmp_path / "whole")
     assert cut["step"] == whole["step"] == 12
@@ -96,7 +96,7 @@ def test_a_run_from_before_a_setting_existed_goes_on_with_its_default(tmp_path):
     torch.save(state, tmp_path / "last.pt")
     assert start(config, tmp_path)["step"] == 4
     other = dataclasses.replace(config, optim=dataclasses.replace(config.optim, checkpoint_minutes=1.0))
-    with pytest.raises(ConfigError, match=r"optim.checkpoint_minutes = 3.0, but 1.0 was asked for"):
+    with pytest.raises(ConfigError, match=r"optim.checkpoint_minutes = 3.0, but 1.0 was requested"):
         start(other, tmp_path)
 
 

@@ -57,21 +57,21 @@ def test_the_small_recipe_has_the_steps_of_the_full_one_in_their_order():
 
 
 def test_a_run_that_no_step_makes_is_named():
-    """What a chain of trainings asks for must come before: one once asked for ``runs/repair2``."""
+    """Inputs of a chain of trainings must be outputs of earlier steps, unlike ``runs/repair2`` here."""
     fine = {**REPAIR, "makes": "runs/fine", "settings": ['start="runs/repair2/last.pt"']}
     with pytest.raises(
-        ConfigError, match=r"start asks for runs/repair2/last\.pt, which no step before runs/fine makes"
+        ConfigError, match=r"start names runs/repair2/last\.pt, which no step before runs/fine makes"
     ):
         recipe_of(PLANES, PLANES_VAL, REPAIR, fine)
-    with pytest.raises(ConfigError, match=r"data\.folder asks for data/planes, which no step"):
+    with pytest.raises(ConfigError, match=r"data\.folder names data/planes, which no step"):
         recipe_of(REPAIR, PLANES, PLANES_VAL)
     prepared = {"makes": "data/rays", "by": "prepare", "config": "configs/prepare_rays.toml"}
-    with pytest.raises(ConfigError, match="repair asks for bokehnet/weights/repair, which no step before"):
+    with pytest.raises(ConfigError, match="repair names bokehnet/weights/repair, which no step before"):
         recipe_of(PLANES, PLANES_VAL, prepared, REPAIR, EXPORT)
     recipe_of(PLANES, prepared)  # with the repair that ships
-    with pytest.raises(ConfigError, match="two of them make data/planes"):
+    with pytest.raises(ConfigError, match="two steps that make data/planes"):
         recipe_of(PLANES, PLANES)
-    with pytest.raises(ConfigError, match="data/x: words asks for runs/none/last"):
+    with pytest.raises(ConfigError, match="data/x: words names runs/none/last"):
         recipe_of({"makes": "data/x", "by": "export", "words": ["--arnet", "runs/none/last.pt"]})
 
 
@@ -159,7 +159,7 @@ def test_a_training_is_shared_behind_torchrun_in_processes_of_its_own(tiny_prepa
     """Two processes on the CPU, as they would be on two devices."""
     call(["python", *arguments("arnet", tiny_prepared, tmp_path / "run", 3)[1:]], processes=2)
     assert load_checkpoint(tmp_path / "run/last.pt")["step"] == 3
-    with pytest.raises(SystemExit, match=r"train\.train_arnet failed; what it said"):
+    with pytest.raises(SystemExit, match=r"train\.train_arnet failed; see its messages"):
         call(["python", *arguments("arnet", tmp_path / "none", tmp_path / "other", 3)[1:]], processes=2)
 
 
@@ -192,7 +192,7 @@ def test_a_training_on_what_is_asked_for_otherwise_now_is_not_gone_on_with(tmp_p
     progress = Progress(longer, tmp_path)
     for number in (0, 1, 2, 4):
         progress.check(longer.steps[number])
-    with pytest.raises(ConfigError, match=r"runs/fine: was made of what steps before it made.*remove it"):
+    with pytest.raises(ConfigError, match=r"runs/fine: was made from outputs of earlier steps.*remove it"):
         progress.check(longer.steps[3])
     (tmp_path / "runs/fine").rmdir()
     progress.check(longer.steps[3])
@@ -210,12 +210,12 @@ def test_a_step_that_fails_or_is_killed_is_begun_and_its_time_counts(tmp_path):
         clock.now += 40
         progress.end(failing, done=False)
         clock.now += 60
-        progress.go_on()
+        progress.save_periodically()
         clock.now += 10  # what nobody has noted before the kill
     progress = Progress(recipe, tmp_path)
     assert progress.state(failing) == "begun, 80 s so far"
     assert progress.seconds(killed) == 210
-    assert progress.taken == 210
+    assert progress.elapsed == 210
 
 
 def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
@@ -232,7 +232,7 @@ def test_a_dry_run_prints_the_plan_and_makes_nothing(tmp_path, capsys):
         ("steps = 3", "steps: expected"),
         ('[[steps]]\nmakes = "x"\nby = "magic"', "by: expected"),
         ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "nowhere.toml"', "cannot read nowhere.toml"),
-        ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "configs/train_repair.toml"', "asks for|lacks"),
+        ('[[steps]]\nmakes = "data/x"\nby = "synth"\nconfig = "configs/train_repair.toml"', "names|lacks"),
     ],
 )
 def test_mistakes_in_a_recipe_are_one_line(text, told, tmp_path):
@@ -249,7 +249,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
         (tmp_path / "recipe.json").write_text(text)
         with pytest.raises(SystemExit) as caught:
             main(["--small", "--out", str(tmp_path)])
-        assert "recipe.json: expected what was done of a recipe" in str(caught.value.code)
+        assert "recipe.json: expected the progress of a recipe" in str(caught.value.code)
 
 
 def test_the_documentation_lists_the_commands_of_the_recipe():

@@ -83,6 +83,6 @@ def test_one_that_fails_is_named_and_the_others_stop_with_a_checkpoint(tmp_path)
     recipe = started(tmp_path, one=10**6, broken=-5)
     _, errors = recipe.communicate(timeout=200)
     assert recipe.returncode == 1
-    told = "error: runs/broken: optim.steps: expected 1 or more steps, found -5 (all that it said: "
+    told = "error: runs/broken: optim.steps: expected 1 or more steps, found -5 (log: "
     assert errors.startswith(told + str(tmp_path / "out/logs/runs-broken.log"))
     assert states(tmp_path)["runs/one"] is False

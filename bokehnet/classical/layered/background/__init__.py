@@ -1,1 +1,1 @@
-"""The occluded background: structures and textures carried on behind foregrounds."""
+"""Occluded background: structures and textures continued behind foregrounds."""

@@ -1,20 +1,20 @@
-"""Hidden pixels in the order in which they are filled: from the edge of what hides them inwards."""
+"""Occluded pixels in inpainting order: from the edge of the occluder inwards."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["HiddenRings", "hidden_rings"]
+__all__ = ["OccludedRings", "occluded_rings"]
 
 
-class HiddenRings(NamedTuple):
-    """Hidden pixels by whole pixels of distance from the edge.
+class OccludedRings(NamedTuple):
+    """Occluded pixels by whole pixels of distance from the edge.
 
     Attributes:
         ys: Rows, the nearest first, (N,).
         xs: Columns, (N,).
-        ends: Numbers of the first pixels of rings 1, 2, ..., and N, (rings + 1,).
-        rings: The ring of each pixel, 0 where nothing is hidden, (H, W) uint16.
+        ends: Indices of the first pixels of rings 1, 2, ..., and N, (rings + 1,).
+        rings: Ring of each pixel, 0 where nothing is occluded, (H, W) uint16.
     """
 
     ys: np.ndarray
@@ -23,13 +23,15 @@ class HiddenRings(NamedTuple):
     rings: np.ndarray
 
 
-def hidden_rings(distances: np.ndarray) -> HiddenRings:
-    """Sort hidden pixels by distance; ``distances`` is (H, W), pixels, 0 where nothing is hidden."""
+def occluded_rings(distances: np.ndarray) -> OccludedRings:
+    """Sort occluded pixels by distance; ``distances`` is (H, W), pixels, 0 where nothing is occluded."""
     ys, xs = np.nonzero(distances)
-    rings, hidden = np.zeros(distances.shape, np.uint16), np.ceil(distances[ys, xs])
-    hidden = np.minimum(hidden, np.iinfo(rings.dtype).max).astype(rings.dtype)  # sorted by their digits
-    rings[ys, xs] = hidden
-    order = np.argsort(hidden, kind="stable")
-    ys, xs, hidden = ys[order], xs[order], hidden[order]
-    ends = np.searchsorted(hidden, np.arange(1, int(hidden.max(initial=0)) + 2))
-    return HiddenRings(ys, xs, ends, rings)
+    rings, pixel_rings = np.zeros(distances.shape, np.uint16), np.ceil(distances[ys, xs])
+    pixel_rings = np.minimum(pixel_rings, np.iinfo(rings.dtype).max).astype(
+        rings.dtype
+    )  # uint16 for radix sort
+    rings[ys, xs] = pixel_rings
+    order = np.argsort(pixel_rings, kind="stable")
+    ys, xs, pixel_rings = ys[order], xs[order], pixel_rings[order]
+    ends = np.searchsorted(pixel_rings, np.arange(1, int(pixel_rings.max(initial=0)) + 2))
+    return OccludedRings(ys, xs, ends, rings)

@@ -1,12 +1,12 @@
-"""Lines of a background carried on behind what hides it: fences, bricks, horizons, letters.
+"""Continuation of the lines of a background behind an occluder: fences, bricks, horizons, letters.
 
-Hidden pixels are filled from the edge inwards. Each becomes a mean of pixels of its own surface that are seen
-or are filled already; where the surface shows lines, those count that lie along them.
+Occluded pixels are filled from the edge inwards. Each becomes a mean of pixels of its own surface that are
+visible or already filled; where the surface shows lines, pixels along them have more weight.
 
 Source: Bornemann and März, "Fast image inpainting based on coherence transport", Journal of Mathematical
 Imaging and Vision 2007, for the order and the weights; Weickert, "Coherence-enhancing diffusion filtering",
-International Journal of Computer Vision 1999, for what coherence is. That filled pixels hand on the structure
-tensor by which they were filled is ours.
+International Journal of Computer Vision 1999, for coherence. The propagation of the structure tensor by
+filled pixels is ours.
 """
 
 import math
@@ -14,41 +14,46 @@ import math
 import numpy as np
 from numba import prange
 
-from bokehnet.classical.layered.background.inpainting_order import HiddenRings
+from bokehnet.classical.layered.background.inpainting_order import OccludedRings
 from bokehnet.classical.layered.depth_discontinuities import STEP_TILE, are_one_surface
 from bokehnet.kernels import njit
 
-__all__ = ["carry_lines_on"]
+__all__ = ["continue_lines"]
 
-# Half the width of the window from which colours and directions are taken.
-_REACH = 3
+# Half-width of the window for colors and directions, pixels.
+_WINDOW_REACH_PX = 3
 
-# How much less pixels count across a line, at the edge of the window: exp(-s^2 / 2).
+# Decrease of the weights across a line, at the edge of the window: exp(-s^2 / 2).
 _SHARPNESS = 12.0
 
-# Squared contrast of neighbours, of the square root of light, of lines that count in full.
-_CONTRAST = 3e-4
+# Squared contrast of neighbours, of the square root of light, from which on lines have full weight.
+_LINE_CONTRAST = 3e-4
 
-# Weights of a light, and of a pixel beside a step, where surfaces mix, over that of others.
-_LIGHT, _BESIDE_STEP = 1e-3, 0.1
+# Weights of a light, and of a pixel next to a step, where surfaces mix, over that of others.
+_LIGHT_WEIGHT, _STEP_WEIGHT = 1e-3, 0.1
 
-# The least of all weights.
-_LEAST = 1e-9
+# Lower bound of all weights.
+_MIN_WEIGHT = 1e-9
 
 
-# Rows and columns to the pixels of a window, and how far they are.
+# Rows and columns to the pixels of a window, and their distances.
 _NEIGHBOURS = np.array(
-    [(v, u) for v in range(-_REACH, _REACH + 1) for u in range(-_REACH, _REACH + 1) if (v, u) != (0, 0)]
+    [
+        (v, u)
+        for v in range(-_WINDOW_REACH_PX, _WINDOW_REACH_PX + 1)
+        for u in range(-_WINDOW_REACH_PX, _WINDOW_REACH_PX + 1)
+        if (v, u) != (0, 0)
+    ]
 )
-_APART = np.sqrt((_NEIGHBOURS**2).sum(1))
+_NEIGHBOUR_DISTANCES = np.sqrt((_NEIGHBOURS**2).sum(1))
 
-# Pixels that are filled one after the other.
-_CHUNK = 256
+# Pixels per chunk of a parallel loop.
+_CHUNK_PIXELS = 256
 
 
 @njit(cache=True, parallel=True)
 def _brightness(image, result):  # type: ignore[no-untyped-def]
-    """Mean of the square roots of light."""
+    """Fill ``result`` with the mean of the square roots of light."""
     for y in prange(result.shape[0]):
         for x in range(result.shape[1]):
             red, green = math.sqrt(max(image[y, x, 0], 0.0)), math.sqrt(max(image[y, x, 1], 0.0))
@@ -56,25 +61,25 @@ def _brightness(image, result):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _structure(brightness, defocus, lights, wanted, tensors):  # type: ignore[no-untyped-def]
-    """Outer products of the gradient, (H, W, 3): xx, xy, yy; xx is -1 beside lights and other surfaces.
+def _structure(brightness, defocus, lights, active_tiles, tensors):  # type: ignore[no-untyped-def]
+    """Fill outer products of the gradient, (H, W, 3): xx, xy, yy; xx is -1 next to lights and other surfaces.
 
-    Only in ``wanted`` tiles; elsewhere nothing is set.
+    Only ``active_tiles`` are set.
     """
     height, width = brightness.shape
     for y in prange(height):
         for x in range(width):
-            if not wanted[y // STEP_TILE, x // STEP_TILE]:
+            if not active_tiles[y // STEP_TILE, x // STEP_TILE]:
                 continue
             tensors[y, x, 0] = -1.0
             if not (0 < y < height - 1 and 0 < x < width - 1):
                 continue
-            whole = not lights[y, x]
-            for way in range(-1, 2, 2):
-                whole = whole and not lights[y + way, x] and not lights[y, x + way]
-                whole = whole and are_one_surface(defocus[y + way, x], defocus[y, x], 1.0)
-                whole = whole and are_one_surface(defocus[y, x + way], defocus[y, x], 1.0)
-            if whole:
+            is_uniform = not lights[y, x]
+            for offset in range(-1, 2, 2):
+                is_uniform = is_uniform and not lights[y + offset, x] and not lights[y, x + offset]
+                is_uniform = is_uniform and are_one_surface(defocus[y + offset, x], defocus[y, x], 1.0)
+                is_uniform = is_uniform and are_one_surface(defocus[y, x + offset], defocus[y, x], 1.0)
+            if is_uniform:
                 right = 0.5 * (brightness[y, x + 1] - brightness[y, x - 1])
                 down = 0.5 * (brightness[y + 1, x] - brightness[y - 1, x])
                 tensors[y, x, 0] = right * right
@@ -84,7 +89,7 @@ def _structure(brightness, defocus, lights, wanted, tensors):  # type: ignore[no
 
 @njit(cache=True)
 def _tiles_around(ys, xs, tiles):  # type: ignore[no-untyped-def]
-    """Mark the tiles of pixels, and those beside them."""
+    """Mark the tiles of pixels, and adjacent tiles."""
     for i in range(len(ys)):
         row, column = ys[i] // STEP_TILE, xs[i] // STEP_TILE
         for v in range(max(0, row - 1), min(tiles.shape[0], row + 2)):
@@ -93,8 +98,8 @@ def _tiles_around(ys, xs, tiles):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _source(seen, behind, ring, rings, apart, depth):  # type: ignore[no-untyped-def]
-    """Whether a pixel shows a surface (1), hides it but is filled already (2), or neither (0)."""
+def _source_kind(seen, behind, ring, rings, apart, depth):  # type: ignore[no-untyped-def]
+    """Return whether a pixel shows a surface (1), occludes it but is already filled (2), or neither (0)."""
     if are_one_surface(seen, depth, apart):
         return 1
     return 2 if 0 < ring < rings and are_one_surface(behind, depth, apart) else 0
@@ -102,26 +107,28 @@ def _source(seen, behind, ring, rings, apart, depth):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _find_sources(defocus, depths, rings, y, x, kinds):  # type: ignore[no-untyped-def]
-    """Set which kind of source each neighbour of a hidden pixel is, by :func:`_source`."""
+    """Set the kind of source of each neighbour of an occluded pixel, by :func:`_source_kind`."""
     height, width = defocus.shape
     for i in range(len(_NEIGHBOURS)):
         v, u = y + _NEIGHBOURS[i, 0], x + _NEIGHBOURS[i, 1]
         kinds[i] = 0
         if 0 <= v < height and 0 <= u < width:
             ring, own = rings[v, u], rings[y, x]
-            kinds[i] = _source(defocus[v, u], depths[v, u], ring, own, _APART[i], depths[y, x])
+            kinds[i] = _source_kind(
+                defocus[v, u], depths[v, u], ring, own, _NEIGHBOUR_DISTANCES[i], depths[y, x]
+            )
 
 
 @njit(cache=True)
 def _direction(kinds, tensors, carried, y, x):  # type: ignore[no-untyped-def]
-    """Mean structure tensor around a hidden pixel."""
+    """Return the mean structure tensor around an occluded pixel."""
     xx = xy = yy = total = 0.0
     for i in range(len(_NEIGHBOURS)):
         v, u = y + _NEIGHBOURS[i, 0], x + _NEIGHBOURS[i, 1]
         if kinds[i] == 0 or (kinds[i] == 1 and tensors[v, u, 0] < 0.0):
             continue
         known = tensors if kinds[i] == 1 else carried
-        weight = 1.0 / _APART[i]
+        weight = 1.0 / _NEIGHBOUR_DISTANCES[i]
         total += weight
         xx += weight * known[v, u, 0]
         xy += weight * known[v, u, 1]
@@ -133,10 +140,10 @@ def _direction(kinds, tensors, carried, y, x):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # type: ignore[no-untyped-def]
-    """Set a hidden pixel to the mean of its sources, those along the line first."""
-    spread = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)  # of the eigenvalues
+    """Set an occluded pixel to the mean of its sources, weighted along the line."""
+    spread = math.sqrt((xx - yy) * (xx - yy) + 4.0 * xy * xy)  # difference of the eigenvalues
     coherence = spread / (xx + yy + 1e-12)
-    sharpness = _SHARPNESS / _REACH * coherence * coherence * min(1.0, spread / _CONTRAST)
+    sharpness = _SHARPNESS / _WINDOW_REACH_PX * coherence * coherence * min(1.0, spread / _LINE_CONTRAST)
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     across_x, across_y = sharpness * math.cos(angle), sharpness * math.sin(angle)
     total = red = green = blue = 0.0
@@ -145,13 +152,13 @@ def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # typ
             continue
         down, right = _NEIGHBOURS[i]
         v, u, away = y + down, x + right, across_x * right + across_y * down
-        weight = math.exp(-0.5 * away * away) / _APART[i]
+        weight = math.exp(-0.5 * away * away) / _NEIGHBOUR_DISTANCES[i]
         if kinds[i] == 1:
             if lights[v, u]:
-                weight *= _LIGHT
+                weight *= _LIGHT_WEIGHT
             elif tensors[v, u, 0] < 0.0:
-                weight *= _BESIDE_STEP
-        weight += _LEAST
+                weight *= _STEP_WEIGHT
+        weight += _MIN_WEIGHT
         known = image if kinds[i] == 1 else colors
         red += weight * known[v, u, 0]
         green += weight * known[v, u, 1]
@@ -163,13 +170,13 @@ def _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x):  # typ
 
 @njit(cache=True, parallel=True)
 def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, colors, carried):  # type: ignore[no-untyped-def]
-    """Set hidden pixels, ring by ring, to the mean along their line, or to ``means`` without a source."""
+    """Set occluded pixels, ring by ring, to the mean along their line, or to ``means`` without a source."""
     for ring in range(1, len(ends)):
         first, last = ends[ring - 1], ends[ring]
-        for chunk in prange((last - first + _CHUNK - 1) // _CHUNK):
+        for chunk in prange((last - first + _CHUNK_PIXELS - 1) // _CHUNK_PIXELS):
             kinds = np.empty(len(_NEIGHBOURS), np.uint8)
-            start = first + chunk * _CHUNK
-            for i in range(start, min(start + _CHUNK, last)):
+            start = first + chunk * _CHUNK_PIXELS
+            for i in range(start, min(start + _CHUNK_PIXELS, last)):
                 y, x = ys[i], xs[i]
                 _find_sources(defocus, depths, rings, y, x, kinds)
                 xx, xy, yy = _direction(kinds, tensors, carried, y, x)
@@ -179,34 +186,34 @@ def _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, c
                 _mean_along(image, kinds, lights, tensors, xx, xy, yy, colors, y, x)
 
 
-def carry_lines_on(
+def continue_lines(
     image: np.ndarray,
     defocus: np.ndarray,
     lights: np.ndarray,
     depths: np.ndarray,
-    hidden: HiddenRings,
+    hidden: OccludedRings,
     means: np.ndarray,
 ) -> np.ndarray:
-    """Fill hidden pixels with the lines of their surface.
+    """Fill occluded pixels with the lines of their surface.
 
     Args:
-        image: What is seen, scene-linear, (H, W, 3) float32.
-        defocus: Of what is seen, signed blur radius in pixels, (H, W) float32.
-        lights: Seen pixels that are not carried on, (H, W) bool.
-        depths: Defocus of what is hidden, (H, W) float32.
-        hidden: Hidden pixels.
-        means: Means of what is around, (H, W, 3) float32, for those of whose surface nothing is seen.
+        image: Visible picture, scene-linear, (H, W, 3) float32.
+        defocus: Defocus of the visible picture, signed blur radius in pixels, (H, W) float32.
+        lights: Visible pixels that are not continued, (H, W) bool.
+        depths: Defocus of the occluded background, (H, W) float32.
+        hidden: Occluded pixels.
+        means: Means of the surroundings, (H, W, 3) float32, for pixels without a visible source.
 
     Returns:
-        Colours, (H, W, 3) float32, set where something is hidden.
+        Colors, (H, W, 3) float32, set for occluded pixels.
     """
     ys, xs, ends, rings = hidden
     brightness, tensors = np.empty(rings.shape, image.dtype), np.empty_like(image)
     _brightness(image, brightness)
     tiles = tuple(-(-size // STEP_TILE) for size in image.shape[:2])
-    wanted = np.zeros(tiles, np.bool_)
-    _tiles_around(ys, xs, wanted)
-    _structure(brightness, defocus, lights, wanted, tensors)
-    lines, carried = np.empty_like(image), np.empty_like(image)  # set and read where something is hidden
+    active_tiles = np.zeros(tiles, np.bool_)
+    _tiles_around(ys, xs, active_tiles)
+    _structure(brightness, defocus, lights, active_tiles, tensors)
+    lines, carried = np.empty_like(image), np.empty_like(image)  # set and read at occluded pixels only
     _fill(image, defocus, depths, rings, lights, tensors, ys, xs, ends, means, lines, carried)
     return lines

@@ -1,1 +1,1 @@
-"""Depth edges inside pixels: mixed pixels unmixed, boundaries, the pixel filter of a picture."""
+"""Depth edges inside pixels: unmixing, boundaries inside pixels, and the pixel filter of a picture."""

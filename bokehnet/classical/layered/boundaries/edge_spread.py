@@ -1,15 +1,15 @@
-"""The pixel filter of a picture, estimated from its own sharpest edges.
+"""Estimation of the pixel filter of a picture from its sharpest edges.
 
 A straight edge between two even surfaces is drawn as the integral of the pixel filter, the edge-spread
 function. Profiles across clear edges, nine pixels long, are compared with those of Gaussian filters of all
-widths and positions; the best one tells how wide the filter is there. An edge that slants is drawn wider
-along a row, by the cosine of its angle. Shadows and blurred things are wider than the filter, nothing is
-sharper: the narrower half of the edges tells it.
+widths and positions; the best match gives the local filter width. A slanted edge is wider along a row, by
+the cosine of its angle. Shadows and blurred objects are wider than the filter, nothing is sharper: the
+narrower half of the edges determines the filter.
 
-All in linear light. Edges of clipped light are left out, as they look sharper than they are.
+All values are linear light. Edges of clipped light are excluded because they look too sharp.
 
 Source: ISO 12233, "Photography: electronic still picture imaging: resolution", 2017, for edges as a measure
-of sharpness. Templates in place of derivatives, and the quantile, are ours.
+of sharpness. Templates instead of derivatives, and the quantile, are ours.
 """
 
 import math
@@ -22,122 +22,124 @@ from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, FilterChoice, Pi
 
 __all__ = ["edge_widths", "estimate_filter"]
 
-# Half the length of a profile, pixels, and edges that are looked at, at the most.
-_HALF, _MOST = 4, 20000
+# Half the length of a profile, pixels, and the maximum number of edges.
+_HALF_PROFILE_PX, _MAX_EDGES = 4, 20000
 
-# An edge is clear where its sides differ by this part of their sum and by this part of the brightest light
-# (of 1 where that is more), where this part of it at most does not fit, and where its slope is no steeper.
-# Pictures that go no higher than 1 may be clipped from here on.
-_CONTRAST, _LEAST_STEP, _FIT, _SLOPE, _CLIPPED = 0.15, 0.02, 0.09, 0.7, 0.97
+# An edge is clear if its sides differ by at least this fraction of their sum and by this fraction of the
+# brightest light (of 1 if that is more), if at most this fraction of it does not fit, and if its slope is not
+# steeper. Pictures with values up to 1 may be clipped from the last value on.
+_CONTRAST, _MIN_STEP, _MAX_RESIDUAL, _MAX_SLOPE, _CLIPPING_LIMIT = 0.15, 0.02, 0.09, 0.7, 0.97
 
-# Rows that are looked at together.
-_ROWS = 256
+# Rows per block.
+_BLOCK_ROWS = 256
 
-# Widths of the Gaussians that are tried, and places of the edge in its pixel.
+# Widths of the Gaussian templates, and positions of the edge in its pixel.
 _WIDTHS = np.geomspace(0.8, 5.0, 36)
-_PLACES = np.linspace(-0.5, 0.5, 17)
+_POSITIONS = np.linspace(-0.5, 0.5, 17)
 
-# The filter is that of this quantile; so many edges that agree with it, but for this ratio, are believed
-# half.
-_QUANTILE, _HALF_SURE, _ALIKE = 0.3, 50, 1.15
+# Quantile of the widths that gives the filter; agreeing edges for a confidence of one half; ratio of
+# widths up to which two edges agree.
+_QUANTILE, _HALF_CONFIDENCE_EDGES, _AGREEMENT_RATIO = 0.3, 50, 1.15
 
-# Fewest edges that are believed at all.
-_FEWEST = 20
+# Minimum number of edges for an estimate.
+_MIN_EDGES = 20
 
 # The Gaussian that has the variance of the default filter.
-_USUAL = 1.89
+_DEFAULT_GAUSSIAN_WIDTH_PX = 1.89
 
 Array = npt.NDArray[np.float64]
 
 
 @cache
 def _templates() -> Array:
-    """Edges of all widths and places, (widths * places, profile), with mean 0 and length 1."""
-    across = np.arange(-_HALF, _HALF + 1.0) - _PLACES[:, None]
-    found = np.concatenate([PixelFilter("gaussian", width).cumulative(across) for width in _WIDTHS])
-    found -= found.mean(1, keepdims=True)
-    templates: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+    """Return edges of all widths and positions, (widths * positions, profile), with mean 0 and norm 1."""
+    across = np.arange(-_HALF_PROFILE_PX, _HALF_PROFILE_PX + 1.0) - _POSITIONS[:, None]
+    edges = np.concatenate([PixelFilter("gaussian", width).cumulative(across) for width in _WIDTHS])
+    edges -= edges.mean(1, keepdims=True)
+    templates: Array = edges / np.linalg.norm(edges, axis=1, keepdims=True)
     return templates
 
 
 @cache
 def _span() -> Array:
-    """Directions that span the templates, (k, profile)."""
+    """Return an orthonormal basis of the templates, (k, profile)."""
     _, lengths, directions = np.linalg.svd(_templates(), full_matrices=False)
     span: Array = directions[lengths > 1e-9 * lengths[0]]
     return span
 
 
-def _clear_places(light: npt.NDArray[np.float32], least: float) -> npt.NDArray[np.int64]:
-    """Places in the flat picture where rows cross a clear edge, (N,), in the order of the rows."""
+def _clear_places(light: npt.NDArray[np.float32], min_step: float) -> npt.NDArray[np.int64]:
+    """Return the indices in the flat picture at which rows cross a clear edge, (N,), ascending."""
     height, width = light.shape
-    found = []
-    for top in range(1, height - 1, _ROWS):
-        rows = light[top : min(top + _ROWS, height - 1)]
-        across = rows[:, _HALF + 1 : width - _HALF + 1] - rows[:, _HALF - 1 : width - _HALF - 1]
-        before, after = rows[:, : -2 * _HALF], rows[:, 2 * _HALF :]
+    places = []
+    for top in range(1, height - 1, _BLOCK_ROWS):
+        rows = light[top : min(top + _BLOCK_ROWS, height - 1)]
+        across = (
+            rows[:, _HALF_PROFILE_PX + 1 : width - _HALF_PROFILE_PX + 1]
+            - rows[:, _HALF_PROFILE_PX - 1 : width - _HALF_PROFILE_PX - 1]
+        )
+        before, after = rows[:, : -2 * _HALF_PROFILE_PX], rows[:, 2 * _HALF_PROFILE_PX :]
         step = np.abs(after - before)
-        clear = (step > _CONTRAST * (after + before)) & (step > least)
+        clear = (step > _CONTRAST * (after + before)) & (step > min_step)
         clear &= np.abs(across) > 0.3 * step
         y, x = np.nonzero(clear)
-        found.append((y + top) * width + x + _HALF)
-    return np.concatenate(found)
+        places.append((y + top) * width + x + _HALF_PROFILE_PX)
+    return np.concatenate(places)
 
 
 def _along_rows(light: npt.NDArray[np.float32], least: float, clipped: float) -> Array:
-    """Widths of the clear edges that rows cross, (N,), pixels of a Gaussian filter.
+    """Return the widths of the clear edges that rows cross, (N,), pixels of a Gaussian filter.
 
-    ``least`` is the smallest step, ``clipped`` the light from which on all may be clipped.
+    ``least`` is the smallest step; light from ``clipped`` on may be clipped.
     """
     height, width = light.shape
-    if height < 3 or width < 2 * _HALF + 3:
+    if height < 3 or width < 2 * _HALF_PROFILE_PX + 3:
         return np.empty(0)
     places = _clear_places(light, least)
-    if len(places) > _MOST:
-        places = places[np.linspace(0, len(places) - 1, _MOST).astype(int)]
+    if len(places) > _MAX_EDGES:
+        places = places[np.linspace(0, len(places) - 1, _MAX_EDGES).astype(int)]
     rows, columns = places // width, places % width
     down = light[rows + 1, columns] - light[rows - 1, columns]
     right = light[rows, columns + 1] - light[rows, columns - 1]
     slope = np.abs(down / np.where(right == 0, 1, right))
-    offsets = np.arange(-_HALF, _HALF + 1)
+    offsets = np.arange(-_HALF_PROFILE_PX, _HALF_PROFILE_PX + 1)
     profiles = light[rows[:, None], columns[:, None] + offsets].astype(np.float64)
-    kept = (slope < _SLOPE) & (profiles.max(1) < clipped)
+    kept = (slope < _MAX_SLOPE) & (profiles.max(1) < clipped)
     profiles, slope = profiles[kept], slope[kept]
     profiles *= np.sign(profiles[:, -1] - profiles[:, 0])[:, None]
     profiles -= profiles.mean(1, keepdims=True)
     profiles /= np.linalg.norm(profiles, axis=1, keepdims=True)
-    # What lies far from all that templates span is like none of them.
-    within = np.einsum("ij,kj->ik", profiles, _span())  # where BLAS would wake its threads for little
-    near = 1 - (within**2).sum(1) < 1.001 * _FIT**2
+    # A profile far from the span of the templates matches none of them.
+    within = np.einsum("ij,kj->ik", profiles, _span())  # BLAS would start its threads for little work
+    near = 1 - (within**2).sum(1) < 1.001 * _MAX_RESIDUAL**2
     profiles, slope = profiles[near], slope[near]
-    likeness = profiles @ _templates().T
-    best = likeness.argmax(1)
-    place = _PLACES[best % len(_PLACES)]
-    kept = (np.sqrt(np.maximum(1 - likeness.max(1) ** 2, 0)) < _FIT) & (np.abs(place) < 0.5)
-    return np.asarray(_WIDTHS[best // len(_PLACES)] / np.hypot(1, slope))[kept]
+    correlation = profiles @ _templates().T
+    best = correlation.argmax(1)
+    position = _POSITIONS[best % len(_POSITIONS)]
+    kept = (np.sqrt(np.maximum(1 - correlation.max(1) ** 2, 0)) < _MAX_RESIDUAL) & (np.abs(position) < 0.5)
+    return np.asarray(_WIDTHS[best // len(_POSITIONS)] / np.hypot(1, slope))[kept]
 
 
 def edge_widths(image: npt.NDArray[np.floating]) -> Array:
-    """Widths of the Gaussian filters that would draw each clear edge, (N,), pixels.
+    """Return the widths of the Gaussian filters that would draw each clear edge, (N,), pixels.
 
     Args:
-        image: Scene-linear, (H, W, 3).
+        image: Scene-linear picture, (H, W, 3).
     """
     light = np.asarray(image, np.float32) @ np.full(3, 1 / 3, np.float32)
     brightest = float(np.quantile(light[:: max(1, len(light) // 500)], 0.999))
-    clipped = _CLIPPED if image.max() <= 1 + 1e-4 else math.inf
-    least = _LEAST_STEP * min(brightest, 1.0)
+    clipped = _CLIPPING_LIMIT if image.max() <= 1 + 1e-4 else math.inf
+    least = _MIN_STEP * min(brightest, 1.0)
     return np.concatenate([_along_rows(light, least, clipped), _along_rows(light.T, least, clipped)])
 
 
 def estimate_filter(image: npt.NDArray[np.floating]) -> FilterChoice:
-    """Estimate the pixel filter of a picture as a Gaussian; the default where fewer than 20 edges are clear.
+    """Estimate the pixel filter of a picture as a Gaussian; the default if fewer than 20 edges are clear.
 
-    With n edges that agree with each other the estimate counts n / (n + 50), its confidence, and the default
-    the rest.
+    With n agreeing edges the estimate has the weight n / (n + 50), its confidence, and the default the rest.
 
     Args:
-        image: Scene-linear, (H, W, 3).
+        image: Scene-linear picture, (H, W, 3).
 
     Examples:
         >>> edge = 0.1 + 0.8 * PixelFilter("gaussian", 2.4).cumulative(np.arange(40.0) - 20)
@@ -145,15 +147,17 @@ def estimate_filter(image: npt.NDArray[np.floating]) -> FilterChoice:
         2.3...
     """
     widths = edge_widths(image)
-    if len(widths) < _FEWEST:
+    if len(widths) < _MIN_EDGES:
         return FilterChoice(
             pixel_filter=DEFAULT_FILTER, reason=f"by default: {len(widths)} clear edges", confidence=0.0
         )
     width = float(np.quantile(widths, _QUANTILE))
-    alike = np.count_nonzero(np.abs(np.log(widths / width)) < np.log(_ALIKE))
-    sure = alike / (alike + _HALF_SURE)
+    agreeing = np.count_nonzero(np.abs(np.log(widths / width)) < np.log(_AGREEMENT_RATIO))
+    confidence = agreeing / (agreeing + _HALF_CONFIDENCE_EDGES)
     return FilterChoice(
-        pixel_filter=PixelFilter("gaussian", round(sure * width + (1 - sure) * _USUAL, 2)),
-        reason=f"{width:.2f} by {alike} of {len(widths)} clear edges that agree",
-        confidence=round(sure, 3),
+        pixel_filter=PixelFilter(
+            "gaussian", round(confidence * width + (1 - confidence) * _DEFAULT_GAUSSIAN_WIDTH_PX, 2)
+        ),
+        reason=f"{width:.2f} by {agreeing} of {len(widths)} clear edges that agree",
+        confidence=round(confidence, 3),
     )

@@ -1,4 +1,4 @@
-"""The march of pupil rays through layers, eight rays at once.
+"""March of pupil rays through layers, eight rays at once.
 
 Open first: ``ray_marching.py``.
 """

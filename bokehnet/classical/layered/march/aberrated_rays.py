@@ -1,9 +1,9 @@
-"""Rays of an aberrated lens, eight at once: where they start and how they run, from its aberration map.
+"""Rays of an aberrated lens, eight at once: origins and directions from its aberration map.
 
 The coefficients of :class:`bokehnet.optics.aberrations.aberration_map.AberrationMap` change smoothly with the
-wavelength; a parabola over a variable that grows as glass disperses follows them, so that each ray can have a
-wavelength of its own. The field position is the pixel's, which leaves ten numbers for each of the
-polynomials.
+wavelength; a parabola over a variable that grows with the dispersion of glass fits them, so that each ray can
+have a wavelength of its own. The field position is that of the pixel, which leaves ten coefficients for each
+polynomial.
 """
 
 import math
@@ -17,11 +17,11 @@ from bokehnet.errors import ParameterError
 from bokehnet.kernels import njit
 from bokehnet.optics.aberrations.aberration_map import TERMS
 from bokehnet.optics.aberrations.lens_response import LensResponse
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 __all__ = [
     "ORDERS",
-    "VISIBLE",
+    "VISIBLE_DEVIATION_PX",
     "LensTable",
     "collapse",
     "keep_within",
@@ -30,57 +30,58 @@ __all__ = [
     "send_rays",
 ]
 
-# Terms of the parabola over the wavelength.
+# Coefficients of the parabola over the wavelength.
 ORDERS = 3
 
-# Wavelengths through which the parabola goes.
+# Wavelengths at which the parabola is fitted.
 _NODES = 13
 
-# Places from the middle of the picture to its corner, and on the pupil, at which the largest transverse
-# aberration is sought.
+# Sampling of the largest transverse aberration: field positions from centre to corner, rings and spokes of
+# the pupil.
 _FIELDS, _RINGS, _SPOKES = 33, 8, 24
 
-# Pixels; rays that stray by less share the picture with the scatter.
-VISIBLE = 0.5
+# Pixels; where rays deviate by less, rays and scatter are blended.
+VISIBLE_DEVIATION_PX = 0.5
 
-# Monomials in (a.a, a.h) that are left when the field is known.
+# Monomials in (a.a, a.h) that remain for a known field position.
 _PAIRS = tuple(sorted({(i, j) for i, j, _ in TERMS}))
 assert _PAIRS == ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (3, 0))
 
-_STEEPEST_TILT = 0.8
+_MAX_TILT = 0.8
 
 
 class LensTable(NamedTuple):
-    """A lens response for one picture, as kernels take it.
+    """Lens response for one picture, in the form that kernels read.
 
     Attributes:
-        coefficients: Of f and g of the transverse aberration in pixels, and of the pupil aberration if there
-            is any, by powers of h.h and of the wavelength's variable: (4, 1 or ORDERS, 2 or 4, 10), float32.
-        waves: The variable for each ray of the pattern, (rays,) float32.
-        starts: Where each ray starts in its pixel, from its middle, (2, rays) float32.
-        shaken: Share of the pixel over which they start, by the distance from the picture's middle, (n,):
-            all of it where rays of one colour miss by the same amount, so that a shift by a part of a pixel
-            shows as one, and none where they miss by different ones, or hardly.
-        colors: Red, green and blue that each ray carries, (3, rays) float32; (3, 0) where all go one way.
-        chromatic_aberration: Axial and lateral fringe of each ray, pixels, (2, rays) float32; or (2, 0).
-        channel_waves: The variable of red, green and blue for rays that are sent for each, (3, rays) float32;
-            (3, 0) where all go one way.
-        channel_aberration: Axial and lateral fringe of them, (3, 2, rays) float32; or (3, 2, 0).
-        maps: Factors of both at each pixel of the rows to be rendered, (H, W, 2) float32; or (0, 0, 2).
-        vignetting_apertures: (R, 2): shift and radius, below 0 where the inside is dark.
-        tilt: Of the focus plane, and axes of the aperture, (4, 2) float32.
-        column: Middle of the picture, pixels.
-        row: The same, down.
-        scale: One over the half-diagonal in pixels.
-        largest: Bound of the transverse aberration of rays that pass, in pixels, by the distance from the
-            middle, (n,), up to the corner.
-        strayed: Share of its blur radius by which a ray can stray from a perfect lens's, likewise, (n,).
+        coefficients: Coefficients of f and g of the transverse aberration in pixels, and of the pupil
+            aberration if there is any, by powers of h.h and of the wavelength variable: (4, 1 or ORDERS, 2 or
+            4, 10), float32.
+        waves: Wavelength variable of each ray of the pattern, (rays,) float32.
+        starts: Origin of each ray in its pixel, from its centre, (2, rays) float32.
+        jitter_scale: Fraction of the pixel over which the origins spread, by the distance from the centre of
+            the picture, (n,): 1 where rays of one color deviate by the same amount, so that a shift by a
+            fraction of a pixel is visible as such; 0 where they deviate differently, or hardly.
+        colors: Red, green and blue of each ray, (3, rays) float32; (3, 0) without dispersion.
+        chromatic_aberration: Axial and lateral color of each ray, pixels, (2, rays) float32; or (2, 0).
+        channel_waves: Wavelength variable of red, green and blue for rays that are sent per channel, (3,
+            rays) float32; (3, 0) without dispersion.
+        channel_aberration: Axial and lateral color of these rays, (3, 2, rays) float32; or (3, 2, 0).
+        maps: Factors of both at each rendered pixel, (H, W, 2) float32; or (0, 0, 2).
+        vignetting_apertures: Shift and radius, (R, 2); radius below 0 where the inside is dark.
+        tilt: Tilt of the focus plane, and axes of the aperture, (4, 2) float32.
+        column: Column of the centre of the picture, pixels.
+        row: Row of the centre, pixels.
+        scale: Reciprocal of the half-diagonal in pixels.
+        max_aberration: Upper bound of the transverse aberration of transmitted rays, pixels, by the distance
+            from the centre, (n,), up to the corner.
+        max_stretch: Upper bound of the deviation from a perfect lens, as a fraction of the blur radius, (n,).
     """
 
     coefficients: np.ndarray
     waves: np.ndarray
     starts: np.ndarray
-    shaken: np.ndarray
+    jitter_scale: np.ndarray
     colors: np.ndarray
     chromatic_aberration: np.ndarray
     channel_waves: np.ndarray
@@ -91,44 +92,44 @@ class LensTable(NamedTuple):
     column: float
     row: float
     scale: float
-    largest: np.ndarray
-    strayed: np.ndarray
+    max_aberration: np.ndarray
+    max_stretch: np.ndarray
 
     @property
     def footprint(self) -> tuple[float, float]:
-        """Bounds of |A| and of the transverse aberration in pixels, anywhere in the picture."""
-        return float(1 + self.strayed.max()), float(self.largest.max())
+        """Upper bounds of |A| and of the transverse aberration in pixels, anywhere in the picture."""
+        return float(1 + self.max_stretch.max()), float(self.max_aberration.max())
 
     def reach(self, radius: float) -> int:
-        """Pixels within which a pixel's rays stay, for a largest blur radius."""
-        stretch, missed = self.footprint
-        return math.ceil(stretch * radius + missed)
+        """Return the maximum distance of a pixel's rays from it, pixels, for a largest blur radius."""
+        stretch, aberration = self.footprint
+        return math.ceil(stretch * radius + aberration)
 
-    def strayed_at(self, shape: tuple[int, int], radius: float, above: int) -> np.ndarray:
-        """How far rays stray from those of a perfect lens: 1 where it can be half a pixel or more.
+    def visible_deviation(self, shape: tuple[int, int], radius: float, above: int) -> np.ndarray:
+        """Return the deviation of the rays from those of a perfect lens: 1 from half a pixel on.
 
         Args:
-            shape: Of the picture, or of a strip of it.
+            shape: Height and width of the picture, or of a strip of it.
             radius: Largest blur radius, pixels.
             above: Rows of the picture above the strip.
 
         Returns:
-            For each pixel, (H, W) float32 in [0, 1].
+            Map of the deviation, (H, W) float32 in [0, 1].
         """
-        strayed = np.minimum((self.largest + radius * self.strayed) / VISIBLE, 1.0)
+        deviation = np.minimum((self.max_aberration + radius * self.max_stretch) / VISIBLE_DEVIATION_PX, 1.0)
         field = np.linalg.norm(_fields(shape, above, self.column, self.row, self.scale), axis=-1)
-        return np.interp(field, np.linspace(0, 1, len(strayed)), strayed).astype(np.float32)
+        return np.interp(field, np.linspace(0, 1, len(deviation)), deviation).astype(np.float32)
 
 
 def _fields(shape: tuple[int, ...], above: int, column: float, row: float, scale: float) -> np.ndarray:
-    """Field position of each pixel, (H, W, 2) float32."""
+    """Return the field position of each pixel, (H, W, 2) float32."""
     y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
     return np.stack([scale * (x - column), scale * (y + above - row)], -1)
 
 
 def _variable(wavelength: np.ndarray) -> np.ndarray:
-    """Grows as glass disperses (Cauchy, 1 / wavelength^2); -1 to 1 over the visible spectrum."""
-    ends = SHORTEST**-2, LONGEST**-2
+    """Return a variable that grows with dispersion (Cauchy); -1 to 1 over the visible spectrum."""
+    ends = MIN_WAVELENGTH**-2, MAX_WAVELENGTH**-2
     return (2 * wavelength**-2.0 - ends[0] - ends[1]) / (ends[0] - ends[1])
 
 
@@ -140,24 +141,24 @@ def lens_table(
     above: int = 0,
     shape: tuple[int, ...] = (0, 0),
 ) -> LensTable:
-    """Prepare a lens response for pictures of a size.
+    """Prepare a lens response for pictures of one size.
 
     Args:
-        lens_response: Of the lens.
-        place: Where the pixels of the full-size picture lie in the shown one.
-        chances: Evenly spread from 0 to 1, three for each ray of the pattern, (rays, 3): its wavelength, and
-            where it starts in its pixel.
-        above: Rows of the picture above those to be rendered.
-        shape: Rows and columns that are to be rendered.
+        lens_response: Response of the lens.
+        place: Position of the full-size picture in the shown one.
+        chances: Evenly distributed numbers from 0 to 1, three per ray of the pattern, (rays, 3): wavelength,
+            and origin in the pixel.
+        above: Rows of the picture above the rendered ones.
+        shape: Height and width of the rendered rows.
 
     Raises:
-        ParameterError: The plane of focus leans so much that some rays never meet the scene.
+        ParameterError: The tilt of the focus plane is so large that some rays never meet the scene.
     """
     aberration_map = lens_response.aberration_map
-    if math.hypot(*aberration_map.tilt) > _STEEPEST_TILT:
+    if math.hypot(*aberration_map.tilt) > _MAX_TILT:
         raise ParameterError(
             "tilt",
-            f"a defocus that changes by up to {_STEEPEST_TILT} pixels per pixel",
+            f"a defocus that changes by up to {_MAX_TILT} pixels per pixel",
             aberration_map.tilt,
             "tilt less or blur less",
             shown=f"{math.hypot(*aberration_map.tilt):.2g}",
@@ -165,7 +166,7 @@ def lens_table(
     column, row, scale = place.frame
     half_diagonal = 1 / scale
     wavelengths, colors = lens_response.wavelengths_at(chances[:, 0])
-    nodes = np.linspace(SHORTEST, LONGEST, _NODES)
+    nodes = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, _NODES)
     values, pupil_aberration = aberration_map.at(nodes)
     values = half_diagonal * values
     if pupil_aberration.any():
@@ -190,12 +191,12 @@ def lens_table(
         maps = lens_response.chromatic_aberration.maps(_fields(shape[:2], above, column, row, scale))
     if not lens_response.is_dispersive:
         colors = np.zeros((0, 3))
-    largest, strayed, spread = _bounds(lens_response, half_diagonal)
+    largest, stretch, spread = _bounds(lens_response, half_diagonal)
     return LensTable(
         coefficients=by_field,
         waves=_variable(wavelengths).astype(np.float32),
         starts=np.ascontiguousarray(chances[:, 1:].T - 0.5, np.float32),
-        shaken=np.minimum(largest / VISIBLE, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
+        jitter_scale=np.minimum(largest / VISIBLE_DEVIATION_PX, 1.0) * np.clip(1.0 - spread, 0.0, 1.0),
         colors=np.ascontiguousarray(colors.T, np.float32),
         chromatic_aberration=np.ascontiguousarray(chromatic_aberration.T, np.float32),
         channel_waves=np.ascontiguousarray(_variable(by_channel).T, np.float32),
@@ -206,15 +207,15 @@ def lens_table(
         column=column,
         row=row,
         scale=scale,
-        largest=largest,
-        strayed=strayed,
+        max_aberration=largest,
+        max_stretch=stretch,
     )
 
 
 def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``largest`` and ``strayed`` of :class:`LensTable`, and by how much rays of one colour miss differently.
+    """Return ``max_aberration`` and ``max_stretch`` of :class:`LensTable`, and the spread of one color.
 
-    The last is the mean over wavelengths and directions of the largest distance from the mean transverse
+    The spread is the mean over wavelengths and directions of the largest distance from the mean transverse
     aberration, pixels.
     """
     aberration_map = lens_response.aberration_map
@@ -222,15 +223,15 @@ def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarr
     angle = np.arange(_SPOKES) * (2 * math.pi / _SPOKES)
     pupil = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     fields = np.linspace(0, 1, _FIELDS)
-    around = (
+    directions = (
         np.arange(8) * (math.pi / 4)
         if any(aberration_map.tilt) or lens_response.chromatic_aberration is not None
         else [0.0]
     )
-    wavelengths = np.union1d(aberration_map.wavelengths, [SHORTEST, LONGEST])
-    largest, strayed = np.zeros(_FIELDS), np.zeros(_FIELDS)
-    spread = np.zeros((len(around), len(wavelengths), _FIELDS))
-    for at, direction in enumerate(around):
+    wavelengths = np.union1d(aberration_map.wavelengths, [MIN_WAVELENGTH, MAX_WAVELENGTH])
+    largest, stretch = np.zeros(_FIELDS), np.zeros(_FIELDS)
+    spread = np.zeros((len(directions), len(wavelengths), _FIELDS))
+    for at, direction in enumerate(directions):
         field = fields[:, None, None, None] * np.array([math.cos(direction), math.sin(direction)])
         for color, wavelength in enumerate(wavelengths):
             transverse_aberration, run, passes = aberration_map(pupil[None], field, wavelength)
@@ -246,17 +247,21 @@ def _bounds(lens_response: LensResponse, half_diagonal: float) -> tuple[np.ndarr
             largest = np.maximum(
                 largest, (passes * np.linalg.norm(transverse_aberration, axis=-1)).max((1, 2))
             )
-            strayed = np.maximum(strayed, (passes * np.linalg.norm(run - pupil, axis=-1)).max((1, 2)))
-            strayed = np.maximum(strayed, 1.0 - passes.mean((1, 2)))
+            stretch = np.maximum(stretch, (passes * np.linalg.norm(run - pupil, axis=-1)).max((1, 2)))
+            stretch = np.maximum(stretch, 1.0 - passes.mean((1, 2)))
             weights = passes[..., None] / np.maximum(passes.sum((1, 2)), 1)[:, None, None, None]
-            apart = transverse_aberration - (weights * transverse_aberration).sum((1, 2), keepdims=True)
-            spread[at, color] = (passes * np.linalg.norm(apart, axis=-1)).max((1, 2))
-    return largest, strayed, np.trapezoid(spread.mean(0), wavelengths, axis=0) / (LONGEST - SHORTEST)
+            deviation = transverse_aberration - (weights * transverse_aberration).sum((1, 2), keepdims=True)
+            spread[at, color] = (passes * np.linalg.norm(deviation, axis=-1)).max((1, 2))
+    return (
+        largest,
+        stretch,
+        np.trapezoid(spread.mean(0), wavelengths, axis=0) / (MAX_WAVELENGTH - MIN_WAVELENGTH),
+    )
 
 
 @njit(cache=True, forceinline=True)
 def collapse(coefficients, square, collapsed):  # type: ignore[no-untyped-def]
-    """Fill ``collapsed`` (orders, 2 or 4, 10) with the coefficients that are left for h.h = ``square``."""
+    """Fill ``collapsed`` (orders, 2 or 4, 10) with the coefficients for h.h = ``square``."""
     fourth, third = coefficients[3].reshape(-1), coefficients[2].reshape(-1)
     second, first = coefficients[1].reshape(-1), coefficients[0].reshape(-1)
     flat = collapsed.reshape(-1)
@@ -266,7 +271,7 @@ def collapse(coefficients, square, collapsed):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
-    """Polynomial in the lanes x = a.a and y = a.h, of the collapsed coefficients."""
+    """Return the polynomial in the lanes x = a.a and y = a.h, from the collapsed coefficients."""
     inner = broadcast8(c[order, which, 8]) * y + broadcast8(c[order, which, 7])
     inner = (broadcast8(c[order, which, 9]) * x + inner) * x
     row = broadcast8(c[order, which, 6]) * y + broadcast8(c[order, which, 5])
@@ -278,7 +283,7 @@ def _polynomial(c, order, which, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):  # type: ignore[no-untyped-def]
-    """E and A of eight rays from the polynomials at their wavelengths; arguments as of :func:`send_rays`."""
+    """Return E and A of eight rays from the polynomials at their wavelengths; see :func:`send_rays`."""
     across, down = broadcast8(h_x), broadcast8(h_y)
     a_x, a_y = u, v
     if collapsed.shape[1] == 4:
@@ -297,16 +302,19 @@ def _run_lanes(collapsed, tilt, u, v, h_x, h_y, f, g, bend_f, bend_g):  # type: 
 
 @njit(cache=True, forceinline=True)
 def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped-def]
-    """Transverse aberration E in pixels and coordinates A of eight rays: lanes (E_x, E_y, A_x, A_y).
+    """Return transverse aberration E in pixels and coordinates A of eight rays: (E_x, E_y, A_x, A_y).
 
     Args:
-        collapsed: From :func:`collapse` for the pixel.
-        tilt: Of the table.
-        u: Aperture coordinates, lanes of float32.
-        v: The same, down.
-        h_x: Field position of the pixel, float32.
-        h_y: The same, down.
-        wave: Variable of the wavelength, lanes.
+        collapsed: Coefficients of the pixel, from :func:`collapse`.
+        tilt: Tilt of the lens table.
+        u: Aperture coordinate along x, lanes of float32.
+        v: Aperture coordinate along y, lanes of float32.
+        h_x: Field position of the pixel along x, float32.
+        h_y: Field position of the pixel along y, float32.
+        wave: Wavelength variable, lanes.
+
+    Returns:
+        Four lanes of float32.
     """
     square, product = u * u + v * v, u * broadcast8(h_x) + v * broadcast8(h_y)
     bent = collapsed.shape[1] == 4
@@ -328,7 +336,7 @@ def send_rays(collapsed, tilt, u, v, h_x, h_y, wave):  # type: ignore[no-untyped
 
 @njit(cache=True, forceinline=True)
 def send_channels(collapsed, tilt, u, v, h_x, h_y, waves):  # type: ignore[no-untyped-def]
-    """What :func:`send_rays` gives for each of three wavelengths, a tuple of lanes; three such tuples."""
+    """Return the result of :func:`send_rays` for each of three wavelengths, three tuples of lanes."""
     square, product = u * u + v * v, u * broadcast8(h_x) + v * broadcast8(h_y)
     bent = collapsed.shape[1] == 4
     f, g = _polynomial(collapsed, 0, 0, square, product), _polynomial(collapsed, 0, 1, square, product)
@@ -359,7 +367,7 @@ def _add_order(sums, powers, values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def keep_within(u, v, shift_x, shift_y, radius, w):  # type: ignore[no-untyped-def]
-    """Weights ``w`` (lanes) of rays that meet the pupil within a circle, or outside one of radius below 0."""
+    """Return the weights ``w`` (lanes) of rays inside a pupil circle; outside if its radius is negative."""
     away_x, away_y = u - broadcast8(np.float32(shift_x)), v - broadcast8(np.float32(shift_y))
     beyond = less8(broadcast8(np.float32(radius * radius)), away_x * away_x + away_y * away_y)
     if radius < 0:

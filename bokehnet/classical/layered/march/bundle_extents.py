@@ -1,8 +1,8 @@
-"""How far the rays of a real lens stray from their pixel, by its place in the picture and by the defocus.
+"""Upper bounds of the deviation of the rays of an aberrated lens, by field position and defocus.
 
-A ray lies over the place ``p - E - s A`` at the defocus s. Bounds of |E| and |A| alone add up to several
-times what is true: where a lens is stopped by its rims, towards the corners, or where the aberration and the
-defocus point against each other, discs are small.
+A ray is over the position ``p - E - s A`` at the defocus s. Bounds of |E| and |A| alone add up to several
+times the true value: where the rims of the lens vignette, towards the corners, or where aberration and
+defocus have opposite signs, discs are small.
 """
 
 import math
@@ -15,33 +15,33 @@ from bokehnet.classical.layered.march.aberrated_rays import LensTable, collapse,
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.classical.simd.float8 import LANES, broadcast8, load8, store8
 from bokehnet.kernels import njit
-from bokehnet.optics.aberrations.aberration_map import UPRIGHT
+from bokehnet.optics.aberrations.aberration_map import UNTILTED_AXES
 
 __all__ = ["BUNDLE", "LEVELS", "bundle_extents", "extent_at", "reach_by_rings", "ring_of", "stray_map"]
 
 # Rays of a bundle: consecutive points of one sequence.
 BUNDLE = 2048
 
-# It is told at levels of the defocus from minus to plus so many pixels, one apart.
+# Extents are sampled at levels of the defocus from minus to plus this many pixels, one pixel apart.
 LEVELS = 64
 
 
 @njit(cache=True, parallel=True)
-def _tell_extents(points, lens, chromatic_part, directions, extents):  # type: ignore[no-untyped-def]
+def _compute_extents(points, lens, chromatic_part, directions, extents):  # type: ignore[no-untyped-def]
     """Fill ``extents``, see :func:`bundle_extents`.
 
-    ``chromatic_part``: bound of what chromatic aberration adds. ``directions``: so many field positions are
-    looked at.
+    ``chromatic_part``: upper bound of the chromatic aberration, pixels. ``directions``: number of field
+    directions.
     """
-    rings, numbers = extents.shape
+    rings, columns = extents.shape
     us, vs = points[0].reshape(-1), points[1].reshape(-1)
     for ring in prange(rings):
         collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
-        largest = np.zeros(numbers)
+        largest = np.zeros(columns)
         lanes = np.empty(4 * LANES, np.float32)
-        for following in range(ring, min(ring + 2, rings)):
+        for next_ring in range(ring, min(ring + 2, rings)):
             for direction in range(directions):
-                field, angle = following / max(rings - 1, 1), direction * (2.0 * math.pi / directions)
+                field, angle = next_ring / max(rings - 1, 1), direction * (2.0 * math.pi / directions)
                 h_x, h_y = np.float32(field * math.cos(angle)), np.float32(field * math.sin(angle))
                 collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
                 for k in range(0, BUNDLE, LANES):
@@ -51,25 +51,25 @@ def _tell_extents(points, lens, chromatic_part, directions, extents):  # type: i
                         shift, radius = lens.vignetting_apertures[rim]
                         w = keep_within(u, v, shift * h_x, shift * h_y, radius, w)
                     e_x, e_y, a_x, a_y = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, load8(lens.waves, k))
-                    # What does not pass goes nowhere.
+                    # Vignetted rays have no extent.
                     store8(lanes, 0, w * e_x)
                     store8(lanes, LANES, w * e_y)
                     store8(lanes, 2 * LANES, w * a_x)
                     store8(lanes, 3 * LANES, w * a_y)
                     for i in range(LANES):
                         x, y, run_x, run_y = lanes[i], lanes[8 + i], lanes[16 + i], lanes[24 + i]
-                        for level in range(numbers - 1):
+                        for level in range(columns - 1):
                             away_x, away_y = x + (level - LEVELS) * run_x, y + (level - LEVELS) * run_y
                             largest[level] = max(largest[level], away_x * away_x + away_y * away_y)
-                        largest[numbers - 1] = max(largest[numbers - 1], run_x * run_x + run_y * run_y)
-        for level in range(numbers - 1):
+                        largest[columns - 1] = max(largest[columns - 1], run_x * run_x + run_y * run_y)
+        for level in range(columns - 1):
             extents[ring, level] = math.sqrt(largest[level]) + chromatic_part + 1.0
-        extents[ring, numbers - 1] = math.sqrt(largest[numbers - 1])
+        extents[ring, columns - 1] = math.sqrt(largest[columns - 1])
 
 
 @njit(cache=True, forceinline=True)
 def extent_at(line, defocus):  # type: ignore[no-untyped-def]
-    """How far from a pixel its rays meet surfaces of a defocus, pixels, at most; ``line`` is the ring's."""
+    """Return the maximum distance from a pixel of its rays at a defocus; ``line`` is the ring's, pixels."""
     level = min(max(defocus + LEVELS, 0.0), 2.0 * LEVELS)
     first = min(int(level), 2 * LEVELS - 1)
     between = line[first] + (level - first) * (line[first + 1] - line[first])
@@ -78,7 +78,7 @@ def extent_at(line, defocus):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def ring_of(h_x, h_y, extents):  # type: ignore[no-untyped-def]
-    """Number of a field position's ring."""
+    """Return the index of a field position's ring."""
     last = extents.shape[0] - 1
     return min(int(math.sqrt(h_x * h_x + h_y * h_y) * last), last)
 
@@ -104,12 +104,12 @@ def _fill_strays(nearest, farthest, lens, above, extents, strays):  # type: igno
 def stray_map(
     nearest: np.ndarray, farthest: np.ndarray, lens: LensTable, extents: np.ndarray, above: int
 ) -> np.ndarray:
-    """How far from a pixel its rays meet surfaces of its own defocus, pixels, (H, W) float32.
+    """Return the maximum distance from a pixel of its rays at its own defocus, pixels, (H, W) float32.
 
     Args:
         nearest: Defocus of each pixel's nearer surface, pixels, (H, W).
-        farthest: Of its farther one.
-        lens: The lens response.
+        farthest: Defocus of its farther surface, pixels, (H, W).
+        lens: Lens response.
         extents: From :func:`bundle_extents`.
         above: Rows of the picture above these.
     """
@@ -120,48 +120,48 @@ def stray_map(
 
 
 def bundle_extents(points: np.ndarray, lens: LensTable) -> np.ndarray:
-    """How far from a pixel its rays meet surfaces of a defocus, at most, for :func:`extent_at`.
+    """Return the maximum distance from a pixel of its rays by defocus, for :func:`extent_at`.
 
-    Rings are distances from the middle of the picture to its corner, each told for its own and the next
-    one's. The places on a ray are linear in the defocus, so that the largest distance is convex in it:
-    between two levels it is at most what lies on the straight line, and beyond the outer ones it grows by at
+    Rings are distances from the centre of the picture to its corner; the value of a ring covers its own and
+    the next distance. The positions on a ray are linear in the defocus, so the largest distance is convex in
+    it: between two levels it is at most the linear interpolation, and beyond the outer levels it grows by at
     most |A|.
 
     Args:
         points: Aperture coordinates, see :func:`bokehnet.classical.layered.march.ray_marching.march`.
-        lens: A lens response, for the rays of ``points``; the first ``BUNDLE`` are looked at.
+        lens: Lens response for the rays of ``points``; the first ``BUNDLE`` are used.
 
     Returns:
-        Pixels by ring and level, and the bound of |A| as the last number of each ring, (rings, 2 * LEVELS +
-        2) float32.
+        Pixels by ring and level, and the upper bound of |A| as the last value of each ring, (rings,
+        2 * LEVELS + 2) float32.
     """
     chromatic_part = 0.0
     if lens.chromatic_aberration.shape[1]:
         strengths, maps = np.abs(lens.chromatic_aberration).max(axis=1), np.abs(lens.maps).max(axis=(0, 1))
         chromatic_part = float(strengths @ maps)
-    upright = np.array_equal(lens.tilt, ((0.0, 0.0), *UPRIGHT))
-    extents = np.empty((len(lens.largest), 2 * LEVELS + 2), np.float32)
+    upright = np.array_equal(lens.tilt, ((0.0, 0.0), *UNTILTED_AXES))
+    extents = np.empty((len(lens.max_aberration), 2 * LEVELS + 2), np.float32)
     with parallel_region:
-        _tell_extents(points, lens, chromatic_part, 1 if upright else 8, extents)
+        _compute_extents(points, lens, chromatic_part, 1 if upright else 8, extents)
     return extents
 
 
 def reach_by_rings(
     extents: np.ndarray, lens: LensTable, side: int, above: int
 ) -> tuple[Callable[[np.ndarray], np.ndarray], tuple[float, float, float]]:
-    """The same for tiles whose middles lie in rings, as arguments of ``occupied_bins``.
+    """Return extents for tiles whose centres are in rings, as arguments of ``occupied_bins``.
 
     See :func:`bokehnet.classical.layered.march.defocus_bins.occupied_bins`.
 
     Args:
         extents: From :func:`bundle_extents`.
-        lens: The lens response.
-        side: Of the tiles, pixels.
+        lens: Lens response.
+        side: Side of the tiles, pixels.
         above: Rows of the picture above these tiles.
     """
     last = len(extents) - 1
-    about = math.ceil(0.5 * math.sqrt(2) * side * lens.scale * last) + 2
-    rings = [slice(max(0, ring - about), ring + about + 1) for ring in range(last)]
+    margin = math.ceil(0.5 * math.sqrt(2) * side * lens.scale * last) + 2
+    rings = [slice(max(0, ring - margin), ring + margin + 1) for ring in range(last)]
     widest = np.stack([extents[ring].max(axis=0) for ring in rings])
 
     def reach_at(defocus: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""In which bins of the defocus the rays of a tile of the picture can meet a surface at all.
+"""Bins of the defocus in which the rays of a tile of the picture can meet a surface.
 
-Most of a ray's length is empty. A histogram of the defocus in each tile tells which bins can hold a
-surface for the rays of a tile; a ray is marched through those alone. Where nothing hidden can be met and no
-surface is steep, the first layer alone is looked at.
+Most of a ray's length is empty. A histogram of the defocus in each tile gives the bins that can contain a
+surface for the rays of a tile; a ray is marched through those alone. Where no occluded surface can be met and
+no surface is steep, only the first layer is tested.
 
 Source: Decoret, "N-buffers for efficient depth map query", Computer Graphics Forum 2005, for bounds on a
 footprint. DefocusBins are ours.
@@ -19,29 +19,39 @@ from bokehnet.classical.layered.depth_discontinuities import DISCONTINUITY_THRES
 from bokehnet.classical.parallel import parallel_region
 from bokehnet.kernels import njit
 
-__all__ = ["BINS", "STEEP", "TILE", "DefocusBins", "as_radii", "bin_runs", "occupied_bins", "tile_sets"]
+__all__ = [
+    "BINS",
+    "STEEP",
+    "TILE",
+    "DefocusBins",
+    "bin_runs",
+    "occupied_bins",
+    "perfect_lens_reach",
+    "tile_sets",
+]
 
 TILE = 8
 BINS = 64
 
-# Change of the defocus from pixel to pixel that counts as steep. At 1 a ray can meet a surface at several
-# places; on soft maps of disparity, errors showed down to a half.
+# Change of the defocus per pixel that counts as steep. At 1 a ray can meet a surface at several positions; on
+# soft disparity maps, errors occurred down to a half.
 STEEP = 0.25
 
-# Surfaces of neighbouring pixels belong together up to this difference; float32 may add to it.
+# Surfaces of adjacent pixels are connected up to this difference; the factor covers float32 rounding.
 _RISER = 1.01 * DISCONTINUITY_THRESHOLD
 
 
 class DefocusBins(NamedTuple):
-    """Where rays can meet a surface, by tile of the pixels that they belong to.
+    """Bins in which rays can meet a surface, by tile of the pixels of the rays.
 
     Attributes:
-        bits: DefocusBins of defocus in which they can, (rows, columns) uint64.
-        smooth: Where no surface is hidden behind the first, and this one is nowhere steep, (rows, columns)
+        bits: Bins of defocus in which they can, (rows, columns) uint64.
+        smooth: True where no surface is occluded by the first and the first is nowhere steep, (rows, columns)
             bool.
-        held: Bins that the surfaces in a tile itself lie in, or within the height of a riser of, likewise.
+        held: Bins of the surfaces in the tile itself, or within the height of a riser, (rows, columns)
+            uint64.
         low: Smallest defocus.
-        thickness: Of a bin.
+        thickness: Defocus range of a bin.
     """
 
     bits: np.ndarray
@@ -58,7 +68,7 @@ def _bin_of(value, low, scale):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _fill_bins(first, second, low, scale):  # type: ignore[no-untyped-def]
-    """Bits of all bins between two values of the defocus."""
+    """Return the bits of all bins between two values of the defocus."""
     a, b = _bin_of(min(first, second), low, scale), _bin_of(max(first, second), low, scale)
     every = np.uint64(0xFFFFFFFFFFFFFFFF)
     return every << np.uint64(a) & every >> np.uint64(BINS - 1 - b)
@@ -66,21 +76,21 @@ def _fill_bins(first, second, low, scale):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
-    """Which bins of defocus each tile holds in any layer, risers included; (3, rows, columns) of bits.
+    """Return the bins of defocus that each tile contains in any layer, risers included; (3, rows, columns).
 
-    The second are of the pixels of which more than the first layer can be hit, or where that is steep; the
-    third are ``held`` of :class:`DefocusBins`.
+    The second set contains the pixels of which more than the first layer can be hit, or where that is steep;
+    the third is ``held`` of :class:`DefocusBins`.
     """
     height, width, layers = cells.shape[:3]
     bits = np.zeros((3, (height + TILE - 1) // TILE, (width + TILE - 1) // TILE), np.uint64)
     for row in prange(bits.shape[1]):
         for y in range(row * TILE, min(height, (row + 1) * TILE)):
             for x in range(width):
-                found, held, layered = np.uint64(0), np.uint64(0), cells[y, x, 0, 1] < 1
+                pixel_bits, held, layered = np.uint64(0), np.uint64(0), cells[y, x, 0, 1] < 1
                 for layer in range(layers):
                     value = cells[y, x, layer, 0]
                     layered = layered or value != cells[y, x, 0, 0]
-                    found |= np.uint64(1) << np.uint64(_bin_of(value, low, scale))
+                    pixel_bits |= np.uint64(1) << np.uint64(_bin_of(value, low, scale))
                     held |= _fill_bins(value - _RISER, value + _RISER, low, scale)
                     for right, below in ((1, 0), (0, 1)):
                         if x + right == width or y + below == height:
@@ -88,34 +98,35 @@ def _tile_bins(cells, low, scale):  # type: ignore[no-untyped-def]
                         other = cells[y + below, x + right, layer, 0]
                         layered = layered or abs(other - value) > STEEP
                         if abs(other - value) <= DISCONTINUITY_THRESHOLD:
-                            found |= _fill_bins(value, other, low, scale)
-                bits[0, row, x // TILE] |= found
+                            pixel_bits |= _fill_bins(value, other, low, scale)
+                bits[0, row, x // TILE] |= pixel_bits
                 bits[2, row, x // TILE] |= held
                 if layered:
-                    bits[1, row, x // TILE] |= found
+                    bits[1, row, x // TILE] |= pixel_bits
     return bits
 
 
 @njit(cache=True, parallel=True)
 def _reached_bins(own, reaches, frame):  # type: ignore[no-untyped-def]
-    """Bits (2, rows, columns) of all bins of which a surface lies within its blur's reach of each tile.
+    """Return the bits (2, rows, columns) of all bins with a surface within its blur's reach of each tile.
 
-    ``reaches``: of rays by ring and bin, pixels, (rings, BINS). ``frame``: see :func:`occupied_bins`.
+    ``reaches``: reach of the rays by ring and bin, pixels, (rings, BINS). ``frame``: see
+    :func:`occupied_bins`.
     """
     rows, columns = own.shape[1:]
-    rings, whole = reaches.shape[0], max(rows, columns)
+    rings, max_tiles = reaches.shape[0], max(rows, columns)
     tiles = np.empty(rings, np.int64)
     for ring in range(rings):
-        tiles[ring] = min(int(math.ceil(reaches[ring].max() / TILE)) + 1, whole)
-    most = tiles.max()
-    near = np.zeros((rings, (most + 1) * (most + 1) * 2), np.uint64)  # by squared distance in tiles
+        tiles[ring] = min(int(math.ceil(reaches[ring].max() / TILE)) + 1, max_tiles)
+    widest = tiles.max()
+    near = np.zeros((rings, (widest + 1) * (widest + 1) * 2), np.uint64)  # by squared distance in tiles
     for ring in range(rings):
         for square in range(near.shape[1]):
             gap = max(0.0, math.sqrt(square) - math.sqrt(2.0)) * TILE
             for i in range(BINS):
                 if reaches[ring, i] + 1.0 >= gap:
                     near[ring, square] |= np.uint64(1) << np.uint64(i)
-    found = np.empty((2, rows, columns), np.uint64)
+    reached = np.empty((2, rows, columns), np.uint64)
     for row in prange(rows):
         for column in range(columns):
             away_x = (column + 0.5) * TILE - 0.5 - frame[0]
@@ -129,29 +140,30 @@ def _reached_bins(own, reaches, frame):  # type: ignore[no-untyped-def]
                     within = near[ring, (v - row) * (v - row) + (u - column) * (u - column)]
                     bits |= own[0, v, u] & within
                     layered |= own[1, v, u] & within
-            found[0, row, column] = bits
-            found[1, row, column] = layered
-    return found
+            reached[0, row, column] = bits
+            reached[1, row, column] = layered
+    return reached
 
 
-def as_radii(defocus: np.ndarray) -> np.ndarray:
-    """How far the rays of a perfect lens go beside their pixel, by defocus; one ring."""
+def perfect_lens_reach(defocus: np.ndarray) -> np.ndarray:
+    """Return the reach of the rays of a perfect lens by defocus, pixels; one ring."""
     return np.abs(defocus)[None]
 
 
 def occupied_bins(
     cells: np.ndarray,
-    reach_at: Callable[[np.ndarray], np.ndarray] = as_radii,
+    reach_at: Callable[[np.ndarray], np.ndarray] = perfect_lens_reach,
     frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> DefocusBins:
-    """For each tile, the bins of defocus in which its rays can meet a surface.
+    """Return, for each tile, the bins of defocus in which its rays can meet a surface.
 
     Args:
         cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
-        reach_at: Takes a defocus (n,), gives how far from a pixel its rays meet a surface there, pixels, for
-            rings of one width around the middle of the picture, (rings, n). It must be convex.
-        frame: Column and row of the middle, and one over the outer radius of the last ring in pixels; what
-            lies beyond belongs to it.
+        reach_at: Function of a defocus (n,) that returns the distance from a pixel at which its rays meet a
+            surface there, pixels, for rings of one width around the centre of the picture, (rings, n). It
+            must be convex.
+        frame: Column and row of the centre, and the reciprocal of the outer radius of the last ring in
+            pixels; pixels beyond belong to the last ring.
     """
     depths = cells[..., 0]
     low, high = float(depths.min()) - 1e-3, float(depths.max()) + 1e-3
@@ -166,7 +178,7 @@ def occupied_bins(
 
 @njit(cache=True, forceinline=True)
 def tile_sets(bins):  # type: ignore[no-untyped-def]
-    """What rays look up of tiles: ``held``, flat; its rows and columns; smallest defocus, bins per pixel."""
+    """Return the tile data that rays read: ``held``, flat; rows, columns; lowest defocus, bins per pixel."""
     return bins.held.reshape(-1), bins.held.shape[0], bins.held.shape[1], bins.low, 1.0 / bins.thickness
 
 

@@ -1,19 +1,18 @@
-"""Which surface of a stack of layers a ray meets first, for eight rays at once.
+"""First intersection of a ray with a stack of layers, for eight rays at once.
 
-A ray starts at a place given by its pixel, and while the defocus s falls from front to back it runs along a
-straight line of pixels. A layer whose defocus the ray crosses inside a pixel is met there. Between
-neighbouring pixels a layer is one surface, a riser, when its defocus differs by no more than
-``DISCONTINUITY_THRESHOLD``; else there is a depth discontinuity, through which rays pass behind the nearer
-surface and meet what lies hidden there.
-A surface that covers its pixel in part has no riser: rays that come in behind it have passed it already, and
-blades of grass one behind the other, a little apart in depth, are no wall.
+A ray starts at a position given by its pixel; while the defocus s falls from front to back it follows a
+straight line of pixels. It meets a layer if it crosses the layer's defocus inside a pixel. Between adjacent
+pixels a layer is one surface, a riser, if its defocus differs by no more than ``DISCONTINUITY_THRESHOLD``;
+otherwise there is a depth discontinuity, through which rays pass behind the nearer surface and meet the
+occluded background. A surface that covers its pixel in part has no riser: rays that enter behind it have
+already passed it, and blades of grass in a row, at slightly different depths, are not a wall.
 
-Where nothing is hidden and no depth discontinuity is near, a layer is one smooth surface, and the place where
-a ray meets it is found in a few looks: :func:`intersect_smooth`.
+Where nothing is occluded and no depth discontinuity is near, a layer is one smooth surface, and a few
+iterations find the intersection: :func:`intersect_smooth`.
 
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
 through layered height fields; Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing",
-Eurographics 1987, for the walk along the pixels. Risers and coverage are ours.
+Eurographics 1987, for the traversal of the pixels. Risers and coverage are ours.
 """
 
 import numpy as np
@@ -58,19 +57,19 @@ __all__ = [
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _THRESHOLD = np.float32(DISCONTINUITY_THRESHOLD)
 _NEVER = np.float32(-1e30)
-BELOW_ONE = np.float32(1 - 2**-24)  # the largest chance
-_SIDE, _PER_SIDE, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
-SHORT = 16.0  # stretches of the defocus, pixels, from which on looks at tiles pay
+BELOW_ONE = np.float32(1 - 2**-24)  # the largest random number
+_TILE_SIDE, _TILES_PER_PX, _LAST_BIN = np.float32(TILE), np.float32(1 / TILE), np.float32(BINS - 1)
+SHORT = 16.0  # defocus range, pixels, from which on skipping tiles is faster
 STEEPEST = np.float32(1e-6)  # rays that move less than this per pixel of defocus stay in their pixel
-# The most looks of a ray at a smooth surface, and how many pixels may be between the last two.
+# Maximum iterations on a smooth surface, and the distance of the last two positions at convergence, pixels.
 LOOKS, CLOSE = 8, np.float32(0.25)
-# Coverage of a layer behind which a ray need not look for others at that pixel.
+# Coverage of a layer that has no other surface behind it at that pixel.
 HIDES_NOTHING = np.float32(2)
 
 
 @njit(cache=True, parallel=True)
 def _mark_last(cells):  # type: ignore[no-untyped-def]
-    """Give ``HIDES_NOTHING`` to layers that cover their pixel and have no other depth behind them there."""
+    """Set the coverage to ``HIDES_NOTHING`` in opaque layers without another depth behind them."""
     height, width, layers = cells.shape[:3]
     for y in prange(height):
         for x in range(width):
@@ -82,11 +81,11 @@ def _mark_last(cells):  # type: ignore[no-untyped-def]
 
 
 def layer_cells(layers: Layers) -> np.ndarray:
-    """Defocus and coverage side by side, (H, W, L, 2), so that a look at a pixel reads one place.
+    """Return defocus and coverage interleaved, (H, W, L, 2), so that a lookup reads one address.
 
-    Coverage tells how it changes inside its pixel, see
-    :mod:`bokehnet.classical.layered.boundaries.pixel_boundaries`; where nothing more can be met behind a
-    layer it is ``HIDES_NOTHING``.
+    Coverage includes its slope inside the pixel, see
+    :mod:`bokehnet.classical.layered.boundaries.pixel_boundaries`; where no other surface is behind a layer it
+    is ``HIDES_NOTHING``.
     """
     cells = np.stack([layers.defocus, with_slopes(layers.defocus, layers.coverage)], axis=-1)
     with parallel_region:
@@ -95,15 +94,15 @@ def layer_cells(layers: Layers) -> np.ndarray:
 
 
 @njit(cache=True, forceinline=True)
-def _ends_aside(where, way, column, row):  # type: ignore[no-untyped-def]
-    """Which rays beside others are at an outline in another pixel, while the others cross theirs.
+def _at_other_outline(where, way, column, row):  # type: ignore[no-untyped-def]
+    """Return the mask of rays at an outline in another pixel than the adjacent rays, which cross theirs.
 
     Args:
         where: Columns and rows of the rays' pixels, the defocus at which the others enter and leave the pixel
             that they cross, lanes; outlines of each pixel alone, flat; size of the cells.
-        way: Where the rays begin and run, lanes (begin_x, begin_y, a_x, a_y).
-        column: Of the pixel that the others cross.
-        row: Likewise.
+        way: Origins and directions of the rays, lanes (begin_x, begin_y, a_x, a_y).
+        column: Column of the pixel that the others cross.
+        row: Row of the pixel that the others cross.
     """
     x, y, entry, leave, outlines, size = where
     half, zero = broadcast8(_HALF), broadcast8(_ZERO)
@@ -120,38 +119,39 @@ def _ends_aside(where, way, column, row):  # type: ignore[no-untyped-def]
 def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, chance, hits, outlines=None):  # type: ignore[no-untyped-def]
     """Write the first surface on each of eight rays.
 
-    Places beyond the border see the border's pixel. Where the defocus stretches far, tiles in which a ray can
-    meet nothing are passed in one step.
+    Positions beyond the border read the border's pixel. In long ranges of the defocus, tiles in which a ray
+    can meet nothing are skipped in one step.
 
     Args:
         cells: From :func:`layer_cells`, flat.
-        size: Its height, width and number of layers.
-        tiles: What :func:`bokehnet.classical.layered.march.defocus_bins.tile_sets` gives.
-        runs: Stretches (front, back) of the defocus in which there can be a surface, front to back.
-        count: How many.
+        size: Height, width and number of layers of the cells.
+        tiles: From :func:`bokehnet.classical.layered.march.defocus_bins.tile_sets`.
+        runs: Ranges (front, back) of the defocus that can contain a surface, front to back.
+        count: Number of runs.
         x: Columns of the rays' pixels, lanes of float32.
-        y: Rows.
-        begin_x: Where the rays are at defocus 0, from the left side of their pixel, lanes; 1/2 is its
-            middle.
-        begin_y: The same from its upper side.
-        u: Where the rays meet the pupil, aperture coordinate along x, lanes.
-        v: Along y.
-        chance: A surface is met where this is below its coverage c at that place of the pixel, lanes, 0 up to
-            1. Behind it (chance - c) / (1 - c) decides, so that each surface is met by its own coverage,
-            whatever those before it have.
+        y: Rows of the rays' pixels, lanes.
+        begin_x: Position of the rays at defocus 0, from the left side of their pixel, lanes; 1/2 is its
+            centre.
+        begin_y: Position from the upper side of their pixel, lanes.
+        u: Position of the rays in the pupil, aperture coordinate along x, lanes.
+        v: Aperture coordinate along y, lanes.
+        chance: Random number per ray: a surface is met if it is below the coverage c at that position of the
+            pixel, lanes, 0 up to 1. Behind it (chance - c) / (1 - c) is used, so that each surface is met
+            with the probability of its own coverage, whatever is in front of it.
         hits: Rows, then columns, then layers, then defocus of eight surfaces, float32; layer -1 and defocus 0
             where there is none.
-        outlines: If given, two more rays run beside each, and it is told, behind the rest of ``hits``, which
-            of them are at an outline in another pixel: 1, else 0. Farthest and nearest defocus of outlines,
-            see ``outlines_of`` of :mod:`bokehnet.classical.layered.march.channel_rays`, flat; where in it
-            those begin that the two can be at; where these begin and run, lanes (begin_x, begin_y, a_x, a_y).
+        outlines: If not None, two more rays run next to each, and ``hits`` continues with a mask of those
+            that are at an outline in another pixel: 1, else 0. A tuple: farthest and nearest defocus of
+            outlines, see ``outlines_of`` of :mod:`bokehnet.classical.layered.march.channel_rays`, flat;
+            offset in it of the outlines within reach; origins and directions of the two, lanes (begin_x,
+            begin_y, a_x, a_y).
     """
     height, width, layers = size
     occupied, tile_rows, tile_columns, lowest_bin, scale = tiles
     zero, one, threshold = broadcast8(_ZERO), broadcast8(_ONE), broadcast8(_THRESHOLD)
     hides_nothing = broadcast8(HIDES_NOTHING)
     half, below_one = broadcast8(_HALF), broadcast8(BELOW_ONE)
-    never, side, lowest = broadcast8(_NEVER), broadcast8(_SIDE), broadcast8(np.float32(lowest_bin))
+    never, side, lowest = broadcast8(_NEVER), broadcast8(_TILE_SIDE), broadcast8(np.float32(lowest_bin))
     per_bin, last_bin = broadcast8(np.float32(scale)), broadcast8(_LAST_BIN)
     last_x, last_y = broadcast8(np.float32(width - 1)), broadcast8(np.float32(height - 1))
     last_tile_x, last_tile_y = broadcast8(np.float32(tile_columns - 1)), broadcast8(np.float32(tile_rows - 1))
@@ -170,13 +170,13 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
         column, row = floor8(place_x), floor8(place_y)
         part_x, part_y = place_x - column, place_y - row
         column, row = x + column, y + row
-        tile_x, tile_y = floor8(column * broadcast8(_PER_SIDE)), floor8(row * broadcast8(_PER_SIDE))
+        tile_x, tile_y = floor8(column * broadcast8(_TILES_PER_PX)), floor8(row * broadcast8(_TILES_PER_PX))
         part_x, part_y = column - side * tile_x + part_x, row - side * tile_y + part_y
         tile_to_x = select8(right, side - part_x, part_x) * gain_x
         tile_to_y = select8(down, side - part_y, part_y) * gain_y
-        if runs[run, 0] - runs[run, 1] < SHORT:  # walked through without a look at tiles
+        if runs[run, 0] - runs[run, 1] < SHORT:  # traversed without skipping tiles
             tile_to_x = tile_to_y = length
-        below = never  # the nearest surface under the ray in the pixel before
+        below = never  # the nearest surface under the ray in the previous pixel
         passed, marching = zero, waiting
         while True:
             seeking = marching
@@ -184,7 +184,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                 end = min8(min8(tile_to_x, tile_to_y), length)
                 first = (front - end - lowest) * per_bin
                 last = (front - passed - lowest) * per_bin
-                found = meets8(
+                occupied_here = meets8(
                     occupied,
                     min8(max8(tile_y, zero), last_tile_y),
                     min8(max8(tile_x, zero), last_tile_x),
@@ -192,7 +192,7 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                     min8(max8(first, zero), last_bin),
                     min8(max8(last, zero), last_bin),
                 )
-                seeking = and_not8(seeking, found)
+                seeking = and_not8(seeking, occupied_here)
                 below = select8(seeking, never, below)
                 passed = select8(seeking, end, passed)
                 ended = and_not8(seeking, less8(end, length))
@@ -223,11 +223,11 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
                 under = never
                 if outlines is not None:
                     low, high = gather_pairs8(outlines[0], inside_y, inside_x, width, 2, outlines[1])
-                    beside = and_not8(and_not8(walking, less8(entry, low)), less8(high, leave))
-                    if any8(beside):
+                    at_outline = and_not8(and_not8(walking, less8(entry, low)), less8(high, leave))
+                    if any8(at_outline):
                         ways = (x, y, entry, leave, outlines[0], size)
-                        first = and8(beside, _ends_aside(ways, outlines[2], column, row))
-                        second = and8(beside, _ends_aside(ways, outlines[3], column, row))
+                        first = and8(at_outline, _at_other_outline(ways, outlines[2], column, row))
+                        second = and8(at_outline, _at_other_outline(ways, outlines[3], column, row))
                         first_apart = select8(first, one, first_apart)
                         second_apart = select8(second, one, second_apart)
                 for layer in range(layers):
@@ -287,13 +287,13 @@ def intersect(cells, size, tiles, runs, count, x, y, begin_x, begin_y, u, v, cha
 
 @njit(cache=True)
 def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):  # type: ignore[no-untyped-def]
-    """Write where eight rays meet the one smooth surface that there is; arguments as for :func:`intersect`.
+    """Write where eight rays meet the only, smooth surface; arguments as for :func:`intersect`.
 
-    A ray meets it at the defocus s that the surface has at the ray's place for s. Each look at the surface
-    gives a better s while it rises by less than a pixel of defocus per pixel.
+    A ray meets the surface at the defocus s that the surface has at the ray's position for s. Each iteration
+    improves s while the surface rises by less than a pixel of defocus per pixel.
 
     Returns:
-        Whether all rays came to rest; if not, ``hits`` is of no use.
+        True if all rays converged; otherwise ``hits`` is invalid.
     """
     height, width, layers = size
     zero, close = broadcast8(_ZERO), broadcast8(CLOSE)
@@ -305,9 +305,9 @@ def intersect_smooth(cells, size, x, y, begin_x, begin_y, u, v, hits):  # type: 
         column, row = floor8(start_x - u * depth), floor8(start_y - v * depth)
         column = min8(max8(column, zero), last_x)
         row = min8(max8(row, zero), last_y)
-        found, _ = gather_pairs8(cells, row, column, width, 2 * layers, 0)
-        moving = less8(close, stretch * abs8(found - depth))
-        depth = found
+        surface_depth, _ = gather_pairs8(cells, row, column, width, 2 * layers, 0)
+        moving = less8(close, stretch * abs8(surface_depth - depth))
+        depth = surface_depth
         if not any8(moving):
             store8(hits, 0, row)
             store8(hits, LANES, column)

@@ -1,9 +1,9 @@
-"""The picture that comes of the rays' means: blurred surfaces are averaged over windows of pixels.
+"""Picture from the rays' means: blurred surfaces are averaged over windows of pixels.
 
-A disc of radius r has next to nothing at the frequency of pixels, so a window much smaller than r takes noise
-away and leaves the picture. Sharp surfaces, and what their edges cover, are each pixel's own. Windows of more
-than ``_RINGS`` rings are taken of blocks of 2, 4 or 8 pixels a side, and each pixel has its part, in
-straight lines, of those around the four blocks next to it.
+A disc of radius r has almost no energy at pixel frequency, so a window much smaller than r removes noise and
+preserves the picture. Sharp surfaces, and the coverage of their edges, are not averaged. Windows of more than
+``_MAX_RINGS`` rings consist of blocks of 2, 4 or 8 pixels a side; each pixel interpolates bilinearly between
+the windows of the four blocks next to it.
 
 Source: Burt and Adelson, "The Laplacian pyramid as a compact image code", 1983, for means of means.
 """
@@ -24,55 +24,55 @@ from bokehnet.kernels import njit
 
 __all__ = ["resolve", "window_halo", "window_reach"]
 
-# Half-width of a window, less its middle, over the radius of the discs; at least 1 pixel, at most _WIDEST.
+# Half-width of a window, less its middle pixel, over the disc radius; limited to 1 to _MAX_REACH_PX pixels.
 _REACH_BY_RADIUS = 1 / 12
-_WIDEST = 32
+_MAX_REACH_PX = 32
 
-# The most rings of a window, and levels of blocks.
-_RINGS, _LEVELS = 4, 3
+# Maximum rings of a window, and maximum levels of blocks.
+_MAX_RINGS, _MAX_LEVELS = 4, 3
 
 
 def window_halo(radius: float) -> int:
-    """Rows around others on whose means their pixels depend where no disc has more than that radius."""
+    """Return the rows around others that their pixels depend on, if no disc has more than this radius."""
     levels = _levels(radius)
     return math.ceil(_widest(radius)) + (2 << levels if levels else 0)
 
 
 def _widest(radius: float) -> float:
-    """Pixels to either side that the widest window reaches, at least those of single pixels."""
-    return min(max(_REACH_BY_RADIUS * radius, float(_RINGS)), float(_WIDEST))
+    """Return the reach of the widest window, pixels, at least that of single pixels."""
+    return min(max(_REACH_BY_RADIUS * radius, float(_MAX_RINGS)), float(_MAX_REACH_PX))
 
 
 def _levels(radius: float) -> int:
-    """Levels of blocks that are wanted."""
-    return math.ceil(math.log2(_widest(radius) / _RINGS))
+    """Return the number of levels of blocks for this radius."""
+    return math.ceil(math.log2(_widest(radius) / _MAX_RINGS))
 
 
 @njit(cache=True, forceinline=True)
 def window_reach(weight, steepness):  # type: ignore[no-untyped-def]
-    """How many pixels to either side the window of a group may reach, 1 to ``_WIDEST``, not in whole pixels.
+    """Return the reach of the window of a group, 1 to ``_MAX_REACH_PX`` pixels, as a float.
 
     Args:
-        weight: Of the group.
-        steepness: Its weighted sum of 1 / radius, so that the smallest discs prevail.
+        weight: Weight of the group.
+        steepness: Weighted sum of 1 / radius of the group, which the smallest discs dominate.
     """
     if weight <= 0.0:
         return 1.0
-    return min(max(_REACH_BY_RADIUS * weight / steepness, 1.0), float(_WIDEST))
+    return min(max(_REACH_BY_RADIUS * weight / steepness, 1.0), float(_MAX_REACH_PX))
 
 
 @njit(cache=True, forceinline=True)
 def _level_of(reach):  # type: ignore[no-untyped-def]
-    """Level of blocks, of 2^level pixels a side, of which a window is taken that reaches so many pixels."""
+    """Return the level of blocks, of 2^level pixels a side, for a window of this reach in pixels."""
     level = 0
-    while reach > _RINGS << level:
+    while reach > _MAX_RINGS << level:
         level += 1
     return level
 
 
 @njit(cache=True, forceinline=True)
 def _weight_of(window, group):  # type: ignore[no-untyped-def]
-    """Weight of a group, mean over the colours."""
+    """Return the weight of a group, mean over the colors."""
     weight, last = 0.0, window.shape[1] - 2
     for i in range(3, last):
         weight += window[group, i]
@@ -80,50 +80,50 @@ def _weight_of(window, group):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _add_pixel(sums, v, u, share, window):  # type: ignore[no-untyped-def]
+def _add_pixel(sums, v, u, weight, window):  # type: ignore[no-untyped-def]
     for group in range(window.shape[0]):
         for c in range(window.shape[1]):
-            window[group, c] += share * sums[v, u, group, c]
+            window[group, c] += weight * sums[v, u, group, c]
 
 
 @njit(cache=True)
-def _add_ring(sums, y, x, reach, share, window):  # type: ignore[no-untyped-def]
-    """Add the pixels that are ``reach`` away from a pixel, along either axis, to ``window``."""
+def _add_ring(sums, y, x, reach, weight, window):  # type: ignore[no-untyped-def]
+    """Add the pixels at the distance ``reach`` from a pixel, along either axis, to ``window``."""
     height, width = sums.shape[:2]
     for v in range(max(0, y - reach), min(height, y + reach + 1)):
         whole_row = abs(v - y) == reach
         for u in range(x - reach, x + reach + 1, 1 if whole_row else 2 * reach):
             if 0 <= u < width:
-                _add_pixel(sums, v, u, share, window)
+                _add_pixel(sums, v, u, weight, window)
 
 
 @njit(cache=True, forceinline=True)
-def _allowed(window, group, level):  # type: ignore[no-untyped-def]
-    """Blocks of a level to either side that the discs of a group in a window allow."""
+def _allowed_reach(window, group, level):  # type: ignore[no-untyped-def]
+    """Return the reach in blocks of a level that the discs of a group in a window allow."""
     reach = window_reach(_weight_of(window, group), window[group, window.shape[1] - 2])
     return (reach + 0.5) / (1 << level) - 0.5
 
 
 @njit(cache=True)
 def _average(sums, y, x, group, level, window):  # type: ignore[no-untyped-def]
-    """Let a window that holds the 3x3 blocks of a level grow as far as the discs of a group allow.
+    """Grow a window of 3x3 blocks of a level as far as the discs of a group allow.
 
     Returns:
-        Whether the discs that came in allow it, too.
+        True if the added discs allow it, too.
     """
     last = 1
-    for ring in range(2, _RINGS + 1):
-        share = min(_allowed(window, group, level) - (ring - 1), 1.0)
-        if share <= 0.0:
+    for ring in range(2, _MAX_RINGS + 1):
+        weight = min(_allowed_reach(window, group, level) - (ring - 1), 1.0)
+        if weight <= 0.0:
             break
-        _add_ring(sums, y, x, ring, share, window)
+        _add_ring(sums, y, x, ring, weight, window)
         last = ring
-    return _allowed(window, group, level) >= max(last - 1, 1)
+    return _allowed_reach(window, group, level) >= max(last - 1, 1)
 
 
 @njit(cache=True, parallel=True)
 def _halve(sums, smaller):  # type: ignore[no-untyped-def]
-    """Fill ``smaller`` with the sums of 2x2 of ``sums``; what is beyond them counts nothing."""
+    """Fill ``smaller`` with the sums over 2x2 of ``sums``; values beyond the border are 0."""
     height, width = sums.shape[:2]
     for y in prange(smaller.shape[0]):
         for x in range(smaller.shape[1]):
@@ -135,7 +135,7 @@ def _halve(sums, smaller):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def _fill_windows(sums, level, windows, fitting):  # type: ignore[no-untyped-def]
-    """Windows around all blocks of a level: all groups, for what is in front; then what is behind, alone."""
+    """Fill windows around all blocks of a level: all groups for the front, then the group behind, alone."""
     for y in prange(sums.shape[0]):
         window = np.empty(sums.shape[2:])
         for x in range(sums.shape[1]):
@@ -155,10 +155,10 @@ def _fill_windows(sums, level, windows, fitting):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _from_blocks(windows, fitting, y, x, level, group, window):  # type: ignore[no-untyped-def]
-    """Fill ``window`` from those around the four blocks next to a pixel, unless discs in them are too small.
+    """Fill ``window`` from those of the four blocks next to a pixel, unless their discs are too small.
 
     Returns:
-        Whether they are not.
+        True if it is filled.
     """
     rows, columns = fitting.shape[:2]
     side = float(1 << level)
@@ -171,35 +171,35 @@ def _from_blocks(windows, fitting, y, x, level, group, window):  # type: ignore[
     for i in range(2):
         for j in range(2):
             row, column = bottom if i else top, right if j else left
-            share = (down if i else 1.0 - down) * (along if j else 1.0 - along)
-            if share == 0.0:
+            weight = (down if i else 1.0 - down) * (along if j else 1.0 - along)
+            if weight == 0.0:
                 continue
-            weight = _weight_of(windows[row, column], GROUPS if behind else FRONT_GROUP)
-            if weight > 0.0 and not fitting[row, column, behind]:
+            group_weight = _weight_of(windows[row, column], GROUPS if behind else FRONT_GROUP)
+            if group_weight > 0.0 and not fitting[row, column, behind]:
                 return False
             if behind:
                 for c in range(window.shape[1]):
-                    window[BACK_GROUP, c] += share * windows[row, column, GROUPS, c]
+                    window[BACK_GROUP, c] += weight * windows[row, column, GROUPS, c]
             else:
                 for g in range(GROUPS):
                     for c in range(window.shape[1]):
-                        window[g, c] += share * windows[row, column, g, c]
+                        window[g, c] += weight * windows[row, column, g, c]
     return True
 
 
 @njit(cache=True)
 def _widest_window(sums, windows, fitting, y, x, group, start, window):  # type: ignore[no-untyped-def]
-    """Fill ``window`` with as wide a one around a pixel as the discs of a group allow.
+    """Fill ``window`` with the widest one around a pixel that the discs of a group allow.
 
     Args:
-        sums: Of the pixels.
-        windows: Of the blocks of each level, from the first on.
-        fitting: Whether the discs in them allow them.
+        sums: Sums of the pixels.
+        windows: Windows of the blocks of each level, from the first on.
+        fitting: True where the discs in them allow them.
         y: Row.
         x: Column.
-        group: Whose discs.
-        start: The window of 3x3 pixels.
-        window: Like it.
+        group: Group whose discs count.
+        start: Window of 3x3 pixels.
+        window: Output, same shape.
     """
     reach = window_reach(_weight_of(start, group), start[group, start.shape[1] - 2])
     for level in range(min(_level_of(reach), len(windows)), 0, -1):
@@ -214,7 +214,7 @@ def _widest_window(sums, windows, fitting, y, x, group, start, window):  # type:
 @njit(cache=True, parallel=True)
 def _resolve(sums, windows, fitting, rays_mask, first, top, bottom, result, disocclusion_weight):  # type: ignore[no-untyped-def]
     width, numbers = rays_mask.shape[1], sums.shape[3]
-    own = 1 if numbers == COLORED else 0  # whether each colour has a weight of its own
+    own = 1 if numbers == COLORED else 0  # 1 if each color has a weight of its own
     for y in prange(top, bottom):
         start = np.empty((GROUPS, numbers))
         front_window, back_window = np.empty((GROUPS, numbers)), np.empty((GROUPS, numbers))
@@ -261,24 +261,23 @@ def resolve(
     disocclusion_weight: np.ndarray,
     radius: float,
 ) -> None:
-    """Turn the means of rows ``top`` to ``bottom`` into colours; ``sums`` begin at row ``first``.
+    """Turn the means of rows ``top`` to ``bottom`` into colors; ``sums`` begin at row ``first``.
 
     Args:
         sums: See :mod:`bokehnet.classical.layered.march.ray_accumulators`, (rows, W, GROUPS, numbers),
-            float32; 0
-            where no rays were sent. They hold :func:`window_halo` rows more to either side, or end where the
-            picture does.
+            float32; 0 where no rays were sent. They contain :func:`window_halo` rows more on either side, or
+            end at the border of the picture.
         rays_mask: Pixels to write, (H, W) bool.
         first: Row of the picture at which ``sums`` begin, a multiple of the largest block's side.
         top: First row to write.
-        bottom: The row behind the last one.
-        result: (H, W, 3), float32.
-        disocclusion_weight: (H, W), float32.
-        radius: The largest of any disc, pixels.
+        bottom: Row behind the last one to write.
+        result: Output colors, (H, W, 3), float32.
+        disocclusion_weight: Output weights, (H, W), float32.
+        radius: Largest radius of any disc, pixels.
     """
     levels = _levels(radius)
     windows, fitting, blocks = [], [], sums
-    for level in range(1, _LEVELS + 1):
+    for level in range(1, _MAX_LEVELS + 1):
         shape = ((len(blocks) + 1) // 2, (blocks.shape[1] + 1) // 2) if level <= levels else (0, 0)
         smaller = np.empty((*shape, *sums.shape[2:]), np.float32)
         windows.append(np.empty((*shape, GROUPS + 1, sums.shape[3]), np.float32))

@@ -1,7 +1,7 @@
-"""Numba kernels that march pupil rays through a stack of layers seen as height fields.
+"""Numba kernels that march pupil rays through a stack of layers as height fields.
 
-The ray that meets the pupil in aperture coordinate a and the pixel p lies, at defocus s, over the place
-``p - s * a`` of the picture; :mod:`bokehnet.classical.layered.march.intersection` tells what it meets.
+The ray of the pixel p through the aperture coordinate a is, at defocus s, over the position ``p - s * a`` of
+the picture; :mod:`bokehnet.classical.layered.march.intersection` finds the surface that it meets.
 
 Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for rays
 through layered height fields.
@@ -22,13 +22,13 @@ from bokehnet.classical.layered.march.aberrated_rays import (
     send_rays,
 )
 from bokehnet.classical.layered.march.channel_rays import (
-    KEPT,
-    REACHES,
+    MAX_OUTLINE_REACH_PX,
+    RAY_FIELDS,
+    dilate_bins,
     follow,
     keep_rays,
     outlines_of,
     reach_between,
-    with_neighbours,
 )
 from bokehnet.classical.layered.march.defocus_bins import BINS, TILE, DefocusBins, bin_runs, tile_sets
 from bokehnet.classical.layered.march.intersection import intersect, intersect_smooth
@@ -59,19 +59,19 @@ from bokehnet.optics.aperture import cats_eye_shift
 
 __all__ = ["SETS", "fair_stride", "march", "scramble"]
 
-# Rows worked at a time, so that the sums stay small.
+# Rows per strip, which bounds the memory of the sums.
 _STRIP = 192
 
-# The pixels of a 3x3 block take different pupil points.
+# The pixels of a 3x3 block use different pupil points.
 SETS = 9
 
-# Multiples of the golden ratio, without their whole parts: evenly spread chances for the rays of a pixel.
+# Multiples of the golden ratio modulo 1: evenly spread random numbers for the rays of a pixel.
 _GOLDEN = 0.6180339887498949
 
 
 @njit(cache=True)
 def scramble(x, y, seed):  # type: ignore[no-untyped-def]
-    """A hash of a pixel, 0 up to 2^32."""
+    """Return a hash of a pixel, 0 up to 2^32."""
     whole = np.uint64(0xFFFFFFFF)
     h = np.uint64(x) * np.uint64(0x9E3779B1) ^ np.uint64(y) * np.uint64(0x85EBCA77)
     h = (h ^ np.uint64(seed) * np.uint64(0xC2B2AE3D)) & whole
@@ -84,7 +84,7 @@ def scramble(x, y, seed):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def fair_stride(count):  # type: ignore[no-untyped-def]
-    """A step through ``count`` rows that visits all and gives each thread rows from all over the picture."""
+    """Return a step through ``count`` rows that visits all and spreads each thread's rows evenly."""
     stride = max(1, int(0.618 * count))
     while math.gcd(stride, count) > 1:
         stride += 1
@@ -92,22 +92,22 @@ def fair_stride(count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _weights_within(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-untyped-def]
-    """Weights in front of and behind focus, of rays that pass a circle; see ``keep_within``."""
+def _vignette(u, v, front, back, shift_x, shift_y, radius):  # type: ignore[no-untyped-def]
+    """Return the weights in front of and behind focus of rays that pass a circle; see ``keep_within``."""
     return keep_within(u, v, shift_x, shift_y, radius, front), keep_within(
         u, v, shift_x, shift_y, radius, back
     )
 
 
 @njit(cache=True, forceinline=True)
-def _begin(ray, start_x, start_y):  # type: ignore[no-untyped-def]
-    """Where rays begin, and how they run, from E and A of ``ray`` and their starts, lanes."""
+def _ray_of(ray, start_x, start_y):  # type: ignore[no-untyped-def]
+    """Return origin and direction of rays from E and A of ``ray`` and their starts, lanes."""
     return start_x - ray[0], start_y - ray[1], ray[2], ray[3]
 
 
 @njit(cache=True, forceinline=True)
 def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: ignore[no-untyped-def]
-    """E and A of rays with their fringe, lanes: axial from ``at`` on, lateral ``pattern`` numbers behind."""
+    """Return E and A of rays with chromatic aberration: axial at ``at``, lateral ``pattern`` values later."""
     axial = broadcast8(factors[0]) * load8(fringes, at)
     lateral = broadcast8(factors[1]) * load8(fringes, pattern + at)
     e_x, e_y = ray[0] + u * axial + lateral * broadcast8(h_x), ray[1] + v * axial + lateral * broadcast8(h_y)
@@ -115,8 +115,8 @@ def _with_fringe(ray, u, v, fringes, at, pattern, h_x, h_y, factors):  # type: i
 
 
 @njit(cache=True, forceinline=True)
-def _met(hits, way, pair):  # type: ignore[no-untyped-def]
-    """Weight, layer, defocus and squared blur of what eight rays met; no weight where they met nothing.
+def _read_hits(hits, way, pair):  # type: ignore[no-untyped-def]
+    """Return weight, layer, defocus and squared blur of the hits of eight rays; weight 0 without a hit.
 
     ``pair``: weights in front of and behind focus.
     """
@@ -129,8 +129,8 @@ def _met(hits, way, pair):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, forceinline=True)
-def _disoccluded(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):  # type: ignore[no-untyped-def]
-    """The part of ``weight`` that no picture shows: from behind the first layer or beyond the border."""
+def _disoccluded_weight(weight, layer, place_x, place_y, way, depth, near_border, right, bottom):  # type: ignore[no-untyped-def]
+    """Return the part of ``weight`` that no picture shows: behind the first layer or beyond the border."""
     zero = broadcast8(np.float32(0))
     hidden = select8(less8(zero, layer), weight, zero)
     if near_border:
@@ -163,7 +163,7 @@ def _march(  # type: ignore[no-untyped-def]
     """Send rays ``before`` to ``counts`` of each pixel, by its tile, and add them to their means ``sums``.
 
     Both begin at row ``first``, that of a tile; see :mod:`bokehnet.classical.layered.march.ray_accumulators`.
-    ``outlines``: of the surfaces, if the lens parts colours; else ``None``.
+    ``outlines``: outlines of the surfaces if the lens is dispersive; else ``None``.
     """
     height, width = rays_mask.shape
     flat, tiles = cells.reshape(-1), tile_sets(bins)
@@ -176,7 +176,7 @@ def _march(  # type: ignore[no-untyped-def]
     pattern, starts, waves, fringes = us.size, us, us, us
     if lens is not None:
         starts = lens.starts.reshape(-1)
-        reach = (1.0 + lens.strayed.max()) * reach + lens.largest.max()
+        reach = (1.0 + lens.max_stretch.max()) * reach + lens.max_aberration.max()
     if outlines is not None:
         waves, fringes = lens.channel_waves.reshape(-1), lens.channel_aberration.reshape(-1)
     top = first // TILE
@@ -193,7 +193,7 @@ def _march(  # type: ignore[no-untyped-def]
             collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         if outlines is not None:
             room = 2 * rays + LANES
-            kept, work = np.empty(KEPT * room, np.float32), np.empty(KEPT * LANES, np.float32)
+            kept, work = np.empty(RAY_FIELDS * room, np.float32), np.empty(RAY_FIELDS * LANES, np.float32)
             flat_outlines = outlines.reshape(-1)
         for tile_column in range(bins.bits.shape[1]):
             sent = counts[tile_row - top, tile_column]
@@ -207,7 +207,7 @@ def _march(  # type: ignore[no-untyped-def]
                     if not rays_mask[y, x]:
                         continue
                     hashed = scramble(x, y + above, seed)
-                    chosen = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
+                    variant = int(hashed % np.uint64(variants)) * SETS + ((y + above) % 3) * 3 + x % 3
                     first_chance = broadcast8(np.float32(hashed / 4294967296.0))
                     shift_x, shift_y = cats_eye_shift(
                         cats_eye, x + place[0], y + above + place[1], place[2], place[3]
@@ -216,47 +216,54 @@ def _march(  # type: ignore[no-untyped-def]
                     if lens is not None:
                         far_x = (x - lens.column) * lens.scale
                         far_y = (y + above - lens.row) * lens.scale
-                        # Overscan is seen as the corner is, up to which a lens is known.
+                        # The lens data end at the corner: overscan beyond it repeats the corner's.
                         shrink = 1.0 / max(math.sqrt(far_x * far_x + far_y * far_y), 1.0)
                         h_x, h_y = np.float32(far_x * shrink), np.float32(far_y * shrink)
                         collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
-                        field = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
-                        wide = broadcast8(np.float32(lens.shaken[int(field)]))
+                        ring = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.max_aberration.shape[0] - 1)
+                        jitter = broadcast8(np.float32(lens.jitter_scale[int(ring)]))
                     near_border = min(x, y, width - 1 - x, height - 1 - y) <= reach
                     totals[:] = 0.0
                     lost = 0
                     for start in range(before, sent, LANES):
-                        k = chosen * rays + start
+                        k = variant * rays + start
                         u, v = load8(us, k), load8(vs, k)
                         chance = first_chance + load8(chances, start)
                         chance = chance - floor8(chance)
                         pair = (load8(front_weights, k), load8(back_weights, k))
                         if cats_eye > 0:
-                            pair = _weights_within(u, v, pair[0], pair[1], shift_x, shift_y, 1.0)
+                            pair = _vignette(u, v, pair[0], pair[1], shift_x, shift_y, 1.0)
                         way = (half, half, u, v)
                         if lens is not None:
                             for rim in range(lens.vignetting_apertures.shape[0]):
                                 shift = lens.vignetting_apertures[rim, 0]
                                 radius = lens.vignetting_apertures[rim, 1]
-                                pair = _weights_within(
-                                    u, v, pair[0], pair[1], shift * h_x, shift * h_y, radius
-                                )
-                            start_x = half + wide * load8(starts, k)
-                            start_y = half + wide * load8(starts, pattern + k)
+                                pair = _vignette(u, v, pair[0], pair[1], shift * h_x, shift * h_y, radius)
+                            start_x = half + jitter * load8(starts, k)
+                            start_y = half + jitter * load8(starts, pattern + k)
                         if lens is not None and outlines is None:
                             ray = send_rays(collapsed, lens.tilt, u, v, h_x, h_y, load8(lens.waves, k))
-                            way = _begin(ray, start_x, start_y)
+                            way = _ray_of(ray, start_x, start_y)
                         if outlines is not None:
-                            three = load8(waves, k), load8(waves, pattern + k), load8(waves, 2 * pattern + k)
-                            red, green, blue = send_channels(collapsed, lens.tilt, u, v, h_x, h_y, three)
+                            channel_waves = (
+                                load8(waves, k),
+                                load8(waves, pattern + k),
+                                load8(waves, 2 * pattern + k),
+                            )
+                            red, green, blue = send_channels(
+                                collapsed, lens.tilt, u, v, h_x, h_y, channel_waves
+                            )
                             if fringes.size > 0:
                                 factors, at = lens.maps[y, x], 2 * pattern + k
                                 red = _with_fringe(red, u, v, fringes, k, pattern, h_x, h_y, factors)
                                 green = _with_fringe(green, u, v, fringes, at, pattern, h_x, h_y, factors)
                                 at += 2 * pattern
                                 blue = _with_fringe(blue, u, v, fringes, at, pattern, h_x, h_y, factors)
-                            way = _begin(green, start_x, start_y)
-                            red_way, blue_way = _begin(red, start_x, start_y), _begin(blue, start_x, start_y)
+                            way = _ray_of(green, start_x, start_y)
+                            red_way, blue_way = (
+                                _ray_of(red, start_x, start_y),
+                                _ray_of(blue, start_x, start_y),
+                            )
                         if outlines is None:
                             if not smooth or not intersect_smooth(
                                 flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
@@ -271,52 +278,64 @@ def _march(  # type: ignore[no-untyped-def]
                             if not smooth or not intersect_smooth(
                                 flat, size, place_x, place_y, way[0], way[1], way[2], way[3], hits
                             ):
-                                far = max(
+                                reach_px = max(
                                     reach_between(way, red_way, runs[0, 0], runs[count - 1, 1]),
                                     reach_between(way, blue_way, runs[0, 0], runs[count - 1, 1]),
                                 )
-                                level = min(far, REACHES)
-                                beside = (flat_outlines, level * height * width * 2, red_way, blue_way)
+                                level = min(reach_px, MAX_OUTLINE_REACH_PX)
+                                adjacent = (flat_outlines, level * height * width * 2, red_way, blue_way)
                                 intersect(
                                     *(flat, size, tiles, runs, count),
-                                    *(place_x, place_y, way[0], way[1], way[2], way[3], chance, hits, beside),
+                                    *(
+                                        place_x,
+                                        place_y,
+                                        way[0],
+                                        way[1],
+                                        way[2],
+                                        way[3],
+                                        chance,
+                                        hits,
+                                        adjacent,
+                                    ),
                                 )
-                                if far > REACHES:
+                                if reach_px > MAX_OUTLINE_REACH_PX:
                                     store8(hits, 4 * LANES, one)
                                     store8(hits, 5 * LANES, one)
-                        w, layer, depth, blur = _met(hits, way, pair)
+                        w, layer, depth, blur = _read_hits(hits, way, pair)
                         light = gather_triples8(
                             flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                         )
                         shares, weight = (w, w, w), w
                         if outlines is not None:
                             apart = load8(hits, 4 * LANES)
-                            same = follow(flat, size, place_x, place_y, red_way, hits, apart, work)
+                            is_same_surface = follow(flat, size, place_x, place_y, red_way, hits, apart, work)
                             reds = gather_triples8(
                                 flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
                             )
-                            red_share = select8(same, w, zero)
+                            red_share = select8(is_same_surface, w, zero)
                             if any8(less8(red_share, w)):
-                                gone = select8(same, zero, one)
-                                lost = keep_rays(gone, red_way, chance, pair, 1.0, work, kept, lost)
+                                must_march = select8(is_same_surface, zero, one)
+                                lost = keep_rays(must_march, red_way, chance, pair, 1.0, work, kept, lost)
                             apart = load8(hits, 5 * LANES)
-                            same = follow(flat, size, place_x, place_y, blue_way, hits, apart, work)
+                            is_same_surface = follow(
+                                flat, size, place_x, place_y, blue_way, hits, apart, work
+                            )
                             blues = gather_triples8(
                                 flat_colors, load8(work, 0), load8(work, LANES), layer, width, size[2]
                             )
-                            blue_share = select8(same, w, zero)
+                            blue_share = select8(is_same_surface, w, zero)
                             if any8(less8(blue_share, w)):
-                                gone = select8(same, zero, one)
-                                lost = keep_rays(gone, blue_way, chance, pair, 0.0, work, kept, lost)
+                                must_march = select8(is_same_surface, zero, one)
+                                lost = keep_rays(must_march, blue_way, chance, pair, 0.0, work, kept, lost)
                             light, shares = (reds[0], light[1], blues[2]), (red_share, w, blue_share)
                             weight = third * (red_share + w + blue_share)
-                        hidden = _disoccluded(
+                        hidden = _disoccluded_weight(
                             weight, layer, place_x, place_y, way, depth, near_border, right, bottom
                         )
                         add_light(totals, numbers, blur, depth, shares, light, weight, hidden)
                     if outlines is not None:
                         for n in range(lost, -(-lost // LANES) * LANES):
-                            for j in range(KEPT):
+                            for j in range(RAY_FIELDS):
                                 kept[j * room + n] = kept[j * room + lost - 1]
                             kept[5 * room + n], kept[6 * room + n] = 0.0, 0.0
                         for n in range(0, lost, LANES):
@@ -332,12 +351,12 @@ def _march(  # type: ignore[no-untyped-def]
                                 *(flat, size, tiles, runs, count, place_x, place_y),
                                 *(way[0], way[1], way[2], way[3], chance, hits),
                             )
-                            w, layer, depth, blur = _met(hits, way, pair)
+                            w, layer, depth, blur = _read_hits(hits, way, pair)
                             light = gather_triples8(
                                 flat_colors, load8(hits, 0), load8(hits, LANES), layer, width, size[2]
                             )
                             shares, weight = (w * share, zero, w * (one - share)), third * w
-                            hidden = _disoccluded(
+                            hidden = _disoccluded_weight(
                                 weight, layer, place_x, place_y, way, depth, near_border, right, bottom
                             )
                             add_light(totals, numbers, blur, depth, shares, light, weight, hidden)
@@ -360,34 +379,34 @@ def march(
     above: int = 0,
     place: Place | None = None,
     radius: float,
-    usual: int,
+    nominal_rays: int,
     sample_counts: SampleCounts = counts_by_variance,
     progress: Callable[[float], None] | None = None,
     send: Callable[..., None] | None = None,
 ) -> None:
-    """March the rays of all pixels in ``rays_mask`` and write what they meet into ``result``.
+    """March the rays of all pixels in ``rays_mask`` and write the light of their hits to ``result``.
 
     Args:
-        colors: Of the layers that there are to meet, (H, W, L, 3).
-        cells: Where they are, from :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
+        colors: Colors of the layers, (H, W, L, 3).
+        cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
         rays_mask: Pixels to render, (H, W) bool.
         bins: From :func:`bokehnet.classical.layered.march.defocus_bins.occupied_bins`.
-        points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` is the most that a pixel
-            sends, a power of two.
-        weights: Of the points in front of and behind focus, (2, SETS * variants, rays), float32.
-        result: (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
-        disocclusion_weight: (H, W), float32; set alike, to the share of a pixel's light that no picture
-            shows: from behind the first layer or from beyond the border.
+        points: Aperture coordinates, (2, SETS * variants, rays), float32; ``rays`` is the maximum per pixel,
+            a power of two.
+        weights: Weights of the points in front of and behind focus, (2, SETS * variants, rays), float32.
+        result: Colors, (H, W, 3), float32; pixels in ``rays_mask`` that meet a surface are overwritten.
+        disocclusion_weight: (H, W), float32; set in the same pixels to the fraction of a pixel's light that
+            no picture shows: from behind the first layer or from beyond the border.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
-        lens: A lens response, for all rays of ``points`` in their order; default: a perfect lens.
-        seed: Chooses the variant of each pixel and the random numbers against coverage.
-        above: Rows of the picture above these arrays, where they are a strip of it.
-        place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
-        radius: The largest of any disc, pixels, of the whole picture.
-        usual: See :class:`bokehnet.classical.layered.march.sample_counts.FirstPass`.
-        sample_counts: Tells how many rays each pixel sends.
-        progress: Called with the share of the pixels that is done, 0 to 1.
-        send: Sends the rays, in place of the kernel of this module, with its arguments.
+        lens: Lens response for all rays of ``points`` in their order; default: a perfect lens.
+        seed: Seed of the variant of each pixel and of the random numbers for coverage.
+        above: Rows of the picture above these arrays, if they are a strip of it.
+        place: Position of the picture in the shown one; default: all of it is shown.
+        radius: Largest radius of any disc in the whole picture, pixels.
+        nominal_rays: See :class:`bokehnet.classical.layered.march.sample_counts.FirstPass`.
+        sample_counts: Function that returns the number of rays of each tile.
+        progress: Callback that receives the completed fraction of the pixels, 0 to 1.
+        send: Replaces the kernel of this module, with its arguments.
     """
     send = send or _march
     height, width = rays_mask.shape
@@ -395,26 +414,26 @@ def march(
     chances = (_GOLDEN * (1 + np.arange(points.shape[2])) % 1).astype(np.float32)
     numbers, outlines = PLAIN, None
     if lens is not None and lens.colors.shape[1]:
-        numbers, outlines, bins = COLORED, outlines_of(cells), with_neighbours(bins)
+        numbers, outlines, bins = COLORED, outlines_of(cells), dilate_bins(bins)
     arrays = (colors, cells, rays_mask, bins, points, chances, weights, lens, outlines)
-    how = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
+    options = (cats_eye, tuple(place or Place.whole(height, width)), seed, above)
     halo = window_halo(radius)
-    known, kept = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
+    marched_rows, previous_sums = 0, np.zeros((0, width, GROUPS, numbers), np.float32)
     with parallel_region:
         for top in range(0, height, _STRIP):
             bottom = min(height, top + _STRIP)
             first = max(0, top - halo) // TILE * TILE
             last = min(height, -(-(bottom + halo) // TILE) * TILE)
-            new = max(first, known)  # rows above were marched for the strip before
+            first_new = max(first, marched_rows)  # the previous strip has marched the rows above
             sums = np.zeros((last - first, width, GROUPS, numbers), np.float32)
-            sums[: new - first] = kept[len(kept) - (new - first) :]
-            if last > new:
-                fresh, rows = sums[new - first :], slice(new, last)
-                counts = np.full((-(-(last - new) // TILE), -(-width // TILE)), FIRST_RAYS)
-                send(*arrays, *how, new, 0, counts, fresh)
-                found = FirstPass(fresh, rays_mask[rows], cells[rows], usual, points.shape[2])
-                send(*arrays, *how, new, FIRST_RAYS, sample_counts(found), fresh)
-            known, kept = last, sums
+            sums[: first_new - first] = previous_sums[len(previous_sums) - (first_new - first) :]
+            if last > first_new:
+                new_sums, rows = sums[first_new - first :], slice(first_new, last)
+                counts = np.full((-(-(last - first_new) // TILE), -(-width // TILE)), FIRST_RAYS)
+                send(*arrays, *options, first_new, 0, counts, new_sums)
+                first_pass = FirstPass(new_sums, rays_mask[rows], cells[rows], nominal_rays, points.shape[2])
+                send(*arrays, *options, first_new, FIRST_RAYS, sample_counts(first_pass), new_sums)
+            marched_rows, previous_sums = last, sums
             resolve(sums, rays_mask, first, top, bottom, result, disocclusion_weight, radius)
             if progress is not None and done is not None:
                 progress(done[bottom - 1] / max(done[-1], 1))

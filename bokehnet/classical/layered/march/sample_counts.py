@@ -1,14 +1,13 @@
-"""How many rays each pixel gets, tile by tile: few where few are enough.
+"""Adaptive number of rays per tile.
 
-All pixels send ``FIRST_RAYS`` rays. What these bring is handed to a function of the kind ``SampleCounts``,
-which tells how many it should be in all. :func:`counts_by_variance` asks for the more the noisier the picture
-would be, as the eye sees it, after blurred surfaces are averaged
-(:mod:`bokehnet.classical.layered.march.ray_averages`). A given number of rays leaves the least noise in all
-where each pixel's number grows with the root of its variance.
+All pixels send ``FIRST_RAYS`` rays. A function of type ``SampleCounts`` reads their light and returns the
+total number of rays. :func:`counts_by_variance` returns the more, the higher the visible noise of the picture
+is after blurred surfaces are averaged (:mod:`bokehnet.classical.layered.march.ray_averages`). For a given
+total, the noise is smallest if each pixel's number of rays is proportional to its standard deviation.
 
 Source: Mitchell, "Generating antialiased images at low sampling densities", SIGGRAPH 1987, for more samples
 where the first ones differ; Neyman, "On the two different aspects of the representative method", 1934, for
-how many.
+the optimal allocation.
 """
 
 import math
@@ -31,59 +30,66 @@ from bokehnet.kernels import njit
 
 __all__ = ["FIRST_RAYS", "FirstPass", "SampleCounts", "counts_by_variance"]
 
-# Rays that every pixel sends: eight go side by side.
+# First rays of every pixel: one vector of eight.
 FIRST_RAYS = 8
 
-# Root mean square of the noise, in units of the sRGB curve from 0 to 1, that the usual number of rays would
-# leave where it is the right one.
+# Root mean square noise, in units of the sRGB curve from 0 to 1, of the nominal number of rays where it
+# is optimal.
 _NOISE = 0.0055
 
-# Variance of rays that are spread evenly, over that of random ones.
+# Variance of evenly distributed rays over that of independent ones.
 _EVENNESS = 0.25
 
-# Surfaces less blurred than this are seen where they are, so that their coverage matters there, pixels.
-_IN_PLACE = 4.0
+# Blur radius, pixels, below which surfaces appear at their position, so that their coverage matters there.
+_MAX_IN_PLACE_RADIUS_PX = 4.0
 
-# Least number of neighbouring pixels in threes by which the noise of a tile is told.
-_LEAST = 8
+# Minimum number of triples of adjacent pixels for an estimate of the noise of a tile.
+_MIN_TRIPLES = 8
 
 
 class FirstPass(NamedTuple):
-    """What is known when all pixels have sent their first rays.
+    """Result of the first rays of all pixels.
 
     Attributes:
         sums: Means of the first rays, see :mod:`bokehnet.classical.layered.march.ray_accumulators`; whole
-            tiles of
-            rows, (rows, W, GROUPS, numbers).
+            tiles of rows, (rows, W, GROUPS, numbers).
         rays_mask: Pixels that send rays, (rows, W) bool.
-        cells: Of the same rows, from :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
-        usual: Rays of a pixel of middling noise, and the least of one in which an edge in focus lies.
-        most: Rays that a pixel can send; a power of two.
+        cells: Cells of the same rows, from :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
+        nominal_rays: Rays of a pixel of average noise, and the minimum for one with an edge in focus.
+        max_rays: Maximum number of rays of a pixel; a power of two.
     """
 
     sums: np.ndarray
     rays_mask: np.ndarray
     cells: np.ndarray
-    usual: int
-    most: int
+    nominal_rays: int
+    max_rays: int
 
 
-# Takes what is known, gives the rays that each pixel of a tile sends in all, (rows, columns) int64: powers of
-# two from ``FIRST_RAYS`` to ``most``. It must not depend on what lies beyond the tile.
+# Returns the total number of rays of each pixel of a tile, (rows, columns) int64: powers of two from
+# ``FIRST_RAYS`` to ``max_rays``. It must not depend on anything beyond the tile.
 SampleCounts = Callable[[FirstPass], np.ndarray]
 
 
-def counts_by_variance(known: FirstPass) -> np.ndarray:
-    """Rays by the noise of the first ones; see ``SampleCounts``."""
-    rows, width = known.rays_mask.shape
+def counts_by_variance(first_pass: FirstPass) -> np.ndarray:
+    """Return the number of rays from the noise of the first ones; see ``SampleCounts``."""
+    rows, width = first_pass.rays_mask.shape
     counts = np.empty((-(-rows // TILE), -(-width // TILE)), np.int64)
-    _count(known.sums, known.rays_mask, known.cells, known.usual, known.most, _NOISE, counts)
+    _count(
+        first_pass.sums,
+        first_pass.rays_mask,
+        first_pass.cells,
+        first_pass.nominal_rays,
+        first_pass.max_rays,
+        _NOISE,
+        counts,
+    )
     return counts
 
 
 @njit(cache=True, forceinline=True)
 def _srgb_slope(light):  # type: ignore[no-untyped-def]
-    """Derivative of the sRGB curve (IEC 61966-2-1)."""
+    """Return the derivative of the sRGB curve (IEC 61966-2-1)."""
     return 12.92 if light <= 0.0031308 else 1.055 / 2.4 * light ** (1 / 2.4 - 1.0)
 
 
@@ -104,39 +110,39 @@ def _tile_means(sums, rays_mask, top, left, means):  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def _blurred_noise(sums, rays_mask, top, left, colors, slopes):  # type: ignore[no-untyped-def]
-    """Variance that the first rays leave in the light of blurred surfaces; and from how many it is told.
+    """Return the noise variance of the light of blurred surfaces after the first rays, and the sample count.
 
-    Blurred light runs in straight lines over three pixels, so what it does not is noise: of independent
-    noise, x[-1] - 2 x[0] + x[1] has the variance 1 + 4 + 1 times.
+    Blurred light is linear over three pixels, so the deviation is noise: for independent noise,
+    x[-1] - 2 x[0] + x[1] has 1 + 4 + 1 times its variance.
     """
     own = 1 if sums.shape[3] == COLORED else 0
-    total, found = 0.0, 0
+    total, triples = 0.0, 0
     for y in range(top, min(sums.shape[0], top + TILE)):
         for c in range(3):
             i = 3 + own * c
-            first, second, known = 0.0, 0.0, 0
+            first, second, run_length = 0.0, 0.0, 0
             for x in range(left, min(sums.shape[1], left + TILE)):
                 weight = 0.0
                 for group in range(GROUPS):
                     weight += sums[y, x, group, i]
                 if not rays_mask[y, x] or weight <= 0.0:
-                    known = 0
+                    run_length = 0
                     continue
                 value = 0.0
                 for group in (FRONT_GROUP, BACK_GROUP):
                     value += sums[y, x, group, c] - colors[c] * sums[y, x, group, i]
                 value /= weight
-                if known >= 2:
+                if run_length >= 2:
                     bend = slopes[c] * (first - 2.0 * second + value)
                     total += bend * bend / 6.0
-                    found += 1
-                first, second, known = second, value, known + 1
-    return total / max(found, 1), found
+                    triples += 1
+                first, second, run_length = second, value, run_length + 1
+    return total / max(triples, 1), triples
 
 
 @njit(cache=True, forceinline=True)
 def _brightness(sums, y, x, group):  # type: ignore[no-untyped-def]
-    """Weight of a group at a pixel, mean over the colours, and its light, likewise."""
+    """Return weight and light of a group at a pixel, mean over the colors."""
     last = sums.shape[3] - 2
     weight = 0.0
     for i in range(3, last):
@@ -146,9 +152,9 @@ def _brightness(sums, y, x, group):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
-    """Variance of one ray, over that share of a pixel's light which no window averages.
+    """Return the variance of one ray, of the part of a pixel's light that no window averages.
 
-    Either a ray brings what a sharp surface shows it, or the mean of the blurred surfaces behind focus.
+    A ray returns the color of either a sharp surface or the mean of the blurred surfaces behind focus.
     """
     sharp, light = _brightness(sums, y, x, SHARP_GROUP)
     if sharp <= 0.0:
@@ -158,14 +164,14 @@ def _sharp_variance(sums, y, x, slope):  # type: ignore[no-untyped-def]
     mean, beyond = light / sharp, 0.0
     if back > 0.0:
         beyond = light_beyond / back
-    share = sharp / (sharp + back)
-    variance = share * max(sums[y, x, SHARP_GROUP, sums.shape[3] - 2] / sharp - mean * mean, 0.0)
-    variance += share * (1.0 - share) * (mean - beyond) * (mean - beyond)
+    sharp_fraction = sharp / (sharp + back)
+    variance = sharp_fraction * max(sums[y, x, SHARP_GROUP, sums.shape[3] - 2] / sharp - mean * mean, 0.0)
+    variance += sharp_fraction * (1.0 - sharp_fraction) * (mean - beyond) * (mean - beyond)
     return slope * slope * variance * (sharp + back) / (sharp + back + front)
 
 
 @njit(cache=True, parallel=True)
-def _count(sums, rays_mask, cells, usual, most, noise, counts):  # type: ignore[no-untyped-def]
+def _count(sums, rays_mask, cells, nominal_rays, max_rays, noise, counts):  # type: ignore[no-untyped-def]
     numbers = sums.shape[3]
     own = 1 if numbers == COLORED else 0
     for row in prange(counts.shape[0]):
@@ -187,20 +193,20 @@ def _count(sums, rays_mask, cells, usual, most, noise, counts):  # type: ignore[
                 steepness += means[group, numbers - 2]
                 for i in range(3, numbers - 2):
                     blurred += means[group, i] / (numbers - 5)
-            wanted = 0.0
+            rays = 0.0
             if blurred > 0.0:
-                variance, found = _blurred_noise(sums, rays_mask, top, left, colors, slopes)
+                variance, triples = _blurred_noise(sums, rays_mask, top, left, colors, slopes)
                 side = 2.0 * window_reach(blurred, steepness) + 1.0
-                wanted = math.sqrt(usual * FIRST_RAYS * variance) / (noise * side)
-                if found < _LEAST:
-                    wanted = max(wanted, float(usual))
-            slope, alone = _srgb_slope((colors[0] + colors[1] + colors[2]) / 3.0), 0.0
+                rays = math.sqrt(nominal_rays * FIRST_RAYS * variance) / (noise * side)
+                if triples < _MIN_TRIPLES:
+                    rays = max(rays, float(nominal_rays))
+            slope, sharp_variance = _srgb_slope((colors[0] + colors[1] + colors[2]) / 3.0), 0.0
             for y in range(top, min(sums.shape[0], top + TILE)):
                 for x in range(left, min(sums.shape[1], left + TILE)):
                     if rays_mask[y, x]:
-                        alone = max(alone, _sharp_variance(sums, y, x, slope))
-                        if cells[y, x, 0, 1] < 1.0 and abs(cells[y, x, 0, 0]) < _IN_PLACE:
-                            wanted = max(wanted, float(usual))
-            wanted = max(wanted, math.sqrt(usual * _EVENNESS * alone) / noise)
-            while counts[row, column] < wanted and counts[row, column] < most:
+                        sharp_variance = max(sharp_variance, _sharp_variance(sums, y, x, slope))
+                        if cells[y, x, 0, 1] < 1.0 and abs(cells[y, x, 0, 0]) < _MAX_IN_PLACE_RADIUS_PX:
+                            rays = max(rays, float(nominal_rays))
+            rays = max(rays, math.sqrt(nominal_rays * _EVENNESS * sharp_variance) / noise)
+            while counts[row, column] < rays and counts[row, column] < max_rays:
                 counts[row, column] *= 2

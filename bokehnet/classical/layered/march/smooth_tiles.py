@@ -1,17 +1,17 @@
-"""Tiles that see nothing but one smooth surface through a real lens: one bundle of rays for all their pixels.
+"""Tiles that see only one smooth surface through an aberrated lens: one bundle of rays for all their pixels.
 
-Behind an aberrated lens every pixel strays from what the scatter gives, also far away from all edges. There
-the rays of neighbouring pixels run alike: over one plane of the defocus, from nearly the same place of the
-field. So a tile sends one dense bundle from its middle, and what it meets, counted from the tile's middle,
-is a kernel of offsets and colours that serves each of its pixels. Where no pixel of the kernel
-holds much of its light, offsets are gathered in blocks of 2 or 4 pixels a side, whose means are read.
+Behind an aberrated lens every pixel deviates from the scatter, also far away from all edges. There the rays
+of neighbouring pixels are similar: they cross one plane of the defocus, from nearly the same field position.
+A tile therefore sends one dense bundle from its centre, and its hits, relative to the centre, are a kernel of
+offsets and colors for each of its pixels. If no pixel of the kernel has much of its light, offsets are
+aggregated in blocks of 2 or 4 pixels a side, whose means are read.
 
-A tile is given to a bundle where it holds no step and is not steep. Where all that its rays can meet goes on
-the plane of its own defocus, places on that plane are computed; else the surface is looked at for each ray of
-the bundle. Pixels near a step have the rays' share of their own, up to all of it.
+A tile uses a bundle if it has no step and is not steep. If all surfaces that its rays can meet are on the
+plane of its own defocus, positions on that plane are computed; otherwise each ray of the bundle is
+intersected with the surface. Pixels near a step blend with rays of their own, up to all of it.
 
-Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for one way
-of rays for many pixels; kernels by tile, and where they hold, are ours.
+Source: Lee, Eisemann and Seidel, "Real-time lens blur effects and focus control", ACM TOG 2010, for one
+set of rays for many pixels; kernels by tile, and their validity, are ours.
 """
 
 import math
@@ -45,37 +45,37 @@ from bokehnet.optics.aperture import cats_eye_shift
 
 __all__ = ["BUNDLE", "render_smooth_tiles"]
 
-# Rows worked at a time, so that planes of the picture stay small.
+# Rows per band, which bounds the memory of the planes of the picture.
 _BAND = 128
 
-# A surface may leave its tile's plane, and change over half a tile, by so many pixels of defocus or so large
-# a share of it, whichever is more; over half a tile the largest transverse aberration may change as much.
-_FLAT, _FLAT_SHARE = 0.2, 0.02
+# Tolerance of a surface to its tile's plane, and of its change over half a tile, in pixels of defocus and as
+# a fraction of it, whichever is larger; also of the change of the transverse aberration over half a tile.
+_MAX_DEVIATION_PX, _MAX_DEVIATION_FRACTION = 0.2, 0.02
 
-# Change of the defocus from pixel to pixel, in pixels, where a surface is no longer smooth.
-_STEEP = 0.5
+# Change of the defocus per pixel, in pixels, above which a surface is not smooth.
+_MAX_SLOPE = 0.5
 
-# Bundles reach no farther, pixels: rays of larger discs are few.
-_FARTHEST = 96
+# Maximum reach of a bundle, pixels: the rays of larger discs are too sparse.
+_MAX_REACH_PX = 96
 
-# Offsets are gathered in blocks while no block holds a larger share of the light, of any colour; the largest
-# side of one, pixels.
-_SHARE, _LARGEST_BLOCK = 0.012, 4
+# Offsets are aggregated in blocks while no block has a larger fraction of the light of any color; largest
+# side of a block, pixels.
+_MAX_BLOCK_FRACTION, _MAX_BLOCK_PX = 0.012, 4
 
-# The most looks of a ray at a curved surface.
-_LOOKS = 3
+# Maximum iterations of a ray at a curved surface.
+_MAX_ITERATIONS = 3
 
-# What is known of a tile: defocus in its middle, its change per pixel right and down, smallest and largest
-# defocus of any layer, and whether something is hidden, covers in part or is steep.
+# Data of a tile: defocus at its centre, its change per pixel right and down, extreme values of defocus of any
+# layer, and 1 if a surface is occluded, covers in part or is steep.
 _MIDDLE, _RIGHT, _DOWN, _LOW, _HIGH, _LAYERED = range(6)
 
-# What serves a tile: its own rays, a bundle that looks at the surface, one over the plane of the tile.
-_BROKEN, _CURVED, _PLANE = range(3)
+# Rendering of a tile: its own rays, a bundle that intersects the surface, or one on the plane of the tile.
+_RAYS, _CURVED, _PLANE = range(3)
 
 
 @njit(cache=True, parallel=True)
 def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
-    """Fill ``surfaces`` (rows, columns, 6); tiles that the border cuts are layered."""
+    """Fill ``surfaces`` (rows, columns, 6); tiles that the border cuts count as layered."""
     height, width, layers = cells.shape[:3]
     moment = TILE * TILE * (TILE * TILE - 1) / 12.0
     for row in prange(surfaces.shape[0]):
@@ -92,9 +92,9 @@ def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
                         low, high = min(low, other), max(high, other)
                         layered = layered or other != s
                     if x + 1 < width:
-                        layered = layered or abs(cells[y, x + 1, 0, 0] - s) > _STEEP
+                        layered = layered or abs(cells[y, x + 1, 0, 0] - s) > _MAX_SLOPE
                     if y + 1 < height:
-                        layered = layered or abs(cells[y + 1, x, 0, 0] - s) > _STEEP
+                        layered = layered or abs(cells[y + 1, x, 0, 0] - s) > _MAX_SLOPE
                     total += s
                     right += s * (x - left - 0.5 * (TILE - 1))
                     down += s * (y - top - 0.5 * (TILE - 1))
@@ -108,7 +108,7 @@ def _tile_surfaces(cells, surfaces):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _field(x, y, lens, above):  # type: ignore[no-untyped-def]
-    """Field position, at most in the corner."""
+    """Return the field position, limited to the corner."""
     far_x, far_y = (x - lens.column) * lens.scale, (y + above - lens.row) * lens.scale
     shrink = 1.0 / max(math.sqrt(far_x * far_x + far_y * far_y), 1.0)
     return np.float32(far_x * shrink), np.float32(far_y * shrink)
@@ -116,21 +116,21 @@ def _field(x, y, lens, above):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, forceinline=True)
 def _reach_of(own, line):  # type: ignore[no-untyped-def]
-    """How far from a tile's pixels its bundle meets its plane, pixels, blocks included."""
-    rise = line[-1] * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # of the radius, by pixel of reach
+    """Return the reach of a tile's bundle on its plane, pixels, blocks included."""
+    rise = line[-1] * (abs(own[_RIGHT]) + abs(own[_DOWN]))  # change of the radius per pixel of reach
     within = max(extent_at(line, own[_LOW]), extent_at(line, own[_HIGH]))
-    return within / max(1.0 - rise, 0.01) + _LARGEST_BLOCK
+    return within / max(1.0 - rise, 0.01) + _MAX_BLOCK_PX
 
 
 @njit(cache=True, forceinline=True)
-def _flat_of(own):  # type: ignore[no-untyped-def]
-    """By how many pixels of defocus surfaces may leave a tile's plane."""
-    return max(_FLAT, _FLAT_SHARE * max(abs(own[_LOW]), abs(own[_HIGH])))
+def _plane_tolerance(own):  # type: ignore[no-untyped-def]
+    """Return the tolerance of surfaces to a tile's plane, pixels of defocus."""
+    return max(_MAX_DEVIATION_PX, _MAX_DEVIATION_FRACTION * max(abs(own[_LOW]), abs(own[_HIGH])))
 
 
 @njit(cache=True)
-def _kind_of(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
-    """``_PLANE`` where rays of a tile meet its own within ``flat`` pixels of defocus, else ``_CURVED``."""
+def _classify(surfaces, row, column, line, flat, low, high):  # type: ignore[no-untyped-def]
+    """Return ``_PLANE`` if a tile's rays meet its plane within ``flat`` pixels, else ``_CURVED``."""
     own = surfaces[row, column]
     rows, columns = surfaces.shape[:2]
     slack = flat + 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN]))
@@ -155,43 +155,43 @@ def _kind_of(surfaces, row, column, line, flat, low, high):  # type: ignore[no-u
 
 
 @njit(cache=True, parallel=True)
-def _choose(surfaces, rays_mask, near, lens, above, extents, low, high, chosen):  # type: ignore[no-untyped-def]
-    """Fill ``chosen`` (rows, columns) with what rays can meet. All surfaces lie from ``low`` to ``high``."""
+def _classify_tiles(surfaces, rays_mask, near, lens, above, extents, low, high, kinds):  # type: ignore[no-untyped-def]
+    """Fill ``kinds`` (rows, columns) of the tiles; all surfaces are between ``low`` and ``high``."""
     height, width = rays_mask.shape
     half = 0.5 * (TILE - 1)
-    for row in prange(chosen.shape[0]):
-        for column in range(chosen.shape[1]):
-            chosen[row, column] = _BROKEN
+    for row in prange(kinds.shape[0]):
+        for column in range(kinds.shape[1]):
+            kinds[row, column] = _RAYS
             own, top, left = surfaces[row, column], row * TILE, column * TILE
-            wanted = False
+            has_bundle_pixels = False
             for y in range(top, min(height, top + TILE)):
                 for x in range(left, min(width, left + TILE)):
-                    wanted = wanted or (rays_mask[y, x] and near[y, x] < 1.0)
-            if own[_LAYERED] > 0.0 or not wanted:
+                    has_bundle_pixels = has_bundle_pixels or (rays_mask[y, x] and near[y, x] < 1.0)
+            if own[_LAYERED] > 0.0 or not has_bundle_pixels:
                 continue
             h_x, h_y = _field(left + half, top + half, lens, above)
             line = extents[ring_of(h_x, h_y, extents)]
             reach = _reach_of(own, line)
             inside = min(min(left, top), min(width - left, height - top) - TILE)
-            flat = _flat_of(own)
+            flat = _plane_tolerance(own)
             steep = 0.5 * TILE * (abs(own[_RIGHT]) + abs(own[_DOWN])) > flat
-            ring, per_pixel = ring_of(h_x, h_y, extents), lens.scale * (lens.largest.shape[0] - 1)
-            following = min(ring + 1, lens.largest.shape[0] - 1)
-            turning = abs(lens.largest[following] - lens.largest[ring]) * per_pixel
-            steep = steep or 0.5 * TILE * turning > flat
-            if steep or reach > _FARTHEST:
+            ring, per_pixel = ring_of(h_x, h_y, extents), lens.scale * (lens.max_aberration.shape[0] - 1)
+            next_ring = min(ring + 1, lens.max_aberration.shape[0] - 1)
+            aberration_change = abs(lens.max_aberration[next_ring] - lens.max_aberration[ring]) * per_pixel
+            steep = steep or 0.5 * TILE * aberration_change > flat
+            if steep or reach > _MAX_REACH_PX:
                 continue
-            chosen[row, column] = _kind_of(surfaces, row, column, line, flat, low, high)
-            if chosen[row, column] == _PLANE and reach > inside:
-                chosen[row, column] = _CURVED
+            kinds[row, column] = _classify(surfaces, row, column, line, flat, low, high)
+            if kinds[row, column] == _PLANE and reach > inside:
+                kinds[row, column] = _CURVED
 
 
 @njit(cache=True, parallel=True)
 def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
-    """Colours of the first layer and their means over blocks that begin at a pixel.
+    """Fill the colors of the first layer and their means over blocks that begin at a pixel.
 
-    ``planes``: (1, 2, 4 pixels a side; 3, rows, columns); they begin at row ``first`` and ``_FARTHEST``
-    columns before the picture. Beyond the border pixels are repeated.
+    ``planes``: (1, 2, 4 pixels a side; 3, rows, columns); they begin at row ``first`` and ``_MAX_REACH_PX``
+    columns before the picture. Pixels repeat beyond the border.
     """
     rows, columns = planes.shape[2:]
     last_row, last_column = colors.shape[0] - 1, colors.shape[1] - 1
@@ -204,7 +204,9 @@ def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
                 for v in range(side):
                     at = min(max(first + y + v, 0), last_row)
                     for x in range(columns):
-                        planes[level, c, y, x] += colors[at, min(max(x - _FARTHEST, 0), last_column), 0, c]
+                        planes[level, c, y, x] += colors[
+                            at, min(max(x - _MAX_REACH_PX, 0), last_column), 0, c
+                        ]
                 if side == 1:
                     continue
                 scale = np.float32(1.0 / (side * side))
@@ -217,10 +219,10 @@ def _fill_planes(colors, first, planes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved, rays):  # type: ignore[no-untyped-def]
-    """Fill ``rays`` (5 * BUNDLE): offsets right and down of what they meet, and their red, green, blue.
+    """Fill ``rays`` (5 * BUNDLE): offsets right and down of the hits, and their red, green, blue.
 
-    ``curved``: cells, flat, and their size, to be looked at for where the rays meet the surface; a size of 0
-    for the tile's plane.
+    ``curved``: cells, flat, and their size, for the intersection with the surface; a size of 0 means the
+    tile's plane.
     """
     cells, size = curved
     corner_x, corner_y = broadcast8(np.float32(x)), broadcast8(np.float32(y))
@@ -231,8 +233,8 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
     front_weights, back_weights = weights[0].reshape(-1), weights[1].reshape(-1)
     h_x, h_y = field
     collapse(lens.coefficients, h_x * h_x + h_y * h_y, collapsed)
-    ring = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.largest.shape[0] - 1)
-    wide = broadcast8(np.float32(lens.shaken[int(ring)]))
+    ring = min(math.sqrt(h_x * h_x + h_y * h_y), 1.0) * (lens.max_aberration.shape[0] - 1)
+    jitter = broadcast8(np.float32(lens.jitter_scale[int(ring)]))
     zero, half, one = broadcast8(np.float32(0)), broadcast8(np.float32(0.5)), broadcast8(np.float32(1))
     middle = broadcast8(np.float32(own[_MIDDLE]))
     right, down = broadcast8(np.float32(own[_RIGHT])), broadcast8(np.float32(own[_DOWN]))
@@ -247,13 +249,13 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
         depth = divide8(middle - right * e_x - down * e_y, one + right * a_x + down * a_y)
         if size[0] > 0:
             from_x, from_y = corner_x - e_x, corner_y - e_y
-            for _ in range(_LOOKS):
+            for _ in range(_MAX_ITERATIONS):
                 column = min8(max8(floor8(from_x - a_x * depth), zero), last_x)
                 row = min8(max8(floor8(from_y - a_y * depth), zero), last_y)
-                found, _ = gather_pairs8(cells, row, column, size[1], 2 * size[2], 0)
-                away = abs8(found - depth)
-                depth = found
-                if not any8(less8(close, away)):
+                surface_depth, _ = gather_pairs8(cells, row, column, size[1], 2 * size[2], 0)
+                error = abs8(surface_depth - depth)
+                depth = surface_depth
+                if not any8(less8(close, error)):
                     break
         w = select8(less8(zero, depth), load8(front_weights, k), load8(back_weights, k))
         if cats_eye_at[0] > 0:
@@ -261,8 +263,8 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
         for rim in range(lens.vignetting_apertures.shape[0]):
             shift, radius = lens.vignetting_apertures[rim]
             w = keep_within(u, v, shift * h_x, shift * h_y, radius, w)
-        store8(rays, k, floor8(half + wide * load8(lens.starts[0], k) - e_x - a_x * depth))
-        store8(rays, BUNDLE + k, floor8(half + wide * load8(lens.starts[1], k) - e_y - a_y * depth))
+        store8(rays, k, floor8(half + jitter * load8(lens.starts[0], k) - e_x - a_x * depth))
+        store8(rays, BUNDLE + k, floor8(half + jitter * load8(lens.starts[1], k) - e_y - a_y * depth))
         if lens.colors.shape[1] > 0:
             for c in range(3):
                 store8(rays, (2 + c) * BUNDLE + k, w * load8(lens.colors[c], k))
@@ -273,27 +275,29 @@ def _send_bundle(own, x, y, arrays, lens, collapsed, field, cats_eye_at, curved,
 
 @njit(cache=True, forceinline=True)
 def _first_level(reach):  # type: ignore[no-untyped-def]
-    """Level of the largest blocks that can hold little enough of the light of a disc of that reach."""
+    """Return the level of the largest blocks that can have little enough light for a disc of this reach."""
     level = 0
-    while (2 << level) <= _LARGEST_BLOCK and (2 << level) ** 2 <= _SHARE * math.pi * (reach + 1) ** 2:
+    while (2 << level) <= _MAX_BLOCK_PX and (2 << level) ** 2 <= _MAX_BLOCK_FRACTION * math.pi * (
+        reach + 1
+    ) ** 2:
         level += 1
     return level
 
 
 @njit(cache=True)
 def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-untyped-def]
-    """Join rays that meet the same block of 2^level pixels a side.
+    """Aggregate rays that meet the same block of 2^level pixels a side.
 
     Args:
         rays: From :func:`_send_bundle`.
-        level: Of the blocks.
-        reach: Pixels that none should pass; by rounding a few may, and stop there.
-        slots: Number of each block's tap, -1 where there is none, (side, side); left as it came.
+        level: Level of the blocks.
+        reach: Upper bound of the offsets, pixels; rounding errors are clipped to it.
+        slots: Index of each block's tap, -1 where there is none, (side, side); restored on return.
         places: Filled with offsets right and down of the blocks, (2, BUNDLE).
-        taps: Filled with their red, green and blue, (3, BUNDLE), each of sum 1.
+        taps: Filled with their red, green and blue, (3, BUNDLE), each with the sum 1.
 
     Returns:
-        How many there are, and the largest of ``taps``; 0 taps where a colour has no light.
+        Number of taps, and the largest tap; 0 taps if a color has no light.
     """
     middle, count = slots.shape[0] // 2, 0
     for k in range(BUNDLE):
@@ -327,8 +331,8 @@ def _gather_taps(rays, level, reach, slots, places, taps):  # type: ignore[no-un
 
 
 @njit(cache=True, forceinline=True)
-def _sum_taps(plane, offsets, taps, count, start, width, found, at):  # type: ignore[no-untyped-def]
-    """Sums of eight pixels in each of four rows of a plane, into ``found`` from ``at`` on."""
+def _sum_taps(plane, offsets, taps, count, start, width, sums, at):  # type: ignore[no-untyped-def]
+    """Write the sums of eight pixels in each of four rows of a plane to ``sums`` from index ``at`` on."""
     zero = broadcast8(np.float32(0))
     a, b, c, d = zero, zero, zero, zero
     for i in range(count):
@@ -337,33 +341,33 @@ def _sum_taps(plane, offsets, taps, count, start, width, found, at):  # type: ig
         b = b + tap * load8(plane, k + width)
         c = c + tap * load8(plane, k + 2 * width)
         d = d + tap * load8(plane, k + 3 * width)
-    store8(found, at, a)
-    store8(found, at + LANES, b)
-    store8(found, at + 2 * LANES, c)
-    store8(found, at + 3 * LANES, d)
+    store8(sums, at, a)
+    store8(sums, at + LANES, b)
+    store8(sums, at + 2 * LANES, c)
+    store8(sums, at + 3 * LANES, d)
 
 
 @njit(cache=True, parallel=True)
 def _render(  # type: ignore[no-untyped-def]
-    planes, first, chosen, tile_row, surfaces, cells, rays_mask, arrays, lens, extents, view, result
+    planes, first, tile_kinds, tile_row, surfaces, cells, rays_mask, arrays, lens, extents, view, result
 ):
-    """Render the chosen tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``.
+    """Render the tiles of rows of tiles from ``tile_row`` on; ``planes`` begin at row ``first``.
 
-    ``view``: the cat's-eye, the place of the picture, and the rows above.
+    ``view``: the cat's-eye, the position of the picture, and the rows above.
     """
     cats_eye, place, above = view
     width = planes.shape[3]
     flat, size = cells.reshape(-1), cells.shape
     half = 0.5 * (TILE - 1)
     middle = TILE // 2
-    for i in prange(chosen.shape[0]):
+    for i in prange(tile_kinds.shape[0]):
         collapsed = np.empty(lens.coefficients.shape[1:], np.float32)
         rays, taps = np.empty(5 * BUNDLE, np.float32), np.empty((3, BUNDLE), np.float32)
         places, offsets = np.empty((2, BUNDLE), np.int64), np.empty(BUNDLE, np.int64)
-        slots = np.full((2 * _FARTHEST + 4, 2 * _FARTHEST + 4), -1, np.int32)
-        found = np.empty(TILE * LANES, np.float32)
-        for column in range(chosen.shape[1]):
-            if chosen[i, column] == _BROKEN:
+        slots = np.full((2 * _MAX_REACH_PX + 4, 2 * _MAX_REACH_PX + 4), -1, np.int32)
+        tile_colors = np.empty(TILE * LANES, np.float32)
+        for column in range(tile_kinds.shape[1]):
+            if tile_kinds[i, column] == _RAYS:
                 continue
             top, left = (tile_row + i) * TILE, column * TILE
             own = surfaces[tile_row + i, column]
@@ -372,7 +376,7 @@ def _render(  # type: ignore[no-untyped-def]
                 cats_eye, left + half + place[0], top + half + above + place[1], place[2], place[3]
             )
             cats_eye_at = (cats_eye, shift[0], shift[1])
-            if chosen[i, column] == _CURVED:
+            if tile_kinds[i, column] == _CURVED:
                 curved = (flat, (size[0], size[1], size[2]))
             else:
                 curved = (flat, (0, 0, 0))
@@ -380,11 +384,11 @@ def _render(  # type: ignore[no-untyped-def]
                 *(own, left + middle, top + middle, arrays, lens, collapsed, field, cats_eye_at, curved, rays)
             )
             line = extents[ring_of(field[0], field[1], extents)]
-            reach = math.floor(_reach_of(own, line)) - _LARGEST_BLOCK
+            reach = math.floor(_reach_of(own, line)) - _MAX_BLOCK_PX
             count, level = 0, _first_level(reach)
             while level >= 0:
                 count, largest = _gather_taps(rays, level, reach, slots, places, taps)
-                if largest <= _SHARE or level == 0:
+                if largest <= _MAX_BLOCK_FRACTION or level == 0:
                     break
                 level -= 1
             if count == 0:
@@ -394,12 +398,12 @@ def _render(  # type: ignore[no-untyped-def]
             for c in range(3):
                 plane = planes[level, c].reshape(-1)
                 for part in range(0, TILE, 4):
-                    start = (top + part - first) * width + left + _FARTHEST
-                    _sum_taps(plane, offsets, taps[c], count, start, width, found, part * LANES)
+                    start = (top + part - first) * width + left + _MAX_REACH_PX
+                    _sum_taps(plane, offsets, taps[c], count, start, width, tile_colors, part * LANES)
                 for y in range(TILE):
                     for x in range(TILE):
                         if rays_mask[top + y, left + x]:
-                            result[top + y, left + x, c] = found[y * LANES + x]
+                            result[top + y, left + x, c] = tile_colors[y * LANES + x]
 
 
 def render_smooth_tiles(
@@ -417,48 +421,47 @@ def render_smooth_tiles(
     above: int = 0,
     place: Place | None = None,
 ) -> np.ndarray:
-    """Write tiles that see one smooth surface alone into ``result``.
+    """Write tiles that see only one smooth surface to ``result``.
 
     Args:
-        colors: Of the layers, (H, W, L, 3).
-        cells: Where they are, from :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
+        colors: Colors of the layers, (H, W, L, 3).
+        cells: From :func:`bokehnet.classical.layered.march.intersection.layer_cells`.
         rays_mask: Pixels to render, (H, W) bool.
-        near: Where rays can meet a step, (H, W) float32 in [0, 1]; tiles that are near all over are passed.
+        near: Weight of the rays near steps, (H, W) float32 in [0, 1]; tiles with 1 in all pixels are skipped.
         points: Aperture coordinates, see :func:`bokehnet.classical.layered.march.ray_marching.march`; the
-            first
-            ``BUNDLE`` are used.
-        weights: Of the points, likewise.
-        result: (H, W, 3), float32; pixels in ``rays_mask`` are overwritten, if not those of all tiles.
-        lens: A lens response, for the rays of ``points``.
+            first ``BUNDLE`` are used.
+        weights: Weights of the points, see the same function.
+        result: Colors, (H, W, 3), float32; pixels in ``rays_mask`` of the rendered tiles are overwritten.
+        lens: Lens response for the rays of ``points``.
         extents: From :func:`bokehnet.classical.layered.march.bundle_extents.bundle_extents`.
         cats_eye: See :func:`bokehnet.optics.aperture.cats_eye_shift`.
-        above: Rows of the picture above these arrays, where they are a strip of it.
-        place: Where the pixels of that picture lie in the shown one; default: all of it is shown.
+        above: Rows of the picture above these arrays, if they are a strip of it.
+        place: Position of the picture in the shown one; default: all of it is shown.
 
     Returns:
-        The share of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle
-        serves.
+        Fraction of each pixel that is left for the rays, (H, W) float32: ``near``, and 1 where no bundle is
+        used.
     """
     height, width = rays_mask.shape
     tile_rows, tile_columns = -(-height // TILE), -(-width // TILE)
     surfaces = np.empty((tile_rows, tile_columns, 6), np.float32)
-    chosen = np.empty((tile_rows, tile_columns), np.int8)
-    arrays, where = (points, weights), tuple(place or Place.whole(height, width))
+    kinds = np.empty((tile_rows, tile_columns), np.int8)
+    arrays, place_values = (points, weights), tuple(place or Place.whole(height, width))
     with parallel_region:
         _tile_surfaces(cells, surfaces)
         low, high = float(surfaces[..., _LOW].min()), float(surfaces[..., _HIGH].max())
-        _choose(surfaces, rays_mask, near, lens, above, extents, low, high, chosen)
+        _classify_tiles(surfaces, rays_mask, near, lens, above, extents, low, high, kinds)
         for top in range(0, tile_rows, _BAND // TILE):
-            rows = chosen[top : top + _BAND // TILE]
-            if not (rows != _BROKEN).any():
+            rows = kinds[top : top + _BAND // TILE]
+            if not (rows != _RAYS).any():
                 continue
-            first = top * TILE - _FARTHEST
-            shape = (len(rows) * TILE + 2 * _FARTHEST, width + 2 * _FARTHEST)
-            planes = np.empty((1 + int(math.log2(_LARGEST_BLOCK)), 3, *shape), np.float32)
+            first = top * TILE - _MAX_REACH_PX
+            shape = (len(rows) * TILE + 2 * _MAX_REACH_PX, width + 2 * _MAX_REACH_PX)
+            planes = np.empty((1 + int(math.log2(_MAX_BLOCK_PX)), 3, *shape), np.float32)
             _fill_planes(colors, first, planes)
             _render(
                 *(planes, first, rows, top, surfaces, cells, rays_mask, arrays, lens, extents),
-                *((cats_eye, where, above), result),
+                *((cats_eye, place_values, above), result),
             )
-    done = np.kron(chosen != _BROKEN, np.ones((TILE, TILE), np.bool_))[:height, :width]
-    return np.where(done, near, np.float32(1))
+    rendered = np.kron(kinds != _RAYS, np.ones((TILE, TILE), np.bool_))[:height, :width]
+    return np.where(rendered, near, np.float32(1))

@@ -4,7 +4,7 @@ import pytest
 from bokehnet.baselines.gather.scatter_as_you_gather import tan
 from bokehnet.baselines.rays.ray_mask import in_mixed_tiles, normals_of_depth, ray_mask, sobel_magnitude
 from bokehnet.baselines.rays.reprojection import History
-from bokehnet.baselines.rays.selective_rays import lens_rays, selective_rays, traced
+from bokehnet.baselines.rays.selective_rays import checked_trace, lens_rays, selective_rays
 from bokehnet.errors import ParameterError, ShapeError
 from bokehnet.lenses import ThinLens
 from bokehnet.optics.pixels.sample_allocation import neyman
@@ -135,9 +135,11 @@ def answers(color=np.ones((4, 3)), depth=np.ones(4), hit=np.ones(4)):  # noqa: B
 )
 def test_a_wrong_callback_is_one_line(answer, error, message):
     with pytest.raises(error, match=f"trace_rays: .*{message}") as caught:
-        traced(answer, np.zeros((4, 3)), np.ones((4, 3)))
+        checked_trace(answer, np.zeros((4, 3)), np.ones((4, 3)))
     assert "\n" not in str(caught.value)
-    misses = traced(lambda o, d: (o, np.zeros(len(o)), np.zeros(len(o))), np.zeros((4, 3)), np.ones((4, 3)))
+    misses = checked_trace(
+        lambda o, d: (o, np.zeros(len(o)), np.zeros(len(o))), np.zeros((4, 3)), np.ones((4, 3))
+    )
     assert np.isinf(misses[1]).all()
 
 
@@ -205,7 +207,7 @@ def test_rays_go_where_noise_shows_and_no_budget_is_passed():
             PITCH,
             mask="reach",
             rule="ours",
-            most=8,
+            max_rays=8,
             frames=6,
             budget=6,
             allocation=allocation,

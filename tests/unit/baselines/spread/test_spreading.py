@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bokehnet.baselines import bokehme_scatter, hybrid_spreading, perimeter, rectangle
-from bokehnet.baselines.openings import psf_image, radius_ladder, rungs
+from bokehnet.baselines.apertures import ladder_positions, psf_image, radius_ladder
 from bokehnet.baselines.spread.psf_spreading import normalised, packed, spread_tables
 from bokehnet.baselines.spread.spreading import local_contrast
 from bokehnet.optics.aperture import Aperture
@@ -45,7 +45,7 @@ def test_perimeter_spreads_the_whole_image_of_the_opening(aperture):
     for side in (1, -1):
         radii = radius_ladder(max(0.0, float((side * defocus).max())))
         tables = [psf_image(aperture, float(radius), side) for radius in radii]
-        spread_tables(image, *rungs(defocus, radii, side), *packed(tables), sums, weights)
+        spread_tables(image, *ladder_positions(defocus, radii, side), *packed(tables), sums, weights)
     assert np.allclose(perimeter(image, defocus, aperture), normalised(sums, weights, image), atol=1e-5)
 
 

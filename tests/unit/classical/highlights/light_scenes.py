@@ -3,7 +3,7 @@
 import numpy as np
 
 from bokehnet.classical.highlights.lights import add_lights
-from bokehnet.classical.layered.march.defocus_bins import as_radii, occupied_bins
+from bokehnet.classical.layered.march.defocus_bins import occupied_bins, perfect_lens_reach
 from bokehnet.optics.aperture import Aperture
 
 DISC = Aperture()
@@ -19,7 +19,7 @@ def draw(lights, size, aperture=DISC, *, front=None, **options):
     depths = np.full(size, -2000, np.float32) if front is None else np.asarray(front, np.float32)
     cells = np.stack([depths, np.ones_like(depths)], -1)[:, :, None]
     result = np.zeros((*size, 3), np.float32)
-    slices = occupied_bins(cells, lambda defocus: 2 * as_radii(defocus) + 60)
+    slices = occupied_bins(cells, lambda defocus: 2 * perfect_lens_reach(defocus) + 60)
     add_lights(lights, cells, np.ones(size, bool), slices, aperture, result, **options)
     return result
 

@@ -6,7 +6,7 @@ import pytest
 from bokehnet.classical.layered.boundaries import mixed_pixels
 from bokehnet.classical.layered.depth_discontinuities import BACK, FRONT, discontinuity_sides
 from bokehnet.classical.layered.layers import split_layers
-from bokehnet.classical.layered.slight_steps import LEAST_STEP, SLIGHT, half_step, sides_with_slight_steps
+from bokehnet.classical.layered.slight_steps import MIN_STEP_PX, SLIGHT, half_step, sides_with_slight_steps
 from bokehnet.optics.pixels.pixel_filter import PixelFilter
 from bokehnet.render.renderer import BokehRenderer
 
@@ -63,7 +63,7 @@ def test_slopes_are_no_steps_and_steps_on_slopes_are():
     stepped = np.tile(0.05 * x + 0.6 * (x >= 20), (HEIGHT, 1))
     marked = np.nonzero(sides_with_slight_steps(stepped, 1)[5] == SLIGHT)[0]
     assert list(marked) == [19, 20]
-    flat = np.tile(np.float32(0.9 * LEAST_STEP) * (x >= 20), (HEIGHT, 1))
+    flat = np.tile(np.float32(0.9 * MIN_STEP_PX) * (x >= 20), (HEIGHT, 1))
     assert not sides_with_slight_steps(flat, 1).any()
 
 

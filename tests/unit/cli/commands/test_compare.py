@@ -8,7 +8,7 @@ import pytest
 from bokehnet import BokehRenderer, read_image, write_image
 from bokehnet.io.color.srgb import linear_to_srgb
 from bokehnet.scores.similarity import psnr
-from bokehnet.tools.comparison import interesting_places
+from bokehnet.tools.comparison import largest_difference_crops
 
 
 @pytest.fixture
@@ -90,13 +90,13 @@ def test_a_truth_of_another_size_is_refused(scene, cli):
 
 
 def test_places_are_where_engines_differ():
-    from bokehnet.tools.comparison import Compared
+    from bokehnet.tools.comparison import EngineResult
 
     flat = np.full((100, 120, 3), 0.5, np.float32)
     other = flat.copy()
     other[70:90, 80:110] = 1
-    found = [Compared(engine=name, bokeh=x, seconds=0.0) for name, x in (("a", flat), ("b", other))]
-    left, top, width, height = interesting_places(found, size=30, count=1)[0]
+    found = [EngineResult(engine=name, bokeh=x, seconds=0.0) for name, x in (("a", flat), ("b", other))]
+    left, top, width, height = largest_difference_crops(found, size=30, count=1)[0]
     assert (width, height) == (30, 30)
     assert top <= 75 <= top + 30
     assert left <= 85 <= left + 30

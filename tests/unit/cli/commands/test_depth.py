@@ -80,7 +80,7 @@ def test_a_heic_photo_gives_its_own_map_or_that_of_a_network(cli, network, photo
     [
         (
             ["photo.png", "-o", "out.exr"],
-            ["--model: expected a network", "photo.png holds no depth map", "FILE.onnx"],
+            ["--model: expected a network", "photo.png has no depth map", "ONNX file"],
         ),
         (
             ["photo.png", "-o", "out.exr", "--convention", "midas"],

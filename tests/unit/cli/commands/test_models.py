@@ -97,12 +97,12 @@ def test_consent_can_be_given_ahead(run):
 def test_a_photo_without_depth_is_rendered_once_a_network_is_there(run, tmp_path):
     render = ("render", "photo.png", "-o", "out.png", "--f-number", "1.8", "--json")
     without = run(*render)
-    assert (without.returncode, "holds no depth map" in without.stderr) == (1, True)
+    assert (without.returncode, "has no depth map" in without.stderr) == (1, True)
     assert "--depth-model" in without.stderr
     run("models", "tiny", "--get")
     done = run(*render)
     assert done.returncode == 0, done.stderr
-    assert "depth guessed by tiny" in done.stdout + done.stderr
+    assert "depth estimated by tiny" in done.stdout + done.stderr
     assert json.loads(done.stdout)["largest_blur_px"] > 0.1
 
 
@@ -174,7 +174,7 @@ def test_an_unknown_name_lists_the_known_ones(run):
 def test_a_convention_beside_a_named_network_is_refused(run):
     run("models", "tiny", "--get")
     done = run(*DEPTH, "--convention", "marigold")
-    assert (done.returncode, "which brings midas" in done.stderr) == (1, True)
+    assert (done.returncode, "whose convention is midas" in done.stderr) == (1, True)
 
 
 PIN = """

@@ -36,7 +36,7 @@ def test_more_samples_go_on_from_those_in_the_file(cli, scene, tmp_path):
     for name, values in whole.channels.items():
         assert np.array_equal(part.channels[name], values), name
     again = cli("trace", scene, "-o", tmp_path / "part.exr", "--samples", 5)
-    assert "has 12 samples already" in again.out
+    assert "already has 12 samples" in again.out
 
 
 def test_a_picture_of_another_scene_is_not_touched_but_with_fresh(cli, scene, tmp_path):
@@ -105,7 +105,7 @@ def test_mistakes_are_one_line(cli, scene, tmp_path):
         ((scene, "-o", tmp_path / "no" / "a.exr"), "does not exist"),
         (
             (scene, "-o", tmp_path / "a.exr", "--device", "abacus"),
-            "--device: expected one that torch can use here, got 'abacus'",
+            "--device: expected a device that torch can use here, got 'abacus'",
         ),
         ((scene, "-o", tmp_path / "a.exr", "--width", "0"), "camera: width: expected at least 1"),
     ):

@@ -15,9 +15,7 @@ def known():
 def test_it_says_how_many_kernels_are_ready(cli, no_bar):
     outcome = cli("warm-up", "--all")
     assert (outcome.code, outcome.err) == (0, "")
-    found = re.fullmatch(
-        r"ready: (\d+) kernels came with the package, (\d+) are compiled by numba\n", outcome.out
-    )
+    found = re.fullmatch(r"ready: (\d+) kernels shipped precompiled, (\d+) compiled by numba\n", outcome.out)
     assert found is not None
     assert int(found[1]) + int(found[2]) >= len(known()) > 20
 

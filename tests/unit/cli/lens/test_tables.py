@@ -35,7 +35,7 @@ def test_a_table_is_written_and_rendered_with(cli, tmp_path):
 def test_a_lens_becomes_a_preset_beside_its_table(cli, tmp_path, no_bar):
     outcome = cli("lens", "preset", "biconvex", "-o", tmp_path / "mine.toml")
     assert (outcome.code, outcome.err) == (0, "")
-    assert re.search(r"points match traced ones by 0\.9\d+", outcome.out)
+    assert re.search(r"correlation with traced points 0\.9\d+", outcome.out)
     assert 'aberration-table = "mine.csv"' in (tmp_path / "mine.toml").read_text()
     write_image(tmp_path / "in.png", np.full((16, 16, 3), 0.5, np.float32))
     taken = cli(

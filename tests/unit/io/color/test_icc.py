@@ -96,7 +96,7 @@ def test_a_linear_profile_is_linear():
 @pytest.mark.parametrize(
     ("profile", "reason"),
     [
-        (b"no profile", "damaged .*no profile begins there.*remove it"),
+        (b"no profile", "damaged .*do not begin with a profile.*remove it"),
         (profiles.KNOWN["p3"][:200], "damaged .*beyond its end"),
         (
             profiles.profile(b"RGB ", {b"desc": profiles.named("lut"), b"A2B0": b"mft2"}),

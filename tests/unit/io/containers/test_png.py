@@ -26,7 +26,7 @@ def pixels(dtype, shape):
 @pytest.mark.parametrize("band", [1, 700, 2**20])
 def test_every_pixel_comes_back_from_another_decoder(tmp_path, monkeypatch, dtype, shape, band):
     """Oracle: libpng; bands of one row, of a few, and of the whole picture."""
-    monkeypatch.setattr(png, "_BAND", band)
+    monkeypatch.setattr(png, "_BAND_BYTES", band)
     stored = pixels(dtype, shape)
     path = tmp_path / "a.png"
     write_png(path, shape, dtype, stored.__getitem__)
@@ -39,7 +39,7 @@ def test_every_pixel_comes_back_from_another_decoder(tmp_path, monkeypatch, dtyp
 
 def test_the_stream_is_one_that_zlib_accepts_whole(tmp_path, monkeypatch):
     """RFC 1950: the checksum at the end is that of all bands; zlib checks it."""
-    monkeypatch.setattr(png, "_BAND", 500)
+    monkeypatch.setattr(png, "_BAND_BYTES", 500)
     stored = pixels(np.uint8, (40, 30, 3))
     path = tmp_path / "a.png"
     write_png(path, stored.shape, np.uint8, stored.__getitem__)

@@ -128,7 +128,7 @@ def test_jpeg_xl_carries_exif_and_xmp(photo):
     frame = read_frame(photo)
     path = photo.with_name("out.jxl")
     try:
-        write_frame(path, frame, frame.image, wanted=OutputFormat(quality=100))
+        write_frame(path, frame, frame.image, output_format=OutputFormat(quality=100))
     except ImageFileError as error:
         pytest.skip(str(error))
     data, content = path.read_bytes(), {}

@@ -182,7 +182,7 @@ def test_the_colour_space_of_exif_is_that_of_the_result(photo, tmp_path):
     Image.open(path).save(path, exif=b"Exif\0\0" + exif(), icc_profile=profiles.KNOWN["adobe"])
     frame = read_frame(path)
     for wanted, told in (("keep", 65535), ("srgb", 1), ("display-p3", 65535)):
-        write_frame(tmp_path / "out.jpg", frame, frame.image, wanted=OutputFormat(color_space=wanted))
+        write_frame(tmp_path / "out.jpg", frame, frame.image, output_format=OutputFormat(color_space=wanted))
         assert read_by_pillow(tmp_path / "out.jpg")[0]["space"] == told
 
 
@@ -222,7 +222,7 @@ def test_xmp_goes_along_as_it_is_but_upright(photo, tmp_path, source, target):
 def test_maps_that_no_longer_fit_go_and_are_told(photo, tmp_path, inside, attributes):
     frame = read_frame(photo("jpg", xmp=packet(inside, attributes)))
     assert len(frame.notes) == 1
-    assert frame.notes[0].startswith("depth maps, gain maps and further pictures in it no longer fit")
+    assert frame.notes[0].startswith("its depth maps, gain maps and additional pictures do not match")
     write_frame(tmp_path / "out.jpg", frame, frame.image)
     again = read_frame(tmp_path / "out.jpg")
     assert again.notes == ()
@@ -252,7 +252,7 @@ def test_damaged_metadata_are_left_out_and_told(tmp_path, damage):
     path = tmp_path / "in.jpg"
     path.write_bytes(insert_segments(path.read_bytes(), [(APP1, segments[damage])]))
     frame = read_frame(path)
-    assert frame.notes == (f"its {damage.upper()} is damaged and left out",)
+    assert frame.notes == (f"its {damage.upper()} is damaged and omitted",)
     write_frame(tmp_path / "out.jpg", frame, frame.image)
     assert read_frame(tmp_path / "out.jpg").metadata.exif is None
 

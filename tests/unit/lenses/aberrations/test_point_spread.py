@@ -8,7 +8,7 @@ import pytest
 from bokehnet.errors import LensError, ParameterError, ShapeError
 from bokehnet.lenses import load_lens
 from bokehnet.lenses.aberrations.aberration_fit import fit_aberration_map
-from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, psf_reach, traced_psf
+from bokehnet.lenses.aberrations.point_spread import aberration_psf, correlation, psf_radius, traced_psf
 from bokehnet.lenses.aberrations.psf_pairs import psf_depths, psf_pairs
 from bokehnet.optics.aberrations.aberration_map import AberrationMap
 
@@ -93,7 +93,7 @@ def test_reduced_and_traced_agree_over_depth_and_field(name):
 def test_light_lost_at_the_rims_is_missing_from_both():
     """The full disc falls to less than half in the corner of the Double Gauss."""
     lens = load_lens("double_gauss", focus_distance=3000.0)
-    middle, corner = (psf_reach(lens, 1500.0, (distance, 0.0)) for distance in (0.0, 0.9))
+    middle, corner = (psf_radius(lens, 1500.0, (distance, 0.0)) for distance in (0.0, 0.9))
     assert corner == pytest.approx(middle, rel=0.15)  # across, nothing is lost
     pitch = 2.2 * middle / 64
     narrow = traced_psf(lens, depth=1500.0, field=(0.9, 0.0), pitch=pitch, size=64, **GREEN)[..., 0]

@@ -16,7 +16,7 @@ from bokehnet.lenses.prescription import PrescriptionLens
 from bokehnet.lenses.prescription_file import SurfaceRow, read_prescription
 from bokehnet.lenses.prescription_toml import prescription_toml
 from bokehnet.lenses.stop_rays import chief_rays
-from bokehnet.lenses.surface_trace import Surface, beam_between, trace, turned
+from bokehnet.lenses.surface_trace import Surface, beam_between, rotated, trace
 from bokehnet.optics.aberrations.aberration_map import term
 from bokehnet.optics.sampling import disc_from_square, halton, ring_points
 
@@ -36,7 +36,7 @@ def plane(vertex, before, behind, **moved):
 def test_a_plate_that_leans_moves_rays_by_the_law_of_snell():
     """Born and Wolf: d = t sin(i) (1 - cos(i) / sqrt(n^2 - sin(i)^2)) across the ray, none in direction."""
     turn, thick = (TEN_DEGREES, 0.0), 8.0
-    x, y, t = turned((0.0, 0.0, thick), turn)
+    x, y, t = rotated((0.0, 0.0, thick), turn)
     plate = [
         plane(0.0, 1.0, INDEX, tilt=turn),
         plane(thick, INDEX, 1.0, tilt=turn, shift=(x, y, t - thick)),
@@ -63,7 +63,7 @@ def test_a_wedge_bends_rays_by_the_prism_law():
 def test_a_sphere_turned_about_its_centre_is_the_same_sphere(backwards):
     radius, turn = 40.0, (0.05, -0.08)
     # The vertex goes round the centre, at t = radius.
-    x, y, t = turned((0.0, 0.0, -radius), turn)
+    x, y, t = rotated((0.0, 0.0, -radius), turn)
     moved = Surface(
         vertex=0.0,
         curvature=1 / radius,

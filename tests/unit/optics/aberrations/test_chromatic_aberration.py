@@ -28,9 +28,9 @@ from bokehnet.optics.aberrations.field_maps import (
 )
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.spectral.glass import C_LINE, F_LINE, make_glass
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
-SPECTRUM = np.linspace(SHORTEST, LONGEST, 301)
+SPECTRUM = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 301)
 CURVES = ("linear", "achromat", "N-BK7", "N-SF11")
 
 
@@ -52,7 +52,7 @@ def test_no_wavelength_strays_further_than_one_of_the_ends(name):
 def test_the_curve_of_a_glass_is_the_power_of_a_single_lens():
     """Authority: the lens maker's equation, 1 / f in proportion to n - 1; light of F is refracted more."""
     index, curve = make_glass("N-SF11").index, glass_curve("N-SF11")
-    wanted = (index(F_LINE) - index(C_LINE)) / (index(SHORTEST) - index(LONGEST))
+    wanted = (index(F_LINE) - index(C_LINE)) / (index(MIN_WAVELENGTH) - index(MAX_WAVELENGTH))
     assert curve(F_LINE) - curve(C_LINE) == pytest.approx(wanted)
     assert (np.diff(curve(SPECTRUM)) < 0).all()
 
@@ -62,12 +62,12 @@ def test_an_achromat_unites_two_lines_and_refracts_green_most():
     curve = achromat_curve()
     assert curve(F_LINE) == pytest.approx(curve(C_LINE), abs=1e-9)
     assert 530 < SPECTRUM[curve(SPECTRUM).argmax()] < 580
-    assert curve(SHORTEST) < curve(450.0) < curve(F_LINE)
+    assert curve(MIN_WAVELENGTH) < curve(450.0) < curve(F_LINE)
 
 
 def test_linear_is_linear():
-    assert linear_curve(SHORTEST) - linear_curve(LONGEST) == pytest.approx(1)
-    assert linear_curve(550.0) == pytest.approx((DESIGN_WAVELENGTH - 550) / (LONGEST - SHORTEST))
+    assert linear_curve(MIN_WAVELENGTH) - linear_curve(MAX_WAVELENGTH) == pytest.approx(1)
+    assert linear_curve(550.0) == pytest.approx((DESIGN_WAVELENGTH - 550) / (MAX_WAVELENGTH - MIN_WAVELENGTH))
 
 
 def test_a_curve_without_a_glass_is_told():
@@ -124,7 +124,7 @@ def test_the_axial_fringe_is_that_of_a_singlet_traced_through_its_glass(focus):
     What third-order theory leaves out of a lens with thickness is 3 % of the fringe.
     """
     lens = open_lens("biconvex", f_number=16, focus_distance=focus)
-    wavelengths = np.linspace(SHORTEST, LONGEST, 13)
+    wavelengths = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 13)
     traced = np.array([traced_miss(lens, np.zeros(1), 1.0, w)[0] for w in (*wavelengths, DESIGN_WAVELENGTH)])
     traced = traced[:-1] - traced[-1]
     spread = traced[-1] - traced[0]
@@ -135,7 +135,7 @@ def test_the_axial_fringe_is_that_of_a_singlet_traced_through_its_glass(focus):
 
 LENSES = catalog_names(mirrors=False)
 FIELDS = np.linspace(0.05, 1, 20)
-WAVELENGTHS = np.linspace(SHORTEST, LONGEST, 13)
+WAVELENGTHS = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 13)
 
 
 @pytest.fixture(scope="module", params=LENSES)
@@ -303,7 +303,7 @@ def test_a_character_without_fringes_is_plain_and_white():
         ChromaticAberration(axial_map=linear, lateral_map=constant),
     ):
         lens_response = LensResponse(chromatic_aberration=chromatic_aberration)
-        assert lens_response.is_plain
+        assert lens_response.is_ideal
         assert not lens_response.is_dispersive
         wavelengths, colors = lens_response.sample_wavelengths(64)
         assert (wavelengths == DESIGN_WAVELENGTH).all()
@@ -312,7 +312,7 @@ def test_a_character_without_fringes_is_plain_and_white():
 
 def test_a_character_with_fringes_draws_light():
     lens_response = LensResponse(chromatic_aberration=ChromaticAberration(lateral=0.1))
-    assert not lens_response.is_plain
+    assert not lens_response.is_ideal
     assert lens_response.is_dispersive
     wavelengths, colors = lens_response.sample_wavelengths(64)
     assert np.ptp(wavelengths) > 150

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal.windows import blackmanharris
 
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 
 FILTERS = [
     DEFAULT_FILTER,
@@ -26,7 +26,7 @@ def test_reduction_is_a_weighted_mean(factor, pixel_filter):
     assert weights.sum() == pytest.approx(1)
     np.testing.assert_allclose(weights, weights[::-1], atol=1e-12)
     beyond = (len(weights) - factor) // 2
-    found = reduce_fine(fine, factor, pixel_filter)
+    found = downsample(fine, factor, pixel_filter)
     for y in range(5):
         for x in range(4):
             total, light = 0.0, np.zeros(2)
@@ -47,4 +47,4 @@ def test_the_filter_is_that_of_blender():
 def test_plain_means_take_the_pixel_alone():
     fine = np.random.default_rng(0).random((6, 8), dtype=np.float32)
     wanted = fine.reshape(3, 2, 4, 2).mean((1, 3))
-    np.testing.assert_allclose(reduce_fine(fine, 2, PixelFilter("box", 1)), wanted, atol=1e-7)
+    np.testing.assert_allclose(downsample(fine, 2, PixelFilter("box", 1)), wanted, atol=1e-7)

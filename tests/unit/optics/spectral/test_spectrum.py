@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 import torch
 
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 
 
 def test_the_whole_spectrum_is_white():
-    wavelength = np.linspace(SHORTEST, LONGEST, 4001)
+    wavelength = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 4001)
     assert wavelength_color(wavelength).mean(0).tolist() == pytest.approx([1, 1, 1], abs=2e-3)
 
 

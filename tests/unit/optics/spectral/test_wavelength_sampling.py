@@ -6,18 +6,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bokehnet.errors import ParameterError
 from bokehnet.optics.sampling import disc_from_square, halton
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST, wavelength_color
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH, wavelength_color
 from bokehnet.optics.spectral.wavelength_sampling import WavelengthSampling
 
 # Midpoints of 1 / 10 nm: sums over them are the integrals that draws must meet.
-FINE = SHORTEST + (LONGEST - SHORTEST) * (np.arange(3000) + 0.5) / 3000
+FINE = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * (np.arange(3000) + 0.5) / 3000
 EQUALISERS = [(1.0,), (1, 0.2, 3, 1, 0.5), (5, 0, 1, 0, 0, 4, 0, 2), (0.1, 1, 4, 1, 0.1)]
 COUNTS = [8, 13, 64, 72, 576, 1152]
 
 
 def gain_at(gains, wavelength):
     """The equaliser by its words: straight lines between the middles of the bands, flat beyond them."""
-    place = (wavelength - SHORTEST) / (LONGEST - SHORTEST) * len(gains) - 0.5
+    place = (wavelength - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH) * len(gains) - 0.5
     below = int(np.clip(np.floor(place), 0, max(len(gains) - 2, 0)))
     above = min(below + 1, len(gains) - 1)
     along = np.clip(place - below, 0, 1)
@@ -40,7 +40,7 @@ def test_white_stays_white(gains, dispersion, count):
     assert weights.shape == (count, 3)
     assert_allclose(weights.mean(0), 1, rtol=1e-12)
     assert (weights >= 0).all()
-    assert SHORTEST <= wavelengths.min() < wavelengths.max() <= LONGEST
+    assert MIN_WAVELENGTH <= wavelengths.min() < wavelengths.max() <= MAX_WAVELENGTH
 
 
 @pytest.mark.parametrize("gains", EQUALISERS)
@@ -49,8 +49,11 @@ def test_means_are_those_of_the_spectrum(gains, count):
     """Authority: the integral over the spectrum. Halton's sums err by about log(count) / count."""
     wavelengths, weights = WavelengthSampling(equaliser=gains).sample(count)
     for function, factor in (
-        (lambda x: (x - SHORTEST) / (LONGEST - SHORTEST), 0.25),
-        (lambda x: np.cos((x - SHORTEST) / (LONGEST - SHORTEST) * 2 * np.pi), 1.3),
+        (lambda x: (x - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH), 0.25),
+        (
+            lambda x: np.cos((x - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH) * 2 * np.pi),
+            1.3,
+        ),
     ):
         found = (weights * function(wavelengths)[:, None]).mean(0)
         assert_allclose(found, exact_means(gains, function), atol=factor * np.log(count) / count)
@@ -76,9 +79,9 @@ def test_every_run_of_a_long_draw_is_well_spread(gains):
     """Each pixel takes a run of 64 of the long draw of all patterns; authority as above."""
     wavelengths, weights = WavelengthSampling(equaliser=gains).sample(9216)
     runs = weights.reshape(144, 64, 3)
-    tilt = (wavelengths.reshape(144, 64, 1) - SHORTEST) / (LONGEST - SHORTEST)
+    tilt = (wavelengths.reshape(144, 64, 1) - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH)
     found = (runs * tilt).sum(1) / runs.sum(1)
-    exact = exact_means(gains, lambda x: (x - SHORTEST) / (LONGEST - SHORTEST))
+    exact = exact_means(gains, lambda x: (x - MIN_WAVELENGTH) / (MAX_WAVELENGTH - MIN_WAVELENGTH))
     assert np.abs(found - exact).max() < 0.03
     assert_allclose(runs.mean(1), 1, atol=0.12)
 
@@ -119,7 +122,7 @@ def test_importance_keeps_half_covered_discs_calmer_than_even_wavelengths():
     """Authority: the covered share of the disc, which all channels must show where nothing disperses."""
     points = disc_from_square(np.stack([halton(9216, 2), halton(9216, 3)], -1)).reshape(144, 64, 2)
     drawn = WavelengthSampling().sample(9216)[1].reshape(144, 64, 3)
-    even = SHORTEST + (LONGEST - SHORTEST) * halton(9216, 5)
+    even = MIN_WAVELENGTH + (MAX_WAVELENGTH - MIN_WAVELENGTH) * halton(9216, 5)
     evenly = np.maximum(wavelength_color(even), 0).reshape(144, 64, 3)
     noise = []
     for weights in (drawn, evenly):

@@ -84,11 +84,9 @@ def test_disparity_as_it_is_stored_is_not_stretched(folder, write_channels, step
     found = both("half.exr", 0.5 * steps, shown, lambda given: RelativeDisparity(map=given, as_stored=True))
     assert_array_equal(found.values, 0.5 * steps)
     write_channels("beyond.exr", Y=2 * steps)
-    with pytest.raises(
-        ImageFileError, match=r"beyond.exr: expected disparity in 0..1.*found 0 to 2; say with"
-    ):
+    with pytest.raises(ImageFileError, match=r"beyond.exr: expected disparity in 0..1.*found 0 to 2; set"):
         RelativeDisparity(map="beyond.exr", as_stored=True).depth_map(shown)
-    with pytest.raises(ParameterError, match=r"^disparity: expected 0 to 1, as it is stored, got 0 to 2"):
+    with pytest.raises(ParameterError, match=r"^disparity: expected stored values of 0 to 1, got 0 to 2"):
         RelativeDisparity(map=2 * steps, as_stored=True).depth_map(shown)
 
 
@@ -239,7 +237,7 @@ def test_values_that_no_map_may_hold_are_told_with_their_place(folder, write_cha
         (NetworkDepth(model="missing.onnx"), ModelFileError, "missing.onnx: expected an ONNX file"),
         (NetworkDepth(model="photo.exr"), ModelFileError, "photo.exr: not a usable ONNX file"),
         (NetworkDepth(model="photo.exr", convention="mine"), BokehnetError, "'mine'"),
-        (EmbeddedDepth(), ParameterError, "neither, and the picture holds no depth map"),
+        (EmbeddedDepth(), ParameterError, "neither, and the picture has no depth map"),
     ],
 )
 def test_a_source_that_cannot_tell_says_why(folder, shown, source, kind, words):

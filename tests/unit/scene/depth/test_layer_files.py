@@ -110,5 +110,5 @@ def test_wrong_layers_are_one_line(tmp_path):
     write_channels(tmp_path / "flat.exr", {"R": np.ones((4, 6))})
     with pytest.raises(ImageFileError, match=r"expected layers .*found R"):
         read_layers(tmp_path / "flat.exr")
-    with pytest.raises(ParameterError, match=r"input\.layers: expected none beside"):
+    with pytest.raises(ParameterError, match=r"input\.layers: expected neither"):
         InputSettings(layers="a.exr", matte="b.png")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.synth.clutter.baked_lighting import KeyLight, Lighting, bake, place_grid
+from bokehnet.synth.clutter.baked_lighting import KeyLight, Lighting, bake, lighting_grid
 from bokehnet.synth.clutter.baked_scene import make_soup
 from bokehnet.synth.clutter.grid_mesh import GridMesh, plate
 
@@ -14,7 +14,7 @@ GREY = np.array([1.0, 0.5, 0.25])
 def light_on_floor(others, lighting):
     """Light on a floor of 2 m around (0, 1 m, 5 m), mm, (h, w, 3), and the places."""
     floor = plate((-1000, 1000, 4000), (2000, 0, 0), (0, 0, 2000), 0)
-    grid = place_grid(floor, 0.02, 40)
+    grid = lighting_grid(floor, 0.02, 40)
     tree = make_soup([floor, *others], 1.0).tree
     return bake([grid], lighting, tree, np.random.default_rng(0))[0], grid[0]
 
@@ -54,10 +54,10 @@ def test_key_light_follows_cosine_and_distance_and_casts_a_shadow():
 
 def test_places_are_as_dense_as_asked_for_and_open_sheets_are_lit_on_the_side_that_is_seen():
     sheet = plate((-500, -500, 2000), (1000, 0, 0), (0, 1000, 0), 0)
-    places, normals = place_grid(sheet, 0.01, 1000)
+    places, normals = lighting_grid(sheet, 0.01, 1000)
     steps = np.linalg.norm(np.diff(places, axis=1), axis=-1) / np.linalg.norm(places[:, 1:], axis=-1)
     assert steps.max() == pytest.approx(0.01, rel=0.05)
     assert (normals[..., 2] < -0.999).all()
-    assert place_grid(sheet, 0.001, 30)[0].shape == (30, 30, 3)
+    assert lighting_grid(sheet, 0.001, 30)[0].shape == (30, 30, 3)
     turned = GridMesh(points=sheet.points[::-1], uv=sheet.uv, texture=0, open=False)
-    assert (place_grid(turned, 0.01, 10)[1][..., 2] > 0).any() != (normals[..., 2] > 0).any()
+    assert (lighting_grid(turned, 0.01, 10)[1][..., 2] > 0).any() != (normals[..., 2] > 0).any()

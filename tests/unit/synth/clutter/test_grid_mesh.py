@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bokehnet.synth.clutter.grid_mesh import box, lathe, moved, revolve, tube
-from bokehnet.synth.clutter.objects import FOREGROUND, SOLID, THIN, turn_about
+from bokehnet.synth.clutter.objects import FOREGROUND, SOLID, THIN, rotation_about
 
 
 def outwards(mesh, centre):
@@ -25,7 +25,7 @@ def test_normals_point_outwards():
 
 
 def test_moved_turns_before_it_shifts():
-    (top,) = moved([box((1, 1, 1), 0)[4]], turn_about(2, np.pi), (5, 0, 0))
+    (top,) = moved([box((1, 1, 1), 0)[4]], rotation_about(2, np.pi), (5, 0, 0))
     assert top.points[..., 1] == pytest.approx(1.0)
     assert top.points[..., 0].mean() == pytest.approx(5.0)
 

@@ -5,8 +5,8 @@ import importlib
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered.background.exemplar_inpainting import fill_with_look_alikes
-from bokehnet.classical.layered.background.inpainting_order import hidden_rings
+from bokehnet.classical.layered.background.exemplar_inpainting import inpaint_texture
+from bokehnet.classical.layered.background.inpainting_order import occluded_rings
 from bokehnet.classical.layered.background.occluded_background import occluded_background
 
 filling = importlib.import_module("bokehnet.classical.layered.background.occluded_background")
@@ -47,7 +47,7 @@ def look_alikes(image: np.ndarray, defocus: np.ndarray, lights: np.ndarray | Non
     depths = np.where(defocus == 20, np.float32(-3), defocus)
     means = np.full_like(image, 0.45)
     lights = np.zeros(defocus.shape, bool) if lights is None else lights
-    return fill_with_look_alikes(image, defocus, lights, depths, distances, hidden_rings(distances), means)
+    return inpaint_texture(image, defocus, lights, depths, distances, occluded_rings(distances), means)
 
 
 def rms(values: np.ndarray) -> float:
@@ -64,7 +64,7 @@ def test_a_small_pattern_goes_on_as_it_is():
 def test_textures_are_nearer_to_the_truth_than_lines_alone(monkeypatch, texture):
     truth = texture()
     both, _ = occluded_background(*behind_a_bar(truth))
-    monkeypatch.setattr(filling, "fill_with_look_alikes", lambda *arguments: arguments[-1])
+    monkeypatch.setattr(filling, "inpaint_texture", lambda *arguments: arguments[-1])
     lines, _ = occluded_background(*behind_a_bar(truth))
     rim = np.s_[20:60, 50:53]
     assert rms(both[rim] - truth[rim]) < 0.92 * rms(lines[rim] - truth[rim])

@@ -32,7 +32,7 @@ def test_of_two_things_the_one_that_counts_is_filled_as_both_would_be():
     image, defocus = (np.concatenate([x, x]) for x in (image, defocus))
     wanted = np.zeros(defocus.shape, bool)
     wanted[inside] = True
-    both, one = occluded_background(image, defocus), occluded_background(image, defocus, wanted=wanted)
+    both, one = occluded_background(image, defocus), occluded_background(image, defocus, inpainted=wanted)
     for whole, part in zip(both, one, strict=True):
         np.testing.assert_array_equal(part[:48], whole[:48])
     assert np.abs(one[0][48:] - both[0][48:]).max() > 1e-3  # means, no lines

@@ -63,6 +63,6 @@ def test_rows_are_looked_at_in_any_number(monkeypatch):
     y, x = np.mgrid[:90, :120].astype(np.float32)
     image = np.repeat((0.2 + 0.6 * ((x + 0.3 * y) % 30 < 15))[..., None], 3, -1).astype(np.float32)
     whole = edge_widths(image)
-    monkeypatch.setattr("bokehnet.classical.layered.boundaries.edge_spread._ROWS", 7)
+    monkeypatch.setattr("bokehnet.classical.layered.boundaries.edge_spread._BLOCK_ROWS", 7)
     assert len(whole) > 20
     assert np.array_equal(edge_widths(image), whole)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bokehnet.classical.layered.boundaries.light_carriers import part_lights
+from bokehnet.classical.layered.boundaries.light_carriers import split_lights
 from bokehnet.classical.layered.depth_discontinuities import discontinuity_sides
 from bokehnet.classical.layered.layers import split_layers
 from bokehnet.classical.rays_renderer import rays
@@ -26,7 +26,7 @@ def night(lamp_is_near, share=0.3):
 @pytest.mark.parametrize("lamp_is_near", [True, False])
 def test_what_a_lamp_sheds_beyond_its_edge_is_its_own(lamp_is_near):
     image, defocus, column = night(lamp_is_near)
-    found = part_lights(image, defocus, discontinuity_sides(defocus), image[..., 0] > 1)
+    found = split_lights(image, defocus, discontinuity_sides(defocus), image[..., 0] > 1)
     assert list(zip(found.rows, found.columns, strict=True)) == [(20, column)]
     share = found.coverage[0] if lamp_is_near else 1 - found.coverage[0]
     assert share == pytest.approx(0.3, abs=1e-3)
@@ -39,7 +39,7 @@ def test_both_surfaces_add_up_to_the_picture():
     image = rng.random((30, 40, 3), dtype=np.float32)
     image[rng.random((30, 40)) < 0.2] *= 100
     defocus = rng.choice([NEAR, 0.0, FAR], (30, 40)).astype(np.float32)
-    found = part_lights(image, defocus, discontinuity_sides(defocus), image.max(2) > 4)
+    found = split_lights(image, defocus, discontinuity_sides(defocus), image.max(2) > 4)
     assert len(found.rows) > 30
     share = found.coverage[:, None]
     added = share * found.front + (1 - share) * found.back

@@ -5,7 +5,7 @@ import pytest
 
 from bokehnet.classical.layered.boundaries.supersampled import reduce_supersampled
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, PixelFilter
-from bokehnet.optics.pixels.supersampling import reduce_fine
+from bokehnet.optics.pixels.supersampling import downsample
 
 
 def slanted(factor, height=12, width=16):
@@ -82,4 +82,4 @@ def test_small_pictures(shape):
     for array in (small, values, known.front, known.back, known.near, known.far):
         assert np.isfinite(array).all()
     assert known.front.min() >= 0 <= known.back.min()
-    assert np.isfinite(reduce_fine(image, 4)).all()
+    assert np.isfinite(downsample(image, 4)).all()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from bokehnet.classical.known_surfaces import KnownSurfaces
-from bokehnet.classical.layered.boundaries.unmixing import LEAST_WEIGHT, PRIOR, unmix
+from bokehnet.classical.layered.boundaries.unmixing import MIN_FILTER_WEIGHT, PRIOR, unmix
 from bokehnet.classical.layered.depth_discontinuities import discontinuity_sides
 from bokehnet.optics.pixels.pixel_filter import DEFAULT_FILTER, parse_pixel_filter
 
@@ -12,7 +12,7 @@ NOTHING_SPARED = np.zeros((20, 24), bool)
 
 def seen(labels, pixel_filter=DEFAULT_FILTER):
     """What the filter sees of labels (H, W), over the squares of neighbours with their weights, (H, W)."""
-    weights = np.maximum(pixel_filter.weights(), LEAST_WEIGHT)
+    weights = np.maximum(pixel_filter.weights(), MIN_FILTER_WEIGHT)
     weights /= weights.sum()
     reach = len(weights) // 2
     height, width = labels.shape
@@ -54,47 +54,49 @@ def literal(image, defocus, sides, pixel_filter):
                 yield v, u, np.exp(-((v - y) ** 2 + (u - x) ** 2) / square)
 
     def first_look(y, x, side):
-        window = around(y, x, PRIOR.window, PRIOR.square)
+        window = around(y, x, PRIOR.window_px, PRIOR.window_variance)
         there = [(v, u, w) for v, u, w in window if defocus[v, u] == depths[side]]
-        return moments([(w * (PRIOR.mixed if sides[v, u] else 1), image[v, u]) for v, u, w in there])
+        return moments([(w * (PRIOR.mixed_weight if sides[v, u] else 1), image[v, u]) for v, u, w in there])
 
     def look_again(y, x, side, parted):
         weighted = []
-        for v, u, w in around(y, x, 1, PRIOR.near_square):
+        for v, u, w in around(y, x, 1, PRIOR.neighbour_variance):
             if (v, u) in parted:
                 share, *colors = parted[v, u]
                 share = share if side == 0 else 1 - share
-                weighted.append((w * (share**2 + PRIOR.unseen), colors[side]))
+                weighted.append((w * (share**2 + PRIOR.min_weight), colors[side]))
             elif defocus[v, u] == depths[side]:
                 weighted.append((w, image[v, u]))
         return moments(weighted)
 
     def most_variances(y, x):
-        near_by = [(v, u) for v, u, _ in around(y, x, PRIOR.window, PRIOR.square) if not sides[v, u]]
+        near_by = [
+            (v, u) for v, u, _ in around(y, x, PRIOR.window_px, PRIOR.window_variance) if not sides[v, u]
+        ]
         pure = [[image[p] for p in near_by if defocus[p] == depth] for depth in depths]
-        if min(map(len, pure)) < PRIOR.pure:
+        if min(map(len, pure)) < PRIOR.min_pure_pixels:
             return np.inf, np.inf
-        return [PRIOR.pure_ratio * np.var(colors, axis=0).mean() for colors in pure]
+        return [PRIOR.max_variance_ratio * np.var(colors, axis=0).mean() for colors in pure]
 
     def place_edges(parted):
-        slopes = np.maximum(4 * shares * (1 - shares), PRIOR.edge_slope)
+        slopes = np.maximum(4 * shares * (1 - shares), PRIOR.min_edge_slope)
         placed = shares.copy()
         for y, x in parted:
             rows, said, weights = [], [], []
-            for v, u, w in around(y, x, PRIOR.edge_window, PRIOR.edge_square):
+            for v, u, w in around(y, x, PRIOR.edge_window_px, PRIOR.edge_window_variance):
                 if (v, u) in parted:
                     share, front, back = parted[v, u]
                     apart = (front - back) @ (front - back)
                     rows.append(slopes[v, u])
                     said.append(share - shares[v, u])
                     weights.append(w * apart / (apart + PRIOR.edge_contrast))
-            root = np.sqrt([*weights, PRIOR.edge_doubt])
+            root = np.sqrt([*weights, PRIOR.edge_prior_weight])
             shift = np.linalg.lstsq(root[:, None] * [[r] for r in (*rows, 1)], root * (*said, 0))[0][0]
             placed[y, x] = min(max(shares[y, x] + slopes[y, x] * shift, 0.0), 1.0)
         return placed
 
     def part(y, x, front, front_variance, back, back_variance):
-        least = PRIOR.least**2 + PRIOR.relative**2 * (front @ front + back @ back) / 3
+        least = PRIOR.min_sigma**2 + PRIOR.min_relative_sigma**2 * (front @ front + back @ back) / 3
         share, most = float(shares[y, x]), most_variances(y, x)
         front_variance, back_variance = min(front_variance, most[0]), min(back_variance, most[1])
         prior = np.diag([spread**2] + 3 * [front_variance + least] + 3 * [back_variance + least])
@@ -108,11 +110,11 @@ def literal(image, defocus, sides, pixel_filter):
         return share, front + weights[0] * error, back + weights[1] * error
 
     places = [(int(y), int(x)) for y, x in np.argwhere(sides)]
-    spread = PRIOR.share_spread
+    spread = PRIOR.coverage_sigma
     parted = {place: part(*place, *first_look(*place, 0), *first_look(*place, 1)) for place in places}
-    for number in range(PRIOR.rounds + PRIOR.placed_rounds):
-        if number == PRIOR.rounds:
-            shares, spread = place_edges(parted), PRIOR.placed_spread
+    for number in range(PRIOR.iterations + PRIOR.located_iterations):
+        if number == PRIOR.iterations:
+            shares, spread = place_edges(parted), PRIOR.located_sigma
         found = {p: (*look_again(*p, 0, parted), *look_again(*p, 1, parted)) for p in places}
         parted = {place: part(*place, *means) for place, means in found.items()}
     return parted
@@ -190,7 +192,7 @@ def test_a_held_coverage_stays_and_both_surfaces_add_up():
         far=np.full(len(y), -9.0),
         coverage=share[y, x],
     )
-    found = unmix(image, defocus, np.zeros((20, 24), np.int8), NOTHING_SPARED, held=held)
+    found = unmix(image, defocus, np.zeros((20, 24), np.int8), NOTHING_SPARED, known=held)
     np.testing.assert_array_equal(np.stack([found.rows, found.columns]), np.stack([y, x]))
     np.testing.assert_allclose(found.coverage, share[y, x], atol=1e-6)
     assert (found.near == 6).all()
@@ -234,7 +236,7 @@ def test_a_light_is_spared_though_its_coverage_is_held():
         far=np.full(2, -9.0),
         coverage=np.array([0.3, 0.4]),
     )
-    found = unmix(image, defocus, np.zeros((20, 24), np.int8), spared, held=held)
+    found = unmix(image, defocus, np.zeros((20, 24), np.int8), spared, known=held)
     assert found.columns.tolist() == [11]
     assert found.coverage[0] == np.float32(0.4)
 

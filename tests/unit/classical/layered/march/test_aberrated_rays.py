@@ -10,11 +10,11 @@ from bokehnet.classical.base import Place
 from bokehnet.classical.layered.march.aberrated_rays import collapse, lens_table, send_rays
 from bokehnet.classical.simd.float8 import LANES, load8, store8
 from bokehnet.errors import ParameterError
-from bokehnet.optics.aberrations.aberration_map import TERMS, UPRIGHT, AberrationMap
+from bokehnet.optics.aberrations.aberration_map import TERMS, UNTILTED_AXES, AberrationMap
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
 from bokehnet.optics.aberrations.lens_response import LensResponse
 from bokehnet.optics.sampling import sobol
-from bokehnet.optics.spectral.spectrum import LONGEST, SHORTEST
+from bokehnet.optics.spectral.spectrum import MAX_WAVELENGTH, MIN_WAVELENGTH
 
 WIDTH, HEIGHT = 400, 300
 CHANCES = sobol(64, np.random.default_rng(0), 3)
@@ -35,7 +35,7 @@ def send_eight(coefficients, tilt, u, v, h_x, h_y, waves):
 
 def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersive: bool) -> AberrationMap:
     """All terms, and wavelengths on a parabola over 1 / wavelength^2."""
-    wavelengths = np.linspace(SHORTEST, LONGEST, 400) if dispersive else np.array([550.0])
+    wavelengths = np.linspace(MIN_WAVELENGTH, MAX_WAVELENGTH, 400) if dispersive else np.array([550.0])
     variable = (wavelengths / 550) ** -2 - 1
     powers = variable[:, None] ** np.arange(3) if dispersive else np.ones((1, 1))
     shape = (powers.shape[1], 2 * len(TERMS))
@@ -45,7 +45,7 @@ def random_pencil(rng: np.random.Generator, *, pupil_aberration: bool, dispersiv
         transverse_aberration=transverse_aberration.reshape(-1, 2, len(TERMS)),
         pupil_aberration=bent.reshape(-1, 2, len(TERMS)) * pupil_aberration,
         tilt=(0.2, -0.3) if pupil_aberration else (0.0, 0.0),
-        aperture_axes=((0.9, 0.0), (0.1, 0.8), (-0.2, 0.15)) if pupil_aberration else UPRIGHT,
+        aperture_axes=((0.9, 0.0), (0.1, 0.8), (-0.2, 0.15)) if pupil_aberration else UNTILTED_AXES,
     )
 
 
@@ -91,7 +91,7 @@ def test_bounds_hold_for_every_ray():
         angle, turn = rng.uniform(0, 2 * math.pi, 2)
         pupil = rng.random() ** 0.5 * np.array([math.cos(angle), math.sin(angle)])
         field = rng.random() * np.array([math.cos(turn), math.sin(turn)])
-        wavelength = rng.uniform(SHORTEST, LONGEST)
+        wavelength = rng.uniform(MIN_WAVELENGTH, MAX_WAVELENGTH)
         transverse_aberration, run, _ = aberration_map(pupil, field, wavelength)
         axial, lateral = lens_response.chromatic_aberration.strengths(np.array([wavelength]))[0]
         maps = lens_response.chromatic_aberration.maps(field)
@@ -100,14 +100,14 @@ def test_bounds_hold_for_every_ray():
         )
         assert np.linalg.norm(transverse_aberration) <= 1.02 * reach + 0.02
         assert np.linalg.norm(run) <= 1.02 * stretch
-        place = round(np.linalg.norm(field) * (len(table.largest) - 1))
-        assert np.linalg.norm(transverse_aberration) <= 1.1 * table.largest[place] + 0.1
+        place = round(np.linalg.norm(field) * (len(table.max_aberration) - 1))
+        assert np.linalg.norm(transverse_aberration) <= 1.1 * table.max_aberration[place] + 0.1
 
 
 def test_a_rim_is_a_way_to_stray():
     plain = lens_table(LensResponse(), Place.whole(HEIGHT, WIDTH), CHANCES)
     assert plain.footprint == (1.0, 0.0)
-    assert not plain.strayed_at((HEIGHT, WIDTH), 30.0, 0).any()
+    assert not plain.visible_deviation((HEIGHT, WIDTH), 30.0, 0).any()
     aberration_map = AberrationMap(
         wavelengths=[550.0],
         transverse_aberration=np.zeros((1, 2, 20)),
@@ -116,7 +116,7 @@ def test_a_rim_is_a_way_to_stray():
     )
     strayed = lens_table(
         LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES
-    ).strayed_at((HEIGHT, WIDTH), 30.0, 0)
+    ).visible_deviation((HEIGHT, WIDTH), 30.0, 0)
     assert strayed[HEIGHT // 2, WIDTH // 2] < 0.2
     assert strayed[0, 0] == 1
 
@@ -124,8 +124,8 @@ def test_a_rim_is_a_way_to_stray():
 def test_a_strip_strays_as_its_rows_of_the_picture():
     aberration_map = random_pencil(np.random.default_rng(7), pupil_aberration=False, dispersive=False)
     table = lens_table(LensResponse(aberration_map=aberration_map), Place.whole(HEIGHT, WIDTH), CHANCES)
-    whole = table.strayed_at((HEIGHT, WIDTH), 0.0, 0)
-    np.testing.assert_array_equal(table.strayed_at((100, WIDTH), 0.0, 128), whole[128:228])
+    whole = table.visible_deviation((HEIGHT, WIDTH), 0.0, 0)
+    np.testing.assert_array_equal(table.visible_deviation((100, WIDTH), 0.0, 128), whole[128:228])
 
 
 def test_a_plane_that_leans_too_far_is_refused():

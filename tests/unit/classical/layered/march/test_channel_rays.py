@@ -6,7 +6,7 @@ import numpy as np
 
 from bokehnet.classical.layered.layers import Layers
 from bokehnet.classical.layered.march import channel_rays, ray_marching
-from bokehnet.classical.layered.march.channel_rays import REACHES, outlines_of
+from bokehnet.classical.layered.march.channel_rays import MAX_OUTLINE_REACH_PX, outlines_of
 from bokehnet.classical.layered.march.intersection import layer_cells
 from bokehnet.classical.rays_renderer import rays
 from bokehnet.optics.aberrations.chromatic_aberration import ChromaticAberration
@@ -30,7 +30,7 @@ def test_outlines_lie_on_both_sides_of_a_step_and_widen_by_a_pixel_each():
     defocus = np.full((HEIGHT, WIDTH), -4.0, np.float32)
     defocus[:, 40:] = 6.0
     outlines = outlines_of(cells_of(defocus))
-    for reach in range(REACHES + 1):
+    for reach in range(MAX_OUTLINE_REACH_PX + 1):
         low, high = outlines[reach, 20].T
         columns = np.flatnonzero(low <= high)
         np.testing.assert_array_equal(columns, np.arange(39 - reach, 41 + reach))
@@ -67,7 +67,7 @@ def test_one_march_shows_what_three_show(monkeypatch):
         return outlines
 
     monkeypatch.setattr(ray_marching, "outlines_of", everywhere)
-    monkeypatch.setattr(ray_marching, "with_neighbours", lambda bins: bins)
+    monkeypatch.setattr(ray_marching, "dilate_bins", lambda bins: bins)
     apart = mean()
     for channel in range(3):
         assert -10 * math.log10(np.mean((together - apart)[..., channel] ** 2)) > 41

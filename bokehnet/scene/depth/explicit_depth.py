@@ -1,4 +1,4 @@
-"""Depth that is given: a file or an array of disparity, depth or blur, or one number for all."""
+"""Depth from files and arrays of disparity, depth or blur, and constant disparity."""
 
 import math
 from dataclasses import dataclass
@@ -15,33 +15,33 @@ from bokehnet.io.maps import depth_to_mm, read_depth, read_disparity, read_map
 from bokehnet.io.metadata.camera import Camera, camera_from_exr
 from bokehnet.io.pixels import ImageFile
 from bokehnet.optics.coc import disparity_from_depth
-from bokehnet.scene.camera import joined
+from bokehnet.scene.camera import merged_camera
 from bokehnet.scene.depth.depth_map import DepthMap, Kind, Photo
 
 __all__ = ["ConstantDisparity", "DefocusMap", "MetricDepth", "RelativeDisparity"]
 
-# Range of a map over its largest value below which it is as good as constant.
-_FLAT = 0.02
+# Maximum range of a map, relative to its largest value, that counts as constant.
+_MAX_CONSTANT_RANGE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RelativeDisparity:
-    """Relative disparity, near is large: what monocular networks and stereo give.
+    """Relative disparity, near is large, as from monocular networks and stereo.
 
     Attributes:
         map: File or array (h, w).
-        channel: Of a file: which one; None takes what looks like depth.
-        invert: Whether far is large: ``1 - value``, once it runs from 0 to 1.
-        value_range: Values that become 0 and 1; None takes the lowest and the highest.
-        as_stored: Whether values are 0 to 1 already and stay, as the maps of a sequence, which must be
-            treated alike; with a ``value_range`` that decides.
+        channel: Channel of a file; None detects it.
+        invert: True if far is large: uses ``1 - value`` after normalisation.
+        value_range: Values that map to 0 and 1; None uses the lowest and the highest.
+        as_stored: True to use values as stored, 0 to 1, so that all maps of a sequence have one scale; a
+            ``value_range`` overrides it.
 
     Examples:
         >>> import numpy as np
         >>> from bokehnet.scene import scene
         >>> disparity = np.tile(np.linspace(0, 255, 6, dtype=np.float32), (4, 1))
-        >>> made = scene.make_scene(np.ones((4, 6, 3), np.float32), RelativeDisparity(map=disparity))
-        >>> float(made.depth.values.max())
+        >>> ramp = scene.make_scene(np.ones((4, 6, 3), np.float32), RelativeDisparity(map=disparity))
+        >>> float(ramp.depth.values.max())
         1.0
     """
 
@@ -68,41 +68,41 @@ class RelativeDisparity:
             )
         notes: tuple[str, ...] = ()
         if not stored:
-            notes = _about_range(values)
-            values = _stretched(values)
+            notes = _range_warnings(values)
+            values = _normalised(values)
         if self.value_range is not None:
             low, high = self.value_range
             if not (math.isfinite(low) and math.isfinite(high) and low != high):
                 raise ParameterError("depth.value_range", "two different numbers", self.value_range)
             values = ((values.astype("float64") - low) / (high - low)).astype("float32")
         elif self.as_stored and not (values.min() >= 0 and values.max() <= 1):
-            found = f"{values.min():g} to {values.max():g}"
-            way_out = "say with `depth.value_range` which values are 0 and 1"
+            actual = f"{values.min():g} to {values.max():g}"
+            remedy = "set `depth.value_range` to the values that map to 0 and 1"
             if isinstance(self.map, np.ndarray):
-                raise ParameterError("disparity", "0 to 1, as it is stored", shown=found, remedy=way_out)
+                raise ParameterError("disparity", "stored values of 0 to 1", shown=actual, remedy=remedy)
             raise ImageFileError(
-                f"{self.map}: expected disparity in 0..1, as it is stored, in a sequence, found "
-                f"{found}; {way_out}"
+                f"{self.map}: expected stored disparity in 0..1 for a sequence, found {actual}; {remedy}"
             )
         values = 1 - values if self.invert else values
         return DepthMap(values=values, kind="relative", origin=self.origin, notes=notes)
 
 
-def _about_range(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
-    """What a map that tells next to nothing is worth a word about."""
+def _range_warnings(values: npt.NDArray[np.float32]) -> tuple[str, ...]:
+    """Return a warning about a constant or almost constant map."""
     low, high = float(values.min()), float(values.max())
     if low == high:
-        return (f"the disparity map is {low:g} everywhere: all is blurred alike",)
-    if high - low < _FLAT * max(abs(low), abs(high)):
+        return (f"the disparity map is {low:g} everywhere: every pixel is blurred equally",)
+    if high - low < _MAX_CONSTANT_RANGE * max(abs(low), abs(high)):
         return (
-            f"the disparity map only runs from {low:.6g} to {high:.6g}, which becomes 0 to 1, noise and all; "
-            "`depth.value_range` says which values shall",
+            f"the disparity map only ranges from {low:.6g} to {high:.6g}; stretching it to 0 to 1 amplifies "
+            "its "
+            "noise; `depth.value_range` sets the values that map to 0 and 1",
         )
     return ()
 
 
-def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """A map over its own range, 0 to 1; a constant one keeps its value, clipped."""
+def _normalised(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    """Return a map normalised to 0 to 1; a constant map keeps its value, clipped."""
     low, high = float(values.min()), float(values.max())
     if low == high:
         return np.clip(values, 0, 1).astype(np.float32)
@@ -114,12 +114,12 @@ def _stretched(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MetricDepth:
-    """Depth in a unit of length along the optical axis, as renderers write it; sky is infinite.
+    """Metric depth along the optical axis, as renderers write it; sky is infinite.
 
     Attributes:
         map: File or array (h, w).
-        channel: Of a file: which one; None takes what looks like depth.
-        unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, where sky is 0.
+        channel: Channel of a file; None detects it.
+        unit: One of ``bokehnet.io.maps.DEPTH_UNITS``; 1/m is metric disparity, 0 for sky.
 
     Examples:
         >>> from bokehnet.io.window import Window
@@ -146,9 +146,9 @@ class MetricDepth:
             depth = read_depth(
                 self.map, self.channel, unit=self.unit, window=photo.window, progress=photo.progress
             )
-            camera = joined(photo.camera, _camera_of(Path(self.map)))
+            camera = merged_camera(photo.camera, _camera_of(Path(self.map)))
         return DepthMap(
-            values=disparity_from_depth(depth),  # sky at infinite depth is 0 from here on
+            values=disparity_from_depth(depth),  # 0 for sky at infinite depth
             kind="metric",
             origin=self.origin,
             filtered="disparity" if self.unit == "1/m" else "depth",
@@ -157,17 +157,17 @@ class MetricDepth:
 
 
 def _camera_of(path: Path) -> Camera | None:
-    """What the first part of an EXR file says of the camera."""
+    """Return the camera data in the first part of an EXR file."""
     with ImageFile(path) as file:
         return None if file.headers is None else camera_from_exr(file.attributes(file.parts[0]))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ConstantDisparity:
-    """A flat scene: one relative disparity everywhere.
+    """Constant relative disparity: a flat scene.
 
     Attributes:
-        value: 0, far, to 1, near.
+        value: Disparity, 0 (far) to 1 (near).
 
     Examples:
         >>> from bokehnet.io.window import Window
@@ -194,11 +194,11 @@ class ConstantDisparity:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DefocusMap:
-    """Blur radii that are known already, pixels, above 0 in front of focus; nothing is left to focus.
+    """Signed blur radii in pixels, positive in front of focus, which need no focusing.
 
     Attributes:
         map: File or array (H, W), of the picture's size.
-        channel: Of a file: which one; None takes what looks like depth.
+        channel: Channel of a file; None detects it.
 
     Examples:
         >>> from bokehnet.scene.scene import make_scene

@@ -1,4 +1,4 @@
-"""What was chosen where a file holds several pictures, in words: views of a stereo pair, view layers."""
+"""Notes on the selection among several pictures of a file: views of a stereo pair, view layers."""
 
 import struct
 
@@ -6,15 +6,15 @@ from bokehnet.io.exr.header import Attribute
 from bokehnet.io.picture import Picture, picture_layers
 from bokehnet.io.pixels import ImageFile
 
-__all__ = ["choices"]
+__all__ = ["selection_notes"]
 
 
-def choices(file: ImageFile, picture: Picture) -> tuple[str, ...]:
-    """Return a line for each choice among pictures that was made; most files leave none.
+def selection_notes(file: ImageFile, picture: Picture) -> tuple[str, ...]:
+    """Return one line for each selection among several pictures; empty for most files.
 
     Args:
-        file: An open file.
-        picture: What is taken of it.
+        file: Open file.
+        picture: Selected picture of the file.
     """
     if file.headers is None:
         return ()
@@ -22,12 +22,12 @@ def choices(file: ImageFile, picture: Picture) -> tuple[str, ...]:
     views = _views(file)
     if len(views) > 1:
         own = file.headers.parts[picture.part.index].get("view")
-        taken = views[0] if own is None else str(own.value())
-        notes.append(f"of the views {', '.join(views)} only {taken} is rendered")
+        selected = views[0] if own is None else str(own.value())
+        notes.append(f"of the views {', '.join(views)} only {selected} is rendered")
     layers = [layer for layer in picture_layers(picture.part) if not _is_view(layer, views)]
-    taken = picture.colours[0].rpartition(".")[0]
-    if len(layers) > 1 and taken in layers:
-        notes.append(f"of the layers {', '.join(layers)} only {taken} is rendered")
+    selected = picture.colours[0].rpartition(".")[0]
+    if len(layers) > 1 and selected in layers:
+        notes.append(f"of the layers {', '.join(layers)} only {selected} is rendered")
     return tuple(notes)
 
 
@@ -43,12 +43,12 @@ def _views(file: ImageFile) -> list[str]:
         if "view" in part:
             views.append(str(part["view"].value()))
         elif "multiView" in part:
-            views += _texts(part["multiView"])
+            views += _string_vector(part["multiView"])
     return list(dict.fromkeys(views))
 
 
-def _texts(attribute: Attribute) -> list[str]:
-    """Return the texts of a ``stringvector``; what is damaged ends it."""
+def _string_vector(attribute: Attribute) -> list[str]:
+    """Return the strings of a ``stringvector``, up to the first damaged one."""
     texts, data = [], attribute.data
     while len(data) >= 4:
         (length,) = struct.unpack("<i", data[:4])

@@ -1,4 +1,4 @@
-"""A process that does what takes long, at low priority, so that quick work finds the cores free."""
+"""Background process for long tasks at low priority, which leaves the cores to quick tasks."""
 
 import contextlib
 import multiprocessing
@@ -13,24 +13,24 @@ from bokehnet.errors import BokehnetError, RenderCancelled
 from bokehnet.progress import Progress
 from bokehnet.render.cancellation import CancelSignal
 
-__all__ = ["Helper", "Task"]
+__all__ = ["BackgroundProcess", "Task"]
 
-_LOOK = 0.02  # seconds between two looks at whether the result is still wanted
+_POLL_INTERVAL = 0.02  # s between checks for cancellation
 _NICENESS = 10
 
 
 class Task(Protocol):
-    """A function of a module, which the process can import; it asks ``report`` along its way."""
+    """Module-level function, importable by the process, that calls ``report`` regularly."""
 
     def __call__(self, *arguments: Any, report: Progress) -> Any:
-        """Do it; what ``report`` raises ends it."""
+        """Run the task; an exception from ``report`` ends it."""
         ...
 
 
-class Helper:
-    """Runs one task after the other in a process of its own; one that dies is replaced.
+class BackgroundProcess:
+    """Runner of one task at a time in a background process, which is replaced if it dies.
 
-    A task whose result nobody wants any more ends at its next step; the caller does not wait for that.
+    A cancelled task ends at its next step; the caller does not wait for it.
     """
 
     def __init__(self) -> None:
@@ -40,12 +40,12 @@ class Helper:
         self._process: Any = None
 
     def start(self) -> None:
-        """Start the process, which takes a second, before it is needed."""
+        """Start the process in advance, which takes a second."""
         with self._turn:
             self._ensure()
 
     def stop(self) -> None:
-        """End the process within whatever it does."""
+        """End the process at once."""
         process = self._process
         if process is not None:
             process.terminate()
@@ -59,36 +59,36 @@ class Helper:
         cancel: CancelSignal | None = None,
         seconds: float | None = None,
     ) -> Any:
-        """Return what a task gives.
+        """Run a task and return its result.
 
         Args:
-            task: See :class:`Task`.
-            arguments: Of the task; they are pickled.
-            progress: Called with (steps done, steps in all).
-            cancel: Is asked all the time; once it is set, this returns.
-            seconds: How long it may take at the most.
+            task: Task to run, see :class:`Task`.
+            arguments: Arguments of the task, which are pickled.
+            progress: Called with (steps done, total steps).
+            cancel: Cancellation signal, checked continuously.
+            seconds: Time limit.
 
         Raises:
             RenderCancelled: ``cancel`` was set.
             BokehnetError: The task raised it, took too long, or its process died.
         """
-        while not self._turn.acquire(timeout=_LOOK):
+        while not self._turn.acquire(timeout=_POLL_INTERVAL):
             if cancel is not None and cancel.is_set():
                 raise RenderCancelled("rendering was cancelled")
         try:
             self._ensure()
             self._number += 1
-            number = self._wanted.value = self._number
+            number = self._current.value = self._number
             try:
                 self._pipe.send((number, task, arguments))
                 return self._answer(number, progress, cancel, seconds)
-            except BokehnetError:  # some of them are OSError, too
+            except BokehnetError:  # some are also OSError
                 raise
             except (EOFError, OSError) as error:
                 self._process.join(5)
                 code, self._process = self._process.exitcode, None
                 raise BokehnetError(
-                    f"the process that did this died (exit code {code}), out of memory?; try it again"
+                    f"the background process died (exit code {code}), out of memory?; try again"
                 ) from error
         finally:
             self._turn.release()
@@ -99,17 +99,17 @@ class Helper:
         begun = monotonic()
         while True:
             if cancel is not None and cancel.is_set():
-                self._wanted.value = 0
+                self._current.value = 0
                 raise RenderCancelled("rendering was cancelled")
             if seconds is not None and monotonic() > begun + seconds:
                 self._process.kill()
                 self._process.join()
                 self._process = None
-                raise BokehnetError(f"expected this to be done within {seconds:g} s; it was ended")
-            if not self._pipe.poll(_LOOK):
+                raise BokehnetError(f"expected this to finish within {seconds:g} s; it was stopped")
+            if not self._pipe.poll(_POLL_INTERVAL):
                 continue
-            of, kind, value = self._pipe.recv()
-            if of != number:  # of a task that nobody waited for
+            sender, kind, value = self._pipe.recv()
+            if sender != number:  # from a cancelled task
                 continue
             if kind == "progress":
                 if progress is not None:
@@ -122,26 +122,26 @@ class Helper:
     def _ensure(self) -> None:
         if self._process is not None and self._process.is_alive():
             return
-        self._pipe, theirs = self._context.Pipe()
-        self._wanted = self._context.Value("q", 0)
-        self._process = self._context.Process(target=_serve, args=(theirs, self._wanted), daemon=True)
+        self._pipe, worker_end = self._context.Pipe()
+        self._current = self._context.Value("q", 0)
+        self._process = self._context.Process(target=_serve, args=(worker_end, self._current), daemon=True)
         self._process.start()
-        theirs.close()  # so that the pipe ends with the process
+        worker_end.close()  # so that the pipe closes with the process
 
 
-def _serve(pipe: Any, wanted: Any) -> None:
-    """Do what comes through the pipe until it closes; the main function of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all; the parent decides
+def _serve(pipe: Any, current: Any) -> None:
+    """Run tasks from the pipe until it closes; main function of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent handles it
     if hasattr(os, "nice"):
         os.nice(_NICENESS)
     while True:
         try:
             number, task, arguments = pipe.recv()
-        except (EOFError, OSError):  # the parent is gone
+        except (EOFError, OSError):  # the parent has ended
             return
 
         def report(done: int, total: int, number: int = number) -> None:
-            if wanted.value != number:
+            if current.value != number:
                 raise RenderCancelled("rendering was cancelled")
             pipe.send((number, "progress", (done, total)))
 
@@ -151,7 +151,7 @@ def _serve(pipe: Any, wanted: Any) -> None:
             answer = (number, "error", error)
         except MemoryError:
             answer = (number, "error", BokehnetError("out of memory, try a smaller picture"))
-        except Exception as error:  # a fault of ours is told, and the next task works
-            answer = (number, "error", BokehnetError(f"failed by a fault: {type(error).__name__}: {error}"))
+        except Exception as error:  # a bug must not stop the next task
+            answer = (number, "error", BokehnetError(f"internal error: {type(error).__name__}: {error}"))
         with contextlib.suppress(BrokenPipeError):
             pipe.send(answer)
