@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from bokehnet.classical.layered.defocus_bins import DefocusBins
+from bokehnet.classical.layered.march.defocus_bins import DefocusBins
 from numba import typeof
 
 from bokehnet.precompiled.arguments import describe
