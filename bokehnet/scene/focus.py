@@ -50,7 +50,7 @@ class FocusedLens:
         blur: Blur radius in pixels per unit of relative disparity; None for metric depth.
         camera: Camera; None for relative disparity.
         plane: Function from the disparity at the pivot to the plane in focus and the blur in pixels per
-            does not tilt_gradient.
+            does not tilt.
         window: Position of the map's pixels in the shown picture.
         tilt_gradient: Signed blur radius per pixel from the middle of the picture, to the right and down,
             that a misaligned copy of a lens adds; see :mod:`bokehnet.lenses.assembly.misalignment`.

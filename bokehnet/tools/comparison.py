@@ -22,7 +22,7 @@ from bokehnet.settings.settings import RenderSettings
 from bokehnet.tools.contact_sheet import contact_sheet
 from bokehnet.tools.peak_memory import PeakMemory
 
-__all__ = ["EngineResult", "Scores", "compare_engines", "comparison_sheet", "largest_difference_crops"]
+__all__ = ["EngineComparison", "Scores", "compare_engines", "comparison_sheet", "largest_difference_crops"]
 
 # Amplification of the error of the encoded picture in sheets.
 _ERROR_GAIN = 4.0
@@ -54,7 +54,7 @@ class Scores:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class EngineResult:
+class EngineComparison:
     """Picture, cost and scores of one engine.
 
     Attributes:
@@ -66,7 +66,7 @@ class EngineResult:
         memory: Peak memory of the rendering including the result, bytes; None except on Linux.
 
     Examples:
-        >>> EngineResult(engine="rays", bokeh=np.zeros((4, 4, 3)), seconds=0.5).line
+        >>> EngineComparison(engine="rays", bokeh=np.zeros((4, 4, 3)), seconds=0.5).line
         'rays  0.50 s'
     """
 
@@ -99,7 +99,7 @@ def compare_engines(
     engines: Sequence[str],
     truth: np.ndarray | None = None,
     progress: Progress | None = None,
-) -> list[EngineResult]:
+) -> list[EngineComparison]:
     """Render a scene with each of several engines.
 
     Args:
@@ -142,13 +142,13 @@ def compare_engines(
 
 def _run_engine(
     scene: Scene, settings: RenderSettings, engine: str, truth: np.ndarray | None
-) -> EngineResult:
+) -> EngineComparison:
     renderer = BokehRenderer(engine)
     renderer.warm_up(settings)
     peak, start = PeakMemory(), perf_counter()
     rendered = renderer.render(scene, settings)
     seconds = perf_counter() - start
-    result = EngineResult(
+    result = EngineComparison(
         engine=rendered.report.engine, bokeh=rendered.bokeh, seconds=seconds, memory=peak.extra
     )
     if truth is None:
@@ -168,7 +168,7 @@ def _run_engine(
     return replace(result, scores=scores, error=np.abs(expected - actual).mean(axis=2))
 
 
-def largest_difference_crops(results: Sequence[EngineResult], size: int = 160, count: int = 2) -> list[Crop]:
+def largest_difference_crops(results: Sequence[EngineComparison], size: int = 160, count: int = 2) -> list[Crop]:
     """Return squares (left, top, width, height) where the engines differ most, from the truth or each other.
 
     Args:
@@ -179,7 +179,7 @@ def largest_difference_crops(results: Sequence[EngineResult], size: int = 160, c
     Examples:
         >>> bokeh, error = np.zeros((40, 60, 3)), np.zeros((40, 60))
         >>> error[20:30, 40:50] = 1
-        >>> results = [EngineResult(engine="rays", bokeh=bokeh, seconds=1, error=error)]
+        >>> results = [EngineComparison(engine="rays", bokeh=bokeh, seconds=1, error=error)]
         >>> largest_difference_crops(results, size=10, count=1)
         [(40, 20, 10, 10)]
     """
@@ -203,7 +203,7 @@ def largest_difference_crops(results: Sequence[EngineResult], size: int = 160, c
 
 def comparison_sheet(
     image: np.ndarray,
-    results: Sequence[EngineResult],
+    results: Sequence[EngineComparison],
     crops: Sequence[Crop],
     truth: np.ndarray | None = None,
 ) -> np.ndarray:
@@ -221,7 +221,7 @@ def comparison_sheet(
 
     Examples:
         >>> image = np.zeros((40, 60, 3), np.float32)
-        >>> results = [EngineResult(engine="rays", bokeh=image, seconds=1)]
+        >>> results = [EngineComparison(engine="rays", bokeh=image, seconds=1)]
         >>> comparison_sheet(image, results, [(0, 0, 20, 20)]).shape[2]
         3
     """

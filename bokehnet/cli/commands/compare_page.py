@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bokehnet.io.image import write_image
-from bokehnet.tools.comparison import EngineResult
+from bokehnet.tools.comparison import EngineComparison
 
 __all__ = ["comparison_page"]
 
@@ -51,7 +51,7 @@ show();
 
 
 def comparison_page(
-    image: np.ndarray, results: Sequence[EngineResult], truth: np.ndarray | None = None
+    image: np.ndarray, results: Sequence[EngineComparison], truth: np.ndarray | None = None
 ) -> str:
     """Return the page as HTML.
 
@@ -66,7 +66,7 @@ def comparison_page(
     return _PAGE.format(rows="\n".join(_row(result) for result in results), pictures=pictures)
 
 
-def _row(result: EngineResult) -> str:
+def _row(result: EngineComparison) -> str:
     numbers = ["", "", "", ""]
     if result.scores is not None:
         scores = result.scores

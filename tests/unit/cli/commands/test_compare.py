@@ -90,12 +90,12 @@ def test_a_truth_of_another_size_is_refused(scene, cli):
 
 
 def test_places_are_where_engines_differ():
-    from bokehnet.tools.comparison import EngineResult
+    from bokehnet.tools.comparison import EngineComparison
 
     flat = np.full((100, 120, 3), 0.5, np.float32)
     other = flat.copy()
     other[70:90, 80:110] = 1
-    found = [EngineResult(engine=name, bokeh=x, seconds=0.0) for name, x in (("a", flat), ("b", other))]
+    found = [EngineComparison(engine=name, bokeh=x, seconds=0.0) for name, x in (("a", flat), ("b", other))]
     left, top, width, height = largest_difference_crops(found, size=30, count=1)[0]
     assert (width, height) == (30, 30)
     assert top <= 75 <= top + 30
