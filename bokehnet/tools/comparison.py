@@ -168,7 +168,9 @@ def _run_engine(
     return replace(result, scores=scores, error=np.abs(expected - actual).mean(axis=2))
 
 
-def largest_difference_crops(results: Sequence[EngineComparison], size: int = 160, count: int = 2) -> list[Crop]:
+def largest_difference_crops(
+    results: Sequence[EngineComparison], size: int = 160, count: int = 2
+) -> list[Crop]:
     """Return squares (left, top, width, height) where the engines differ most, from the truth or each other.
 
     Args:

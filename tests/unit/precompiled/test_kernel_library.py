@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from bokehnet.classical.layered.march.defocus_bins import DefocusBins
 from numba import typeof
 
+from bokehnet.classical.layered.march.defocus_bins import DefocusBins
 from bokehnet.precompiled.arguments import describe
 from tools.kernel_library import PACKAGE, argument_types, build, read_signatures
 
