@@ -45,7 +45,7 @@ class BlurKind:
 def compare_profiles(
     lens: PrescriptionLens, *, rows: int = 64, columns: int = 64, rays: int = 6000
 ) -> tuple[ProfileTexture, tuple[BlurKind, BlurKind]]:
-    """Trace the profile texture of a lens, as it is set, and compare it with its aberration map.
+    """Trace the profile texture of a lens and compare it with its aberration map.
 
     Args:
         lens: Lens to trace.
