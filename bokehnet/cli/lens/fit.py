@@ -70,7 +70,7 @@ def fit(
         write_image(residual, np.hstack([image, fitted.rendered, difference]))
     _print_values(rows, fitted.deviation)
     others = ", ".join(
-        f"{count}: {residual:.4f}" for count, residual in sorted(fitted.residual_by_blades.items())
+        f"{count}: {value:.4f}" for count, value in sorted(fitted.residual_by_blades.items())
     )
     typer.echo(f"  {len(fitted.discs)} discs; residual light {fitted.residual:.4f}; by blades {others}")
 
@@ -102,7 +102,7 @@ def _fit_pair(photo: Path, sharp: Path, disparity: Path, output: Path, residual:
         difference = np.clip(4 * np.abs(reduced - fitted.rendered), 0, 1) * fitted.mask[..., None]
         write_image(residual, np.hstack([reduced, fitted.rendered, difference]).astype(np.float32))
     _print_values({"blur": fitted.blur, "focus": fitted.focus} | rows, fitted.deviation)
-    others = ", ".join(f"{count}: {residual:.4f}" for count, residual in sorted(fitted.residuals.items()))
+    others = ", ".join(f"{count}: {value:.4f}" for count, value in sorted(fitted.residuals.items()))
     typer.echo(f"  residual of square roots of light {fitted.residual:.4f}; by blades {others}")
 
 
